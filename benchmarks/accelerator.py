@@ -27,8 +27,8 @@ sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.rigs import random_runs  # noqa: E402
 from sysid.io.bundled import bundled_campaign  # noqa: E402
-from sysid.model import jax_setup, simulator  # noqa: E402
-from sysid.model.jax_setup import jax, jnp  # noqa: E402
+from sysid.plant import jax_setup, simulator  # noqa: E402
+from sysid.plant.jax_setup import jax, jnp  # noqa: E402
 
 SEED = 1
 

@@ -41,7 +41,7 @@ sys.path.insert(0, str(REPOSITORY))
 from benchmarks.history import commit  # noqa: E402
 from benchmarks.true_model import SAME_LAW, true_value  # noqa: E402
 from datasets.generator.effects import FORMS, OUT_OF_CATALOGUE  # noqa: E402
-from sysid.model.effects import class_of  # noqa: E402
+from sysid.plant.effects import class_of  # noqa: E402
 
 KINDS = ("none", "one", "outside", "two")
 SHARES = (0.3, 0.45, 0.125, 0.125)

@@ -28,12 +28,13 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from datasets.thesis.reference_rig import design  # noqa: E402
-from sysid.bundle import read_bundle  # noqa: E402
 from sysid.controllers.design_model import with_bipolynomials  # noqa: E402
 from sysid.controllers.loop import closed_loop  # noqa: E402
 from sysid.controllers.modes import Mode  # noqa: E402
 from sysid.controllers.sensing import SensorSuite  # noqa: E402
-from sysid.controllers.thesis_tables import (  # noqa: E402
+from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder  # noqa: E402
+from sysid.parameters import read_bundle  # noqa: E402
+from sysid.thesis import (  # noqa: E402
     TABLES,
     TRAJECTORIES,
     Agreement,
@@ -42,7 +43,6 @@ from sysid.controllers.thesis_tables import (  # noqa: E402
     printed,
     thesis_table,
 )
-from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder  # noqa: E402
 
 SENSORS = {"rig's sensors": SensorSuite(), "perfect sensors": SensorSuite.perfect()}
 SEEDS = 4

@@ -57,7 +57,6 @@ from benchmarks.attribution import (  # noqa: E402
 )
 from benchmarks.true_model import SAME_LAW, true_effects  # noqa: E402
 from datasets.generator.campaign import drawn_effects  # noqa: E402
-from sysid.bundle import read_bundle  # noqa: E402
 from sysid.diagnosis.actuator.equation_error import channels_of  # noqa: E402
 from sysid.diagnosis.actuator.loop import Start, begin  # noqa: E402
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null  # noqa: E402
@@ -73,7 +72,8 @@ from sysid.diagnosis.actuator.signatures import Signatures, candidates  # noqa: 
 from sysid.diagnosis.actuator.suspects import CLEAR_RATIO, SIGNIFICANCE  # noqa: E402
 from sysid.diagnosis.looked import Book  # noqa: E402
 from sysid.io.campaign import KINDS, read_campaign  # noqa: E402
-from sysid.model.effects import catalogue  # noqa: E402
+from sysid.parameters import read_bundle  # noqa: E402
+from sysid.plant.effects import catalogue  # noqa: E402
 
 EFFECTS = {name: effect for name, effect in catalogue().items() if not effect.averaged_only}
 # Share of the usual size at which an injected law's signature is computed.

@@ -30,7 +30,6 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.true_model import true_model  # noqa: E402
-from sysid.bundle import read_bundle  # noqa: E402
 from sysid.controllers.backstepping import BacksteppingController  # noqa: E402
 from sysid.controllers.design_model import (  # noqa: E402
     DesignModel,
@@ -44,6 +43,7 @@ from sysid.controllers.modes import Mode  # noqa: E402
 from sysid.controllers.sensing import SensorSuite  # noqa: E402
 from sysid.controllers.task import MOTOR_SHARE  # noqa: E402
 from sysid.controllers.trajectories import thesis_trajectory  # noqa: E402
+from sysid.parameters import read_bundle  # noqa: E402
 
 EFFECTS = {
     "stribeck-friction:gaussian": "friction",

@@ -28,7 +28,7 @@ sys.path.insert(0, str(REPOSITORY))
 
 import sysid as si  # noqa: E402
 from sysid.io.campaign import Campaign  # noqa: E402
-from sysid.model.ports import Model  # noqa: E402
+from sysid.plant.ports import Model  # noqa: E402
 from sysid.refinement.refine import motion_tests_of  # noqa: E402
 from sysid.validation.effort_balance import effort_rmse  # noqa: E402
 from sysid.validation.motion_tests import MotionTest, Segment  # noqa: E402

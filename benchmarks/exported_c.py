@@ -24,12 +24,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sysid.bundle import Bundle, read_bundle
 from sysid.exporters import flatten, listed_effects
 from sysid.exporters.c_header import Header, render
 from sysid.exporters.check_files import check_texts, checked_rows
 from sysid.exporters.flat import Flat
 from sysid.exporters.vectors import DOUBLE, Vectors
+from sysid.parameters import Bundle, read_bundle
 from sysid.types import FloatArray
 
 BUNDLES = Path(__file__).resolve().parent.parent / "tests" / "golden" / "bundles"

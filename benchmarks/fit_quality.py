@@ -28,11 +28,11 @@ sys.path.insert(0, str(REPOSITORY))
 import sysid as si  # noqa: E402
 from datasets.generator.campaign import make_campaign  # noqa: E402
 from datasets.generator.files import Dialect, write_campaign  # noqa: E402
-from sysid.assembly import CampaignFit, fit_campaign  # noqa: E402
-from sysid.bundle import Parts  # noqa: E402
-from sysid.bundle.quality import qualities_in  # noqa: E402
 from sysid.errors import SysidError  # noqa: E402
 from sysid.io.campaign import read_campaign  # noqa: E402
+from sysid.parameters import Parts  # noqa: E402
+from sysid.parameters.quality import qualities_in  # noqa: E402
+from sysid.pipeline.assembly import CampaignFit, fit_campaign  # noqa: E402
 from sysid.types import FloatArray  # noqa: E402
 
 BUNDLED = REPOSITORY / "datasets" / "bundled"

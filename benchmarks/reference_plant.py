@@ -1,6 +1,6 @@
 """The plant by scipy's solve_ivp, with events: slow, general, and independent of sysid's steps.
 
-Between two valve edges or motor changes the equations of `sysid.model.base` are integrated
+Between two valve edges or motor changes the equations of `sysid.plant.base` are integrated
 with the regime (choked or not, sliding or sticking) frozen; every boundary of the regime is a
 terminal event, after which the regime is determined again.
 """
@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from sysid.model import base
-from sysid.model.base import Parameters
-from sysid.model.ports import Model
-from sysid.model.simulator import Inputs, open_intervals
+from sysid.plant import base
+from sysid.plant.base import Parameters
+from sysid.plant.ports import Model
+from sysid.plant.simulator import Inputs, open_intervals
 from sysid.types import FloatArray
 
 SIDES = ("a", "b")

@@ -31,9 +31,9 @@ sys.path.insert(0, str(REPOSITORY))
 
 import sysid as si  # noqa: E402
 from benchmarks.rigs import random_runs  # noqa: E402
-from sysid.model.ports import Model  # noqa: E402
-from sysid.model.preparation import open_intervals  # noqa: E402
-from sysid.model.simulator import simulate  # noqa: E402
+from sysid.plant.ports import Model  # noqa: E402
+from sysid.plant.preparation import open_intervals  # noqa: E402
+from sysid.plant.simulator import simulate  # noqa: E402
 from sysid.refinement.estimation import FrictionScatter, estimate  # noqa: E402
 from sysid.refinement.problem import Problem  # noqa: E402
 from sysid.refinement.runs import Run  # noqa: E402

@@ -43,9 +43,9 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.refinement import LOGS, NUMBERS, rig_runs  # noqa: E402
-from sysid.model.base import PARAMETER_NAMES, Parameters  # noqa: E402
-from sysid.model.ports import Model  # noqa: E402
-from sysid.model.preparation import open_intervals  # noqa: E402
+from sysid.plant.base import PARAMETER_NAMES, Parameters  # noqa: E402
+from sysid.plant.ports import Model  # noqa: E402
+from sysid.plant.preparation import open_intervals  # noqa: E402
 
 CONTENDERS = REPOSITORY / "benchmarks" / "contenders"
 OFF = 0.3

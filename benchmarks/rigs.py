@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sysid.model.base import Parameters
-from sysid.model.ports import Model
-from sysid.model.simulator import Inputs, ValveCommand
+from sysid.plant.base import Parameters
+from sysid.plant.ports import Model
+from sysid.plant.simulator import Inputs, ValveCommand
 
 REFERENCE = Parameters(
     static_effort=0.333,

@@ -34,16 +34,16 @@ sys.path.insert(0, str(REPOSITORY))
 from benchmarks.history import record  # noqa: E402
 from benchmarks.reference_plant import integrate  # noqa: E402
 from benchmarks.rigs import random_runs  # noqa: E402
-from sysid.model.ports import Model  # noqa: E402
-from sysid.model.preparation import Shared, prepare  # noqa: E402
-from sysid.model.simulator import (  # noqa: E402
+from sysid.plant.ports import Model  # noqa: E402
+from sysid.plant.preparation import Shared, prepare  # noqa: E402
+from sysid.plant.simulator import (  # noqa: E402
     MAX_STEP,
     Inputs,
     Trajectory,
     check_runs,
     simulate,
 )
-from sysid.model.tables import block_of  # noqa: E402
+from sysid.plant.tables import block_of  # noqa: E402
 
 SEED = 1
 BATCH, SECONDS = 64, 10.0
@@ -175,7 +175,7 @@ import sys, time
 sys.path.insert(0, {root!r})
 started = time.perf_counter(), time.process_time()
 from benchmarks.rigs import random_runs
-from sysid.model.simulator import simulate
+from sysid.plant.simulator import simulate
 inputs, models = random_runs(1, {count}, 1.0)
 imported = time.perf_counter(), time.process_time()
 simulate(inputs, models)

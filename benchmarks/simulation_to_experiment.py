@@ -33,12 +33,12 @@ from sysid.controllers.loop import Case, closed_loop  # noqa: E402
 from sysid.controllers.modes import Mode  # noqa: E402
 from sysid.controllers.plant_effects import idle_effects  # noqa: E402
 from sysid.controllers.sensing import SensorSuite  # noqa: E402
-from sysid.controllers.thesis_tables import TableRig, printed  # noqa: E402
 from sysid.controllers.trajectories import thesis_trajectory  # noqa: E402
 from sysid.errors import SysidError  # noqa: E402
-from sysid.model.effects.catalogue import catalogue  # noqa: E402
-from sysid.model.effects.entry import CatalogueEffect  # noqa: E402
-from sysid.model.ports import Model  # noqa: E402
+from sysid.plant.effects.catalogue import catalogue  # noqa: E402
+from sysid.plant.effects.entry import CatalogueEffect  # noqa: E402
+from sysid.plant.ports import Model  # noqa: E402
+from sysid.thesis import TableRig, printed  # noqa: E402
 
 SCALES = (1.0, 3.0)
 # Pairs are made of so many of the best single effects, at either size.

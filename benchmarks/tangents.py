@@ -25,11 +25,11 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.rigs import random_runs  # noqa: E402
-from sysid.model.differences import simulate_differences  # noqa: E402
-from sysid.model.ports import Model  # noqa: E402
-from sysid.model.preparation import Inputs  # noqa: E402
-from sysid.model.simulator import simulate  # noqa: E402
-from sysid.model.tangents import Tangents, simulate_tangents  # noqa: E402
+from sysid.plant.differences import simulate_differences  # noqa: E402
+from sysid.plant.ports import Model  # noqa: E402
+from sysid.plant.preparation import Inputs  # noqa: E402
+from sysid.plant.simulator import simulate  # noqa: E402
+from sysid.plant.tangents import Tangents, simulate_tangents  # noqa: E402
 
 # A typical size of each, where its value may be 0; otherwise the value itself.
 NUMBERS: dict[str, float | None] = {
@@ -89,7 +89,7 @@ def with_tangents(inputs: list[Inputs], models: list[Model]) -> list[Tangents]:
 
 
 def of_neighbours(inputs: list[Inputs], models: list[Model]) -> list[Tangents]:
-    """As `simulate_tangents`, by differences of neighbours (`sysid.model.differences`)."""
+    """As `simulate_tangents`, by differences of neighbours (`sysid.plant.differences`)."""
     sizes = [size or float(getattr(models[0].parameters, n)) for n, size in NUMBERS.items()]
     return simulate_differences(inputs, models, [(0, n) for n in NUMBERS], sizes)
 

@@ -154,7 +154,7 @@ def true_value(form: str, parameter: str, values: dict[str, float]) -> float:
 
 def true_effects(truth: Sequence[dict[str, Any]]) -> tuple[Any, ...]:
     """The injected effects by the catalogue's laws. KeyError for a form that is not one."""
-    from sysid.model.effects import catalogue
+    from sysid.plant.effects import catalogue
 
     effects = []
     for injected in truth:
@@ -171,7 +171,7 @@ def true_effects(truth: Sequence[dict[str, Any]]) -> tuple[Any, ...]:
 
 def true_model(truth: dict[str, Any], fitted: Any) -> Any:
     """The model with the true base parameters and effects; None where a form is not known."""
-    from sysid.model.ports import Model
+    from sysid.plant.ports import Model
 
     if any(f"{e['id']}:{e['form']}" not in SAME_LAW for e in truth["effects"]):
         return None
@@ -199,9 +199,9 @@ def main(campaign_path: Path, bundle_path: Path, truth_path: Path) -> None:
     """Print the errors."""
     import numpy as np
 
-    from sysid.bundle import read_bundle
     from sysid.diagnosis.actuator.holdout import motion_tests
     from sysid.io.campaign import read_campaign
+    from sysid.parameters import read_bundle
 
     campaign = read_campaign(campaign_path)
     fitted = read_bundle(bundle_path).model(campaign.rig)

@@ -32,12 +32,12 @@ sys.path.insert(0, str(REPOSITORY))
 from datasets.generator.campaign import GeneratedCampaign, Size, make_campaign, size_of  # noqa: E402
 from datasets.generator.files import Dialect, write_log  # noqa: E402
 from datasets.generator.rigs import rig_toml  # noqa: E402
-from sysid.bundle import Bundle, FittedValves, Friction, Parts  # noqa: E402
 from sysid.estimation.linear import Estimate  # noqa: E402
 from sysid.friction import fit_friction  # noqa: E402
 from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign  # noqa: E402
 from sysid.io.logs import Trial  # noqa: E402
 from sysid.io.source import Source  # noqa: E402
+from sysid.parameters import Bundle, FittedValves, Friction, Parts  # noqa: E402
 from sysid.validation import validate  # noqa: E402
 from sysid.validation.residual_tests import cross_correlation_test, whiteness_test  # noqa: E402
 from sysid.validation.results import ValidationResult  # noqa: E402

@@ -15,12 +15,12 @@ import functools
 import sys
 from pathlib import Path
 
-from sysid.bundle import read_bundle
 from sysid.controllers.sensing import SensorSuite
-from sysid.controllers.thesis_tables import TABLES, TableRig, thesis_table
-from sysid.controllers.thesis_tables.figures import figure_runs
+from sysid.document.controllers import ControllersPage, write_controllers_page
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
-from sysid.report.controllers import ControllersPage, write_controllers_page
+from sysid.parameters import read_bundle
+from sysid.thesis import TABLES, TableRig, thesis_table
+from sysid.thesis.figures import figure_runs
 
 PAGE = Path(__file__).resolve().parent / "controllers.html"
 

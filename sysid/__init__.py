@@ -20,38 +20,36 @@ The examples in the docstrings run as tests in a folder with the bundled campaig
 gives, and `checked` what `validate` gives.
 """
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from sysid import components
-    from sysid.bundle import Bundle
     from sysid.errors import InputError, NotIdentifiedError, SysidError
     from sysid.io.campaign import Campaign
     from sysid.io.rig import Rig
     from sysid.io.samples import Log
-    from sysid.model import effects
-    from sysid.model.ports import Model
-    from sysid.workflows.advising import advise
-    from sysid.workflows.comparing import compare
-    from sysid.workflows.controlling import control
-    from sysid.workflows.diagnosing import diagnose
-    from sysid.workflows.fitting import fit, fit_friction, fit_valve_discrete, fit_valve_pwm
-    from sysid.workflows.judging import check, validate
-    from sysid.workflows.reading import (
+    from sysid.parameters import Bundle
+    from sysid.pipeline.advising import advise
+    from sysid.pipeline.comparing import compare
+    from sysid.pipeline.controlling import control
+    from sysid.pipeline.diagnosing import diagnose
+    from sysid.pipeline.fitting import fit, fit_friction, fit_valve_discrete, fit_valve_pwm
+    from sysid.pipeline.judging import check, validate
+    from sysid.pipeline.reading import (
         read_bundle,
         read_campaign,
         read_log,
         read_rig,
         write_bundle,
     )
-    from sysid.workflows.refining import refine
-    from sysid.workflows.simulation import simulate
-    from sysid.workflows.writing import export, report
+    from sysid.pipeline.refining import refine
+    from sysid.pipeline.simulation import simulate
+    from sysid.pipeline.writing import export, report
+    from sysid.plant import effects
+    from sysid.plant.ports import Model
 
 __all__ = [
     "Bundle",
@@ -87,37 +85,37 @@ __all__ = [
 
 # The module that each name is loaded from at first use: `import sysid` itself stays quick.
 _HOMES = {
-    "Bundle": "sysid.bundle",
+    "Bundle": "sysid.parameters",
     "Campaign": "sysid.io.campaign",
     "InputError": "sysid.errors",
     "Log": "sysid.io.samples",
-    "Model": "sysid.model.ports",
+    "Model": "sysid.plant.ports",
     "NotIdentifiedError": "sysid.errors",
     "Rig": "sysid.io.rig",
     "SysidError": "sysid.errors",
-    "advise": "sysid.workflows.advising",
-    "check": "sysid.workflows.judging",
-    "compare": "sysid.workflows.comparing",
-    "control": "sysid.workflows.controlling",
-    "diagnose": "sysid.workflows.diagnosing",
-    "export": "sysid.workflows.writing",
-    "fit": "sysid.workflows.fitting",
-    "fit_friction": "sysid.workflows.fitting",
-    "fit_valve_discrete": "sysid.workflows.fitting",
-    "fit_valve_pwm": "sysid.workflows.fitting",
-    "read_bundle": "sysid.workflows.reading",
-    "read_campaign": "sysid.workflows.reading",
-    "read_log": "sysid.workflows.reading",
-    "read_rig": "sysid.workflows.reading",
-    "refine": "sysid.workflows.refining",
-    "report": "sysid.workflows.writing",
-    "simulate": "sysid.workflows.simulation",
-    "validate": "sysid.workflows.judging",
-    "write_bundle": "sysid.workflows.reading",
+    "advise": "sysid.pipeline.advising",
+    "check": "sysid.pipeline.judging",
+    "compare": "sysid.pipeline.comparing",
+    "control": "sysid.pipeline.controlling",
+    "diagnose": "sysid.pipeline.diagnosing",
+    "export": "sysid.pipeline.writing",
+    "fit": "sysid.pipeline.fitting",
+    "fit_friction": "sysid.pipeline.fitting",
+    "fit_valve_discrete": "sysid.pipeline.fitting",
+    "fit_valve_pwm": "sysid.pipeline.fitting",
+    "read_bundle": "sysid.pipeline.reading",
+    "read_campaign": "sysid.pipeline.reading",
+    "read_log": "sysid.pipeline.reading",
+    "read_rig": "sysid.pipeline.reading",
+    "refine": "sysid.pipeline.refining",
+    "report": "sysid.pipeline.writing",
+    "simulate": "sysid.pipeline.simulation",
+    "validate": "sysid.pipeline.judging",
+    "write_bundle": "sysid.pipeline.reading",
 }
 
 
-_PACKAGES = {"components": "sysid.components", "effects": "sysid.model.effects"}
+_PACKAGES = {"components": "sysid.components", "effects": "sysid.plant.effects"}
 
 
 def __getattr__(name: str) -> Any:
@@ -134,18 +132,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-class _Face(ModuleType):
-    """Keeps `report` the function.
-
-    Importing the package of that name would replace the function; import from it by its full
-    name, `from sysid.report import write_report`.
-    """
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not (name in _HOMES and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Face

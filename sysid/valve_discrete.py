@@ -43,8 +43,8 @@ from sysid.io.channels import SIDES
 from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Air, Rig
 from sysid.io.trial_kind import away_from_ends
-from sysid.model.base import CRITICAL_RATIO, exhaust_jump, filling_jump
 from sysid.parallel import Failure, error_of, on_its_own
+from sysid.plant.base import CRITICAL_RATIO, exhaust_jump, filling_jump
 
 __all__ = [
     "DiscreteFit",

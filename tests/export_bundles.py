@@ -10,10 +10,10 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from sysid import __version__
-from sysid.bundle import Bundle
-from sysid.bundle.content import SCHEMA
-from sysid.bundle.files import bundle_from_json
 from sysid.io.rig import rig_from_content
+from sysid.parameters import Bundle
+from sysid.parameters.content import SCHEMA
+from sysid.parameters.files import bundle_from_json
 from sysid.types import FloatArray
 
 DUTY = (0.5, 0.45)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sysid.bundle import Bundle
 from sysid.exporters import export_bundle
+from sysid.parameters import Bundle
 from sysid.types import FloatArray
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion"]

@@ -61,7 +61,7 @@ def devices_of(*arrays: Any) -> list[str]:
 def simulation() -> Callable[[], Any]:
     """Single runs and wide blocks, in threads; runs that flow through surfaces have no more."""
     from benchmarks.rigs import random_runs
-    from sysid.model.simulator import simulate
+    from sysid.plant.simulator import simulate
 
     inputs, models = random_runs(5, 4, 0.2)
     return lambda: (simulate(inputs, models), simulate(inputs[:1], models[:1]))
@@ -95,7 +95,7 @@ def histories() -> Callable[[], Any]:
 
     from sysid.diagnosis.actuator.samples import prepare
     from sysid.diagnosis.actuator.states import integrate_states
-    from sysid.model.effects.sensor import PressureLag
+    from sysid.plant.effects.sensor import PressureLag
 
     tests, rig, model = made()
     file, kind, trial = next(test for test in tests if test[1] == "motion-discrete")

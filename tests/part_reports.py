@@ -12,11 +12,11 @@ import sysid as si
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.campaign import extended_bundle
 from sysid.diagnosis.content import content
+from sysid.document import write_report
 from sysid.io.campaign import read_campaign
-from sysid.model.effects.catalogue import catalogue
-from sysid.model.effects.linear import for_rig
-from sysid.report import write_report
-from sysid.workflows.subject import subject_of
+from sysid.pipeline.subject import subject_of
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.linear import for_rig
 
 ATMOSPHERE = 101325.0
 AIR = f"""

@@ -13,16 +13,16 @@ import pytest
 from datasets.generator.campaign import SMALL, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
-from sysid.bundle import Bundle, Parts, read_bundle, write_bundle
-from sysid.bundle.effects import entry_of
-from sysid.bundle.friction import Friction
-from sysid.bundle.refinement import RefinedValue, Refinement
-from sysid.bundle.valves import FittedValves
 from sysid.commands.app import main
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
-from sysid.model.effects.catalogue import catalogue
+from sysid.parameters import Bundle, Parts, read_bundle, write_bundle
+from sysid.parameters.effects import entry_of
+from sysid.parameters.friction import Friction
+from sysid.parameters.refinement import RefinedValue, Refinement
+from sysid.parameters.valves import FittedValves
+from sysid.plant.effects.catalogue import catalogue
 from sysid.refinement import advice as advice_module
 from sysid.refinement.advice import advise
 from sysid.refinement.advice_result import AdviceResult

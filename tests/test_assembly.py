@@ -10,14 +10,14 @@ import pytest
 from golden_folder import BUNDLED
 from test_friction_combinations import slid
 
-from sysid.assembly import fit_campaign
-from sysid.bundle import Bundle
-from sysid.bundle.assembled_model import assumed_parameters, model_from_bundle
-from sysid.bundle.valves import AveragedRecord, PwmDirections
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS, Campaign, read_campaign
-from sysid.model.base import exhaust_jump, filling_jump
+from sysid.parameters import Bundle
+from sysid.parameters.assembled_model import assumed_parameters, model_from_bundle
+from sysid.parameters.valves import AveragedRecord, PwmDirections
+from sysid.pipeline.assembly import fit_campaign
+from sysid.plant.base import exhaust_jump, filling_jump
 
 
 def only(campaign: Campaign, *kinds: str) -> Campaign:

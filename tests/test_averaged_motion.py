@@ -10,12 +10,12 @@ import pytest
 
 from benchmarks.rigs import REFERENCE
 from sysid.io.channels import SIDES
-from sysid.model.base import Parameters
-from sysid.model.effects.supply import SupplyDroop
-from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
-from sysid.model.ports import Effect, Model
-from sysid.model.pulse_means import pulse_means
-from sysid.model.simulator import Inputs, Trajectory, ValveCommand, open_intervals, simulate
+from sysid.plant.base import Parameters
+from sysid.plant.effects.supply import SupplyDroop
+from sysid.plant.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
+from sysid.plant.ports import Effect, Model
+from sysid.plant.pulse_means import pulse_means
+from sysid.plant.simulator import Inputs, Trajectory, ValveCommand, open_intervals, simulate
 from sysid.surfaces.averaged import AveragedLaw
 
 TIME = np.arange(3001) * 1e-3

@@ -16,7 +16,6 @@ from friction_trials import UNWRITTEN
 from golden_folder import BUNDLED, golden_bundle
 
 import sysid as si
-from sysid.bundle import assumptions, read_bundle
 from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.io.bare_rig import read_bare_logs
@@ -24,6 +23,7 @@ from sysid.io.log_constants import pwm_period
 from sysid.io.rig import rig_from_content
 from sysid.io.samples import Trial
 from sysid.io.units import parse_map
+from sysid.parameters import assumptions, read_bundle
 
 LOGS = {
     "friction": "friction_static",

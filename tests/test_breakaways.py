@@ -18,9 +18,9 @@ from sysid.diagnosis.actuator.states import point_of
 from sysid.diagnosis.actuator.twins import Scatter, simulate_twins
 from sysid.diagnosis.actuator.whitening import build_frame, noise_of
 from sysid.io.rig import Rig
-from sysid.model import plant
-from sysid.model.effects.friction import SealFriction, StictionAfterRest
-from sysid.model.ports import Model
+from sysid.plant import plant
+from sysid.plant.effects.friction import SealFriction, StictionAfterRest
+from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
 EXPONENTIAL = ("stiction-after-rest", "exponential", 1.0)

@@ -23,7 +23,6 @@ import sysid.diagnosis.actuator.search as actuator_search
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.rigs import reference_rig
-from sysid.bundle import Bundle, read_bundle
 from sysid.commands.app import main
 from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.bench.diagnose import diagnose_component
@@ -32,7 +31,6 @@ from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.looked import SearchStage
 from sysid.diagnosis.wording import sentence
 from sysid.errors import InputError, SimulationError
-from sysid.model.effects import catalogue
 from sysid.parallel import (
     LATE,
     VARIABLE,
@@ -44,6 +42,8 @@ from sysid.parallel import (
     run_all,
     spend,
 )
+from sysid.parameters import Bundle, read_bundle
+from sysid.plant.effects import catalogue
 
 BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled" / "campaign.toml"
 SIZE = Size(2, 0, 2, 0.04, (2, 1), (1, 1), (1, 1), slidings=8)

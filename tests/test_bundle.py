@@ -12,8 +12,13 @@ from typing import Any
 import pytest
 from golden_folder import BUNDLED, BUNDLES, golden_bundle
 
-from sysid.assembly import fit_campaign
-from sysid.bundle import (
+from sysid.errors import InputError
+from sysid.estimation.linear import Estimate
+from sysid.io.campaign import read_campaign
+from sysid.io.logs import Log
+from sysid.io.rig import Rig, read_rig
+from sysid.io.source import Source
+from sysid.parameters import (
     Bundle,
     DiscreteLaw,
     FittedValves,
@@ -26,15 +31,10 @@ from sysid.bundle import (
     read_bundle,
     write_bundle,
 )
-from sysid.bundle.base import Part
-from sysid.bundle.files import SCHEMA_FILE, bundle_from_json, shipped_schema
-from sysid.bundle.schema import bundle_schema
-from sysid.errors import InputError
-from sysid.estimation.linear import Estimate
-from sysid.io.campaign import read_campaign
-from sysid.io.logs import Log
-from sysid.io.rig import Rig, read_rig
-from sysid.io.source import Source
+from sysid.parameters.base import Part
+from sysid.parameters.files import SCHEMA_FILE, bundle_from_json, shipped_schema
+from sysid.parameters.schema import bundle_schema
+from sysid.pipeline.assembly import fit_campaign
 
 
 def estimate(value: float, unit: str = "Nm") -> dict[str, Any]:
@@ -338,7 +338,7 @@ def test_what_an_estimate_reads() -> None:
 
 def test_the_shipped_schema_is_that_of_the_classes() -> None:
     assert bundle_schema() == shipped_schema(), (
-        f"write {SCHEMA_FILE} again: python -m sysid.bundle.schema"
+        f"write {SCHEMA_FILE} again: python -m sysid.parameters.schema"
     )
 
 

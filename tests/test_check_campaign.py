@@ -132,7 +132,7 @@ def test_many_logs_are_counted_by_kind(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr("sysid.display.terminal._PIPED_WIDTH", 80)
+    monkeypatch.setattr("sysid.blocks.terminal._PIPED_WIDTH", 80)
     short = [swing(seconds=2.5, phase=0.3 * k) for k in range(29)]
     still = Trial("still", short[0].time, {n: 0.0 * v for n, v in short[0].channels.items()}, "s")
     entries: list[Entry] = [

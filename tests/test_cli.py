@@ -15,8 +15,8 @@ from friction_trials import UNWRITTEN
 from datasets.generator.campaign import GeneratedTests, make_friction_tests
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
-from sysid.bundle import read_bundle
 from sysid.commands.app import COMMANDS, app, main
+from sysid.parameters import read_bundle
 
 BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
 SEED = 7

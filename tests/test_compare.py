@@ -13,16 +13,16 @@ import pytest
 from golden_folder import golden_bundle
 
 import sysid as si
-from sysid.bundle import Bundle
-from sysid.bundle.effects import EffectEntry, entry_of
-from sysid.bundle.refinement import Refinement
 from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate, mean_estimate
 from sysid.fleet.comparison import Comparison
 from sysid.fleet.parameters import degrees_of_freedom, has_error, parts_of
 from sysid.fleet.rows import effects_of
-from sysid.model.effects import AtmosphereLeakage
+from sysid.parameters import Bundle
+from sysid.parameters.effects import EffectEntry, entry_of
+from sysid.parameters.refinement import Refinement
+from sysid.plant.effects import AtmosphereLeakage
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks import refinement_comparison as comparison
 from benchmarks.refinement_comparison import Contender, Used, compare
-from sysid.model.base import PARAMETER_NAMES, Parameters
+from sysid.plant.base import PARAMETER_NAMES, Parameters
 
 PARAMETERS = Parameters(**dict.fromkeys(PARAMETER_NAMES, 1.0))
 

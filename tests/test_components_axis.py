@@ -14,8 +14,6 @@ import pandas as pd
 import pytest
 
 import sysid.commands.diagnose
-from sysid.bundle import Bundle, read_bundle
-from sysid.bundle.assembled_model import effects_from_bundle
 from sysid.commands.app import main
 from sysid.diagnosis.actuator.signatures import candidates
 from sysid.diagnosis.bench.axis import Axis, axis
@@ -30,8 +28,10 @@ from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
 from sysid.io.logs import Trial
 from sysid.io.rig import Cylinder, Motor, Rig
-from sysid.model.effects.catalogue import catalogue
-from sysid.model.effects.linear import for_rig
+from sysid.parameters import Bundle, read_bundle
+from sysid.parameters.assembled_model import effects_from_bundle
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.linear import for_rig
 from sysid.types import FloatArray
 
 Friction = Callable[[FloatArray], FloatArray]

@@ -18,10 +18,10 @@ from sysid.diagnosis.bench.fitting import fit_law
 from sysid.io.conversion import convert
 from sysid.io.logs import Trial, read_log
 from sysid.io.rig import read_rig
-from sysid.model.base import Array, array_namespace
-from sysid.model.effects.catalogue import catalogue
-from sysid.model.effects.entry import CatalogueEffect, Quantity
-from sysid.model.ports import Point
+from sysid.plant.base import Array, array_namespace
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.ports import Point
 
 SET = Path(__file__).resolve().parent.parent / "datasets" / "measured" / "cylinder"
 BAR = (1, 3, 5)

@@ -11,8 +11,6 @@ import pytest
 
 from datasets.measured.sets import PROJECT, SETS_FOLDER, read_set
 from datasets.thesis.recompute import sliding_friction, static_friction
-from sysid.bundle import Bundle, Parts
-from sysid.bundle.files import shipped_schema
 from sysid.diagnosis.bench.component import Law
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.fitting import fit_law
@@ -31,7 +29,9 @@ from sysid.io.campaign import BENCH_KINDS, read_campaign
 from sysid.io.conversion import convert
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model.effects import catalogue
+from sysid.parameters import Bundle, Parts
+from sysid.parameters.files import shipped_schema
+from sysid.plant.effects import catalogue
 from sysid.types import FloatArray
 
 AXIS = Rig("axis", "horizontal", "rotary")

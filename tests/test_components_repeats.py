@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sysid.bundle import Bundle, Parts
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.selection import select
@@ -18,9 +17,10 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
-from sysid.model.base import Array
-from sysid.model.effects.entry import CatalogueEffect, Quantity
-from sysid.model.ports import Point
+from sysid.parameters import Bundle, Parts
+from sysid.plant.base import Array
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.ports import Point
 from sysid.types import FloatArray
 
 ROWS = 60

@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sysid.bundle import Bundle, FittedValves, Valve
-from sysid.bundle.files import shipped_schema
 from sysid.checks.log_check import check_log
 from sysid.diagnosis.bench.component import Law, rmse
 from sysid.diagnosis.bench.fitting import fit_law
@@ -22,7 +20,9 @@ from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.conversion import convert
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
-from sysid.model.effects.catalogue import catalogue
+from sysid.parameters import Bundle, FittedValves, Valve
+from sysid.parameters.files import shipped_schema
+from sysid.plant.effects.catalogue import catalogue
 
 MEASURED = Path(__file__).resolve().parent.parent / "datasets" / "measured" / "pump_tank"
 
@@ -56,7 +56,7 @@ def discharge(
 ) -> Trial:
     """2 s at `level` Pa gauge with the pump on, then 40 s of discharge, at 20 Hz.
 
-    Written down apart from `sysid.model`: the gas' mass and temperature are the states.
+    Written down apart from `sysid.plant`: the gas' mass and temperature are the states.
     `root` kg/(s Pa^0.5) is the flow through an orifice beside c_dis.
     """
     from scipy.integrate import solve_ivp

@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 
 from benchmarks.rigs import REFERENCE, random_runs
-from sysid.bundle import Bundle, Parts
-from sysid.bundle.files import shipped_schema
 from sysid.diagnosis.bench.component import Component, Law, rmse
 from sysid.diagnosis.bench.selection import Selection, select
 from sysid.diagnosis.bench.valve_flow import PARAMETER, ValveFlow, valve_flow
@@ -25,11 +23,13 @@ from sysid.io.conversion import convert
 from sysid.io.foreign.recipe import kept_rows
 from sysid.io.logs import Trial, read_log
 from sysid.io.rig import Rig, read_rig
-from sysid.model.effects import bench, catalogue
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.effects.valve import DutyDeadZone, ValveDelay
-from sysid.model.ports import Model, Point, join, split
-from sysid.model.simulator import simulate
+from sysid.parameters import Bundle, Parts
+from sysid.parameters.files import shipped_schema
+from sysid.plant.effects import bench, catalogue
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.valve import DutyDeadZone, ValveDelay
+from sysid.plant.ports import Model, Point, join, split
+from sysid.plant.simulator import simulate
 
 SETS = Path(__file__).resolve().parent.parent / "datasets" / "measured"
 BENCH = Rig("bench", "horizontal", "linear")
@@ -88,7 +88,7 @@ def test_neutral_ports_change_no_bit(effect: type[CatalogueEffect], port: str) -
 
 
 def test_neutral_to_the_bit_and_alike_at_typical_size_in_jax() -> None:
-    from sysid.model.jax_setup import jax
+    from sysid.plant.jax_setup import jax
 
     share = np.random.default_rng(4).uniform(0, 1, 200)
     flow = 1e-3 * share

@@ -23,9 +23,9 @@ from sysid.checks.consistency.kinds import other_kind
 from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
 from sysid.checks.log_check import check_campaign
 from sysid.commands.app import main
+from sysid.document.blocks import Lines
+from sysid.document.quality import quality_section
 from sysid.io.campaign import Campaign, read_campaign
-from sysid.report.blocks import Lines
-from sysid.report.quality import quality_section
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 

@@ -7,8 +7,8 @@ import pytest
 
 from datasets.thesis.reference_rig import bipolynomial_design, design, plant
 from sysid.controllers.duty_inverse import bipolynomials
-from sysid.model import valve_timing as timing
-from sysid.model.base import ValveParameters
+from sysid.plant import valve_timing as timing
+from sysid.plant.base import ValveParameters
 from sysid.surfaces.averaged import AveragedLaw
 
 DELAYS = ((0.0017, 0.0020), (0.0020, 0.0017), (0.001, 0.001))

@@ -21,14 +21,14 @@ from sysid.controllers.prediction import Motion, corrected, loaded, motor_comman
 from sysid.controllers.sensing import SensorSuite
 from sysid.controllers.trajectories import thesis_trajectory
 from sysid.errors import InputError, SimulationError
-from sysid.model import plant as model_plant
-from sysid.model.base import Array
-from sysid.model.effects.catalogue import catalogue
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.effects.friction import StribeckFriction
-from sysid.model.effects.linkage import LinkFlexibility
-from sysid.model.effects.motor import TorqueConstantError, TorqueOffset, TorqueRipple
-from sysid.model.effects.sensor import (
+from sysid.plant import plant as model_plant
+from sysid.plant.base import Array
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.friction import StribeckFriction
+from sysid.plant.effects.linkage import LinkFlexibility
+from sysid.plant.effects.motor import TorqueConstantError, TorqueOffset, TorqueRipple
+from sysid.plant.effects.sensor import (
     AmbientPressureError,
     EncoderEccentricity,
     LostCounts,
@@ -37,11 +37,11 @@ from sysid.model.effects.sensor import (
     PressureOffset,
     TimeSkew,
 )
-from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop
-from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
-from sysid.model.ports import Effect, Model
-from sysid.model.sensors import measured_channels
-from sysid.model.simulator import Inputs, ValveCommand, simulate
+from sysid.plant.effects.supply import ExhaustBackPressure, SupplyDroop
+from sysid.plant.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
+from sysid.plant.ports import Effect, Model
+from sysid.plant.sensors import measured_channels
+from sysid.plant.simulator import Inputs, ValveCommand, simulate
 from sysid.surfaces.averaged import AveragedLaw
 
 

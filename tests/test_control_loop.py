@@ -22,8 +22,8 @@ from sysid.controllers.pva import PvaController
 from sysid.controllers.sensing import SensorSuite
 from sysid.controllers.trajectories import thesis_trajectory
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.model.effects.supply import SupplyDroop
-from sysid.model.simulator import Inputs, ValveCommand, simulate
+from sysid.plant.effects.supply import SupplyDroop
+from sysid.plant.simulator import Inputs, ValveCommand, simulate
 
 MODES = (Mode.PNEUMATIC, Mode.MOTOR, Mode.HYBRID)
 

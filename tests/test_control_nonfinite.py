@@ -33,8 +33,8 @@ from sysid.controllers.sensing import (
     start_sensing,
 )
 from sysid.controllers.trajectories import DesiredMotion, thesis_trajectory
-from sysid.model.effects.supply import SupplyDroop
-from sysid.model.period_step import jax
+from sysid.plant.effects.supply import SupplyDroop
+from sysid.plant.period_step import jax
 from sysid.types import FloatArray
 
 CALLS = 10_000

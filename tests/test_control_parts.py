@@ -13,8 +13,6 @@ import pytest
 from golden_folder import golden_bundle
 
 from datasets.thesis.reference_rig import design, plant
-from sysid.bundle.bundle import Bundle
-from sysid.bundle.files import bundle_from_json
 from sysid.controllers.backstepping import BacksteppingController, backstepping_type
 from sysid.controllers.design_model import INVERSES, design_from_bundle
 from sysid.controllers.dvmpc import DvmpcController
@@ -34,7 +32,9 @@ from sysid.controllers.sensing import (
 from sysid.controllers.stability import check_stability
 from sysid.controllers.trajectories import thesis_trajectory
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.model.simulator import Inputs, ValveCommand, simulate
+from sysid.parameters.bundle import Bundle
+from sysid.parameters.files import bundle_from_json
+from sysid.plant.simulator import Inputs, ValveCommand, simulate
 
 # --- trajectories and metrics ------------------------------------------------------------
 

@@ -18,7 +18,12 @@ from sysid.commands.app import main
 from sysid.controllers.cases import Case, ClosedLoopRun
 from sysid.controllers.interface import Reference, StateEstimate
 from sysid.controllers.modes import Mode
-from sysid.controllers.thesis_tables import (
+from sysid.controllers.trajectories import thesis_trajectory
+from sysid.document.controllers import ControllersPage, write_controllers_page
+from sysid.errors import InputError
+from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
+from sysid.pipeline.thesis_tables import control_table
+from sysid.thesis import (
     TABLES,
     Agreement,
     Cell,
@@ -33,12 +38,7 @@ from sysid.controllers.thesis_tables import (
     printed,
     thesis_table,
 )
-from sysid.controllers.thesis_tables.figures import figure_runs, figure_sets
-from sysid.controllers.trajectories import thesis_trajectory
-from sysid.errors import InputError
-from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
-from sysid.report.controllers import ControllersPage, write_controllers_page
-from sysid.workflows.thesis_tables import control_table
+from sysid.thesis.figures import figure_runs, figure_sets
 
 # Rows and columns as printed; what cannot be read is an empty cell.
 SHAPES = (

@@ -18,9 +18,6 @@ from test_bundle import FRICTION, LAW, estimate
 from test_friction import points
 from test_valve_discrete import NOISE_PA, VALVE_A, Bench, changed, fit_quickly, make_rig
 
-from sysid.bundle import Bundle, Correlation, FittedValves, Friction, Parts, Valve, read_bundle
-from sysid.bundle.correlation import CorrelatedPart
-from sysid.bundle.files import bundle_from_json
 from sysid.errors import InputError
 from sysid.estimation.covariance import JointCovariance, correlation_of, shrunk
 from sysid.estimation.linear import Estimate
@@ -28,6 +25,9 @@ from sysid.friction import SlidingPoints, fit_friction, fit_sliding
 from sysid.identification.friction.effort import ROTARY
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
+from sysid.parameters import Bundle, Correlation, FittedValves, Friction, Parts, Valve, read_bundle
+from sysid.parameters.correlation import CorrelatedPart
+from sysid.parameters.files import bundle_from_json
 from sysid.types import FloatArray
 
 

@@ -20,7 +20,6 @@ import sysid.commands.diagnose
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.rigs import reference_rig
-from sysid.bundle import read_bundle
 from sysid.commands.app import main
 from sysid.commands.diagnose import Diagnosed
 from sysid.diagnosis import content as findings
@@ -34,13 +33,14 @@ from sysid.diagnosis.refined import (
     without_contradicted,
 )
 from sysid.diagnosis.result import Diagnosis
+from sysid.document import svg
+from sysid.document.diagnosis import diagnosis_section
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
-from sysid.model.effects.catalogue import catalogue
-from sysid.model.effects.entry import Catalogue, CatalogueEffect
-from sysid.model.effects.friction import StictionAfterRest
-from sysid.report import svg
-from sysid.report.diagnosis import diagnosis_section
+from sysid.parameters import read_bundle
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.entry import Catalogue, CatalogueEffect
+from sysid.plant.effects.friction import StictionAfterRest
 
 SEED = 5
 SIZE = Size(2, 0, 2, 0.04, (2, 1), (1, 1), (1, 1), slidings=8)

@@ -77,26 +77,26 @@ from sysid.diagnosis.result import Diagnosis
 from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
-from sysid.model import base as base_law
-from sysid.model.base import ValveParameters, parameters_from_rig
-from sysid.model.effects import catalogue, class_of
-from sysid.model.effects.chamber import (
+from sysid.parallel import limited
+from sysid.plant import base as base_law
+from sysid.plant.base import ValveParameters, parameters_from_rig
+from sysid.plant.effects import catalogue, class_of
+from sysid.plant.effects.chamber import (
     AtmosphereLeakage,
     PistonLeakage,
     ThresholdLeakage,
     TubeLag,
     WallHeatTransfer,
 )
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
-from sysid.model.effects.linkage import LinkFlexibility
-from sysid.model.effects.motor import AmplifierLag, TorqueConstantError, TorqueOffset
-from sysid.model.effects.sensor import PressureGain, PressureLag, PressureOffset, TimeSkew
-from sysid.model.effects.stroke import EndCushion
-from sysid.model.effects.supply import ExhaustBackPressure, SupplyDroop, SupplyPulsation
-from sysid.model.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
-from sysid.model.ports import Model
-from sysid.parallel import limited
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
+from sysid.plant.effects.linkage import LinkFlexibility
+from sysid.plant.effects.motor import AmplifierLag, TorqueConstantError, TorqueOffset
+from sysid.plant.effects.sensor import PressureGain, PressureLag, PressureOffset, TimeSkew
+from sysid.plant.effects.stroke import EndCushion
+from sysid.plant.effects.supply import ExhaustBackPressure, SupplyDroop, SupplyPulsation
+from sysid.plant.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
+from sysid.plant.ports import Model
 from sysid.types import FloatArray, no_progress
 from sysid.validation.motion_tests import prepare_all
 

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from sysid.display.progress import _Stages, in_notebook, progress_or_shown, stage_bar
-from sysid.display.tables import Shown, ShownTable, estimate_table, record_table
+from sysid.blocks.progress import _Stages, in_notebook, progress_or_shown, stage_bar
+from sysid.blocks.tables import Shown, ShownTable, estimate_table, record_table
 from sysid.estimation.linear import Estimate
 
 

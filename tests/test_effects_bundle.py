@@ -15,14 +15,6 @@ import pytest
 
 from datasets.generator.campaign import SMALL, make_campaign
 from datasets.generator.effects import Injected
-from sysid.bundle import Bundle, HeldOutError, bundle_text, read_bundle, write_bundle
-from sysid.bundle.assembled_model import (
-    effects_from_bundle,
-    model_from_bundle,
-    parameters_from_bundle,
-)
-from sysid.bundle.effects import effect_from_entry, entry_of
-from sysid.bundle.files import bundle_from_json
 from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
@@ -30,16 +22,24 @@ from sysid.exporters import export_bundle
 from sysid.io.campaign import MOTION_KINDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
-from sysid.model.effects.catalogue import catalogue
-from sysid.model.effects.chamber import NEVER_SETTLES_S, TemperatureDrift
-from sysid.model.effects.entry import CatalogueEffect, Quantity
-from sysid.model.effects.linkage import Backlash, LinkFlexibility
-from sysid.model.effects.supply import ExhaustBackPressure
-from sysid.model.effects.valve import DutyDeadZone
-from sysid.model.ports import Model
-from sysid.model.sensors import before_sensors, through_sensors
-from sysid.model.simulator import Inputs, ValveCommand, open_intervals, simulate
-from sysid.model.trials import simulate_trials
+from sysid.parameters import Bundle, HeldOutError, bundle_text, read_bundle, write_bundle
+from sysid.parameters.assembled_model import (
+    effects_from_bundle,
+    model_from_bundle,
+    parameters_from_bundle,
+)
+from sysid.parameters.effects import effect_from_entry, entry_of
+from sysid.parameters.files import bundle_from_json
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.chamber import NEVER_SETTLES_S, TemperatureDrift
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.effects.linkage import Backlash, LinkFlexibility
+from sysid.plant.effects.supply import ExhaustBackPressure
+from sysid.plant.effects.valve import DutyDeadZone
+from sysid.plant.ports import Model
+from sysid.plant.sensors import before_sensors, through_sensors
+from sysid.plant.simulator import Inputs, ValveCommand, open_intervals, simulate
+from sysid.plant.trials import simulate_trials
 from sysid.validation import simulate_segments, validate
 from sysid.validation.motion_tests import ChannelNoise, MotionTest, Segment
 from tests.export_bundles import RISING, whole_bundle
@@ -453,8 +453,8 @@ def test_an_undeclared_offset_is_mended_by_its_effect(tmp_path: Path) -> None:
 
 USER_EFFECT = '''
 from dataclasses import dataclass
-from sysid.model.effects.catalogue import catalogue
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sysid.blocks.text_plot import text_plot
 from sysid.commands.app import main
-from sysid.display.text_plot import text_plot
-from sysid.model.effects import catalogue, friction, load_user_effects, motor
-from sysid.model.effects.demonstration import demonstrate, reference_parameters
-from sysid.model.effects.linear import linear_form
+from sysid.plant.effects import catalogue, friction, load_user_effects, motor
+from sysid.plant.effects.demonstration import demonstrate, reference_parameters
+from sysid.plant.effects.linear import linear_form
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "how-to" / "own-effect.md"
 

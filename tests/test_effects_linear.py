@@ -9,13 +9,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from sysid.bundle.effects import effect_from_entry, entry_of
 from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
-from sysid.model.effects import friction, linkage
-from sysid.model.effects.catalogue import catalogue
-from sysid.model.effects.linear import (
+from sysid.parameters.effects import effect_from_entry, entry_of
+from sysid.plant.effects import friction, linkage
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.linear import (
     REFERENCE_RADIUS_M,
     for_rig,
     linear_form,

@@ -13,12 +13,12 @@ import pytest
 from scipy.integrate import simpson, solve_ivp
 
 from benchmarks.rigs import REFERENCE, random_runs
-from sysid.model import base
-from sysid.model.effects import catalogue, class_of, friction, linkage, motor, stroke
-from sysid.model.effects.catalogue import AMBIGUOUS_CLASSES
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model, Point, join, overrides, split
-from sysid.model.simulator import Inputs, Trajectory, ValveCommand, simulate
+from sysid.plant import base
+from sysid.plant.effects import catalogue, class_of, friction, linkage, motor, stroke
+from sysid.plant.effects.catalogue import AMBIGUOUS_CLASSES
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model, Point, join, overrides, split
+from sysid.plant.simulator import Inputs, Trajectory, ValveCommand, simulate
 
 EFFECTS = [effect for module in (friction, linkage, stroke, motor) for effect in module.EFFECTS]
 IDS = [effect.id for effect in EFFECTS]
@@ -141,7 +141,7 @@ def test_neutral_ports_change_no_bit(effect: type[CatalogueEffect], shape: tuple
 
 
 def test_neutral_ports_change_no_bit_in_jax() -> None:
-    from sysid.model.jax_setup import jax
+    from sysid.plant.jax_setup import jax
 
     point = random_point((300,))
     given = given_values(point)
@@ -159,7 +159,7 @@ def test_neutral_ports_change_no_bit_in_jax() -> None:
 
 
 def test_numpy_and_jax_agree_at_typical_size() -> None:
-    from sysid.model.jax_setup import jnp
+    from sysid.plant.jax_setup import jnp
 
     point = random_point((200,))
     fields = {f.name: getattr(point, f.name) for f in dataclasses.fields(point)}

@@ -13,11 +13,11 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from benchmarks.rigs import REFERENCE, random_runs
-from sysid.model import base
-from sysid.model.effects import chamber, sensor, supply, valve
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model, Point, join, split
-from sysid.model.simulator import Inputs, Trajectory, ValveCommand, open_intervals, simulate
+from sysid.plant import base
+from sysid.plant.effects import chamber, sensor, supply, valve
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model, Point, join, split
+from sysid.plant.simulator import Inputs, Trajectory, ValveCommand, open_intervals, simulate
 
 MODULES = (chamber, valve, supply, sensor)
 EFFECTS = [effect for module in MODULES for effect in module.EFFECTS]
@@ -135,7 +135,7 @@ def test_neutral_ports_change_no_bit(effect: type[CatalogueEffect], shape: tuple
 
 
 def test_neutral_ports_change_no_bit_in_jax() -> None:
-    from sysid.model.jax_setup import jax
+    from sysid.plant.jax_setup import jax
 
     point = random_point((300,))
     given = before(point)

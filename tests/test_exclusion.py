@@ -20,9 +20,9 @@ import sysid as si
 from datasets.generator.campaign import SMALL, GeneratedCampaign, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
-from sysid.bundle import read_bundle
 from sysid.checks.log_check import LogCheck, check_log
 from sysid.commands.app import main
+from sysid.document.page import render_report
 from sysid.errors import InputError
 from sysid.friction import fit_friction
 from sysid.io.bare_rig import read_bare_logs
@@ -32,8 +32,8 @@ from sysid.io.log_constants import shown_constants
 from sysid.io.logs import read_log
 from sysid.io.own_kind import OwnKind, read_own_log
 from sysid.io.rig import read_rig
-from sysid.model.trials import inputs_from_trial
-from sysid.report.page import render_report
+from sysid.parameters import read_bundle
+from sysid.plant.trials import inputs_from_trial
 from sysid.validation import validate
 from sysid.validation.motion_tests import prepare, prepare_all
 from sysid.valve_discrete import fit_valve_discrete

@@ -23,10 +23,10 @@ from export_bundles import (
 from export_compiler import compile_c, header, macros
 from scipy.io import loadmat
 
-from sysid.bundle import Bundle, write_bundle
-from sysid.bundle.assembled_model import parameters_from_bundle
 from sysid.errors import InputError
 from sysid.exporters import export_bundle, export_file
+from sysid.parameters import Bundle, write_bundle
+from sysid.parameters.assembled_model import parameters_from_bundle
 
 
 @pytest.fixture

@@ -19,11 +19,11 @@ from export_bundles import (
 )
 from export_compiler import Compiled, compile_c, compiler, header, macros
 
-from sysid.bundle import Bundle, PwmSurfaces
-from sysid.bundle.assembled_model import parameters_from_bundle
 from sysid.errors import InputError
 from sysid.exporters import export_bundle
-from sysid.model import base
+from sysid.parameters import Bundle, PwmSurfaces
+from sysid.parameters.assembled_model import parameters_from_bundle
+from sysid.plant import base
 from sysid.surfaces import Saturation
 
 N = 4000

@@ -18,17 +18,17 @@ import pytest
 from export_bundles import RISING, upright, whole_bundle
 from export_compiler import STRICT, Compiled, compiler, header, macros
 
-from sysid.bundle import Bundle, write_bundle
-from sysid.bundle.assembled_model import parameters_from_bundle
-from sysid.bundle.effects import entry_of
 from sysid.exporters import export_bundle, export_file
 from sysid.exporters.c_constants import own_constants
 from sysid.exporters.c_ports import ARGUMENTS, Port, ports
 from sysid.exporters.flat import flatten
-from sysid.model.base import exhaust_boundary, filling_boundary
-from sysid.model.effects.catalogue import catalogue, load_user_effects
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model, Point
+from sysid.parameters import Bundle, write_bundle
+from sysid.parameters.assembled_model import parameters_from_bundle
+from sysid.parameters.effects import entry_of
+from sysid.plant.base import exhaust_boundary, filling_boundary
+from sysid.plant.effects.catalogue import catalogue, load_user_effects
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model, Point
 from sysid.types import FloatArray
 
 N = 10_000
@@ -345,8 +345,8 @@ def test_sympy_is_loaded_for_effects_in_c_alone() -> None:
 OWN = '''
 from dataclasses import dataclass
 import numpy as np
-from sysid.model.base import array_namespace
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.base import array_namespace
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
 
 @dataclass(frozen=True)
 class Bumper(CatalogueEffect):

@@ -15,8 +15,6 @@ import pytest
 from export_bundles import LINEAR_RIG, RISING, as_bundle, upright, whole_bundle, whole_content
 from export_compiler import STRICT, compile_c, compiler, header, macros
 
-from sysid.bundle import Bundle
-from sysid.bundle.effects import entry_of
 from sysid.controllers.backstepping import BacksteppingController
 from sysid.controllers.design_model import design_from_bundle
 from sysid.controllers.dvmpc import DvmpcController
@@ -28,8 +26,10 @@ from sysid.exporters import check_folder, export_bundle, flatten, listed_effects
 from sysid.exporters.c_header import render
 from sysid.exporters.check_files import CHECK_FILES, check_texts, checked_rows
 from sysid.exporters.vectors import CHOICES, DOUBLE
-from sysid.model.base import exhaust_boundary, filling_boundary
-from sysid.model.effects.catalogue import catalogue, load_user_effects
+from sysid.parameters import Bundle
+from sysid.parameters.effects import entry_of
+from sysid.plant.base import exhaust_boundary, filling_boundary
+from sysid.plant.effects.catalogue import catalogue, load_user_effects
 
 # With a state, on constants, drifting, on every kind of port that a controller reads.
 EFFECTS = (
@@ -210,7 +210,7 @@ def test_only_inverses_that_are_there_can_be_chosen(tmp_path: Path) -> None:
 
 OWN = '''
 from dataclasses import dataclass
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
 
 @dataclass(frozen=True)
 class Branching(CatalogueEffect):

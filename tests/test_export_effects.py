@@ -11,27 +11,27 @@ import pytest
 from export_bundles import RISING, as_bundle, whole_bundle
 from export_compiler import Compiled, compile_c, header, macros
 
-from sysid.bundle import Bundle, EffectEntry
-from sysid.bundle.assembled_model import parameters_from_bundle
-from sysid.bundle.effects import entry_of
 from sysid.errors import InputError
 from sysid.io.rig import rig_from_content
-from sysid.model.effects.chamber import AtmosphereLeakage, PistonLeakage, TubeLag
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.effects.friction import (
+from sysid.parameters import Bundle, EffectEntry
+from sysid.parameters.assembled_model import parameters_from_bundle
+from sysid.parameters.effects import entry_of
+from sysid.plant.effects.chamber import AtmosphereLeakage, PistonLeakage, TubeLag
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.friction import (
     AsymmetricCoulombFriction,
     PositionDependentFriction,
     QuadraticDrag,
     SealFriction,
     StribeckFriction,
 )
-from sysid.model.effects.linkage import CableSpring, GearMeshRipple, MountingTilt
-from sysid.model.effects.motor import TorqueConstantError, TorqueOffset
-from sysid.model.effects.sensor import PressureGain, PressureOffset
-from sysid.model.effects.stroke import EndCushion
-from sysid.model.effects.valve import ValveDelay
-from sysid.model.ports import Model, Point
-from sysid.model.sensors import through_sensors
+from sysid.plant.effects.linkage import CableSpring, GearMeshRipple, MountingTilt
+from sysid.plant.effects.motor import TorqueConstantError, TorqueOffset
+from sysid.plant.effects.sensor import PressureGain, PressureOffset
+from sysid.plant.effects.stroke import EndCushion
+from sysid.plant.effects.valve import ValveDelay
+from sysid.plant.ports import Model, Point
+from sysid.plant.sensors import through_sensors
 
 N = 500
 # In an order that counts: a gain between two offsets.

@@ -17,7 +17,7 @@ from export_calls import COUNT, Calls, Function, bad_rows, good_rows
 from export_compiler import compiler, header
 from test_export_control import BUNDLES
 
-from sysid.bundle import Bundle
+from sysid.parameters import Bundle
 from sysid.types import FloatArray
 
 CALLS = 10_000

@@ -22,14 +22,14 @@ from sysid.diagnosis.actuator.equation_error import (
 from sysid.diagnosis.actuator.samples import Rows, Traces, prepare
 from sysid.diagnosis.actuator.states import integrate_states, measured_flow, point_of
 from sysid.io.channels import SIDES
-from sysid.model import plant
-from sysid.model.base import Array
-from sysid.model.effects import catalogue
-from sysid.model.effects.chamber import TemperatureDrift, TubeLag, WallHeatTransfer
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.effects.sensor import PressureLag, PressureOffset
-from sysid.model.effects.valve import CoilHeating
-from sysid.model.ports import Effect, Model
+from sysid.plant import plant
+from sysid.plant.base import Array
+from sysid.plant.effects import catalogue
+from sysid.plant.effects.chamber import TemperatureDrift, TubeLag, WallHeatTransfer
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.sensor import PressureLag, PressureOffset
+from sysid.plant.effects.valve import CoilHeating
+from sysid.plant.ports import Effect, Model
 from sysid.types import FloatArray
 
 KINDS = [kind for kind in catalogue().values() if kind.states]

@@ -15,9 +15,10 @@ import pytest
 from golden_folder import golden_bundle
 from rich.text import Text
 
+from sysid.blocks.terminal import console, new_table
 from sysid.commands.app import main
 from sysid.diagnosis.bench import axis
-from sysid.display.terminal import console, new_table
+from sysid.document.html import fill
 from sysid.errors import InputError, one_line
 from sysid.io.conversion import convert
 from sysid.io.foreign.table import ForeignTable, take_names
@@ -25,10 +26,9 @@ from sysid.io.logs import read_log
 from sysid.io.rig import read_rig, read_toml, rig_from_content
 from sysid.io.samples import Trial
 from sysid.io.tables import read_table
-from sysid.model.base import bare_parameters
-from sysid.model.effects import InertiaMismatch
-from sysid.model.effects.catalogue import catalogue
-from sysid.report.html import fill
+from sysid.plant.base import bare_parameters
+from sysid.plant.effects import InertiaMismatch
+from sysid.plant.effects.catalogue import catalogue
 
 REFERENCE = Path(__file__).resolve().parent.parent / "datasets" / "thesis" / "reference_bundle.json"
 

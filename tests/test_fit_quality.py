@@ -18,13 +18,11 @@ from test_components_valves import swept, timed
 from test_valve_pwm import make_rig, make_trials, samples_of
 
 import sysid as si
-from sysid.assembly import fit_campaign
-from sysid.bundle import Bundle, Parts, read_bundle
-from sysid.bundle.quality import QualityRecord, qualities_in
+from sysid.blocks.quality import quality_name, quality_table
 from sysid.commands.app import main
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import fit_law
-from sysid.display.quality import quality_name, quality_table
+from sysid.document import render_report
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import (
@@ -44,7 +42,9 @@ from sysid.identification.valve_pwm.quality import require_sign
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.io.logs import Trial, read_log, with_channels
 from sysid.io.rig import Rig
-from sysid.report import render_report
+from sysid.parameters import Bundle, Parts, read_bundle
+from sysid.parameters.quality import QualityRecord, qualities_in
+from sysid.pipeline.assembly import fit_campaign
 from sysid.types import FloatArray
 from sysid.valve_pwm import fit_valve_pwm
 

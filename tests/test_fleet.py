@@ -17,10 +17,9 @@ import numpy as np
 import pytest
 from golden_folder import GOLDEN, golden_bundle
 
-from sysid.bundle import read_bundle
-from sysid.bundle.effects import EffectEntry, entry_of
 from sysid.commands.app import main
 from sysid.commands.fleet import run_fleet, run_one
+from sysid.document.fleet import fleet_page
 from sysid.errors import InputError
 from sysid.fleet.changes import change_in
 from sysid.fleet.leakage import leakage_flow
@@ -28,11 +27,12 @@ from sysid.fleet.origin import Origin, date_in, origin_of, result_folder
 from sysid.fleet.rows import LEAKAGE, FleetReading, FleetRow, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
-from sysid.model.effects import AtmosphereLeakage
-from sysid.model.effects.catalogue import catalogue
 from sysid.parallel import Failure, attempt_all, on_cluster
 from sysid.parallel.cluster import collector_off
-from sysid.report.fleet import fleet_page
+from sysid.parameters import read_bundle
+from sysid.parameters.effects import EffectEntry, entry_of
+from sysid.plant.effects import AtmosphereLeakage
+from sysid.plant.effects.catalogue import catalogue
 
 DAYS = np.array([0.0, 30.0, 65.0, 90.0, 120.0, 200.0, 230.0, 260.0, 300.0, 340.0])
 QUICK = {"diagnose": False, "refine": False}

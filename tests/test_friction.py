@@ -28,7 +28,6 @@ from friction_trials import (
 from benchmarks.friction import PUBLISHED, emps_trial, generated_fit
 from datasets.generator.campaign import GeneratedTests, drawn_effects, make_friction_tests
 from datasets.thesis import recompute
-from sysid.bundle import Friction
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.friction import (
     FrictionResult,
@@ -45,6 +44,7 @@ from sysid.identification.friction.static import find_onset
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
 from sysid.io.rig_sections import Air
+from sysid.parameters import Friction
 from sysid.types import FloatArray
 
 

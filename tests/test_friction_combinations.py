@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 from friction_trials import BARE, PERIOD, RIG, constant, ramp, simulated, swing, trial
 
-from sysid.bundle import Friction
 from sysid.commands.app import main
 from sysid.friction import FrictionResult, fit_friction
 from sysid.io.logs import Trial
+from sysid.parameters import Friction
 
 COULOMB, VISCOUS, OFFSET = 0.208, 0.0488, 0.012
 TRUTH = {"coulomb_nm": COULOMB, "viscous_nm_s_per_rad": VISCOUS, "offset_nm": OFFSET}

@@ -39,7 +39,7 @@ from scipy.io import loadmat
 from test_bad_input import CASES as BAD_INPUT
 from test_bad_input import Workplace
 
-from sysid.bundle import read_bundle, write_bundle
+from sysid.parameters import read_bundle, write_bundle
 
 WRITE = bool(os.environ.get("SYSID_GOLDEN_WRITE"))
 EXPORTED = ("diagnosed", "friction_partial", "linear_axis")

@@ -26,14 +26,14 @@ from datasets.generator import motor_axis as motor_axis_tests
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.motor_axis import axis_tests, motor_axis, write_axis_campaign
-from sysid.bundle import Bundle, Parts
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.registry import part_tested
 from sysid.diagnosis.bench.valve_time import valve_time
 from sysid.io.bundled import bundled_campaign
 from sysid.io.campaign import MOTION_KINDS, read_campaign
-from sysid.model.effects.catalogue import catalogue
+from sysid.parameters import Bundle, Parts
+from sysid.plant.effects.catalogue import catalogue
 
 SEED = 41
 # Rows that say what was done, not what was measured.

@@ -40,9 +40,9 @@ from datasets.measured.findings import (
 from datasets.measured.page import render_page
 from datasets.measured.run import failed, law_of, run_sets
 from datasets.measured.sets import SETS_FOLDER
-from sysid.bundle.files import bundle_from_json
 from sysid.errors import InputError
 from sysid.io.tables import read_table
+from sysid.parameters.files import bundle_from_json
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

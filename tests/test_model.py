@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from benchmarks.rigs import REFERENCE
 from sysid.errors import InputError
 from sysid.io.rig import rig_from_content
-from sysid.model import base, flow_control, plant, valve_timing
-from sysid.model.ports import Effect, Model, Point, join, split, stack_models
+from sysid.plant import base, flow_control, plant, valve_timing
+from sysid.plant.ports import Effect, Model, Point, join, split, stack_models
 
 # Table 3.6.1 with the supply pressures of figures 3.7 and 3.8.
 THESIS_VALVES = {
@@ -28,7 +28,7 @@ THESIS_VALVES = {
 
 def test_importing_the_model_does_not_import_jax_or_scipy() -> None:
     code = (
-        "import sys, sysid.model, sysid.model.base, sysid.model.valve_timing, sysid.model.ports;"
+        "import sys, sysid.plant, sysid.plant.base, sysid.plant.valve_timing, sysid.plant.ports;"
         "print([m for m in ('jax', 'scipy', 'torch') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -138,7 +138,7 @@ def test_series_choking_is_decided_between_the_orifices() -> None:
 
 
 def test_numpy_and_jax_give_the_same() -> None:
-    from sysid.model.jax_setup import jnp
+    from sysid.plant.jax_setup import jnp
 
     pressure = np.linspace(0.9e5, 3.2e5, 41)
     for function, numbers in (
@@ -153,7 +153,7 @@ def test_numpy_and_jax_give_the_same() -> None:
 
 
 def test_the_sine_of_other_arrays_and_its_slope_are_right_to_rounding() -> None:
-    from sysid.model.jax_setup import jax, jnp
+    from sysid.plant.jax_setup import jax, jnp
 
     angle = np.concatenate(
         (np.linspace(-7.0, 7.0, 2001), np.pi * np.arange(-9.0, 10.0), [1e3, -1e3])

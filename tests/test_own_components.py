@@ -14,11 +14,11 @@ from own_components import CYLINDER, MOTOR, done, refused
 
 import sysid as si
 from datasets.components import logs
-from sysid.bundle import read_bundle
 from sysid.components import LogColumn, Parameter, Quantity, StaticComponent, Term
 from sysid.components.campaign import tests_of as own_tests
 from sysid.components.campaign import training_part
 from sysid.diagnosis.bench.component import Law
+from sysid.parameters import read_bundle
 
 # Not the seed that the examples were written with (1).
 SEED = 11

@@ -12,7 +12,6 @@ import pytest
 from datasets.generator.campaign import SMALL, GeneratedCampaign, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.rigs import random_rig, rig_toml
-from sysid.bundle import Bundle
 from sysid.checks.consistency.campaign import check_consistency
 from sysid.commands.app import main
 from sysid.diagnosis.actuator.equation_error import EFFORT, equation_error
@@ -22,9 +21,10 @@ from sysid.errors import InputError
 from sysid.friction import fit_friction
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.io.rig import NO_LOAD
-from sysid.model.effects.linkage import LinkFlexibility
-from sysid.model.tangents import simulate_tangents
-from sysid.model.trials import inputs_from_trial, simulate_trials
+from sysid.parameters import Bundle
+from sysid.plant.effects.linkage import LinkFlexibility
+from sysid.plant.tangents import simulate_tangents
+from sysid.plant.trials import inputs_from_trial, simulate_trials
 from sysid.validation import validate
 from sysid.validation.effort_balance import effort_rmse
 from sysid.validation.motion_tests import prepare_all

@@ -16,7 +16,6 @@ from typing import Any
 
 import pytest
 
-from sysid.bundle import Bundle, EffectEntry, read_bundle, write_bundle
 from sysid.commands.app import main
 from sysid.commands.printing import grouped_notices
 from sysid.commands.run import RunReport, run_campaign, show_run
@@ -32,6 +31,7 @@ from sysid.commands.stages import (
 from sysid.errors import NotIdentifiedError
 from sysid.io.bundled import bundled_campaign
 from sysid.io.campaign import read_campaign
+from sysid.parameters import Bundle, EffectEntry, read_bundle, write_bundle
 
 # Without the refinement of the whole model, which takes longer than the others together:
 # `test_refine_command.py` has its stage.

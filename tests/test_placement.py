@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sysid.errors import InputError
-from sysid.model import jax_setup
+from sysid.plant import jax_setup
 
 TESTS = Path(__file__).resolve().parent
 PARTS = ("simulation", "refinement", "loop", "histories", "component")

@@ -21,8 +21,8 @@ import pandas as pd
 import pytest
 
 import sysid as si
-from sysid.display.numbers import ascii_text
-from sysid.display.tables import Shown
+from sysid.blocks.numbers import ascii_text
+from sysid.blocks.tables import Shown
 from sysid.io.bundled import bundled_campaign
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -176,14 +176,6 @@ def test_names_are_listed_and_load() -> None:
     assert all(getattr(si, name) is not None for name in si.__all__)
     with pytest.raises(AttributeError, match="no attribute 'fitt'"):
         _ = si.fitt  # type: ignore[attr-defined]
-
-
-def test_a_room_of_the_same_name_does_not_hide_a_function() -> None:
-    code = (
-        "import sysid as si; from sysid.report import write_report; import sysid.report; "
-        "print(si.report.__name__, write_report.__name__)"
-    )
-    assert python(code).split() == ["report", "write_report"]
 
 
 def test_rooms_of_controllers_and_exporters_are_imported_by_name() -> None:

@@ -20,22 +20,22 @@ from datasets.generator.effects.catalogue import Injected
 from datasets.generator.motor_axis import axis_tests, motor_axis, write_axis_campaign
 from datasets.generator.rigs import GeneratedRig
 from datasets.measured.sets import PROJECT
-from sysid.bundle import Bundle, read_bundle, write_bundle
-from sysid.bundle.effects import entry_of
 from sysid.commands.app import main
 from sysid.commands.refine import _show
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.io.rig import rig_from_content
-from sysid.model.effects.catalogue import catalogue
+from sysid.parameters import Bundle, read_bundle, write_bundle
+from sysid.parameters.effects import entry_of
+from sysid.pipeline.fitting import fit
+from sysid.plant.effects.catalogue import catalogue
 from sysid.refinement import lengthening
 from sysid.refinement.advice import advise
 from sysid.refinement.refine import motion_tests_of, refine
 from sysid.refinement.result import RefineResult
 from sysid.refinement.unknowns import chosen, model_at, unknowns_of, without_own_data
 from sysid.validation.motion_tests import prepare
-from sysid.workflows.fitting import fit
 
 SCATTER = 0.02
 FITTED, HELD_OUT = 4, 2

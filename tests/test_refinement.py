@@ -10,11 +10,11 @@ from scipy.optimize import least_squares
 
 from benchmarks.refinement import rig_runs, unknown
 from sysid.errors import InputError
-from sysid.model.effects.chamber import TubeLag
-from sysid.model.effects.sensor import PressureLag
-from sysid.model.ports import Model
-from sysid.model.simulator import simulate
 from sysid.parallel import OutOfBudgetError, limited
+from sysid.plant.effects.chamber import TubeLag
+from sysid.plant.effects.sensor import PressureLag
+from sysid.plant.ports import Model
+from sysid.plant.simulator import simulate
 from sysid.refinement import lengthening
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.lengthening import _neighbours, _Piece

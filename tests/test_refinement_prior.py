@@ -15,9 +15,9 @@ from test_valve_discrete import make_rig
 
 from benchmarks.refinement import rig_runs
 from benchmarks.refinement import unknown as unknown_of
-from sysid.bundle import Bundle, FittedValves, Friction, Parts
-from sysid.bundle.refinement import Refinement
 from sysid.io.rig import Rig
+from sysid.parameters import Bundle, FittedValves, Friction, Parts
+from sysid.parameters.refinement import Refinement
 from sysid.refinement.draws import drawn_models
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.prior import prior_factor

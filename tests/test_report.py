@@ -21,24 +21,24 @@ from golden_folder import golden_bundle
 from page_boxes import box_faults
 from part_reports import PART_NAMES, write_part_report
 
-from sysid.bundle import Bundle, FittedValves, Parts, Surface, Valve, bundle_text, read_bundle
-from sysid.bundle.files import bundle_from_json
-from sysid.bundle.refinement import Refinement
-from sysid.bundle.validation import Validation
-from sysid.bundle.valves import PwmDirections
+from sysid.blocks import numbers
 from sysid.checks.log_check import check_log
 from sysid.commands import printing
-from sysid.display import numbers
+from sysid.document import concerns, render_report, svg, write_report
+from sysid.document.blocks import HtmlTable
+from sysid.document.interactive import packed
+from sysid.document.next_steps import left_open, next_section
+from sysid.document.opening import _table, verdict
+from sysid.document.page import _json
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign
 from sysid.io.source import Source
-from sysid.report import concerns, render_report, svg, write_report
-from sysid.report.blocks import HtmlTable
-from sysid.report.interactive import packed
-from sysid.report.next_steps import left_open, next_section
-from sysid.report.opening import _table, verdict
-from sysid.report.page import _json
+from sysid.parameters import Bundle, FittedValves, Parts, Surface, Valve, bundle_text, read_bundle
+from sysid.parameters.files import bundle_from_json
+from sysid.parameters.refinement import Refinement
+from sysid.parameters.validation import Validation
+from sysid.parameters.valves import PwmDirections
 from sysid.valve_pwm import ValvePwmFit
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -576,7 +576,7 @@ def test_waterfall_says_what_falls_and_what_rises(made: Made) -> None:
 
 
 def test_an_effect_that_cannot_be_simulated_without_the_next_leaves_a_gap() -> None:
-    from sysid.report.diagnosis import diagnosis_section
+    from sysid.document.diagnosis import diagnosis_section
 
     content = json.loads(json.dumps(DIAGNOSIS))
     del content["effects"][0]["holdout_rmse"]["theta_rad"]
@@ -598,7 +598,7 @@ def test_a_channel_that_never_varies_has_no_fit_percentage() -> None:
 
 
 def test_diagnosis_of_a_linear_rig_is_in_its_units() -> None:
-    from sysid.report.diagnosis import diagnosis_section
+    from sysid.document.diagnosis import diagnosis_section
 
     content = json.loads(json.dumps(DIAGNOSIS).replace("theta_rad", "position_m"))
     content["unexplained"][0]["channel"] = "position_m"
@@ -612,8 +612,8 @@ def test_diagnosis_of_a_linear_rig_is_in_its_units() -> None:
 
 
 def test_an_adequate_model_without_held_out_tests_is_said_so(made: Made) -> None:
-    from sysid.report.diagnosis import diagnosis_section
-    from sysid.report.next_steps import next_section
+    from sysid.document.diagnosis import diagnosis_section
+    from sysid.document.next_steps import next_section
 
     empty = {"looks": [look(None)], "excess": {}, "curves": [], "leftover": [],
              "titles": {}, "meanings": {}}  # fmt: skip
@@ -628,7 +628,7 @@ def test_an_adequate_model_without_held_out_tests_is_said_so(made: Made) -> None
 
 def test_friction_band_agrees_with_the_fit_s_errors(made: Made) -> None:
     """The jackknife's standard errors against those of the regression itself."""
-    from sysid.report.friction import _jackknife
+    from sysid.document.friction import _jackknife
 
     friction = made.bundle.friction
     assert friction is not None

@@ -9,7 +9,7 @@ import pytest
 
 from sysid.diagnosis.actuator.screening import Projected, explained
 from sysid.diagnosis.actuator.signatures import candidates
-from sysid.model.effects.catalogue import catalogue
+from sysid.plant.effects.catalogue import catalogue
 
 ROWS = 400
 KINDS = [kind for kind in catalogue().values() if not kind.averaged_only]

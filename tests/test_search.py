@@ -17,11 +17,11 @@ from sysid.diagnosis.actuator.search import _exchanged, _TwinRounds
 from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.looked import QUICK, Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Rounds, Step, Tried, mark_removed, run
-from sysid.model.base import Array
-from sysid.model.effects import catalogue
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Point
 from sysid.parallel import LATE, OutOfBudgetError, limited
+from sysid.plant.base import Array
+from sysid.plant.effects import catalogue
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Point
 from sysid.types import no_progress
 
 

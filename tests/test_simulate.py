@@ -14,27 +14,27 @@ import pytest
 
 from benchmarks.reference_plant import integrate
 from benchmarks.rigs import REFERENCE, random_runs
-from sysid.bundle import Bundle, Parts
-from sysid.bundle.assembled_model import surfaces_for
 from sysid.errors import InputError, NotIdentifiedError, SimulationError
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import rig_from_content
-from sysid.model import simulator, tables, valve_timing
-from sysid.model.base import Parameters
-from sysid.model.effects.catalogue import catalogue
-from sysid.model.effects.sensor import PressureLag, TimeSkew
-from sysid.model.ports import Effect, Model, stack_models
-from sysid.model.preparation import prepare, with_edges
-from sysid.model.sensors import after_seeing, measured_channels
-from sysid.model.simulator import (
+from sysid.parameters import Bundle, Parts
+from sysid.parameters.assembled_model import surfaces_for
+from sysid.plant import simulator, tables, valve_timing
+from sysid.plant.base import Parameters
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.sensor import PressureLag, TimeSkew
+from sysid.plant.ports import Effect, Model, stack_models
+from sysid.plant.preparation import prepare, with_edges
+from sysid.plant.sensors import after_seeing, measured_channels
+from sysid.plant.simulator import (
     Inputs,
     Trajectory,
     ValveCommand,
     remembered_after,
     simulate,
 )
-from sysid.model.stepper import advance
-from sysid.model.trials import inputs_from_trial, simulate_trials, starts_on_supply
+from sysid.plant.stepper import advance
+from sysid.plant.trials import inputs_from_trial, simulate_trials, starts_on_supply
 from tests.test_model import Everywhere
 
 POSITION_RAD = 2e-4
@@ -210,7 +210,7 @@ def test_a_run_does_not_depend_on_its_batch() -> None:
 
 def test_a_run_longer_than_a_call_is_compiled_once() -> None:
     """What a call returns has the types that it took: others would be compiled for anew."""
-    from sysid.model.jax_setup import jax
+    from sysid.plant.jax_setup import jax
 
     inputs, models = random_runs(seed=2, count=1, seconds=0.1)
     model = stack_models(models)
@@ -683,7 +683,7 @@ def test_rows_between_hold_the_commands_and_leave_the_logs_rows() -> None:
 
 def test_the_compilation_cache_lies_in_the_users_cache(tmp_path: Path) -> None:
     code = (
-        "from sysid.model.jax_setup import jax, cache_directory;"
+        "from sysid.plant.jax_setup import jax, cache_directory;"
         "print(cache_directory()); print(jax.config.jax_compilation_cache_dir);"
         "print(jax.config.jax_enable_x64);"
         "jax.jit(lambda x: x * 2 + 1)(1.0).block_until_ready()"

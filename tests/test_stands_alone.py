@@ -17,21 +17,21 @@ from golden_folder import BUNDLED, golden_bundle
 from test_valve_pwm import make_rig, make_trials
 
 from sysid import assembly, valve_discrete, valve_pwm
-from sysid.assembly import fit_campaign
-from sysid.bundle import Bundle, read_bundle
-from sysid.bundle.assembled_model import assumed_parameters
 from sysid.checks.consistency import campaign as consistency
 from sysid.commands import stages
 from sysid.commands.printing import unless_failed
 from sysid.commands.run import RunReport, run_campaign
 from sysid.diagnosis.bench.diagnose import _held_out
+from sysid.document import friction, page, render_report
+from sysid.document.blocks import Plot, Section
 from sysid.errors import InputError, NotIdentifiedError, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.io.logs import Log
 from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
-from sysid.report import friction, page, render_report
-from sysid.report.blocks import Plot, Section
+from sysid.parameters import Bundle, read_bundle
+from sysid.parameters.assembled_model import assumed_parameters
+from sysid.pipeline.assembly import fit_campaign
 from sysid.surfaces.comparison import SurfaceComparison
 from sysid.validation import open_loop, validate
 from sysid.valve_pwm import fit_valve_pwm

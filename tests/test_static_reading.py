@@ -7,17 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from sysid.model.base import Parameters
-from sysid.model.effects.demonstration import reference_parameters
-from sysid.model.effects.linkage import Backlash
-from sysid.model.effects.motor import (
+from sysid.plant.base import Parameters
+from sysid.plant.effects.demonstration import reference_parameters
+from sysid.plant.effects.linkage import Backlash
+from sysid.plant.effects.motor import (
     AmplifierLag,
     TorqueConstantError,
     TorqueRipple,
     TorqueSaturation,
 )
-from sysid.model.ports import Effect, Model
-from sysid.model.static_reading import as_read, static_ratio
+from sysid.plant.ports import Effect, Model
+from sysid.plant.static_reading import as_read, static_ratio
 from sysid.refinement.problem import Problem
 from sysid.refinement.unknowns import Unknown
 

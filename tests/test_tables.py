@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sysid.model import valve_timing
-from sysid.model.jax_setup import jax, jnp
-from sysid.model.lanes import Lanes, Now, SwitchedTable
-from sysid.model.preparation import SwitchedRun
-from sysid.model.tables import block_of
+from sysid.plant import valve_timing
+from sysid.plant.jax_setup import jax, jnp
+from sysid.plant.lanes import Lanes, Now, SwitchedTable
+from sysid.plant.preparation import SwitchedRun
+from sysid.plant.tables import block_of
 from sysid.types import FloatArray
 
 MAX_STEP = 1e-3

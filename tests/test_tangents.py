@@ -9,12 +9,12 @@ import pytest
 
 from benchmarks.rigs import random_runs
 from benchmarks.tangents import NUMBERS, SIZES, column_errors
-from sysid.model.differences import simulate_differences
-from sysid.model.effects import StribeckFriction
-from sysid.model.ports import Model
-from sysid.model.preparation import Inputs
-from sysid.model.simulator import simulate
-from sysid.model.tangents import simulate_tangents
+from sysid.plant.differences import simulate_differences
+from sysid.plant.effects import StribeckFriction
+from sysid.plant.ports import Model
+from sysid.plant.preparation import Inputs
+from sysid.plant.simulator import simulate
+from sysid.plant.tangents import simulate_tangents
 from sysid.types import FloatArray
 
 
@@ -109,7 +109,7 @@ def test_differences_are_the_derivatives(
     assert not any(run.slopes[1].any() for run in found[2:])  # at rest
     assert np.median(errors) < 1e-5
     assert np.quantile(errors, 0.95) < 1e-3
-    monkeypatch.setattr("sysid.model.differences._MOST_ROWS", 1)  # one run after the other
+    monkeypatch.setattr("sysid.plant.differences._MOST_ROWS", 1)  # one run after the other
     for one, other in zip(
         simulate_differences(inputs, models, directions, sizes), found, strict=True
     ):

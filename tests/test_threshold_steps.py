@@ -12,8 +12,8 @@ import pytest
 from benchmarks.rigs import REFERENCE
 from sysid.diagnosis.actuator.threshold_steps import best_near, with_steps
 from sysid.estimation.linear import Estimate
-from sysid.model.effects.valve import DutyDeadZone
-from sysid.model.ports import Model
+from sysid.plant.effects.valve import DutyDeadZone
+from sysid.plant.ports import Model
 
 # Pulses that were commanded, s; those up to the true dead time, 1.27 ms, were forgotten.
 PULSES = np.array([0.4, 0.9, 1.23, 1.30, 1.8, 2.6]) * 1e-3

@@ -23,15 +23,23 @@ from datasets.generator.campaign import (
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
 from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, simulated
-from sysid.bundle import Bundle, EffectEntry, LogRecord, Parts, read_bundle, write_bundle
-from sysid.bundle.assembled_model import (
+from sysid.commands.verdict import verdict_lines
+from sysid.document import shown_tests
+from sysid.document.opening import verdict
+from sysid.errors import InputError, NotIdentifiedError
+from sysid.estimation.linear import Estimate
+from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
+from sysid.io.logs import Trial, with_channels
+from sysid.io.rig import Rig, rig_from_content
+from sysid.parameters import Bundle, EffectEntry, LogRecord, Parts, read_bundle, write_bundle
+from sysid.parameters.assembled_model import (
     TabulatedSurfaces,
     model_from_bundle,
     parameters_from_bundle,
     surfaces_from_bundle,
 )
-from sysid.bundle.friction import Friction
-from sysid.bundle.valves import (
+from sysid.parameters.friction import Friction
+from sysid.parameters.valves import (
     LAW_KEYS,
     AveragedRecord,
     FittedValves,
@@ -39,16 +47,8 @@ from sysid.bundle.valves import (
     PwmSurfaces,
     Valve,
 )
-from sysid.commands.verdict import verdict_lines
-from sysid.errors import InputError, NotIdentifiedError
-from sysid.estimation.linear import Estimate
-from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
-from sysid.io.logs import Trial, with_channels
-from sysid.io.rig import Rig, rig_from_content
-from sysid.model.base import filling_flow
-from sysid.model.effects.chamber import TubeLag
-from sysid.report import shown_tests
-from sysid.report.opening import verdict
+from sysid.plant.base import filling_flow
+from sysid.plant.effects.chamber import TubeLag
 from sysid.surfaces import Bipolynomial
 from sysid.types import FloatArray
 from sysid.validation import simulate_segments, validate
@@ -439,7 +439,7 @@ def test_the_table_is_the_surface(campaign: Campaign, with_surfaces: Bundle) -> 
 
 
 def test_the_table_is_the_same_in_jax(campaign: Campaign, with_surfaces: Bundle) -> None:
-    from sysid.model.jax_setup import jnp
+    from sysid.plant.jax_setup import jnp
 
     found = surfaces_from_bundle(with_surfaces, campaign.rig, "bipolynomial")
     assert found is not None

@@ -27,7 +27,7 @@ from sysid.identification.valve_discrete.held_chamber import (
 )
 from sysid.io.logs import Trial, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
-from sysid.model.base import CRITICAL_RATIO
+from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import FloatArray
 from sysid.valve_discrete import DiscreteFit, ValveDiscreteResult, fit_valve_discrete
 

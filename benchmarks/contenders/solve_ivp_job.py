@@ -15,8 +15,8 @@ from shooting import PLACES, Job
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from benchmarks.reference_plant import integrate
-from sysid.model.base import PARAMETER_NAMES, Parameters
-from sysid.model.preparation import Inputs, ValveCommand
+from sysid.plant.base import PARAMETER_NAMES, Parameters
+from sysid.plant.preparation import Inputs, ValveCommand
 
 RTOL, METHOD = 1e-6, "RK45"
 # Times the noise.

@@ -9,9 +9,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from sysid.model.base import PARAMETER_NAMES, Parameters
-from sysid.model.ports import Model
-from sysid.model.preparation import Inputs, ValveCommand
+from sysid.plant.base import PARAMETER_NAMES, Parameters
+from sysid.plant.ports import Model
+from sysid.plant.preparation import Inputs, ValveCommand
 from sysid.refinement.estimation import FrictionScatter, estimate
 from sysid.refinement.problem import Problem
 from sysid.refinement.runs import Run

@@ -1,4 +1,4 @@
-"""The plant's equations, written independently of `sysid.model`, so that an error in one shows.
+"""The plant's equations, written independently of `sysid.plant`, so that an error in one shows.
 
 Thesis chapter 3 with the corrections of its equations: torque balance (3.3.1-3.3.11), proper
 Coulomb and viscous friction with breakaway (3.4.1), adiabatic chambers (3.3.6), and the

@@ -81,7 +81,7 @@ def _show(results: Mapping[str, Any]) -> None:
     """Print the overview, and whether the verdicts repeat."""
     from rich.text import Text
 
-    from sysid.display.terminal import console, new_table
+    from sysid.blocks.terminal import console, new_table
 
     out = console()
     table = new_table("Measured data, errors on held-out recordings", *COLUMNS)

@@ -1,6 +1,6 @@
-"""The figures of the measured sets' page, in the style of `sysid.report.svg`.
+"""The figures of the measured sets' page, in the style of `sysid.document.svg`.
 
-All functions are to be called within `sysid.report.svg.styled()`.
+All functions are to be called within `sysid.document.svg.styled()`.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from datasets.measured.findings import Errors
+from sysid.blocks.numbers import number
 from sysid.diagnosis.wording import regressor_name
-from sysid.display.numbers import number
+from sysid.document import svg
+from sysid.document.blocks import Figure
+from sysid.document.svg import COLOUR
 from sysid.io.units import CANONICAL_UNITS
-from sysid.report import svg
-from sysid.report.blocks import Figure
-from sysid.report.svg import COLOUR
 from sysid.types import FloatArray
 
 _BAR = 0.26  # of a campaign's width

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sysid.blocks.numbers import MISSING, number, percent
 from sysid.diagnosis.wording import joined
-from sysid.display.numbers import MISSING, number, percent
 from sysid.errors import input_error
 from sysid.io.files import write_atomic
 

@@ -23,13 +23,13 @@ from datasets.measured.findings import (
     remains_text,
     repeats_of,
 )
+from sysid.blocks.numbers import MISSING, estimate_cells, number
 from sysid.diagnosis.wording import joined, p_text, parameter_rows
-from sysid.display.numbers import MISSING, estimate_cells, number
+from sysid.document import svg
+from sysid.document.blocks import Block, FigureGroup, Heading, Lines, Section, table
+from sysid.document.html import fill
 from sysid.estimation.linear import Estimate
 from sysid.io.files import write_atomic
-from sysid.report import svg
-from sysid.report.blocks import Block, FigureGroup, Heading, Lines, Section, table
-from sysid.report.html import fill
 
 Content = Mapping[str, Any]
 

@@ -29,10 +29,10 @@ from datasets.measured.sets import (
     set_folders,
 )
 from sysid import __version__
-from sysid.bundle import Bundle, read_bundle
-from sysid.bundle.base import Part
 from sysid.errors import InputError, SysidError, input_error
 from sysid.estimation.linear import Estimate
+from sysid.parameters import Bundle, read_bundle
+from sysid.parameters.base import Part
 from sysid.types import Progress
 
 # Conversions at a time.

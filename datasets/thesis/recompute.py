@@ -24,7 +24,7 @@ from sysid.friction import (
     static_summary,
 )
 from sysid.identification.friction.effort import ROTARY
-from sysid.model.base import exhaust_jump, filling_jump
+from sysid.plant.base import exhaust_jump, filling_jump
 
 FOLDER = Path(__file__).resolve().parent
 DERIVED = FOLDER / "derived.csv"

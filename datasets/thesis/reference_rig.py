@@ -15,12 +15,12 @@ from typing import Any
 
 from datasets.generator.rigs import reference_rig
 from sysid import __version__
-from sysid.bundle.content import SCHEMA
 from sysid.controllers.design_model import DesignModel, design_model, with_bipolynomials
 from sysid.io.bundled import REFERENCE_BUNDLE
 from sysid.io.rig import Rig, rig_from_content
-from sysid.model.base import ValveParameters, parameters_from_rig
-from sysid.model.ports import Model
+from sysid.parameters.content import SCHEMA
+from sysid.plant.base import ValveParameters, parameters_from_rig
+from sysid.plant.ports import Model
 
 
 def rig(**options: Any) -> Rig:

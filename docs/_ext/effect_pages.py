@@ -11,8 +11,8 @@ import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from sysid.model.effects.catalogue import catalogue, catalogue_entry
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.plant.effects.catalogue import catalogue, catalogue_entry
+from sysid.plant.effects.entry import CatalogueEffect
 
 _TITLES = {
     "friction": "Friction",
@@ -124,18 +124,18 @@ def _pictures(known: Effects, cache: Path) -> Iterator[tuple[type[CatalogueEffec
 
 
 def _state_of_the_model() -> str:
-    import sysid.model
+    import sysid.plant
 
     digest = hashlib.sha256(Path(__file__).read_bytes())
-    for path in sorted(Path(sysid.model.__file__).parent.rglob("*.py")):
+    for path in sorted(Path(sysid.plant.__file__).parent.rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
 def _draw(effects: Effects, folder: Path) -> None:
-    from sysid.model.effects.demonstration import Demonstration, short_test
-    from sysid.model.effects.picture import picture
-    from sysid.model.ports import Model
+    from sysid.plant.effects.demonstration import Demonstration, short_test
+    from sysid.plant.effects.picture import picture
+    from sysid.plant.ports import Model
 
     on = short_test()
 

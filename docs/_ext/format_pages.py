@@ -105,13 +105,13 @@ def campaign_file() -> str:
 
 def bundle() -> str:
     """The bundle's schema, a section per definition."""
-    import sysid.bundle
+    import sysid.parameters
 
-    text = (Path(sysid.bundle.__file__).parent / "bundle.schema.json").read_text("utf-8")
+    text = (Path(sysid.parameters.__file__).parent / "bundle.schema.json").read_text("utf-8")
     schema = json.loads(text)
     parts = [
-        "# Bundle\n\nThe fitted model as one JSON file; `sysid/bundle/bundle.schema.json` is its "
-        "JSON schema, from which this page is made. [Reading the bundle](../how-to/"
+        "# Bundle\n\nThe fitted model as one JSON file; `sysid/parameters/bundle.schema.json` is "
+        "its JSON schema, from which this page is made. [Reading the bundle](../how-to/"
         "read-the-bundle.md) shows how a controller takes it in.\n",
         "## The file\n",
         schema["description"].replace("`spec/bundle.md`", "this page") + "\n",

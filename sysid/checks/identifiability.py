@@ -17,7 +17,7 @@ from sysid.io.channels import DUTIES, SIDES, SWITCHES
 from sysid.io.logs import Trial
 from sysid.io.rig import Air, Rig
 from sysid.io.trial_kind import is_active
-from sysid.model.base import CRITICAL_RATIO
+from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import FloatArray
 from sysid.valve_discrete import flows_not_shown
 

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid import signals
+from sysid.blocks.plots import bars, one_axes
+from sysid.blocks.tables import Shown, ShownTable, record_table
 from sysid.checks.bench import BENCH_LAWS, COLUMNS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import located_contradictions, readings_of
 from sysid.checks.friction import Identification
 from sysid.checks.identifiability import excitation, identifications
-from sysid.display.plots import bars, one_axes
-from sysid.display.tables import Shown, ShownTable, record_table
 from sysid.identification.friction.effort import MOTION, classify_trial
 from sysid.io.campaign import FRICTION_POINTS, Campaign
 from sysid.io.channels import DUTIES, PRESSURES, SWITCHES

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from rich.text import Text
 
-from sysid.bundle import read_bundle
+from sysid.blocks.terminal import console
 from sysid.commands.options import (
     bundle_option,
     campaign_argument,
@@ -17,10 +17,10 @@ from sysid.commands.options import (
     json_option,
 )
 from sysid.commands.printing import notices, print_json, print_tables, progress
-from sysid.display.terminal import console
 from sysid.io.campaign import read_campaign
+from sysid.parameters import read_bundle
+from sysid.pipeline.advising import advise as advise_campaign
 from sysid.refinement.advice_result import AdviceResult
-from sysid.workflows.advising import advise as advise_campaign
 
 
 @click.command()

@@ -11,6 +11,7 @@ from typing import Any
 import click
 from rich.text import Text
 
+from sysid.blocks.terminal import console, new_table
 from sysid.checks.campaign_check import Answer, CampaignCheck
 from sysid.checks.log_check import LogCheck, check_log
 from sysid.commands.options import (
@@ -24,7 +25,6 @@ from sysid.commands.options import (
 )
 from sysid.commands.own_component import read_with
 from sysid.commands.printing import grouped_notices, notices, print_json, progress
-from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
 from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import CampaignLog
@@ -33,7 +33,7 @@ from sysid.io.logs import exclusions_for, read_log
 from sysid.io.rig import find_rig_file, read_rig
 from sysid.io.tables import require_log
 from sysid.io.units import ColumnMap, parse_map
-from sysid.workflows.subject import subject_of
+from sysid.pipeline.subject import subject_of
 
 # Logs of one kind that a cell names; more are counted.
 _NAMED = 3

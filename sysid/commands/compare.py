@@ -7,12 +7,12 @@ from pathlib import Path
 import click
 from rich.text import Text
 
-from sysid.bundle import read_bundle
+from sysid.blocks.numbers import ascii_text
+from sysid.blocks.terminal import console
 from sysid.commands.options import PathArgument, json_option
 from sysid.commands.printing import notices, print_json, print_tables
-from sysid.display.numbers import ascii_text
-from sysid.display.terminal import console
-from sysid.workflows.comparing import compare as compare_bundles
+from sysid.parameters import read_bundle
+from sysid.pipeline.comparing import compare as compare_bundles
 
 
 @click.command()

@@ -10,7 +10,7 @@ from typing import Any
 import click
 from rich.text import Text
 
-from sysid.bundle import read_bundle
+from sysid.blocks.terminal import console, new_table
 from sysid.commands.options import (
     SEED,
     PathArgument,
@@ -21,14 +21,14 @@ from sysid.commands.options import (
 )
 from sysid.commands.printing import notices, print_json, print_written, progress
 from sysid.controllers.modes import Mode
-from sysid.controllers.thesis_tables import TABLES
-from sysid.display.terminal import console, new_table
 from sysid.io.files import make_folder
 from sysid.io.locks import working_in
+from sysid.parameters import read_bundle
+from sysid.pipeline.controlling import ControlledRun
+from sysid.pipeline.controlling import control as control_bundle
+from sysid.pipeline.thesis_tables import ControlTable, control_table
+from sysid.thesis import TABLES
 from sysid.types import Progress, no_progress
-from sysid.workflows.controlling import ControlledRun
-from sysid.workflows.controlling import control as control_bundle
-from sysid.workflows.thesis_tables import ControlTable, control_table
 
 _run_options = options(
     click.option(

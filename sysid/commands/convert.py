@@ -9,10 +9,10 @@ from typing import Any
 import click
 from rich.text import Text
 
+from sysid.blocks.terminal import console, new_table
 from sysid.commands.options import PathArgument, component_option, json_option, map_option
 from sysid.commands.own_component import own_kind
 from sysid.commands.printing import notices, print_json, progress
-from sysid.display.terminal import console, new_table
 from sysid.errors import one_line, shortened
 from sysid.io import conversion
 from sysid.io.conversion import ConversionReport

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from sysid.bundle import read_bundle
+from sysid.document.html import origin_of
 from sysid.errors import SysidError, input_error
 from sysid.io.source import Source
-from sysid.report.html import origin_of
+from sysid.parameters import read_bundle
 
 _Origin = frozenset[tuple[str, str]]
 """Kind of fit and SHA-256 of each log that a result was made from."""

@@ -13,7 +13,7 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from sysid.bundle import Bundle, read_bundle, write_bundle
+from sysid.blocks.terminal import console, new_table
 from sysid.commands.budget import budget_option, quick_option
 from sysid.commands.options import (
     SEED,
@@ -31,13 +31,13 @@ from sysid.commands.printing import estimate_cells, notices, print_json, progres
 from sysid.diagnosis import wording
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.result import Diagnosis
-from sysid.display.terminal import console, new_table
 from sysid.io.campaign import Campaign
-from sysid.model.effects.catalogue import catalogue_with
+from sysid.parameters import Bundle, read_bundle, write_bundle
+from sysid.pipeline.diagnosing import CampaignDiagnosis
+from sysid.pipeline.diagnosing import diagnose as workflow
+from sysid.pipeline.subject import subject_of
+from sysid.plant.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
-from sysid.workflows.diagnosing import CampaignDiagnosis
-from sysid.workflows.diagnosing import diagnose as workflow
-from sysid.workflows.subject import subject_of
 
 # Suspects of one round that a summary names.
 _MOST_SUSPECTS = 6
@@ -139,7 +139,7 @@ def _write_report(
     effects: Path | None,
     progress: Progress,
 ) -> None:
-    from sysid.report import write_report
+    from sysid.document import write_report
 
     validation = None
     subject = subject_of(campaign)

@@ -7,17 +7,17 @@ from pathlib import Path
 import click
 from rich.text import Text
 
+from sysid.blocks.terminal import console, new_table
+from sysid.blocks.text_plot import WIDTH, text_plot
 from sysid.commands.options import PathArgument, effects_option, json_option
 from sysid.commands.printing import print_json, print_written, progress
-from sysid.display.terminal import console, new_table
-from sysid.display.text_plot import WIDTH, text_plot
 from sysid.errors import input_error
 from sysid.io.files import write_atomic
-from sysid.model.effects.catalogue import catalogue, catalogue_entry, catalogue_with, effect_named
-from sysid.model.effects.demonstration import Demonstration, demonstrate, demonstrate_own
-from sysid.model.effects.entry import Catalogue, CatalogueEffect
-from sysid.model.effects.linear import ROTARY_ONLY, for_rig
-from sysid.model.effects.picture import PICTURES, picture
+from sysid.plant.effects.catalogue import catalogue, catalogue_entry, catalogue_with, effect_named
+from sysid.plant.effects.demonstration import Demonstration, demonstrate, demonstrate_own
+from sysid.plant.effects.entry import Catalogue, CatalogueEffect
+from sysid.plant.effects.linear import ROTARY_ONLY, for_rig
+from sysid.plant.effects.picture import PICTURES, picture
 
 
 @click.command()

@@ -15,18 +15,8 @@ import click
 from rich.table import Table
 from rich.text import Text
 
-from sysid.assembly import PartResult, bench_fit, fit_campaign
-from sysid.bundle import (
-    Bundle,
-    FittedValves,
-    Friction,
-    assumptions,
-    read_bundle,
-    shown_by_logs,
-    write_bundle,
-)
-from sysid.bundle.assumptions import FROM_LOG
-from sysid.bundle.base import read_number
+from sysid.blocks.numbers import ascii_text
+from sysid.blocks.terminal import console, new_table
 from sysid.checks.consistency.campaign import check_consistency
 from sysid.commands.default_files import check_same_fit
 from sysid.commands.options import (
@@ -54,8 +44,6 @@ from sysid.commands.printing import (
     unless_failed,
 )
 from sysid.components.campaign import fit_own
-from sysid.display.numbers import ascii_text
-from sysid.display.terminal import console, new_table
 from sysid.errors import SysidError, input_error
 from sysid.friction import fit_friction
 from sysid.identification.friction.effort import classify_trial
@@ -69,6 +57,18 @@ from sysid.io.rig import Rig, find_rig_file, read_rig
 from sysid.io.source import Source
 from sysid.io.tables import require_log
 from sysid.io.units import parse_map
+from sysid.parameters import (
+    Bundle,
+    FittedValves,
+    Friction,
+    assumptions,
+    read_bundle,
+    shown_by_logs,
+    write_bundle,
+)
+from sysid.parameters.assumptions import FROM_LOG
+from sysid.parameters.base import read_number
+from sysid.pipeline.assembly import PartResult, bench_fit, fit_campaign
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
 
@@ -456,8 +456,8 @@ def _write_report(
     if path is None:
         return
     from sysid.checks.log_check import check_campaign
-    from sysid.report import write_report
-    from sysid.workflows.subject import subject_of
+    from sysid.document import write_report
+    from sysid.pipeline.subject import subject_of
 
     tell = progress()
     check = subject_of(campaign).checks

@@ -14,14 +14,13 @@ import click
 from rich.text import Text
 
 from sysid import parallel
-from sysid.bundle import read_bundle
+from sysid.blocks.numbers import ascii_text
+from sysid.blocks.terminal import console
 from sysid.commands.options import PathArgument, options
 from sysid.commands.printing import grouped_notices, notices, print_json, print_tables, progress
 from sysid.commands.run import RunReport, run_campaign, run_options
 from sysid.commands.stages import FITTED_FILE
 from sysid.diagnosis import wording
-from sysid.display.numbers import ascii_text
-from sysid.display.terminal import console
 from sysid.errors import InputError, NotIdentifiedError, SysidError, input_error
 from sysid.fleet.origin import Origin, origin_of, result_folder
 from sysid.fleet.rows import FleetRow, effects_of, readings_of
@@ -29,7 +28,8 @@ from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
 from sysid.io.files import check_each_once, write_atomic
 from sysid.io.locks import clear_left, working_in
-from sysid.model.effects.catalogue import catalogue_with
+from sysid.parameters import read_bundle
+from sysid.plant.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 
 PAGE_FILE = "fleet.html"
@@ -125,7 +125,7 @@ def _run_all(
     ]
     done = fleet_of(rows)
     write_atomic(folder / CONTENT_FILE, json.dumps(done.to_json(), indent=2) + "\n")
-    from sysid.report.fleet import write_fleet_page
+    from sysid.document.fleet import write_fleet_page
 
     tell("writing the page")
     write_fleet_page(folder / PAGE_FILE, done)

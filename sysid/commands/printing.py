@@ -18,16 +18,16 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sysid.bundle import Validation
-from sysid.bundle.quality import QualityRecord
-from sysid.display.numbers import ascii_text
-from sysid.display.progress import stage_bar
-from sysid.display.quality import QUALITY_COLUMNS, quality_cells, quality_name
-from sysid.display.tables import ShownTable
-from sysid.display.terminal import console, new_table
+from sysid.blocks.numbers import ascii_text
+from sysid.blocks.progress import stage_bar
+from sysid.blocks.quality import QUALITY_COLUMNS, quality_cells, quality_name
+from sysid.blocks.tables import ShownTable
+from sysid.blocks.terminal import console, new_table
 from sysid.errors import one_line
 from sysid.estimation.linear import Estimate
 from sysid.parallel import Failure, on_its_own
+from sysid.parameters import Validation
+from sysid.parameters.quality import QualityRecord
 from sysid.types import Progress, no_progress
 
 Result = TypeVar("Result")

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.text import Text
 
-from sysid.bundle import Bundle, read_bundle, write_bundle
+from sysid.blocks.numbers import ascii_text
+from sysid.blocks.terminal import console, new_table
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
@@ -23,14 +24,13 @@ from sysid.commands.options import (
 )
 from sysid.commands.own_component import read_with
 from sysid.commands.printing import notices, print_json, print_written, progress, unless_failed
-from sysid.display.numbers import ascii_text
-from sysid.display.terminal import console, new_table
 from sysid.errors import input_error
 from sysid.io.campaign import Campaign
-from sysid.model.effects.catalogue import catalogue_with
-from sysid.model.effects.entry import Catalogue
+from sysid.parameters import Bundle, read_bundle, write_bundle
+from sysid.pipeline.subject import subject_of
+from sysid.plant.effects.catalogue import catalogue_with
+from sysid.plant.effects.entry import Catalogue
 from sysid.types import Progress, no_progress
-from sysid.workflows.subject import subject_of
 
 if TYPE_CHECKING:
     from sysid.components.refinement import OwnRefinement
@@ -128,7 +128,7 @@ def _written(
         write_bundle(bundle, output)
         written.append(output)
     if report is not None:
-        from sysid.report import write_report
+        from sysid.document import write_report
 
         subject = subject_of(campaign)
         validate = partial(subject.validate, bundle, catalogue, progress)

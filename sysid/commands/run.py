@@ -10,7 +10,7 @@ from typing import Any
 import click
 from rich.text import Text
 
-from sysid.bundle import Bundle, read_bundle
+from sysid.blocks.terminal import console, new_table
 from sysid.commands.budget import budget_option, quick_option
 from sysid.commands.options import (
     SEED,
@@ -45,10 +45,10 @@ from sysid.commands.stages import (
     stages_of,
 )
 from sysid.commands.verdict import verdict_lines
-from sysid.display.terminal import console, new_table
 from sysid.io.files import make_folder, remove_leftovers
 from sysid.io.locks import working_in
-from sysid.model.effects.catalogue import catalogue_with
+from sysid.parameters import Bundle, read_bundle
+from sysid.plant.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 
 run_options = options(

@@ -10,12 +10,8 @@ from typing import Any
 import click
 from rich.text import Text
 
-from sysid.bundle import read_bundle
-from sysid.bundle.assembled_model import (
-    assumed_parameters,
-    first_valve_model,
-    surfaces_for,
-)
+from sysid.blocks.numbers import number
+from sysid.blocks.terminal import console, new_table
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
@@ -24,13 +20,17 @@ from sysid.commands.options import (
     map_option,
 )
 from sysid.commands.printing import notices, print_json, print_written
-from sysid.display.numbers import number
-from sysid.display.terminal import console, new_table
 from sysid.io.logs import Trial, read_log
 from sysid.io.tables import write_table
 from sysid.io.units import parse_map
-from sysid.model.effects.catalogue import catalogue_with
-from sysid.model.trials import (
+from sysid.parameters import read_bundle
+from sysid.parameters.assembled_model import (
+    assumed_parameters,
+    first_valve_model,
+    surfaces_for,
+)
+from sysid.plant.effects.catalogue import catalogue_with
+from sysid.plant.trials import (
     assumed_starts,
     check_commands,
     simulate_trials,

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from sysid import __version__
-from sysid.bundle import Bundle, read_bundle, write_bundle
 from sysid.checks.log_check import LogCheck
 from sysid.components.loading import component_in
 from sysid.errors import InputError
@@ -26,14 +25,15 @@ from sysid.exporters import export_file
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, write_atomic
 from sysid.io.foreign import digest_of
-from sysid.model.effects.catalogue import catalogue_with
 from sysid.parallel import Failure, on_its_own, processor_seconds
+from sysid.parameters import Bundle, read_bundle, write_bundle
+from sysid.pipeline.diagnosing import diagnose
+from sysid.pipeline.subject import Subject, subject_of
+from sysid.plant.effects.catalogue import catalogue_with
 from sysid.types import Progress
-from sysid.workflows.diagnosing import diagnose
-from sysid.workflows.subject import Subject, subject_of
 
 if TYPE_CHECKING:
-    from sysid.model.effects.entry import Catalogue
+    from sysid.plant.effects.entry import Catalogue
     from sysid.validation.results import ValidationResult
 
 STATE_FILE = "run.json"
@@ -455,7 +455,7 @@ def _validate(run: PipelineRun) -> None:
 
 
 def _report(run: PipelineRun) -> None:
-    from sysid.report import write_report
+    from sysid.document import write_report
 
     content = json.loads(run.path(_CHECKS_FILE).read_text("utf-8"))
     path = run.path(REPORT_FILE)

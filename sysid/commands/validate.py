@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from sysid.bundle import Bundle, read_bundle, write_bundle
+from sysid.blocks.terminal import console
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
@@ -29,10 +29,10 @@ from sysid.commands.printing import (
     unless_failed,
     validation_table,
 )
-from sysid.display.terminal import console
-from sysid.model.effects.catalogue import catalogue_with
+from sysid.parameters import Bundle, read_bundle, write_bundle
+from sysid.pipeline.subject import subject_of
+from sysid.plant.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
-from sysid.workflows.subject import subject_of
 
 
 @click.command()
@@ -105,7 +105,7 @@ def validate_campaign(
         write_bundle(bundle, output)
         written.append(output)
     if report is not None:
-        from sysid.report import write_report
+        from sysid.document import write_report
 
         write_report(
             report,

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.bundle import Bundle, Validation
+from sysid.blocks.channels import channel_of
+from sysid.blocks.quality import quality_name
 from sysid.diagnosis import wording
 from sysid.diagnosis.evidence import is_of_actuator
-from sysid.display.channels import channel_of
-from sysid.display.quality import quality_name
+from sysid.parameters import Bundle, Validation
 
 
 def verdict_lines(

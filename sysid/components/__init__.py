@@ -17,7 +17,7 @@ simulates whole tests, `refinement` estimates on them, `log_check` says what its
 from sysid.components.definition import DynamicComponent, LogColumn, StaticComponent, Term
 from sysid.components.loading import with_component
 from sysid.estimation.nonlinear import Parameter
-from sysid.model.effects.entry import Quantity
+from sysid.plant.effects.entry import Quantity
 
 __all__ = [
     "DynamicComponent",

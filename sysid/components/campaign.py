@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.bundle import Bundle
 from sysid.components.definition import DynamicComponent
 from sysid.components.dynamic import DynamicPart
 from sysid.components.loading import LoadedComponent, component_in
@@ -24,6 +23,7 @@ from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
+from sysid.parameters import Bundle
 from sysid.types import Progress, no_progress
 
 # Of a bound: a factor that is typed with three digits is off by at most so much.

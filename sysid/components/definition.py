@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from sysid.estimation.nonlinear import Parameter
-from sysid.model.effects.entry import Quantity
+from sysid.plant.effects.entry import Quantity
 
 Named = Mapping[str, Any]
 """Numbers or arrays, of numpy or jax, by name."""

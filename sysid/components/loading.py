@@ -29,7 +29,7 @@ from sysid.io.own_kind import OwnKind
 from sysid.io.tables import read_bytes
 from sysid.io.units import check_unit
 from sysid.io.user_code import error_in_file, run_file
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
 
 ComponentSource = str | Path | OwnComponent | type[OwnComponent]
 """A component of the user's own: `FILE.py`, `FILE.py:CLASS`, its class, or an object of it."""
@@ -314,7 +314,7 @@ def _try_out(loaded: LoadedComponent, where: str) -> None:
     values = {p.name: p.value for p in made.parameters}
     try:
         if isinstance(made, DynamicComponent):
-            from sysid.model.jax_setup import on_processor
+            from sysid.plant.jax_setup import on_processor
 
             with on_processor():
                 _try_dynamic(made, values, where)
@@ -338,7 +338,7 @@ def _try_static(made: StaticComponent, values: dict[str, float], where: str) -> 
 
 
 def _try_dynamic(made: DynamicComponent, values: dict[str, float], where: str) -> None:
-    from sysid.model.jax_setup import jnp
+    from sysid.plant.jax_setup import jnp
 
     if not isinstance(made.states, tuple) or not made.states:
         raise input_error(where, "states is not a tuple of names", 'write ("position",)')

@@ -12,9 +12,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.bundle import Bundle, ComponentRecord, EffectEntry, Parts
-from sysid.bundle.effects import effect_from_entry, entry_of
-from sysid.bundle.quality import quality_field
 from sysid.components.definition import OwnComponent, Term
 from sysid.components.loading import LoadedComponent
 from sysid.diagnosis.bench.component import Component, Law, rmse
@@ -23,7 +20,10 @@ from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
 from sysid.io.logs import Trial
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.parameters import Bundle, ComponentRecord, EffectEntry, Parts
+from sysid.parameters.effects import effect_from_entry, entry_of
+from sysid.parameters.quality import quality_field
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.types import FloatArray
 
 # Fewer tests than this are cut into stretches, so many in all.

@@ -8,19 +8,19 @@ from typing import Any, cast
 
 import numpy as np
 
-from sysid.bundle import Bundle
+from sysid.blocks.numbers import number
+from sysid.blocks.tables import Shown, ShownTable, estimate_records
 from sysid.components.campaign import tests_of, training_part
 from sysid.components.definition import DynamicComponent
 from sysid.components.dynamic import DynamicPart
 from sysid.components.parts import OwnPart, effects_in
 from sysid.components.validation import validate_own
 from sysid.diagnosis.bench.component import Law
-from sysid.display.numbers import number
-from sysid.display.tables import Shown, ShownTable, estimate_records
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
 from sysid.io.campaign import Campaign
+from sysid.parameters import Bundle
 from sysid.types import FloatArray, Progress, no_progress
 
 _EVALUATIONS = 50

@@ -131,7 +131,7 @@ class _Compiled:
 
 @functools.lru_cache(maxsize=16)
 def _compiled(identity: _Identity) -> _Compiled:
-    from sysid.model.jax_setup import jax, jnp, on_processor
+    from sysid.plant.jax_setup import jax, jnp, on_processor
 
     made = identity.made
     one = functools.partial(_one_run, made)
@@ -154,7 +154,7 @@ def _one_run(
     made: DynamicComponent, law: Any, off: Any, time: Any, inputs: Any, first: Any, rates: Any
 ) -> Any:
     """The outputs (n, outputs) of one run of a law (numbers,)."""
-    from sysid.model.jax_setup import jax, jnp
+    from sysid.plant.jax_setup import jax, jnp
 
     own, added = _split(made, law)
     columns = dict(zip(made.columns, first, strict=True)) | {"time_s": time[0]}
@@ -197,7 +197,7 @@ def _one_run(
 
 def _rodas3(rate: Callable[[Any], Any], x: Any, h: Any) -> Any:
     """The change of states (s,) over a step of h s; 0 where h is 0."""
-    from sysid.model.jax_setup import jax, jnp
+    from sysid.plant.jax_setup import jax, jnp
 
     per_step = 1.0 / jnp.where(h > 0.0, h, 1.0)
     slope = jax.jacfwd(rate)(x)
@@ -216,7 +216,7 @@ def _solver(matrix: Any) -> Callable[[Any], Any]:
 
     Without pivoting: twice the inverse step stands on the diagonal.
     """
-    from sysid.model.jax_setup import jnp
+    from sysid.plant.jax_setup import jnp
 
     size = matrix.shape[0]
     rows = [[matrix[i, j] for j in range(size)] for i in range(size)]

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sysid.bundle import Bundle
 from sysid.components.campaign import law_in, tests_of
 from sysid.components.definition import DynamicComponent
 from sysid.components.parts import OwnPart
 from sysid.diagnosis.bench.component import Law
 from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial
+from sysid.parameters import Bundle
 from sysid.types import FloatArray, Progress, no_progress
 from sysid.validation.results import (
     HORIZONS_S,

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from sysid.model.base import Array, array_namespace
+from sysid.plant.base import Array, array_namespace
 
 Carry = TypeVar("Carry")
 
@@ -27,7 +27,7 @@ def repeat(count: int, body: Callable[[Any, Carry], Carry], carry: Carry, like: 
         for i in range(count):
             carry = body(i, carry)
         return carry
-    from sysid.model.jax_setup import jax
+    from sysid.plant.jax_setup import jax
 
     result: Carry = jax.lax.fori_loop(0, count, body, carry)
     return result
@@ -37,7 +37,7 @@ def when(condition: Array, then: Callable[[], Carry], otherwise: Carry, like: Ar
     """then() if the scalar `condition` holds, else `otherwise`; both of the same shapes."""
     if not _is_compiled(like):
         return then() if condition else otherwise
-    from sysid.model.jax_setup import jax
+    from sysid.plant.jax_setup import jax
 
     result: Carry = jax.lax.cond(condition, then, lambda: otherwise)
     return result

@@ -27,9 +27,9 @@ from sysid.controllers.prediction import (
 )
 from sysid.controllers.stability import StabilityCheck, check_stability
 from sysid.errors import input_error
-from sysid.model import base, plant
-from sysid.model.base import Array, array_namespace
-from sysid.model.ports import Model, Point
+from sysid.plant import base, plant
+from sysid.plant.base import Array, array_namespace
+from sysid.plant.ports import Model, Point
 
 # 4.3.24: m2/(kg s). In SI it makes the coupling between torque and pressure error vanish
 # beside the pressures' own feedback.

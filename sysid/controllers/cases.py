@@ -12,7 +12,7 @@ from sysid.controllers.metrics import TrackingMetrics, tracking_metrics
 from sysid.controllers.modes import Mode
 from sysid.controllers.sensing import SensorSuite
 from sysid.controllers.trajectories import DesiredMotion
-from sysid.model.ports import Model
+from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
 PERIOD_S = 1e-3

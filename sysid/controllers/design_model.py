@@ -8,9 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from sysid.bundle.assembled_model import model_from_bundle, surfaces_for
-from sysid.bundle.content import BundleContent
-from sysid.bundle.valves import DIRECTIONS
 from sysid.controllers.duty_inverse import (
     DutyInverse,
     TabulatedInverse,
@@ -21,9 +18,12 @@ from sysid.controllers.effective_law import averaged_law
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
-from sysid.model.base import Array, Parameters
-from sysid.model.effects.entry import Catalogue
-from sysid.model.ports import Model
+from sysid.parameters.assembled_model import model_from_bundle, surfaces_for
+from sysid.parameters.content import BundleContent
+from sysid.parameters.valves import DIRECTIONS
+from sysid.plant.base import Array, Parameters
+from sysid.plant.effects.entry import Catalogue
+from sysid.plant.ports import Model
 
 INVERSES = ("averaged", "bipolynomial", "ann")
 # Constants of a rig that no controller uses.

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from sysid.model.base import Array, array_namespace
+from sysid.plant.base import Array, array_namespace
 from sysid.surfaces.ann import DutyNetwork
 from sysid.surfaces.averaged import AveragedLaw
 from sysid.surfaces.bipolynomial import Bipolynomial

@@ -29,9 +29,9 @@ from sysid.controllers.prediction import (
     point_at,
     sliding_friction,
 )
-from sysid.model import base
-from sysid.model.base import Array, array_namespace
-from sysid.model.ports import Model
+from sysid.plant import base
+from sysid.plant.base import Array, array_namespace
+from sysid.plant.ports import Model
 
 # Valve A and B of each combination, in the order of Table 4.4.1: (4, 1).
 _COMBINATIONS = np.array([[0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0]])[:, :, None]

@@ -6,12 +6,12 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.model import plant
-from sysid.model.base import Array, array_namespace
-from sysid.model.effects.entry import of_side
-from sysid.model.effects.valve import DutyDeadZone, partly_lost
-from sysid.model.ports import Model, Point, overrides
-from sysid.model.valve_timing import TIME_TOLERANCE
+from sysid.plant import plant
+from sysid.plant.base import Array, array_namespace
+from sysid.plant.effects.entry import of_side
+from sysid.plant.effects.valve import DutyDeadZone, partly_lost
+from sysid.plant.ports import Model, Point, overrides
+from sysid.plant.valve_timing import TIME_TOLERANCE
 from sysid.surfaces.averaged import AveragedLaw
 
 # What the flow through a valve depends on; a leak is no part of it.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from sysid.controllers.backstepping import BacksteppingController
 from sysid.controllers.interface import Reference, StateEstimate
-from sysid.model.base import Array
-from sysid.model.ports import Model, Point
+from sysid.plant.base import Array
+from sysid.plant.ports import Model, Point
 
 
 @dataclass(frozen=True)

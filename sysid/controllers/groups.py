@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.controllers.arrays import stacked, take_apart
 from sysid.controllers.interface import Controller
-from sysid.model.base import Array
+from sysid.plant.base import Array
 
 
 class Group(NamedTuple):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
-from sysid.model.base import Array, Parameters, array_namespace
+from sysid.plant.base import Array, Parameters, array_namespace
 
 
 def known(value: Array) -> Array:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
-from sysid.model.base import Array
+from sysid.plant.base import Array
 
 
 class StateEstimate(NamedTuple):

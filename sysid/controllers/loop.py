@@ -37,19 +37,19 @@ from sysid.controllers.sensing import (
 )
 from sysid.controllers.trajectories import DURATION_S
 from sysid.errors import NotIdentifiedError, SimulationError, input_error
-from sysid.model import plant
-from sysid.model.base import Array, array_namespace
-from sysid.model.jax_setup import jax, jnp, on_processor
-from sysid.model.period_step import (
+from sysid.plant import plant
+from sysid.plant.base import Array, array_namespace
+from sysid.plant.jax_setup import jax, jnp, on_processor
+from sysid.plant.period_step import (
     ValveIntervals,
     advance_period,
     command_duty,
     command_switch,
     no_intervals,
 )
-from sysid.model.ports import Model, Point, stack_models
-from sysid.model.simulator import ENDLESS
-from sysid.model.stepper import Lanes
+from sysid.plant.ports import Model, Point, stack_models
+from sysid.plant.simulator import ENDLESS
+from sysid.plant.stepper import Lanes
 from sysid.types import FloatArray
 
 _COMPILER_OPTIONS = {"xla_backend_optimization_level": 2}

@@ -16,7 +16,7 @@ from sysid.controllers.prediction import (
     sliding_friction,
 )
 from sysid.io.rig import GRAVITY_M_PER_S2
-from sysid.model.base import Array, array_namespace
+from sysid.plant.base import Array, array_namespace
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 Most ports act where the simulator steps the plant. `measure` and `pulses` take whole logs there;
 here they act a sample or a period at a time, through `sense` and `recent_pulses`
-(`sysid.model.ports.Effect`), and `delays` is compiled.
+(`sysid.plant.ports.Effect`), and `delays` is compiled.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 
 from sysid.errors import input_error
 from sysid.io.channels import SIDES, VELOCITY_CHANNELS
-from sysid.model.base import Array
-from sysid.model.effects.sensor import TimeSkew
-from sysid.model.jax_setup import jax
-from sysid.model.period_step import KEPT_INTERVALS
-from sysid.model.ports import Effect, Model, overrides
+from sysid.plant.base import Array
+from sysid.plant.effects.sensor import TimeSkew
+from sysid.plant.jax_setup import jax
+from sysid.plant.period_step import KEPT_INTERVALS
+from sysid.plant.ports import Effect, Model, overrides
 
-_OWN_ROOM = "sysid.model.effects"
+_OWN_ROOM = "sysid.plant.effects"
 SensorMemory = tuple[tuple[Array, ...], ...]
 """Memory of every effect's `sense`, in the model's order."""
 
@@ -104,7 +104,7 @@ def _refuse(place: str, why: str, port: str) -> None:
     raise input_error(
         f"{place} in a closed loop",
         f"its {why}, which a loop does not have",
-        f"give it `{port}` (sysid.model.ports.Effect)",
+        f"give it `{port}` (sysid.plant.ports.Effect)",
     )
 
 
@@ -138,7 +138,7 @@ def _check_compiles(port: Callable[[Any], Any], place: str, name: str) -> None:
         raise input_error(
             f"{place} in a closed loop",
             f"its `{name}` cannot be compiled: {reason}",
-            "write it with sysid.model.base.array_namespace, without branches on values",
+            "write it with sysid.plant.base.array_namespace, without branches on values",
         ) from None
 
 

@@ -1,6 +1,6 @@
 """The controller's model at work: efforts and rates at measured or predicted points.
 
-Everything goes through `sysid.model.plant`, so that the effects in a bundle count in the
+Everything goes through `sysid.plant.plant`, so that the effects in a bundle count in the
 controller's model as in a simulation. Array-library agnostic; shapes broadcast.
 """
 
@@ -12,9 +12,9 @@ from typing import NamedTuple
 from sysid.controllers.design_model import DesignModel
 from sysid.controllers.interface import StateEstimate
 from sysid.io.rig import GRAVITY_M_PER_S2
-from sysid.model import plant
-from sysid.model.base import Array, array_namespace
-from sysid.model.ports import Model, Point, overrides
+from sysid.plant import plant
+from sysid.plant.base import Array, array_namespace
+from sysid.plant.ports import Model, Point, overrides
 
 # Each divides the error of an inverted port by the port's slope, a few per cent.
 _ROUNDS = 2

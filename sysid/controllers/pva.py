@@ -13,7 +13,7 @@ import numpy as np
 
 from sysid.controllers.guard import GuardedController, known
 from sysid.controllers.interface import Commands, Reference, StateEstimate
-from sysid.model.base import Array, array_namespace
+from sysid.plant.base import Array, array_namespace
 
 
 class PvaMemory(NamedTuple):

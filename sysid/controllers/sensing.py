@@ -15,7 +15,7 @@ import numpy as np
 from sysid.controllers.guard import all_finite
 from sysid.controllers.interface import StateEstimate
 from sysid.io.rig import Rig
-from sysid.model.base import Array, array_namespace
+from sysid.plant.base import Array, array_namespace
 from sysid.signals import DEFAULT_CUTOFF_HZ, FILTER_ORDER
 from sysid.types import FloatArray
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sysid.bundle.content import BundleContent
 from sysid.controllers.cases import Case, ClosedLoopRun
 from sysid.controllers.design_model import DesignModel, design_from_bundle
 from sysid.controllers.hidden_state import Watch
@@ -28,8 +27,9 @@ from sysid.controllers.user_controller import (
 from sysid.errors import SysidError, input_error
 from sysid.io.rig import Rig, rig_from_content
 from sysid.io.user_code import error_in_file
-from sysid.model.effects.entry import Catalogue
-from sysid.model.ports import Model
+from sysid.parameters.content import BundleContent
+from sysid.plant.effects.entry import Catalogue
+from sysid.plant.ports import Model
 from sysid.types import Progress, no_progress
 
 CONTROLLERS = ("pva", "backstepping", "dvmpc")
@@ -262,7 +262,7 @@ def run_task(
 
 def _run(task: Task, duration: float, progress: Progress) -> tuple[ClosedLoopRun, tuple[str, ...]]:
     from sysid.controllers.loop import closed_loop
-    from sysid.model.jax_setup import jax
+    from sysid.plant.jax_setup import jax
 
     progress(f"simulating {duration:g} s of the closed loop")
     controller = task.make()

@@ -7,9 +7,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, cast
 
-from sysid.bundle import Bundle, EffectEntry, HeldOutError
-from sysid.bundle.assembled_model import assumed_parameters
-from sysid.bundle.effects import entry_of
 from sysid.diagnosis.actuator.diagnose import (
     diagnose,
     open_loop_errors,
@@ -31,9 +28,12 @@ from sysid.diagnosis.result import Diagnosis, FoundEffect
 from sysid.errors import NotIdentifiedError
 from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.logs import Log
-from sysid.model.effects.catalogue import EffectSource, catalogue_from
-from sysid.model.effects.entry import Catalogue
-from sysid.model.effects.linear import for_rig
+from sysid.parameters import Bundle, EffectEntry, HeldOutError
+from sysid.parameters.assembled_model import assumed_parameters
+from sysid.parameters.effects import entry_of
+from sysid.plant.effects.catalogue import EffectSource, catalogue_from
+from sysid.plant.effects.entry import Catalogue
+from sysid.plant.effects.linear import for_rig
 from sysid.refinement.draws import drawn_models
 from sysid.types import Progress, no_progress
 

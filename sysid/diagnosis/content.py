@@ -9,9 +9,9 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from sysid.diagnosis.result import Diagnosis
-from sysid.model.effects.catalogue import catalogue, catalogue_entry
-from sysid.model.effects.entry import CatalogueEffect
 from sysid.parallel import Failure, on_its_own
+from sysid.plant.effects.catalogue import catalogue, catalogue_entry
+from sysid.plant.effects.entry import CatalogueEffect
 
 Result = TypeVar("Result")
 _Content = dict[str, Any]

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from sysid.bundle import Bundle
 from sysid.diagnosis.found import BeforeAfter, FoundEffect
 from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.search import Round, Step
 from sysid.estimation.linear import Estimate
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.parameters import Bundle
+from sysid.plant.effects.entry import CatalogueEffect
 
 ACTUATOR = "actuator"
 

@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from sysid.blocks.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.diagnosis.search import Tried
 from sysid.diagnosis.wording import p_text
-from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.estimation.linear import Estimate
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.plant.effects.entry import CatalogueEffect
 
 Verdict = Literal["adequate", "effects-found", "incomplete", "unexplained"]
 

@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.bundle import Bundle, EffectEntry
-from sysid.bundle.assembled_model import effects_from_bundle
+from sysid.blocks.numbers import number
 from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
-from sysid.display.numbers import number
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate, chi_squared_quantile
 from sysid.io.campaign import Campaign
-from sysid.model.effects.entry import Catalogue, CatalogueEffect
 from sysid.parallel import LATE, Failure, attempt, limited
+from sysid.parameters import Bundle, EffectEntry
+from sysid.parameters.assembled_model import effects_from_bundle
+from sysid.plant.effects.entry import Catalogue, CatalogueEffect
 from sysid.types import Progress, no_progress
 
 if TYPE_CHECKING:

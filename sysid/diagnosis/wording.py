@@ -9,9 +9,9 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from sysid.blocks.channels import channel_of
+from sysid.blocks.numbers import number
 from sysid.diagnosis.looked import QUICK, stage_text
-from sysid.display.channels import channel_of
-from sysid.display.numbers import number
 from sysid.estimation.linear import Estimate
 
 Content = Mapping[str, Any]

@@ -9,16 +9,16 @@ from __future__ import annotations
 import hashlib
 from pathlib import Path
 
-from sysid.bundle import Bundle, EffectEntry, bundle_text, read_bundle
-from sysid.bundle.assembled_model import effects_from_bundle
-from sysid.bundle.effects import effect_from_entry
 from sysid.errors import InputError, input_error
 from sysid.exporters.flat import Flat, flatten
 from sysid.io.files import write_atomic
 from sysid.io.tables import read_bytes
-from sysid.model.effects.catalogue import catalogue_with
-from sysid.model.effects.entry import SIDE_CHOICES, Catalogue, CatalogueEffect
-from sysid.model.effects.linear import for_rig
+from sysid.parameters import Bundle, EffectEntry, bundle_text, read_bundle
+from sysid.parameters.assembled_model import effects_from_bundle
+from sysid.parameters.effects import effect_from_entry
+from sysid.plant.effects.catalogue import catalogue_with
+from sysid.plant.effects.entry import SIDE_CHOICES, Catalogue, CatalogueEffect
+from sysid.plant.effects.linear import for_rig
 
 FORMATS = ("c", "mat", "json")
 DEFAULT_PREFIX = "sysid_"
@@ -85,7 +85,7 @@ def export_bundle(
     fmt: "c" (one C99 header whose names begin with `prefix`, and beside it a folder that replays
     Python's numbers through it: `check_folder`, where `check` asks for it), "mat" (MAT 5, a struct
     `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
-    `sysid.bundle.write_bundle` makes of it. `catalogue` maps ids to the effects' classes, whose
+    `sysid.parameters.write_bundle` makes of it. `catalogue` maps ids to the effects' classes, whose
     laws the C header holds; None is the project's own. Controllers that use a constant that nobody
     declared are in it only with `accept_assumed`. Notices name every parameter that is
     absent, and effects whose laws the C header does not hold.
@@ -137,5 +137,5 @@ def _effect(entry: EffectEntry, where: str, catalogue: Catalogue) -> CatalogueEf
 
 
 def _digest(bundle: Bundle) -> str:
-    """SHA-256 of the file that `sysid.bundle.write_bundle` makes of a bundle."""
+    """SHA-256 of the file that `sysid.parameters.write_bundle` makes of a bundle."""
     return hashlib.sha256(bundle_text(bundle).encode("utf-8", "surrogatepass")).hexdigest()

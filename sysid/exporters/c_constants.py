@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from sysid.bundle.assembled_model import friction_keys
-from sysid.bundle.valves import LAW_KEYS
 from sysid.exporters.flat import (
     ExportedNumber,
     Flat,
@@ -16,7 +14,9 @@ from sysid.exporters.flat import (
     inertia_name,
 )
 from sysid.io.channels import SIDES
-from sysid.model.base import PARAMETER_NAMES
+from sysid.parameters.assembled_model import friction_keys
+from sysid.parameters.valves import LAW_KEYS
+from sysid.plant.base import PARAMETER_NAMES
 
 GAS = ("gas_constant", "heat_capacity_ratio", "temperature")
 """The parameters whose product is k R T."""

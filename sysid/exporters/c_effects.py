@@ -21,7 +21,7 @@ from sysid.exporters.c_text import (
     wrapped,
 )
 from sysid.exporters.flat import ExportedEffect, Flat, NumberTable
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.plant.effects.entry import CatalogueEffect
 
 if TYPE_CHECKING:  # sympy is loaded only for a bundle that has effects
     from sysid.exporters.effect_laws import EffectLaw, Laws

@@ -1,6 +1,6 @@
 """A bundle's content as one self-contained C99 header: constants and static functions.
 
-The functions are the laws of `sysid.model.base` and `sysid.surfaces`, branch by branch. A
+The functions are the laws of `sysid.plant.base` and `sysid.surfaces`, branch by branch. A
 law whose parameters are not all known is absent, and its feature macro is 0. Effects are their
 own classes, printed (`effect_laws`). Numbers are of the type SYSID_REAL, double by default.
 """
@@ -12,7 +12,6 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sysid.bundle import Bundle, assumptions
 from sysid.exporters.c_effects import EffectsInC
 from sysid.exporters.c_guard import guarded
 from sysid.exporters.c_maths import mathematics
@@ -20,7 +19,8 @@ from sysid.exporters.c_surfaces import macro, slots, surfaces
 from sysid.exporters.c_text import Names, comment_text, constant, has, names, real
 from sysid.exporters.flat import Flat, NumberTable, gravity_name, inertia_name, values
 from sysid.io.channels import SIDES
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.parameters import Bundle, assumptions
+from sysid.plant.effects.entry import CatalogueEffect
 
 if TYPE_CHECKING:  # sympy is loaded where a header is written
     from sysid.exporters.control_model import ControlModel

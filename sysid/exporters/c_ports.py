@@ -29,7 +29,7 @@ ARGUMENTS = {
 class Port:
     """A function of the header: its name without prefix, arguments, and what it gives.
 
-    `port` is that of `sysid.model.ports.Effect`. The first argument is the value without
+    `port` is that of `sysid.plant.ports.Effect`. The first argument is the value without
     effects, the others are there whatever acts. `channels` are the measured channels that a
     sensor's port changes and the function takes back, the last effect first.
     """

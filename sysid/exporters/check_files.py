@@ -16,7 +16,7 @@ from sysid.exporters.replays import HELPERS, Replay, control_replays
 from sysid.exporters.vectors import Vectors, vectors
 from sysid.io.files import make_folder, write_atomic
 from sysid.io.locks import working_in
-from sysid.model.base import Parameters
+from sysid.plant.base import Parameters
 
 CHECK_FILES = ("check.c", "vectors.h", "CMakeLists.txt")
 ROWS = 24

@@ -21,7 +21,7 @@ from sysid.controllers.pva import PvaController
 from sysid.controllers.sensing import Readings, SensingMemory, next_sample
 from sysid.exporters.symbolic import NAMESPACE, expression, symbol
 from sysid.io.channels import SIDES
-from sysid.model.base import Array
+from sysid.plant.base import Array
 
 _FIELDS = {"pressure_a": "pressure_a_pa", "pressure_b": "pressure_b_pa"}
 _T = TypeVar("_T")

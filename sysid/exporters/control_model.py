@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.bundle import Bundle
 from sysid.controllers.design_model import DesignModel, design_from_bundle, require_declared
 from sysid.controllers.effective_law import averaged_law
 from sysid.errors import SysidError
@@ -23,9 +22,10 @@ from sysid.exporters.control_laws import ControlLaw, control_laws
 from sysid.exporters.effect_laws import on_names
 from sysid.exporters.flat import Flat, NumberTable
 from sysid.exporters.symbolic import symbol
-from sysid.model.base import PARAMETER_NAMES, Parameters
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model
+from sysid.parameters import Bundle
+from sysid.plant.base import PARAMETER_NAMES, Parameters
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model
 
 _NO_LIMIT = 1e30
 """Stands for an infinite number in C; within the range of single precision."""

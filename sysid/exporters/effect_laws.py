@@ -29,9 +29,9 @@ from sysid.exporters.c_printer import Reduced, reduced
 from sysid.exporters.c_text import Names
 from sysid.exporters.flat import Flat, NumberTable
 from sysid.exporters.symbolic import Symbolic, expression, symbol
-from sysid.model.base import Parameters
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Effect, Point, overrides
+from sysid.plant.base import Parameters
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Effect, Point, overrides
 
 VALUE = "value"
 _UNKNOWN = "unknown_"

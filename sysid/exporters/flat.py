@@ -11,16 +11,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.bundle import Bundle, EffectEntry, Friction, PwmSurfaces, Unread, Valve
-from sysid.bundle.assembled_model import friction_keys, negative_friction
-from sysid.bundle.base import Part
-from sysid.bundle.friction import StaticAtPosition
 from sysid.errors import InputError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.exporters.surface_tables import ExportedSurface, read_surface
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
-from sysid.model.base import CRITICAL_RATIO
+from sysid.parameters import Bundle, EffectEntry, Friction, PwmSurfaces, Unread, Valve
+from sysid.parameters.assembled_model import friction_keys, negative_friction
+from sysid.parameters.base import Part
+from sysid.parameters.friction import StaticAtPosition
+from sysid.plant.base import CRITICAL_RATIO
 
 DIRECTIONS = ("fill", "discharge")
 KINDS = ("bipolynomial", "ann")

@@ -10,8 +10,8 @@ from sysid.exporters.c_surfaces import KINDS, macro, slots
 from sysid.exporters.flat import Flat, NumberTable
 from sysid.exporters.replays import Replay, simple
 from sysid.io.channels import SIDES
-from sysid.model import base
-from sysid.model.base import Parameters
+from sysid.plant import base
+from sysid.plant.base import Parameters
 
 
 def law_replays(flat: Flat, constants: NumberTable, features: Collection[str]) -> Iterator[Replay]:

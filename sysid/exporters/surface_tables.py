@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sysid.bundle import Surface, Unread
 from sysid.errors import input_error
+from sysid.parameters import Surface, Unread
 from sysid.surfaces.ann import DutyNetwork
 from sysid.surfaces.bipolynomial import EXPONENTS, Bipolynomial
 from sysid.surfaces.domain import Domain

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.exporters.replays import Replay
-from sysid.model.base import Parameters, exhaust_boundary, filling_boundary
+from sysid.plant.base import Parameters, exhaust_boundary, filling_boundary
 from sysid.types import FloatArray
 
 # A share of the values are on edges, or within the last bit of one.

@@ -23,18 +23,18 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from sysid.bundle import Bundle
-from sysid.bundle.correlation import ROUNDING
-from sysid.display.numbers import estimate_cells as cells_of
-from sysid.display.numbers import number, percent
-from sysid.display.plots import one_axes
-from sysid.display.tables import Shown, ShownTable
+from sysid.blocks.numbers import estimate_cells as cells_of
+from sysid.blocks.numbers import number, percent
+from sysid.blocks.plots import one_axes
+from sysid.blocks.tables import Shown, ShownTable
 from sysid.errors import InputError, input_error
 from sysid.estimation.linear import Estimate, finite_or_none, t_p_value
 from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted
 from sysid.fleet.parameters import NumbersOfPart, degrees_of_freedom, has_error, parts_of
 from sysid.io.channels import SIDES
 from sysid.io.rig import differing_sections
+from sysid.parameters import Bundle
+from sysid.parameters.correlation import ROUNDING
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from sysid.bundle import Bundle
-from sysid.bundle.effects import EffectEntry
 from sysid.fleet.parameters import has_error
 from sysid.io.channels import SIDES
-from sysid.model.effects.entry import Catalogue
-from sysid.model.ports import Effect, Model, Point
+from sysid.parameters import Bundle
+from sysid.parameters.effects import EffectEntry
+from sysid.plant.effects.entry import Catalogue
+from sysid.plant.ports import Effect, Model, Point
 
 _WORD = "leakage"
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.bundle import Bundle
-from sysid.bundle.correlation import CorrelatedPart
-from sysid.bundle.effects import SIDE, EffectEntry
 from sysid.estimation.linear import LEVEL, Estimate, t_quantile
 from sysid.io.channels import SIDES
+from sysid.parameters import Bundle
+from sysid.parameters.correlation import CorrelatedPart
+from sysid.parameters.effects import SIDE, EffectEntry
 from sysid.types import FloatArray
 
 # An interval this little wider than the normal one is one: 1.96 for the quantile, for example.

@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from sysid.bundle import Bundle
 from sysid.errors import SysidError, one_line
 from sysid.estimation.linear import Estimate
 from sysid.fleet.leakage import is_leakage, leakage_flow
 from sysid.fleet.origin import Origin
 from sysid.fleet.parameters import has_error, parts_of
 from sysid.io.files import write_atomic
-from sysid.model.effects.entry import Catalogue
+from sysid.parameters import Bundle
+from sysid.plant.effects.entry import Catalogue
 
 ROW_FILE = "row.json"
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.display.numbers import number, percent, unit
+from sysid.blocks.numbers import number, percent, unit
 from sysid.estimation.multiple_tests import SIGNIFICANCE
 from sysid.fleet.changes import Change
 from sysid.fleet.rows import Family

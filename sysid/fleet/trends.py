@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.display.numbers import number, unit
-from sysid.display.plots import legend, one_axes
-from sysid.display.tables import Shown, ShownTable
+from sysid.blocks.numbers import number, unit
+from sysid.blocks.plots import legend, one_axes
+from sysid.blocks.tables import Shown, ShownTable
 from sysid.errors import one_line
 from sysid.estimation.multiple_tests import adjusted
 from sysid.fleet.changes import LEAST_DATES, change_in

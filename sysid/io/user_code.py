@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import sys
 import traceback
 from importlib.machinery import SourceFileLoader
@@ -10,6 +11,9 @@ from pathlib import Path
 from types import ModuleType
 
 from sysid.errors import InputError, input_error
+
+# What files written for 0.1 import, and where it stands now.
+_MOVED = {"sysid.model": "sysid.plant", "sysid.bundle": "sysid.parameters"}
 
 
 def run_file(path: Path, holds: str) -> ModuleType:
@@ -25,11 +29,20 @@ def run_file(path: Path, holds: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # where dataclasses look up annotations that are text
     try:
+        _find_what_moved(path.read_text("utf-8", errors="replace"))
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise error_in_file(error, path) from None
     return module
+
+
+def _find_what_moved(source: str) -> None:
+    """Let a file find the rooms that it imports under their names of 0.1."""
+    for old, new in _MOVED.items():
+        for tail in {"", *re.findall(rf"\b{re.escape(old)}((?:\.\w+)+)", source)}:
+            if old in source and importlib.util.find_spec(new + tail) is not None:
+                sys.modules[old + tail] = importlib.import_module(new + tail)
 
 
 def error_in_file(error: BaseException, path: Path) -> InputError:

@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from sysid.bundle import Bundle
 from sysid.errors import input_error
 from sysid.io.campaign import Campaign
-from sysid.model.effects.catalogue import catalogue as own_catalogue
-from sysid.model.effects.entry import Catalogue
-from sysid.model.effects.linear import for_rig
+from sysid.parameters import Bundle
+from sysid.plant.effects.catalogue import catalogue as own_catalogue
+from sysid.plant.effects.entry import Catalogue
+from sysid.plant.effects.linear import for_rig
 from sysid.refinement.advice_result import AdviceResult, CandidateTest, Tie
 from sysid.refinement.candidates import CandidateMotion, candidate_motions
 from sysid.refinement.effect_sizes import effect_sizes

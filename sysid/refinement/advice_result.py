@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.display.numbers import number
-from sysid.display.tables import Shown, ShownTable
+from sysid.blocks.numbers import number
+from sysid.blocks.tables import Shown, ShownTable
 from sysid.estimation.linear import finite_or_none
 from sysid.refinement.candidates import CandidateMotion
 from sysid.refinement.unknowns import Unknown

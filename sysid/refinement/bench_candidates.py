@@ -10,8 +10,8 @@ import numpy as np
 
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
-from sysid.model.ports import Model
-from sysid.model.preparation import Inputs, ValveCommand
+from sysid.plant.ports import Model
+from sysid.plant.preparation import Inputs, ValveCommand
 from sysid.refinement.information import ProbedProblem, information_of
 from sysid.refinement.problem import SLIDING
 from sysid.refinement.runs import Run
@@ -114,7 +114,7 @@ def _fillings(problem: ProbedProblem, rig: Rig, noise: FloatArray, side: str) ->
 
 def _filling(rig: Rig, model: Model, side: str) -> Inputs:
     """On until the chamber is nearly at the supply, where the flow's slope has no end; then off."""
-    from sysid.model.simulator import simulate
+    from sysid.plant.simulator import simulate
 
     row = rig.sampling.period_s if rig.sampling is not None else _ROW_S
     time: FloatArray = np.asarray(np.arange(round(_FILLING_S / row)) * row, dtype=float)

@@ -13,9 +13,9 @@ import numpy as np
 
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
-from sysid.model.ports import Model
-from sysid.model.preparation import Inputs, ValveCommand
-from sysid.model.sensors import measured_channels
+from sysid.plant.ports import Model
+from sysid.plant.preparation import Inputs, ValveCommand
+from sysid.plant.sensors import measured_channels
 from sysid.types import FloatArray
 
 DURATION_S = 10.0
@@ -107,7 +107,7 @@ class _Stage:
 
     def shown(self, commands: Sequence[tuple[str, FloatArray, FloatArray | None]]) -> FloatArray:
         """(tests, 3, n): what the sensors show under these commands (kind, motor, valves)."""
-        from sysid.model.simulator import simulate
+        from sysid.plant.simulator import simulate
 
         runs = simulate(
             [self._inputs(*command) for command in commands], [self.model] * len(commands)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from sysid.bundle.refinement import RefinedValue
-from sysid.display.numbers import estimate_cells, number, unit
+from sysid.blocks.numbers import estimate_cells, number, unit
 from sysid.estimation.linear import Estimate
 from sysid.io.rig import Rig
+from sysid.parameters.refinement import RefinedValue
 
 # A constant that moved by more of its own standard errors is not what the rig file says.
 _CONTRADICTED = 3.0

@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
-from sysid.bundle import Bundle
 from sysid.io.rig import Rig
-from sysid.model.ports import Model
+from sysid.parameters import Bundle
+from sysid.plant.ports import Model
 from sysid.refinement.prior import prior_factor
 from sysid.refinement.unknowns import model_at, unknowns_of
 

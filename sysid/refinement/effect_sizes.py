@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.plant.effects.entry import CatalogueEffect
 from sysid.refinement.advice_result import EffectSize
 from sysid.refinement.information import covariance
 from sysid.refinement.options import AdviceSetting, Option, RunsOfTests, information, problem_of

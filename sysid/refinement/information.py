@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model
-from sysid.model.tangents import Direction, Tangents
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model
+from sysid.plant.tangents import Direction, Tangents
 from sysid.refinement.factors import triangular
 from sysid.refinement.problem import Iterate, Linearised, Problem, RunErrors
 from sysid.refinement.runs import STATES, Run

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.errors import SimulationError
-from sysid.model.ports import Model
 from sysid.parallel import OutOfBudgetError
+from sysid.plant.ports import Model
 from sysid.refinement.estimation import NO_INFORMATION, Estimated, followed, whitening_of
 from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.runs import Run, run_of

@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.errors import input_error
 from sysid.io.rig import Rig
-from sysid.model.ports import Model
+from sysid.plant.ports import Model
 from sysid.refinement.bench_candidates import bench_candidates
 from sysid.refinement.candidates import DURATION_S, CandidateMotion
 from sysid.refinement.estimation import Estimated

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model, overrides
-from sysid.model.sensors import measured_channels
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model, overrides
+from sysid.plant.sensors import measured_channels
 from sysid.refinement.information import ProbedProblem, SensorProbe
 from sysid.refinement.problem import LOCAL
 from sysid.refinement.runs import Run
@@ -118,7 +118,7 @@ def _one_by_test(runs: Sequence[Run]) -> tuple[Run, ...]:
 
 def _simulated(problem: ProbedProblem, models: Sequence[Model]) -> list[list[FloatArray]]:
     """(3, n) by model and run: what the sensors show, in units of their noise."""
-    from sysid.model.simulator import simulate
+    from sysid.plant.simulator import simulate
 
     inputs = [run.inputs for run in problem.runs]
     every = [m for m in models for _ in inputs]

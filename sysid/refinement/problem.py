@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.model.differences import simulate_differences
-from sysid.model.ports import Model, overrides
-from sysid.model.preparation import Inputs
-from sysid.model.sensors import measured_channels
-from sysid.model.simulator import MAX_STEP, Trajectory, simulate
-from sysid.model.static_reading import static_ratio
-from sysid.model.tangents import Direction, Tangents, number_of, simulate_tangents
 from sysid.parallel import spend
+from sysid.plant.differences import simulate_differences
+from sysid.plant.ports import Model, overrides
+from sysid.plant.preparation import Inputs
+from sysid.plant.sensors import measured_channels
+from sysid.plant.simulator import MAX_STEP, Trajectory, simulate
+from sysid.plant.static_reading import static_ratio
+from sysid.plant.tangents import Direction, Tangents, number_of, simulate_tangents
 from sysid.refinement.factors import triangular
 from sysid.refinement.prior import prior_factor
 from sysid.refinement.runs import STATES, Run

@@ -20,18 +20,18 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from sysid.bundle import Bundle
-from sysid.bundle.assembled_model import assumed_parameters, fitted_inertia, friction_keys
-from sysid.bundle.friction import Friction
-from sysid.display.numbers import ascii_text
+from sysid.blocks.numbers import ascii_text
 from sysid.errors import InputError, NotIdentifiedError, SimulationError, input_error
 from sysid.estimation.linear import Estimate, t_quantile
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model.effects.entry import Catalogue
-from sysid.model.ports import Model, has_discrete_law
 from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
+from sysid.parameters import Bundle
+from sysid.parameters.assembled_model import assumed_parameters, fitted_inertia, friction_keys
+from sysid.parameters.friction import Friction
+from sysid.plant.effects.entry import Catalogue
+from sysid.plant.ports import Model, has_discrete_law
 from sysid.refinement.declared import contradictions
 from sysid.refinement.estimation import (
     NO_INFORMATION,

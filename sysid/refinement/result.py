@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from sysid.bundle import Bundle
-from sysid.display.numbers import number
-from sysid.display.tables import Shown, ShownTable
+from sysid.blocks.numbers import number
+from sysid.blocks.tables import Shown, ShownTable
 from sysid.estimation.linear import Estimate, finite_or_none
+from sysid.parameters import Bundle
 from sysid.refinement.profiles import Profile
 from sysid.refinement.unknowns import Unknown
 from sysid.refinement.whole_tests import much_worse

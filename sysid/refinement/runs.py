@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from sysid.model.ports import Model
-from sysid.model.preparation import Inputs
-from sysid.model.sensors import true_start
+from sysid.plant.ports import Model
+from sysid.plant.preparation import Inputs
+from sysid.plant.sensors import true_start
 from sysid.types import FloatArray, IntArray
 from sysid.validation.motion_tests import MotionTest, Segment
 from sysid.validation.simulation import inputs_of, run_up_of

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.model.differences import simulate_differences
-from sysid.model.ports import Model
-from sysid.model.simulator import Trajectory, simulate
-from sysid.model.tangents import Direction, Tangents
 from sysid.parallel import spend
+from sysid.plant.differences import simulate_differences
+from sysid.plant.ports import Model
+from sysid.plant.simulator import Trajectory, simulate
+from sysid.plant.tangents import Direction, Tangents
 from sysid.refinement.factors import triangular
 from sysid.refinement.problem import SLIDING, Iterate, Problem, RunErrors
 from sysid.refinement.runs import STATES

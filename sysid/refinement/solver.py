@@ -89,7 +89,7 @@ def _optimistix(size: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
     import lineax
     import optimistix
 
-    from sysid.model.jax_setup import jax, jnp
+    from sysid.plant.jax_setup import jax, jnp
 
     solver: Any = optimistix.LevenbergMarquardt(rtol=1e-6, atol=1e-6, linear_solver=lineax.QR())
     shape: Any = jax.eval_shape(lambda: jnp.zeros(size + 1))
@@ -111,7 +111,7 @@ def _optimistix(size: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
 def _at(base: ReducedEquations, y: Any, directions: FloatArray) -> tuple[Any, Any, Any]:
     """The equations along these directions; of those that are 0, without slopes."""
-    from sysid.model.jax_setup import jnp
+    from sysid.plant.jax_setup import jnp
 
     return y, jnp.asarray(base.r), jnp.asarray(base.jacobian @ directions)
 
@@ -133,7 +133,7 @@ def _directions(problem: Problem, base: ReducedEquations) -> FloatArray:
 
 
 def _propose(problem: Problem, base: ReducedEquations, step_size: float) -> _Trial:
-    from sysid.model.jax_setup import jnp, on_processor
+    from sysid.plant.jax_setup import jnp, on_processor
 
     directions = _directions(problem, base)
     propose, _ = _optimistix(len(directions))
@@ -149,7 +149,7 @@ def _answer(
 
     `base` may count fewer runs than that which the step was proposed from.
     """
-    from sysid.model.jax_setup import jnp, on_processor
+    from sysid.plant.jax_setup import jnp, on_processor
 
     propose, answer = _optimistix(len(given.directions))
     with on_processor():

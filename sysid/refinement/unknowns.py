@@ -15,17 +15,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.bundle import Bundle
-from sysid.bundle.assembled_model import friction_keys
-from sysid.bundle.correlation import CorrelatedPart
-from sysid.bundle.friction import Friction
-from sysid.bundle.valves import LAW_KEYS
 from sysid.errors import input_error
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model
+from sysid.parameters import Bundle
+from sysid.parameters.assembled_model import friction_keys
+from sysid.parameters.correlation import CorrelatedPart
+from sysid.parameters.friction import Friction
+from sysid.parameters.valves import LAW_KEYS
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
 Direction = tuple[int, str]

@@ -8,13 +8,13 @@ from typing import TypeVar
 import numpy as np
 from pydantic import JsonValue
 
-from sysid.bundle import Bundle, Correlation
-from sysid.bundle.correlation import CorrelatedPart
-from sysid.bundle.refinement import Refinement
 from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign
 from sysid.io.channels import SIDES
+from sysid.parameters import Bundle, Correlation
+from sysid.parameters.correlation import CorrelatedPart
+from sysid.parameters.refinement import Refinement
 from sysid.refinement.result import RefineResult
 from sysid.refinement.unknowns import effect_names
 

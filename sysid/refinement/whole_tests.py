@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sysid.model.ports import Model
+from sysid.plant.ports import Model
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import MotionTest
 from sysid.validation.simulation import simulate_segments

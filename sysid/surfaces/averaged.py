@@ -25,8 +25,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from sysid.io.channels import SIDES
-from sysid.model import base
-from sysid.model.base import Array, Parameters, array_namespace
+from sysid.plant import base
+from sysid.plant.base import Array, Parameters, array_namespace
 
 # Keeps a quotient finite where filling and exhaust meet, which no real valve's do.
 _TINY_FLOW = 1e-12

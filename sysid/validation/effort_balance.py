@@ -19,9 +19,9 @@ from sysid.identification.friction.effort import EvenTrial, even_trial
 from sysid.identification.friction.motion_samples import default_cutoff, left_out
 from sysid.io.logs import Trial
 from sysid.io.rig import NO_LOAD, Load, Rig
-from sysid.model import plant
-from sysid.model.base import bare_parameters
-from sysid.model.ports import Model, Point, with_load
+from sysid.plant import plant
+from sysid.plant.base import bare_parameters
+from sysid.plant.ports import Model, Point, with_load
 from sysid.types import FloatArray, IntArray
 
 FASTEST_CUTOFF_HZ = 20.0

@@ -12,7 +12,7 @@ from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, require_inertia
 from sysid.io.trial_kind import rows_per_period
-from sysid.model import base
+from sysid.plant import base
 from sysid.types import FloatArray
 
 MARGIN_OF_STROKE = 0.01

@@ -21,8 +21,8 @@ from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import NO_LOAD, Load, Rig
 from sysid.io.trial_kind import rows_per_ripple
-from sysid.model import valve_timing
 from sysid.parallel import Failure, error_of, on_its_own
+from sysid.plant import valve_timing
 from sysid.types import FloatArray, IntArray
 from sysid.validation.motion_checks import (
     MIN_ROWS,

@@ -15,8 +15,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from sysid.bundle import Bundle
-from sysid.bundle.assembled_model import (
+from sysid.errors import InputError, NotIdentifiedError, input_error
+from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
+from sysid.io.logs import Log
+from sysid.io.rig import Rig
+from sysid.parallel import Failure, error_of, on_its_own
+from sysid.parameters import Bundle
+from sysid.parameters.assembled_model import (
     DISCRETE,
     MEAN_FLOW_MODELS,
     VALVE_MODELS,
@@ -24,13 +29,8 @@ from sysid.bundle.assembled_model import (
     fitted_inertia,
     surfaces_from_bundle,
 )
-from sysid.errors import InputError, NotIdentifiedError, input_error
-from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
-from sysid.io.logs import Log
-from sysid.io.rig import Rig
-from sysid.model.effects.entry import Catalogue
-from sysid.model.ports import Model, has_discrete_law
-from sysid.parallel import Failure, error_of, on_its_own
+from sysid.plant.effects.entry import Catalogue
+from sysid.plant.ports import Model, has_discrete_law
 from sysid.types import Progress
 from sysid.validation.judging import judged
 from sysid.validation.motion_tests import MotionTest, prepare_all

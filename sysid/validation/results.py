@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.bundle import Validation
-from sysid.display.plots import bars, legend, one_axes, some_axes
-from sysid.display.tables import Shown
+from sysid.blocks.plots import bars, legend, one_axes, some_axes
+from sysid.blocks.tables import Shown
+from sysid.parameters import Validation
 from sysid.types import FloatArray
 from sysid.validation import residual_tests
 from sysid.validation.residual_tests import CorrelationTest

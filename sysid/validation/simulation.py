@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.errors import SimulationError
-from sysid.model.ports import Model
-from sysid.model.sensors import after_seeing, measured_channels, true_start
+from sysid.plant.ports import Model
+from sysid.plant.sensors import after_seeing, measured_channels, true_start
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, Segment
 
 if TYPE_CHECKING:
-    from sysid.model.simulator import Inputs
+    from sysid.plant.simulator import Inputs
 
 
 # Runs in one call of the simulator: one compiled shape serves every call.
@@ -37,7 +37,7 @@ def simulate_segments(
     Effects count time from the test's start.
     Raises SimulationError where a simulation does not stay finite, instead of returning a number.
     """
-    from sysid.model.simulator import simulate
+    from sysid.plant.simulator import simulate
 
     models = [model] * len(segments) if isinstance(model, Model) else list(model)
     inputs = [
@@ -67,7 +67,7 @@ def simulate_segments(
 
 def inputs_of(test: MotionTest, segment: Segment) -> Inputs:
     """A segment's commands and estimated start state as a run of the simulator."""
-    from sysid.model.simulator import Inputs, ValveCommand
+    from sysid.plant.simulator import Inputs, ValveCommand
 
     rows = slice(segment.start, segment.stop)
     valves = [
@@ -109,7 +109,7 @@ def after_run_ups(
 
     `position`: the log's position channel.
     """
-    from sysid.model.simulator import remembered_after, simulate
+    from sysid.plant.simulator import remembered_after, simulate
 
     found = list(inputs)
     known = [i for i, run_up in enumerate(run_ups) if run_up is not None]

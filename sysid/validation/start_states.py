@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.io.rig import Rig
-from sysid.model import valve_timing
+from sysid.plant import valve_timing
 from sysid.types import FloatArray, IntArray
 
 # A test's rest is averaged over at most this time, s.

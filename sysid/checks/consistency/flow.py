@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model.base import CRITICAL_RATIO, chamber_volume_a, chamber_volume_b
+from sysid.plant.base import CRITICAL_RATIO, chamber_volume_a, chamber_volume_b
 from sysid.types import FloatArray
 
 _LEAST_DUTY = 0.8  # below, the exhaust takes part

@@ -16,9 +16,9 @@ from sysid.diagnosis.actuator.refit import linear_step, own_columns, reaching_co
 from sysid.diagnosis.actuator.search import Search
 from sysid.diagnosis.actuator.signatures import base_parameters
 from sysid.diagnosis.actuator.whitening import Frame
-from sysid.model.effects.entry import with_values
-from sysid.model.ports import Model
-from sysid.model.static_reading import as_read
+from sysid.plant.effects.entry import with_values
+from sysid.plant.ports import Model
+from sysid.plant.static_reading import as_read
 from sysid.types import FloatArray
 
 # A correction beyond this share of a number means that the twins' fits went elsewhere.

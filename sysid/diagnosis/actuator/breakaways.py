@@ -11,8 +11,8 @@ import numpy as np
 from sysid import signals
 from sysid.diagnosis.actuator.samples import Rows, TestRun, Traces, Windows, is_slow
 from sysid.diagnosis.actuator.states import point_of
-from sysid.model import plant
-from sysid.model.ports import Model
+from sysid.plant import plant
+from sysid.plant.ports import Model
 from sysid.types import BoolArray, FloatArray
 
 # At least so long at rest, and then in motion.

@@ -16,9 +16,9 @@ import numpy as np
 
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.states import point_of
-from sysid.model import base, plant
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model
+from sysid.plant import base, plant
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model
 from sysid.types import BoolArray, FloatArray
 
 # As a share of the boundary: what noise and smoothing may hide.

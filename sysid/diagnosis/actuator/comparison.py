@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.refit import Refit
 from sysid.diagnosis.actuator.whitening import Frame
-from sysid.model.effects.catalogue import class_of
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.plant.effects.catalogue import class_of
+from sysid.plant.effects.entry import CatalogueEffect
 
 # A smaller part of an effect's gain than this says nothing of the balance that it is in.
 _SMALL_PART = 0.1

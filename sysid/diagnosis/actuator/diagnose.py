@@ -10,6 +10,8 @@ from typing import cast
 
 import numpy as np
 
+from sysid.blocks.channels import channel_of
+from sysid.blocks.numbers import number
 from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.holdout import HeldOut, motion_tests
@@ -25,14 +27,12 @@ from sysid.diagnosis.actuator.unexplained import (
 from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import Because, why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
-from sysid.display.channels import channel_of
-from sysid.display.numbers import number
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model, has_discrete_law
 from sysid.parallel import Failure, limited, on_its_own, spend
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model, has_discrete_law
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import CHAMBER_PRESSURES
 

@@ -1,6 +1,6 @@
 """Equation errors of a model along measured traces: torque balance, chambers, breakaways.
 
-Every term comes from `sysid.model` through its ports, so that an effect of any kind acts
+Every term comes from `sysid.plant` through its ports, so that an effect of any kind acts
 here as it does in a simulation. Extra states are integrated along the measured trace;
 sensor effects are undone before the equations use a channel.
 """
@@ -16,9 +16,9 @@ from sysid.diagnosis.actuator import states as extra_states
 from sysid.diagnosis.actuator.samples import Rows, Traces, opening, selected, selection, smooth
 from sysid.diagnosis.actuator.states import integrate_states, point_of
 from sysid.io.channels import SIDES
-from sysid.model import plant
-from sysid.model.ports import Effect, Model, Point, overrides
 from sysid.parallel import give_back, kept_per_thread
+from sysid.plant import plant
+from sysid.plant.ports import Effect, Model, Point, overrides
 from sysid.types import FloatArray
 
 EFFORT, RATE_A, RATE_B = "effort", "rate_a", "rate_b"

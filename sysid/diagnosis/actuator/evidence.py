@@ -6,11 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from sysid.bundle import Bundle
-from sysid.bundle.assembled_model import friction_keys
-from sysid.bundle.base import Part
-from sysid.bundle.friction import Friction
-from sysid.bundle.valves import LAW_KEYS
 from sysid.diagnosis.actuator.figures import influences, residual_curves, rounds_shown, shown_curve
 from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.actuator.search import RefittedStep
@@ -21,7 +16,12 @@ from sysid.diagnosis.search import Round
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.parameters import Bundle
+from sysid.parameters.assembled_model import friction_keys
+from sysid.parameters.base import Part
+from sysid.parameters.friction import Friction
+from sysid.parameters.valves import LAW_KEYS
+from sysid.plant.effects.entry import CatalogueEffect
 
 _Part = TypeVar("_Part", bound=Part)
 

@@ -30,7 +30,7 @@ from sysid.diagnosis.binning import binned_means
 from sysid.diagnosis.influence import strongest
 from sysid.diagnosis.looked import Looked, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, mark_removed
-from sysid.model.ports import Model
+from sysid.plant.ports import Model
 from sysid.types import FloatArray, IntArray
 
 # Of each channel's regressors, those that the residual depends on most.

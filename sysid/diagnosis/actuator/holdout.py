@@ -12,8 +12,8 @@ from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, scattered
 from sysid.io.campaign import MOTION_KINDS
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
-from sysid.model.ports import Model
 from sysid.parallel import Failure, on_its_own
+from sysid.plant.ports import Model
 from sysid.types import FloatArray
 from sysid.validation import simulate_segments
 from sysid.validation.motion_tests import MotionTest, prepare_all

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from sysid.diagnosis.actuator.refit import Refit
 from sysid.diagnosis.actuator.screening import Explained, Projected
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
 _Residual = tuple[Model, float]

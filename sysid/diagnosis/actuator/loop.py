@@ -36,9 +36,9 @@ from sysid.diagnosis.looked import Book, Looked, SearchStage
 from sysid.errors import SimulationError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model
 from sysid.parallel import Failure, attempt, limited
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model
 
 TWINS = 4
 CORRECTION_TWINS = 2

@@ -11,8 +11,8 @@ from sysid.diagnosis.actuator.equation_error import BALANCES, EFFORT
 from sysid.diagnosis.actuator.screening import Projected, best_by_effect, screen
 from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.looked import Book
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import overrides
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import overrides
 from sysid.types import FloatArray
 
 # A balance whose mean whitened square is larger holds more than noise.

@@ -16,9 +16,9 @@ from sysid.diagnosis.actuator.screening import Projected
 from sysid.diagnosis.actuator.signatures import base_jacobian, base_parameters, channel_of
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
-from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
-from sysid.model.ports import Model
-from sysid.model.static_reading import as_read
+from sysid.plant.effects.entry import CatalogueEffect, Quantity, with_values
+from sysid.plant.ports import Model
+from sysid.plant.static_reading import as_read
 from sysid.types import FloatArray, IntArray
 
 _EVALUATIONS = 20

@@ -21,9 +21,9 @@ from sysid.io.channels import SIDES, VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import NO_LOAD, Rig
 from sysid.io.trial_kind import is_held
-from sysid.model.ports import Model
-from sysid.model.preparation import Inputs, Shared, open_intervals
-from sysid.model.valve_timing import OpenIntervals
+from sysid.plant.ports import Model
+from sysid.plant.preparation import Inputs, Shared, open_intervals
+from sysid.plant.valve_timing import OpenIntervals
 from sysid.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -194,7 +194,7 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
     A test that does not log a pressure has its chamber at the atmosphere. Tests too short
     for a window are left out.
     """
-    from sysid.model.trials import inputs_from_trial, starts_on_supply
+    from sysid.plant.trials import inputs_from_trial, starts_on_supply
 
     runs: list[TestRun] = []
     parts: list[dict[str, FloatArray]] = []

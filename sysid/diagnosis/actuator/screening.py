@@ -17,9 +17,9 @@ from sysid.diagnosis.actuator.signatures import (
 )
 from sysid.diagnosis.actuator.whitening import Frame, friction_scatter
 from sysid.diagnosis.looked import Book
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model
 from sysid.parallel import attempt_in_threads, spend
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
 # Below this remaining share of its length a signature is one the base parameters can imitate.

@@ -50,9 +50,9 @@ from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, run
 from sysid.errors import SimulationError
 from sysid.estimation.linear import Estimate
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model, overrides
 from sysid.parallel import LATE, Failure, attempt, attempt_in_threads, limited
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model, overrides
 from sysid.types import Progress
 
 # By how much an effect in them may gain more than they exceed the twins.

@@ -18,8 +18,8 @@ from sysid.diagnosis.actuator.equation_error import (
 )
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.io.channels import SIDES
-from sysid.model.effects.entry import SIDE_CHOICES, CatalogueEffect, Quantity
-from sysid.model.ports import Model
+from sysid.plant.effects.entry import SIDE_CHOICES, CatalogueEffect, Quantity
+from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
 _BASE_STEP = 0.01

@@ -7,7 +7,7 @@ import numpy as np
 from sysid.diagnosis.actuator.equation_error import EFFORT, FRICTION_PARAMETERS, equation_error
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.whitening import sliding_windows
-from sysid.model.ports import Model
+from sysid.plant.ports import Model
 
 # Friction of the bench that is this many times that of motion, or less than one over it.
 _FAR_OFF = 3.0

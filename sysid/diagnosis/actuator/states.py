@@ -18,9 +18,9 @@ import numpy as np
 from sysid.diagnosis.actuator.samples import TestRun, Traces
 from sysid.io.channels import SIDES
 from sysid.io.rig import Load
-from sysid.model import base, plant
-from sysid.model.base import Array
-from sysid.model.ports import Model, Point, Structure, join, overrides, split, with_load
+from sysid.plant import base, plant
+from sysid.plant.base import Array
+from sysid.plant.ports import Model, Point, Structure, join, overrides, split, with_load
 from sysid.types import BoolArray, FloatArray, IntArray
 
 _PIECE_S = 0.25
@@ -91,7 +91,7 @@ def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str
 
     Without `needs_flow` only the torque balance is concerned, and held tests are left out.
     """
-    from sysid.model.jax_setup import on_processor
+    from sysid.plant.jax_setup import on_processor
 
     found = {name: np.zeros(len(traces)) for name in model.state_names}
     structure, numbers = split((model.parameters, *model.effects))
@@ -186,7 +186,7 @@ class _Channel:
 # Traces of other valve timings share all channels but the openings.
 @lru_cache(maxsize=2 * len(_SIGNALS))
 def _padded(channel: _Channel) -> Any:
-    from sysid.model.jax_setup import jnp
+    from sysid.plant.jax_setup import jnp
 
     values = channel.values
     return jnp.asarray(np.pad(values, [(0, -len(values) % _ROWS), *[(0, 0)] * (values.ndim - 1)]))
@@ -195,8 +195,8 @@ def _padded(channel: _Channel) -> Any:
 @cache
 def _compiled() -> Any:
     """`_histories`, compiled; jax is loaded with the first effect that has a state."""
-    from sysid.model.jax_setup import jax
-    from sysid.model.simulator import COMPILER_OPTIONS
+    from sysid.plant.jax_setup import jax
+    from sysid.plant.simulator import COMPILER_OPTIONS
 
     fixed = ("structure", "names", "steps", "parts")
     return jax.jit(_histories, static_argnames=fixed, compiler_options=COMPILER_OPTIONS)
@@ -214,7 +214,7 @@ def _histories(
     parts: int,
 ) -> tuple[Any, ...]:
     """Heun's method through all pieces at once, to be traced: each state, (steps, pieces)."""
-    from sysid.model.jax_setup import jax, jnp
+    from sysid.plant.jax_setup import jax, jnp
 
     parameters, *effects = join(structure, numbers)
     model, (low, last) = Model(parameters, tuple(effects)), bounds

@@ -17,8 +17,8 @@ from sysid.diagnosis.actuator.equation_error import channels_of
 from sysid.diagnosis.actuator.refit import Refit
 from sysid.diagnosis.actuator.screening import Projected
 from sysid.estimation.linear import Estimate
-from sysid.model.effects.entry import CatalogueEffect, Quantity
-from sysid.model.ports import Model
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.ports import Model
 
 # Rise of the whitened squares, over their mean, at the ends of a 95 % interval of one number.
 _RISE = 3.84

@@ -19,13 +19,13 @@ from sysid.diagnosis.actuator.samples import TestRun, Traces, smooth
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model.ports import Model
-from sysid.model.sensors import measured_channels
 from sysid.parallel import spend
+from sysid.plant.ports import Model
+from sysid.plant.sensors import measured_channels
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
-    from sysid.model.simulator import Trajectory
+    from sysid.plant.simulator import Trajectory
 
 # Noise is estimated from blocks of this many rows, those within this factor of the calmest fifth.
 _BLOCK = 128
@@ -145,7 +145,7 @@ def simulate_twins(
     A test in which nothing can move does not depend on scatter and is simulated once. The
     seed determines every draw. Raises OutOfBudgetError.
     """
-    from sysid.model.simulator import simulate
+    from sysid.plant.simulator import simulate
 
     spend(count)
     rng = np.random.default_rng(seed)

@@ -26,9 +26,9 @@ from sysid.diagnosis.actuator.equation_error import (
 )
 from sysid.diagnosis.actuator.samples import Rows, Traces, Windows, windows
 from sysid.io.channels import SIDES
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model
 from sysid.parallel import spend
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model
 from sysid.types import BoolArray, FloatArray, IntArray
 
 ORDER = 6

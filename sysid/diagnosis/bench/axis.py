@@ -19,9 +19,6 @@ from typing import Any
 import numpy as np
 
 from sysid import signals
-from sysid.bundle import Bundle, Friction, Parts
-from sysid.bundle.assembled_model import require_moving_inertia
-from sysid.bundle.quality import quality_field
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, rmse, smallest_probe
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
@@ -31,13 +28,16 @@ from sysid.identification.friction.effort import MOTION, EvenTrial, even_trial, 
 from sysid.identification.friction.motion_samples import tells_speeds
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model import plant
-from sysid.model.base import bare_parameters
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.effects.linear import ROTARY_ONLY
-from sysid.model.effects.linkage import InertiaMismatch
-from sysid.model.effects.motor import TorqueSaturation
-from sysid.model.ports import Model, Point, overrides
+from sysid.parameters import Bundle, Friction, Parts
+from sysid.parameters.assembled_model import require_moving_inertia
+from sysid.parameters.quality import quality_field
+from sysid.plant import plant
+from sysid.plant.base import bare_parameters
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.linear import ROTARY_ONLY
+from sysid.plant.effects.linkage import InertiaMismatch
+from sysid.plant.effects.motor import TorqueSaturation
+from sysid.plant.ports import Model, Point, overrides
 from sysid.types import FloatArray
 from sysid.validation.effort_balance import ImposedMotion, effort_gap, imposed_motion
 
@@ -229,7 +229,7 @@ class Axis(Component):
         Only where no pressure acts: a logged chamber's pressure is not the simulator's. Raises
         NotIdentifiedError for an inertia that cannot be.
         """
-        from sysid.model.simulator import Inputs, simulate
+        from sysid.plant.simulator import Inputs, simulate
 
         if self.rig.cylinder is not None:
             return {}

@@ -11,13 +11,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from sysid.bundle import Bundle, Parts
-from sysid.bundle.base import Part
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
-from sysid.model.effects.entry import CatalogueEffect, Quantity
+from sysid.parameters import Bundle, Parts
+from sysid.parameters.base import Part
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.types import FloatArray, IntArray
 
 Effects = tuple[CatalogueEffect, ...]

@@ -9,8 +9,6 @@ from functools import partial
 
 import numpy as np
 
-from sysid.bundle import Bundle
-from sysid.bundle.assembled_model import effects_from_bundle
 from sysid.diagnosis.bench.component import Component, Law, rmse
 from sysid.diagnosis.bench.evidence import HeldOutEvidence
 from sysid.diagnosis.bench.registry import component_of
@@ -24,8 +22,10 @@ from sysid.diagnosis.thresholds import FAR_OFF
 from sysid.errors import NotIdentifiedError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model.effects.entry import Catalogue, CatalogueEffect
 from sysid.parallel import Failure, on_its_own
+from sysid.parameters import Bundle
+from sysid.parameters.assembled_model import effects_from_bundle
+from sysid.plant.effects.entry import Catalogue, CatalogueEffect
 
 _LEFT_OUT = "errors before and after are those of tests left out of the fit in turn"
 _NO_LOG = "no held-out log"

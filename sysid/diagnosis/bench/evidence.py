@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sysid.bundle import Bundle
 from sysid.diagnosis.bench import pictures
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.selection import Addition, Selection
@@ -16,7 +15,8 @@ from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.search import Round, Tried, mark_removed
 from sysid.diagnosis.thresholds import LEAST_GAIN, SIGNIFICANCE
 from sysid.estimation.linear import Estimate
-from sysid.model.effects.entry import CatalogueEffect
+from sysid.parameters import Bundle
+from sysid.plant.effects.entry import CatalogueEffect
 
 
 @dataclass(frozen=True)

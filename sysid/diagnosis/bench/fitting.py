@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.bundle import Parts
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.starting_points import (
     bounds_of,
@@ -24,8 +23,9 @@ from sysid.estimation.linear import Estimate
 from sysid.estimation.nested import nested_p_value
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian_of_all, minimise
 from sysid.estimation.quality import FitQuality, repeated_scatter, repeats_test, scatter_test
-from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.parallel import spend
+from sysid.parameters import Parts
+from sysid.plant.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.types import FloatArray
 
 _EVALUATIONS = 30

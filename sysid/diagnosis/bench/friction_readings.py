@@ -18,8 +18,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.bundle import Bundle, Friction, Parts
-from sysid.bundle.quality import quality_field
 from sysid.diagnosis.bench.component import Component, Law, law_held, probes, shapes
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
@@ -28,10 +26,12 @@ from sysid.estimation.quality import FitQuality
 from sysid.identification.friction.effort import Units, units_of
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model import plant
-from sysid.model.base import Parameters, bare_parameters
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model, Point
+from sysid.parameters import Bundle, Friction, Parts
+from sysid.parameters.quality import quality_field
+from sysid.plant import plant
+from sysid.plant.base import Parameters, bare_parameters
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model, Point
 from sysid.types import FloatArray, IntArray
 
 KIND = "friction-points"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from sysid.bundle import Bundle
 from sysid.diagnosis.bench.axis import axis
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.friction_readings import KIND as FRICTION_POINTS
@@ -20,6 +19,7 @@ from sysid.io.campaign import BENCH_KINDS, MOTION_KINDS
 from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
+from sysid.parameters import Bundle
 
 AXIS = "friction-motion"
 _BUILDERS: dict[str, Callable[[Sequence[Trial], Rig], Component]] = {

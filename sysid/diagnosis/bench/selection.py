@@ -28,9 +28,9 @@ from sysid.diagnosis.looked import Book, Looked, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, Tried, run
 from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
 from sysid.estimation.nonlinear import LeastSquaresFit
-from sysid.model.effects.catalogue import class_of
-from sysid.model.effects.entry import CatalogueEffect
 from sysid.parallel import Failure, attempt, attempt_all, limited
+from sysid.plant.effects.catalogue import class_of
+from sysid.plant.effects.entry import CatalogueEffect
 from sysid.types import FloatArray, Progress, no_progress
 
 Kind = type[CatalogueEffect]

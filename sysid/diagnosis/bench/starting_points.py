@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.diagnosis.bench.component import PROBE, Component, Law, shapes
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter
-from sysid.model.effects.entry import CatalogueEffect, Quantity, with_values
+from sysid.plant.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.types import FloatArray
 
 _SIZED = {"N", "Nm", "kg", "W"}

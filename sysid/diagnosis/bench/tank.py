@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from sysid.bundle import Bundle, DiscreteLaw, FittedValves, Parts, Valve
-from sysid.bundle.quality import quality_field
 from sysid.diagnosis.bench.component import Component, Law, law_held, smallest_probe, usable
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
@@ -23,10 +21,12 @@ from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model import base, plant
-from sysid.model.base import Array, Parameters
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model, Point, stack_models
+from sysid.parameters import Bundle, DiscreteLaw, FittedValves, Parts, Valve
+from sysid.parameters.quality import quality_field
+from sysid.plant import base, plant
+from sysid.plant.base import Array, Parameters
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model, Point, stack_models
 from sysid.types import FloatArray
 
 KIND = "tank"

@@ -15,9 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sysid.bundle import Bundle, FittedValves, Parts, Valve
-from sysid.bundle.quality import quality_field
-from sysid.bundle.valves import SteadyLaw
 from sysid.diagnosis.bench.component import (
     Component,
     Law,
@@ -33,11 +30,14 @@ from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model import base
-from sysid.model.base import Parameters
-from sysid.model.effects.bench import DUTY_DIRECTION
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Model, Point
+from sysid.parameters import Bundle, FittedValves, Parts, Valve
+from sysid.parameters.quality import quality_field
+from sysid.parameters.valves import SteadyLaw
+from sysid.plant import base
+from sysid.plant.base import Parameters
+from sysid.plant.effects.bench import DUTY_DIRECTION
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Model, Point
 from sysid.types import FloatArray
 
 KIND = "valve-flow"

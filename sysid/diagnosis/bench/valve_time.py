@@ -14,9 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.bundle import Bundle, FittedValves, Parts, Valve
-from sysid.bundle.quality import quality_field
-from sysid.bundle.valves import TimingLaw
 from sysid.diagnosis.bench.component import (
     Component,
     Law,
@@ -32,11 +29,14 @@ from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model import base
-from sysid.model.base import Parameters
-from sysid.model.effects.entry import CatalogueEffect
-from sysid.model.ports import Effect, Model, Point, overrides
-from sysid.model.valve_timing import TIME_TOLERANCE, delayed
+from sysid.parameters import Bundle, FittedValves, Parts, Valve
+from sysid.parameters.quality import quality_field
+from sysid.parameters.valves import TimingLaw
+from sysid.plant import base
+from sysid.plant.base import Parameters
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.ports import Effect, Model, Point, overrides
+from sysid.plant.valve_timing import TIME_TOLERANCE, delayed
 from sysid.types import FloatArray
 
 KIND = "valve-time"

@@ -23,7 +23,7 @@ from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.measured_speed import place_needed, velocity_channel, with_position
 from sysid.io.rig import Rig
-from sysid.model.base import cylinder_effort, gravity_effort
+from sysid.plant.base import cylinder_effort, gravity_effort
 from sysid.types import FloatArray
 
 STATIC, SLIDING, MOTION = "friction-static", "friction-sliding", "friction-motion"

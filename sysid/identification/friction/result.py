@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.bundle import Correlation, Friction, Parts
-from sysid.bundle.quality import records_of
-from sysid.display.plots import legend, one_axes
-from sysid.display.quality import quality_table
-from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
+from sysid.blocks.plots import legend, one_axes
+from sysid.blocks.quality import quality_table
+from sysid.blocks.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, FTest
 from sysid.estimation.named import NamedEstimates
@@ -40,6 +38,8 @@ from sysid.identification.friction.motion import MotionFriction
 from sysid.identification.friction.motion_samples import RULE
 from sysid.identification.friction.sliding import SlidingFriction, missed_by
 from sysid.identification.friction.static import CRITERION, StaticFriction, breakaway_of
+from sysid.parameters import Correlation, Friction, Parts
+from sysid.parameters.quality import records_of
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from sysid.bundle import Friction, Parts
 from sysid.estimation.linear import Estimate
+from sysid.parameters import Friction, Parts
 
 _STATIC = ("static_nm", "static_n")
 _PER = {

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.model.base import CRITICAL_RATIO
-from sysid.model.valve_timing import delayed
+from sysid.plant.base import CRITICAL_RATIO
+from sysid.plant.valve_timing import delayed
 from sysid.types import FloatArray
 
 

@@ -11,7 +11,7 @@ from sysid.estimation.quality import root_mean_square
 from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, CurveFit
 from sysid.identification.valve_discrete.trials import SUPPLY_TOLERANCE, Piece
 from sysid.io.rig import Air, Rig
-from sysid.model.base import CRITICAL_RATIO
+from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import BoolArray, FloatArray
 
 RATIOS = ("critical_ratio_fill", "critical_ratio_dis")

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sysid.identification.valve_discrete.trials import Piece
-from sysid.model.base import CRITICAL_RATIO
+from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import FloatArray
 
 # Smallest number of rows of an interval that is used.

@@ -6,16 +6,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from sysid.bundle import Correlation, DiscreteLaw, FittedValves, Parts, Valve
-from sysid.bundle.quality import records_of
-from sysid.display.numbers import number
-from sysid.display.plots import legend, one_axes, some_axes
-from sysid.display.quality import quality_table
-from sysid.display.tables import Shown, ShownTable, estimate_records, estimate_table
+from sysid.blocks.numbers import number
+from sysid.blocks.plots import legend, one_axes, some_axes
+from sysid.blocks.quality import quality_table
+from sysid.blocks.tables import Shown, ShownTable, estimate_records, estimate_table
 from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.estimation.named import NamedEstimates
 from sysid.estimation.quality import FitQuality
+from sysid.parameters import Correlation, DiscreteLaw, FittedValves, Parts, Valve
+from sysid.parameters.quality import records_of
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ from sysid import signals
 from sysid.identification.valve_discrete.held_chamber import HeldChamber
 from sysid.io.logs import Trial
 from sysid.io.rig import Air, Cylinder, Rig
-from sysid.model.base import CRITICAL_RATIO, chamber_volume_a, chamber_volume_b
-from sysid.model.valve_timing import switched_intervals
+from sysid.plant.base import CRITICAL_RATIO, chamber_volume_a, chamber_volume_b
+from sysid.plant.valve_timing import switched_intervals
 from sysid.types import BoolArray, FloatArray
 
 FILLING = ("choked_flow_fill_kg_s", "c_fill", "on_delay_s")

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.bundle import FittedValves, Parts, PwmSurfaces, Valve
-from sysid.bundle.quality import QualityRecord, records_of
-from sysid.bundle.valves import AVERAGED, AveragedRecord, PwmDirections
-from sysid.display.plots import legend, one_axes, some_axes
-from sysid.display.quality import quality_table
-from sysid.display.tables import Shown, ShownTable
+from sysid.blocks.plots import legend, one_axes, some_axes
+from sysid.blocks.quality import quality_table
+from sysid.blocks.tables import Shown, ShownTable
 from sysid.estimation.quality import FitQuality
 from sysid.identification.valve_pwm.quality import duty_quality
 from sysid.identification.valve_pwm.samples import FlowSamples
+from sysid.parameters import FittedValves, Parts, PwmSurfaces, Valve
+from sysid.parameters.quality import QualityRecord, records_of
+from sysid.parameters.valves import AVERAGED, AveragedRecord, PwmDirections
 from sysid.surfaces.averaged_fit import AveragedFit
 from sysid.surfaces.bipolynomial import Bipolynomial
 from sysid.surfaces.comparison import ResolutionStudy, SurfaceComparison, SurfaceError

@@ -28,7 +28,7 @@ from functools import lru_cache
 import numpy as np
 
 from sysid.io.rig import Air, Rig
-from sysid.model.base import CRITICAL_RATIO, flow_from_pressure_rate
+from sysid.plant.base import CRITICAL_RATIO, flow_from_pressure_rate
 from sysid.types import BoolArray, FloatArray, IntArray
 
 TRAVEL_SHARE = 0.03

@@ -24,7 +24,7 @@ from sysid.identification.valve_pwm.supply import (
 from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.model.base import chamber_volume_a, chamber_volume_b
+from sysid.plant.base import chamber_volume_a, chamber_volume_b
 from sysid.types import BoolArray, FloatArray
 
 # Change of the chamber's volume that still counts as a held piston, as a share of it.

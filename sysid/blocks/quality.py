@@ -1,0 +1,66 @@
+"""How well laws follow their tests, as a table: one row a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from sysid.blocks.numbers import MISSING, number
+from sysid.blocks.tables import ShownTable
+from sysid.estimation.quality import lack_of_fit_text
+
+QUALITY_COLUMNS = ("Fit", "RMSE", "Unit", "Of the spread, %", "R2", "Lack of fit", "Verdict")
+_WORDS = {
+    "valves": "",
+    "a": "valve A",
+    "b": "valve B",
+    "friction-static": "breakaway",
+    "friction-sliding": "constant effort",
+    "friction-motion": "motion",
+    "friction-points": "readings",
+    "discrete": "on/off",
+    "pwm": "PWM",
+    "fill": "filling",
+    "discharge": "discharging",
+    "ann": "network",
+    "averaged": "averaged law",
+    "steady": "settled flow",
+    "timing": "time to a pressure",
+}
+
+
+def quality_name(place: str) -> str:
+    """A fit's name for reading, from its place in a bundle ("valves.a.discrete, fill")."""
+    words = [_WORDS.get(w, w) for w in place.replace(", ", ".").split(".")]
+    text = ", ".join(filter(None, words))
+    return text[:1].upper() + text[1:]
+
+
+class Judged(Protocol):
+    """How well a law follows its tests: as it was fitted, or as a bundle holds it."""
+
+    def to_json(self) -> dict[str, Any]:
+        """The bundle's object."""
+
+
+def quality_cells(judged: Judged) -> tuple[str, ...]:
+    """The cells after the first."""
+    found = judged.to_json()
+    share, r2 = found["rmse_share"], found["r2"]
+    return (
+        number(found["rmse"]),
+        found["unit"],
+        MISSING if share is None else number(100.0 * share, 2),
+        MISSING if r2 is None else f"{r2:.4f}",
+        lack_of_fit_text(found["lack_of_fit"]),
+        found["verdict"],
+    )
+
+
+def quality_table(found: Mapping[str, Judged]) -> ShownTable:
+    """One row per judgement, by its place in a bundle."""
+    rows = tuple((quality_name(place), *quality_cells(one)) for place, one in found.items())
+    return ShownTable("How well the laws follow their tests", QUALITY_COLUMNS, rows)
+
+
+__all__ = ["QUALITY_COLUMNS", "Judged", "quality_cells", "quality_name", "quality_table"]

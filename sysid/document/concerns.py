@@ -1,0 +1,95 @@
+"""What holds a verdict back: its colour is that of the worst of what stands below it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sysid.blocks.quality import quality_name
+from sysid.diagnosis.evidence import is_of_actuator
+from sysid.diagnosis.thresholds import FAR_OFF
+from sysid.parameters import Bundle
+
+LEVELS = ("good", "fair", "poor")
+"""Colours of a verdict, from the best to the worst."""
+WELL, ROUGHLY = 90.0, 70.0
+"""Least fit percentages over whole open-loop tests of a good and of a fair level."""
+_MOST_NAMED = 5
+
+
+@dataclass(frozen=True)
+class Concern:
+    """One thing below a verdict: its `level`, and its name where it is worse than good."""
+
+    level: str
+    name: str
+
+
+def level_of_fit(fit: float) -> str:
+    """The level of a fit percentage over whole open-loop tests."""
+    return "good" if fit >= WELL else "fair" if fit >= ROUGHLY else "poor"
+
+
+def worst(levels: Iterable[str]) -> str:
+    """The worst of several levels; "none" where nothing is judged."""
+    known = [LEVELS.index(level) for level in levels if level in LEVELS]
+    return LEVELS[max(known)] if known else "none"
+
+
+def of_bundle(bundle: Bundle, unidentified: Sequence[str]) -> Iterator[Concern]:
+    """Every law by the verdict on its own fit, and what no data identify."""
+    for place, one in bundle.qualities().items():
+        level = "poor" if one.is_doubtful else "good" if one.verdict == "good" else "fair"
+        yield Concern(level, f"the fit of {_named(place)}")
+    if unidentified:
+        many = len(unidentified) > 1
+        yield Concern("fair", f"{len(unidentified)} unidentified parameter{'s' * many}")
+
+
+def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:
+    """What a diagnosis left open; nothing where there is none."""
+    found = (diagnosis or {}).get("verdict")
+    if found is None or diagnosis is None:
+        return
+    if found == "unexplained":
+        is_far_off = diagnosis.get("because") == "held-out errors"
+        yield Concern("poor" if is_far_off else "fair", "the diagnosis, unexplained")
+    elif found == "incomplete":
+        yield Concern("fair", "the diagnosis, incomplete")
+    else:
+        yield Concern("good", "the diagnosis")
+    if not is_of_actuator(diagnosis):
+        # Of a part the floor is what no law could explain; a motion's adds up small errors.
+        for errors in diagnosis.get("residual", {}).values():
+            if errors["noise_floor"] > 0.0 and errors["after"] > FAR_OFF * errors["noise_floor"]:
+                times = errors["after"] / errors["noise_floor"]
+                yield Concern("fair", f"errors {times:.0f} times the noise")
+
+
+def sentence(level: str, concerns: Sequence[Concern], own: str) -> str:
+    """Why the colour is worse than the sentence's `own` level; empty where it is not."""
+    if level == own or level not in LEVELS[1:]:
+        return ""
+    names = list(dict.fromkeys(c.name for c in concerns if c.level == level))
+    more = len(names) - _MOST_NAMED
+    listed = "; ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+    return f"The colour is that of the worst part of the model ({level}): {listed}."
+
+
+def _named(place: str) -> str:
+    name = quality_name(place)
+    return name if name.startswith("Valve") and name[6:7].isupper() else name[:1].lower() + name[1:]
+
+
+__all__ = [
+    "LEVELS",
+    "ROUGHLY",
+    "WELL",
+    "Concern",
+    "level_of_fit",
+    "of_bundle",
+    "of_diagnosis",
+    "sentence",
+    "worst",
+]

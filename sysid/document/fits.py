@@ -1,0 +1,42 @@
+"""How well each fitted law follows its own tests, and the verdict on it."""
+
+from __future__ import annotations
+
+from sysid.blocks.numbers import unit
+from sysid.blocks.quality import QUALITY_COLUMNS, quality_cells, quality_name
+from sysid.document.blocks import Section, table
+from sysid.estimation.quality import GOOD_SHARE, LEAST_EXPLAINED, USABLE_SHARE
+from sysid.parameters import Bundle
+
+
+def fits_section(bundle: Bundle) -> Section | None:
+    """From the judgements in the bundle; None where it holds none (an older file)."""
+    judged = bundle.qualities()
+    if not judged:
+        return None
+    rows = [
+        (quality_name(place), cells[0], unit(cells[1]), *cells[2:])
+        for place, one in sorted(judged.items(), key=lambda item: _side(item[0]))
+        for cells in [quality_cells(one)]
+    ]
+    intro = (
+        "Each law against the tests that it was fitted to (PWM: tests left out of the fit, where "
+        "there are enough). The verdict goes by what the law misses of the signal's spread beyond "
+        f"the scatter of the measurement: good up to {100 * GOOD_SHARE:.0f} %, usable up to "
+        f"{100 * USABLE_SHARE:.0f} %, else poor. A law that explains less than "
+        f"{100 * LEAST_EXPLAINED:.0f} % of the signal's variance beyond its scatter, or whose "
+        "numbers cannot be, is kept only where a missing effect may be the cause.",
+        "Lack of fit is an F test against repeats where conditions were repeated, else the "
+        "residual over the measurement's known scatter, else a test of the residual's runs. A "
+        "significant one shows that the law lacks something, which may be small.",
+    )
+    blocks = (table("Fits", QUALITY_COLUMNS, rows, text=(2, 5, 6)),)
+    return Section("fits", "How well the laws follow their tests", intro, blocks)
+
+
+def _side(place: str) -> str:
+    """What rows are ordered by: friction first, then valve A, then B."""
+    return place[: len("valves.a")] if place.startswith("valves.") else ""
+
+
+__all__ = ["fits_section"]

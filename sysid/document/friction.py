@@ -1,0 +1,266 @@
+"""The friction section: parameters, constant-effort tests against the fit, breakaway."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number
+from sysid.document import svg
+from sysid.document.blocks import Block, Figure, FigureGroup, HtmlTable, Lines, Section, table
+from sysid.document.svg import COLOUR
+from sysid.errors import NotIdentifiedError
+from sysid.estimation.linear import Estimate, t_quantile
+from sysid.parameters import Friction, Unread
+from sysid.parameters.friction import StaticAtPosition, TestUse
+from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    from sysid.friction import SlidingPoints
+
+
+_NAMES = {
+    "static": "Static friction",
+    "coulomb": "Coulomb friction",
+    "viscous": "Viscous friction",
+    "offset": "Offset",
+    "inertia": "Inertia",
+    "mass": "Mass",
+}
+_PARAMETER_COLUMNS = ("Parameter", "Value", "Std. error", "95 % interval", "Unit", "Key")
+_DIRECTIONS = ((1.0, "forwards", "o", "model"), (-1.0, "backwards", "s", "second"))
+
+
+@dataclass(frozen=True)
+class _Units:
+    """Names and units of a rotary or a linear rig."""
+
+    effort: str
+    position: str
+    speed: str
+    effort_name: str
+
+    @classmethod
+    def of(cls, linear: bool) -> _Units:
+        if linear:
+            return cls("N", "m", "m/s", "force")
+        return cls("N·m", "rad", "rad/s", "torque")
+
+
+def friction_section(friction: Friction, linear: bool) -> Section:
+    """From the bundle's `friction`."""
+    units = _Units.of(linear)
+    blocks: list[Block] = [
+        parameters_table("Friction parameters", friction.estimates(), _parameter_name)
+    ]
+    blocks += _combinations(friction)
+    blocks += _cross_check(friction)
+    figures = _figures(friction, units)
+    if figures:
+        caption = (
+            "Friction over speed, one point per constant-effort test, with the fit to these tests "
+            "alone and its 95 % band (jackknife over the tests); breakaway by starting position, "
+            "with each position's mean and its 95 % interval."
+        )
+        blocks.append(FigureGroup(caption, tuple(figures)))
+    blocks += _position_table(friction, units)
+    blocks += _left_out(friction)
+    source = {
+        "friction-sliding": "Coulomb and viscous friction come from the constant-effort tests.",
+        "friction-motion": "Coulomb and viscous friction come from general motion, by inverse "
+        "dynamics.",
+    }.get(str(friction.source))
+    intro = (source,) if source else ()
+    return Section("friction", "Friction", intro, tuple(blocks))
+
+
+def parameters_table(
+    caption: str, estimates: Mapping[str, Estimate], name_of: Any, prefix: str = ""
+) -> HtmlTable:
+    """One row per parameter of a part of the bundle, with its interval and its key there."""
+    rows = [
+        (name_of(key), *estimate_cells(value), prefix + key) for key, value in estimates.items()
+    ]
+    return table(caption, _PARAMETER_COLUMNS, rows, text=(4, 5), code=(5,))
+
+
+def _parameter_name(key: str) -> str:
+    return _NAMES.get(key.partition("_")[0], key)
+
+
+def _combinations(friction: Friction) -> list[Block]:
+    """The sums that the tests identify, with the test that would separate their parts."""
+    rows = [
+        (name, *estimate_cells(row.estimate), row.test) for name, row in friction.sums().items()
+    ]
+    if not rows:
+        return []
+    caption = "Identified only together, and the test that would separate the parts"
+    columns = ("Sum", "Value", "Std. error", "95 % interval", "Unit", "Test")
+    return [table(caption, columns, rows, text=(0, 4, 5), code=(0,))]
+
+
+def _cross_check(friction: Friction) -> list[Block]:
+    check = friction.cross_check
+    if isinstance(check, Unread) or not check:
+        return []
+    caption = "Cross-check: the same parameters from general motion"
+    return [parameters_table(caption, check, _parameter_name)]
+
+
+def _position_table(friction: Friction, units: _Units) -> list[Block]:
+    rows = [
+        (fixed(row.position, 3), str(row.tests or MISSING), *estimate_cells(row.static)[:3])
+        for row in friction.positions()
+    ]
+    if not rows:
+        return []
+    columns = (f"Position ({units.position})", "Tests", "Mean", "Std. error", "95 % interval")
+    return [table(f"Static friction by position ({units.effort})", columns, rows)]
+
+
+def _left_out(friction: Friction) -> list[Block]:
+    lines = [f"{t.kind}, test {t.test}: {t.reason or ''}" for t in friction.tests() if not t.used]
+    if not lines:
+        return []
+    return [Lines(tuple(lines), f"{len(lines)} tests left out")]
+
+
+# --- figures ---------------------------------------------------------------------------
+
+
+def _figures(friction: Friction, units: _Units) -> list[Figure]:
+    figures = []
+    sliding, static = friction.used("friction-sliding"), friction.used("friction-static")
+    if sliding and friction.coulomb is not None and friction.coulomb.identified:
+        figures.append(_sliding_figure(sliding, friction, units))
+    if static:
+        figures.append(_static_figure(static, friction, units))
+    return figures
+
+
+def _sliding_figure(trials: Sequence[TestUse], friction: Friction, units: _Units) -> Figure:
+    speed, effort = _readings(trials, "speed"), _readings(trials, "friction")
+    law = (friction.coulomb, friction.viscous, friction.offset)
+    values = [e.value if e is not None and e.identified else 0.0 for e in law]
+    figure, ax = svg.panel("Friction over speed")
+    grid = np.linspace(0.0, 1.06 * float(np.abs(speed).max()), 60)
+    spread = _jackknife(trials)
+    for way, name, marker, role in _DIRECTIONS:
+        rows = np.sign(speed) == way
+        if not rows.any():
+            continue
+        line = values[0] + values[1] * grid + way * values[2]
+        if spread is not None:
+            half = _half_width(spread, grid, way, len(trials))
+            ax.fill_between(
+                grid, line - half, line + half, color=COLOUR[role], alpha=0.16, linewidth=0
+            )
+        ax.plot(grid, line, color=COLOUR[role])
+        ax.plot(
+            np.abs(speed[rows]), np.abs(effort[rows]), marker, color=COLOUR[role],
+            markersize=3.5, markerfacecolor="none", label=name,
+        )  # fmt: skip
+    ax.set_xlabel(f"Speed ({units.speed})")
+    ax.set_ylabel(f"Friction {units.effort_name} ({units.effort})")
+    svg.legend(ax, loc="upper left")
+    description = (
+        f"Friction of {len(trials)} constant-effort tests, {number(float(np.abs(effort).min()))} "
+        f"to {number(float(np.abs(effort).max()))} {units.effort}, at speeds from "
+        f"{number(float(np.abs(speed).min()))} to {number(float(np.abs(speed).max()))} "
+        f"{units.speed}. The fitted line starts at {number(values[0])} {units.effort} and rises "
+        f"by {number(values[1])} {units.effort} per {units.speed}."
+    )
+    return svg.to_figure(figure, "fig-sliding", "Friction over speed", description)
+
+
+def _readings(trials: Sequence[TestUse], name: str) -> FloatArray:
+    """What was read from each test, (n,); NaN where it was not."""
+    return np.array([t.reading(name) for t in trials], dtype=float)
+
+
+def _points(trials: Sequence[TestUse]) -> SlidingPoints:
+    """The bundle's trials as the regression takes them (`sysid.friction`)."""
+    from sysid.friction import SlidingPoints
+
+    table = {k: _readings(trials, k) for k in ("motor", "gravity", "cylinder")}
+    set_effort = table["motor"] - table["gravity"]
+    applied = set_effort + table["cylinder"]
+    if float(np.ptp(set_effort)) < 0.3 * float(np.ptp(applied)):
+        set_effort = applied
+    speed, effort = _readings(trials, "speed"), _readings(trials, "friction")
+    labels = tuple(t.test for t in trials)
+    return SlidingPoints(labels, np.sign(speed), set_effort, effort, speed)
+
+
+def _jackknife(trials: Sequence[TestUse]) -> FloatArray | None:
+    """Covariance (3, 3) of Coulomb, viscous, offset: the fit again without each test."""
+    from sysid.friction import ROTARY, fit_sliding
+
+    found = []
+    for left_out in range(len(trials)):
+        kept = [t for i, t in enumerate(trials) if i != left_out]
+        try:
+            fit = fit_sliding(_points(kept), ROTARY)
+        except NotIdentifiedError:
+            return None
+        offset = fit.offset.value if fit.offset.identified else 0.0
+        found.append((fit.coulomb.value, fit.viscous.value, offset))
+    values = np.array(found)
+    if len(values) < 4 or not np.isfinite(values).all():
+        return None
+    off = values - values.mean(axis=0)
+    return np.asarray((len(values) - 1) / len(values) * off.T @ off, dtype=float)
+
+
+def _half_width(spread: FloatArray, speed: FloatArray, way: float, tests: int) -> FloatArray:
+    """Half of the 95 % band of the fitted friction at each speed, (n,)."""
+    columns = np.column_stack([np.ones_like(speed), speed, np.full_like(speed, way)])
+    variance = np.einsum("ij,jk,ik->i", columns, spread, columns)
+    half = t_quantile(tests - 3) * np.sqrt(np.maximum(variance, 0.0))
+    return np.asarray(half, dtype=float)
+
+
+def _static_figure(trials: Sequence[TestUse], friction: Friction, units: _Units) -> Figure:
+    place, way = _readings(trials, "position"), _readings(trials, "direction")
+    effort = np.abs(_readings(trials, "breakaway"))
+    figure, ax = svg.panel("Breakaway by position")
+    for direction, name, marker, role in _DIRECTIONS:
+        rows = way == direction
+        if rows.any():
+            ax.plot(
+                place[rows], effort[rows], marker, color=COLOUR[role], markersize=3.5,
+                markerfacecolor="none", label=name,
+            )  # fmt: skip
+    for row in friction.positions():
+        _mean_bar(ax, row)
+    span = max(float(np.ptp(place)), 1e-9)
+    ax.set_xlim(float(place.min()) - 0.12 * span, float(place.max()) + 0.12 * span)
+    ax.set_xlabel(f"Starting position ({units.position})")
+    ax.set_ylabel(f"Breakaway {units.effort_name} ({units.effort})")
+    ax.margins(y=0.25)
+    svg.legend(ax, loc="upper right", ncols=2)
+    description = (
+        f"Breakaway {units.effort_name} of {len(trials)} ramps from "
+        f"{len(friction.positions())} positions, between "
+        f"{number(float(effort.min()))} and {number(float(effort.max()))} {units.effort}."
+    )
+    return svg.to_figure(figure, "fig-static", "Breakaway by position", description)
+
+
+def _mean_bar(ax: Any, row: StaticAtPosition) -> None:
+    value, (low, high) = row.static.value, row.static.interval
+    known = math.isfinite(low) and math.isfinite(high)
+    bars = [[value - low], [high - value]] if known else [[0.0], [0.0]]
+    if math.isfinite(value):
+        ax.errorbar(
+            [row.position], [value], yerr=bars, fmt="_", color=COLOUR["ink"], capsize=3,
+            markersize=9, elinewidth=1.0,
+        )  # fmt: skip
+
+
+__all__ = ["friction_section", "parameters_table"]

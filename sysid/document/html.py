@@ -1,0 +1,81 @@
+"""The frame that pages share: how a template that extends `templates/frame.html` is filled in."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from collections.abc import Iterable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from sysid import __version__
+from sysid.errors import escaped
+
+_TEMPLATES = resources.files("sysid.document") / "templates"
+
+
+def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:
+    """The page of a template that extends `frame.html`, the report's own or one in `folder`.
+
+    `content` is what the template uses; texts in it are escaped.
+    """
+    import jinja2
+    from markupsafe import Markup
+
+    loaders: list[jinja2.BaseLoader] = [jinja2.FunctionLoader(_source)]
+    if folder is not None:
+        loaders.append(jinja2.FileSystemLoader(folder))
+    environment = jinja2.Environment(
+        loader=jinja2.ChoiceLoader(loaders),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=lambda value: value if isinstance(value, Markup) else _readable(value),
+    )
+    return environment.get_template(template).render(
+        **content,
+        version=__version__,
+        written=moment(datetime.datetime.now(datetime.UTC)),
+        style=Markup(template_text("style.css")),
+    )
+
+
+_ORIGIN = re.compile(r'<meta name="sysid-fit" content="([^"]*)">')
+
+
+def origin_text(fitted_on: Iterable[tuple[str, str]]) -> str:
+    """Kind and SHA-256 of a page's training logs, as its head holds them for `origin_of`."""
+    return " ".join(f"{kind}:{digest}" for kind, digest in sorted(fitted_on))
+
+
+def origin_of(page: str) -> frozenset[tuple[str, str]] | None:
+    """Kind and SHA-256 of each log that a page's bundle was fitted on; None for another page."""
+    found = _ORIGIN.search(page)
+    if found is None:
+        return None
+    pairs = (word.rpartition(":") for word in found[1].split())
+    return frozenset((kind, digest) for kind, _, digest in pairs)
+
+
+def _readable(value: Any) -> Any:
+    """A text without the control characters that a file's names and labels may hold."""
+    return escaped(value, keep="\n\t") if isinstance(value, str) else value
+
+
+def moment(time: datetime.datetime) -> str:
+    """A time to the minute, UTC."""
+    return time.astimezone(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def template_text(name: str) -> str:
+    """A file of the report's templates, unchanged."""
+    return (_TEMPLATES / name).read_text("utf-8")
+
+
+def _source(name: str) -> str | None:
+    return template_text(name) if (_TEMPLATES / name).is_file() else None
+
+
+__all__ = ["fill", "moment", "origin_of", "origin_text", "template_text"]

@@ -1,0 +1,258 @@
+"""Open-loop validation: tables, static overlays (Figures 3.19, 3.20), how the error grows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid.blocks.channels import Channel
+from sysid.blocks.numbers import MISSING, number, percent
+from sysid.document import svg
+from sysid.document.blocks import (
+    Block,
+    Figure,
+    FigureGroup,
+    Fold,
+    HtmlTable,
+    Lines,
+    Plot,
+    Section,
+    table,
+)
+from sysid.document.interactive import overlay_document, overlay_samples
+from sysid.document.shown_tests import (
+    MODEL_NAMES,
+    ShownTest,
+    shown_channels,
+    tests_of,
+    tests_to_show,
+)
+from sysid.document.svg import COLOUR, MODEL_STYLES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from sysid.validation import HorizonError, LogResult, ValidationResult
+
+
+NOISE_BAND = 1.96
+"""Half-width of the noise band in standard deviations: 95 % of pure noise lies inside."""
+_BUCKETS = 260
+_GROWTH_POINTS = 40
+# As on the interactive page, and as the surfaces' own figures draw the two of the thesis.
+_STYLED = ("discrete", "bipolynomial", "ann", "averaged")
+MODEL_LINES = dict(zip(_STYLED, MODEL_STYLES, strict=True))
+
+
+def validation_section(validation: ValidationResult) -> Section:
+    """Every motion log, simulated from its first row given only its commands."""
+    blocks: list[Block] = [_table(validation, c) for c in shown_channels(validation)]
+    blocks.append(_structure_table(validation))
+    blocks.append(_growth(validation))
+    tests = tests_of(validation)
+    shown = tests_to_show(tests)
+    blocks += [_plot(i, test) for i, test in enumerate(shown)]
+    if validation.notices:
+        blocks.append(Lines(tuple(dict.fromkeys(validation.notices)), "Notices"))
+    intro = [
+        "Each test is simulated open loop from an estimated start, given only its commands: no "
+        "measurement corrects the model along the way, so that errors in position accumulate. "
+        "The errors over one second are of simulations restarted from the measured state.",
+    ]
+    if len(shown) < len(tests):
+        intro.append(
+            f"Of {len(tests)} tests {len(shown)} are drawn: those held out, and of each kind "
+            "without held-out tests the one with the worst fit."
+        )
+    return Section("validation", "Open-loop validation", tuple(intro), tuple(blocks))
+
+
+def _table(validation: ValidationResult, channel: Channel) -> HtmlTable:
+    unit = channel.residual_unit
+    rows = []
+    for log in validation.logs:
+        result = log.channels.get(channel.key)
+        if result is None:
+            continue
+        horizons = [number(channel.residual(h.rmse)) for h in result.horizons]
+        rows.append(
+            (
+                log.name,
+                "held out" if log.use == "holdout" else "training",
+                MODEL_NAMES[log.model],
+                *horizons,
+                number(channel.residual(result.errors.rmse)),
+                number(channel.residual(result.errors.largest)),
+                percent(result.errors.fit_percentage),
+                number(channel.residual(result.noise_floor)),
+                number(result.ratio),
+            )
+        )
+    names = [f"RMSE, {number(h.horizon_s, 1)}\N{NO-BREAK SPACE}s" for h in _horizons(validation)]
+    columns = (
+        "Log", "Use", "Valve model", *names, "RMSE, whole", "Largest", "Fit, whole",
+        "Sensor noise", "RMSE\N{NO-BREAK SPACE}/\N{NO-BREAK SPACE}noise",
+    )  # fmt: skip
+    return table(f"{channel.title}: errors in {unit}", columns, rows, text=(1, 2))
+
+
+def _horizons(validation: ValidationResult) -> Sequence[HorizonError]:
+    return next((c.horizons for log in validation.logs for c in log.channels.values()), ())
+
+
+def _structure_table(validation: ValidationResult) -> Fold:
+    """Whiteness and cross-correlation: in how many tests the residual passes."""
+    rows = []
+    for log in validation.logs:
+        for channel in shown_channels(validation):
+            parts = [t.channels[channel.key] for t in log.tests if channel.key in t.channels]
+            white = [p.whiteness for p in parts if p.whiteness is not None]
+            inputs = [p.inputs for p in parts if p.inputs]
+            rows.append(
+                (
+                    log.name,
+                    MODEL_NAMES[log.model],
+                    channel.title,
+                    f"{sum(w.passed for w in white)} of {len(white)}" if white else MISSING,
+                    f"{sum(all(t.passed for t in i.values()) for i in inputs)} of {len(inputs)}"
+                    if inputs
+                    else MISSING,
+                    _loudest(log, channel.key),
+                )
+            )
+    columns = (
+        "Log",
+        "Valve model",
+        "Channel",
+        "White",
+        "Uncorrelated with inputs",
+        "Strongest input",
+    )
+    caption = "Tests whose residual is white, and uncorrelated with every input (5 % false alarms)"
+    return Fold("Structure in the residuals", (table(caption, columns, rows, text=(1, 2, 5)),))
+
+
+def _loudest(log: LogResult, channel: str) -> str:
+    """The input on which the residual depends most, if on any."""
+    found = [
+        (float(np.max(np.abs(test.correlations) / test.band)), name)
+        for result in log.tests
+        if channel in result.channels
+        for name, test in result.channels[channel].inputs.items()
+        if not test.passed
+    ]
+    return max(found)[1] if found else MISSING
+
+
+# --- figures ---------------------------------------------------------------------------
+
+
+def _growth(validation: ValidationResult) -> FigureGroup:
+    figures = []
+    for channel in shown_channels(validation):
+        figure, ax = svg.panel(f"{channel.title}: error over the horizon")
+        used = _growth_lines(ax, validation, channel)
+        ax.set_xlabel("Time since the start (s)")
+        ax.set_ylabel(f"RMS error ({channel.residual_unit})")
+        ax.set_ylim(0.0, 1.5 * ax.get_ylim()[1])
+        ax.set_xlim(left=0.0)
+        svg.legend(ax, loc="upper left")
+        description = f"{channel.title}, RMS over all starts within the tests: " + "; ".join(used)
+        title = f"{channel.title}: how the error grows"
+        figures.append(svg.to_figure(figure, f"fig-growth-{channel.key}", title, description))
+    caption = (
+        "How the open-loop error grows with the time since the simulation last started from the "
+        "measured state; one line per valve model, over the held-out logs (all logs if none is)."
+    )
+    return FigureGroup(caption, tuple(figures))
+
+
+def _growth_lines(ax: Axes, validation: ValidationResult, channel: Channel) -> list[str]:
+    used = []
+    use = "holdout" if validation.select("holdout") else None
+    for model, name in MODEL_NAMES.items():
+        colour, dashes = MODEL_LINES[model]
+        curves, times = [], []
+        for log in validation.select(use, model):
+            for test in log.tests:
+                growth = test.growth.get(channel.key, np.zeros(0))
+                if len(growth) > 1:
+                    times.append(test.time[: len(growth)])
+                    curves.append(growth)
+        if not curves:
+            continue
+        rows = min(len(c) for c in curves)
+        square = np.mean([c[:rows] ** 2 for c in curves], axis=0)
+        # Means over whole PWM periods: the ripple's phase is irrelevant.
+        edges = np.unique(np.linspace(0, rows, _GROWTH_POINTS + 1).astype(int))
+        shown = channel.residual_scale * np.sqrt(
+            np.add.reduceat(square, edges[:-1]) / np.diff(edges)
+        )
+        centres = 0.5 * (times[0][edges[:-1]] + times[0][edges[1:] - 1])
+        ax.plot(centres, shown, color=colour, linestyle=dashes, label=name)
+        used.append(
+            f"{name} {number(float(shown[-1]))} {channel.residual_unit} after "
+            f"{number(float(times[0][rows - 1]))} s"
+        )
+    return used
+
+
+def _plot(index: int, test: ShownTest) -> Plot:
+    channels = test.channels()
+    static = tuple(_overlay(f"fig-motion-{index}", test, channel) for channel in channels)
+    caption = f"{test.title}: measured and simulated, residual with the 95 % band of the "
+    caption += "sensor noise."
+    fits = "; ".join(_fits(test, channel) for channel in channels)
+    return Plot(
+        id=f"plot-{index}",
+        title=f"Open loop: {test.title}",
+        description=f"Fit over the whole test: {fits}.",
+        caption=caption,
+        document=overlay_document(tuple(channels), tuple(test.results)),
+        samples=overlay_samples(test, channels, NOISE_BAND),
+        static=static,
+    )
+
+
+def _fits(test: ShownTest, channel: Channel) -> str:
+    parts = [
+        f"{MODEL_NAMES[m]} {percent(r.channels[channel.key].errors.fit_percentage)}"
+        for m, r in test.results.items()
+        if channel.key in r.channels
+    ]
+    return f"{channel.title.lower()}, " + ", ".join(parts)
+
+
+def _overlay(prefix: str, test: ShownTest, channel: Channel) -> Figure:
+    figure, (top, bottom) = svg.panels(channel.title, (1.8, 1.0), svg.TALL_PANEL)
+    first = test.first
+    residuals = {m: r.residual(channel.key) for m, r in test.results.items()}
+    measured = first.measured[channel.key]
+    kept = svg.thinned(first.time, [measured, *residuals.values()], _BUCKETS)
+    time = first.time[kept]
+    top.plot(
+        time, measured[kept] * channel.scale, color=COLOUR["measured"], linewidth=2.4,
+        label="measured",
+    )  # fmt: skip
+    noise = NOISE_BAND * first.channels[channel.key].noise_floor * channel.residual_scale
+    bottom.axhspan(-noise, noise, color=COLOUR["band"], alpha=0.35, linewidth=0, zorder=3)
+    for model in reversed(list(test.results)):
+        result, (colour, dashes) = test.results[model], MODEL_LINES[model]
+        simulated = result.simulated[channel.key][kept] * channel.scale
+        top.plot(
+            time, simulated, color=colour, linestyle=dashes, linewidth=1.0,
+            label=MODEL_NAMES[model],
+        )  # fmt: skip
+        shown = residuals[model][kept] * channel.residual_scale
+        bottom.plot(time, shown, color=colour, linewidth=0.6)
+    top.set_ylabel(f"{channel.title} ({channel.unit})")
+    bottom.set_ylabel(f"Residual ({channel.residual_unit})")
+    bottom.set_xlabel("Time (s)")
+    svg.legend(top, loc="upper left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    low, high = top.get_ylim()
+    top.set_ylim(low, high + 0.28 * (high - low))
+    figure.align_ylabels([top, bottom])
+    description = f"{test.kind}, measured and simulated open loop; {_fits(test, channel)}."
+    return svg.to_figure(figure, f"{prefix}-{channel.key}", channel.title, description)

@@ -1,0 +1,170 @@
+"""What to do next: the tests that would tell rivals apart, and what lacks information."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from sysid.blocks.numbers import number
+from sysid.diagnosis.evidence import is_of_actuator
+from sysid.diagnosis.wording import advice_on_rest
+from sysid.document.blocks import Block, Lines, Section, table
+from sysid.document.effects import named
+from sysid.document.opening import unidentified
+from sysid.estimation.linear import Estimate
+from sysid.parameters import Bundle
+from sysid.parameters.assembled_model import friction_keys
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.entry import Quantity
+from sysid.plant.effects.linear import for_rig
+
+Content = Mapping[str, Any]
+
+# Share of a value from which on a 95 % interval's half-width is worth another test.
+_WIDE = 0.25
+
+
+def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Section | None:
+    """From the diagnosis and the bundle as they are: nothing is simulated for it.
+
+    `campaign` is its file's name. None where there is nothing to say.
+    """
+    found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
+    blocks: list[Block] = []
+    if found is not None:
+        blocks += _rivals(found)
+        said = advice_on_rest(found)
+        blocks += [Lines(said)] if said else []
+    if not bundle.rig.is_tank_alone:  # no other test of a tank gives what its discharge does not
+        blocks += _lacking(bundle)
+    is_advised = is_of_actuator(found) and bundle.friction is not None and bundle.valves is not None
+    if not blocks and not (found is not None and is_advised):
+        return None
+    intro = (
+        ["Ordered by what they decide: which effect it is, what remains, how large it is."]
+        if blocks
+        else ["Nothing was left open: an effect too small for these tests may still be there."]
+    )
+    if is_advised:
+        intro.append(
+            f"sysid advise {campaign} --bundle bundle.json predicts for this rig what each of a "
+            "list of further tests would add, and the smallest size of every effect that they "
+            "would show; it takes a minute or more and is not part of this report."
+        )
+    return Section("next", "What to do next", tuple(intro), tuple(blocks))
+
+
+def left_open(diagnosis: Content | None, *, is_validated: bool) -> str:
+    """What to do where there is no section: what was not looked at may be open."""
+    if not is_of_actuator(diagnosis):
+        is_validated = True  # a part alone has no motion to be validated on
+    runs = [] if is_validated else ["sysid validate"]
+    if diagnosis is None:
+        runs.append("sysid diagnose")
+    if runs:
+        return f"run {' and '.join(runs)}"
+    if diagnosis is not None and "verdict" not in diagnosis:
+        return "add the tests that the diagnosis needs"
+    return "nothing was left open"
+
+
+def _rivals(content: Content) -> list[Block]:
+    """The effects that the data cannot tell apart, with the test that would."""
+    telling = content["figures"].get("telling", {})
+    rows = []
+    for effect in content["effects"]:
+        for rival in effect["ambiguous_with"]:
+            tests = (effect["advice"] or telling.get(effect["id"], ""), telling.get(rival, ""))
+            said = "; or ".join(dict.fromkeys(_sentence(t) for t in tests if t))
+            rows.append((named(content, effect["id"]), named(content, rival), said or "none known"))
+    if not rows:
+        return []
+    columns = ("Effect", "Indistinguishable from", "Test that would tell them apart")
+    return [table("Which of them it is", columns, rows, text=(1, 2))]
+
+
+def _sentence(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+def _lacking(bundle: Bundle) -> list[Block]:
+    rows = [*_unidentified(bundle), *_only_together(bundle), *_uninformed(bundle), *_wide(bundle)]
+    if not rows:
+        return []
+    columns = ("Parameter", "What is missing", "What would help")
+    return [table("Parameters that lack information", columns, rows, text=(1, 2), code=(0,))]
+
+
+def _unidentified(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
+    for name, reason in unidentified(bundle):
+        # A reason ends with its mend, where there is one: "only a + b is identified: give ...".
+        why, _, mend = reason.partition(": give ")
+        yield name, f"not identified: {why}", mend or "a test that moves it alone"
+
+
+def _only_together(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
+    if bundle.friction is not None:
+        for name, row in bundle.friction.sums().items():
+            yield name, "identified only together", row.test
+
+
+def _uninformed(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
+    """What the refinement could not learn from motion, where no bench test says it either."""
+    part = bundle.refinement
+    for value in [] if part is None else part.values():
+        std = value.after.std
+        if not value.informed_by_motion and (std is None or not math.isfinite(std)):
+            yield value.name, "neither bench tests nor motion determine it", "a test of its own"
+
+
+def _wide(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
+    """Parameters whose interval is wide against their value."""
+    positive = _positive(bundle)
+    for name, estimate in _estimates(bundle):
+        low, high = estimate.interval
+        if not estimate.identified or not (math.isfinite(low) and math.isfinite(high)):
+            continue
+        half = 0.5 * (high - low)
+        # What may have either sign is not wide for being about 0: an offset, a difference.
+        size = max(abs(estimate.value), positive.get(name, 0.0))
+        if half <= _WIDE * size or (low * high <= 0.0 and name not in positive):
+            continue
+        if low * high > 0.0:
+            wide = f"± {number(100.0 * half / abs(estimate.value), 2)} %"
+        else:
+            wide = f"{number(low, 2)} to {number(high, 2)}"
+            wide += f" {estimate.unit}" if estimate.unit not in ("", "-") else ""
+        yield name, f"95 % interval of {wide}", "more tests like those it was read from"
+
+
+def _positive(bundle: Bundle) -> dict[str, float]:
+    """The parameters that cannot be below 0, and the size at which one matters.
+
+    That of an effect's is its typical one, or its whole range; of others 0: their own. Of an effect
+    of the user's own none is known.
+    """
+    known = for_rig(catalogue(), bundle.is_linear)
+    found = {f"friction.{name}": 0.0 for name in friction_keys(bundle.is_linear).values()}
+    for effect in (known[e.id] for e in bundle.effects if e.id in known):
+        found |= {f"{effect.id}.{q.label}": _size(q) for q in effect.quantities if q.lower >= 0.0}
+    return found
+
+
+def _size(quantity: Quantity) -> float:
+    reach = quantity.upper - quantity.lower
+    return quantity.typical or (reach if math.isfinite(reach) else 0.0)
+
+
+def _estimates(bundle: Bundle) -> Sequence[tuple[str, Estimate]]:
+    friction = () if bundle.friction is None else tuple(bundle.friction.estimates().items())
+    effects = [
+        (f"{effect.id}.{name}", estimate)
+        for effect in bundle.effects
+        for name, estimate in effect.parameters.items()
+        if isinstance(estimate, Estimate)
+    ]
+    return [*((f"friction.{name}", e) for name, e in friction), *effects]
+
+
+__all__ = ["next_section"]

@@ -1,0 +1,327 @@
+"""The report's first sentence and its small table: how well the model follows the rig."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from sysid.blocks.channels import Channel
+from sysid.blocks.numbers import number, percent
+from sysid.blocks.quality import quality_name
+from sysid.diagnosis.evidence import is_of_actuator
+from sysid.diagnosis.wording import sentence
+from sysid.document import concerns
+from sysid.document.blocks import HtmlTable, table
+from sysid.document.concerns import Concern, level_of_fit
+from sysid.document.shown_tests import MODEL_NAMES, shown_channels
+from sysid.estimation.linear import Estimate
+from sysid.parameters import Bundle, ComponentRecord
+from sysid.parameters.base import Part
+
+if TYPE_CHECKING:
+    from sysid.validation import ChannelResult, LogResult, ValidationResult
+
+
+@dataclass(frozen=True)
+class ReportVerdict:
+    """`level` ("good", "fair", "poor" or "none") is that of the worst of what stands below.
+
+    `sentence` says how well the model follows the rig, `notes` are reservations. `diagnosis` is
+    its verdict in one sentence, `held_back` what makes the level worse than the sentence; empty
+    where there is none. `concerns` is all that the level was chosen from.
+    """
+
+    level: str
+    sentence: str
+    table: HtmlTable | None
+    notes: tuple[str, ...] = ()
+    diagnosis: str = ""
+    held_back: str = ""
+    concerns: tuple[Concern, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Pooled:
+    """One channel over the judged logs, in shown units of the residual."""
+
+    channel: Channel
+    rmse: float
+    rmse_second: float | None
+    largest: float
+    fit: float | None
+    noise: float
+
+    @property
+    def times_noise(self) -> float:
+        return self.rmse / self.noise if self.noise > 0.0 else math.inf
+
+
+def verdict(
+    bundle: Bundle,
+    validation: ValidationResult | None,
+    diagnosis: Mapping[str, Any] | None = None,
+) -> ReportVerdict:
+    """Judged on the held-out logs; if there are none, on the training logs, and it says so."""
+    judged = _validated(bundle, validation)
+    if diagnosis is not None and "verdict" in diagnosis:
+        said = sentence(diagnosis, _titles(diagnosis))
+        judged = replace(judged, diagnosis=said)
+        if not is_of_actuator(diagnosis) and validation is None:
+            judged = replace(judged, sentence=said, diagnosis=_ALONE)
+    asked = _asked(diagnosis)
+    missing = [name for name, _ in unidentified(bundle) if asked is None or _last(name) in asked]
+    found = (
+        *judged.concerns,
+        *concerns.of_bundle(bundle, missing),
+        *concerns.of_diagnosis(diagnosis),
+    )
+    level = concerns.worst((judged.level, *(c.level for c in found)))
+    held_back = concerns.sentence(level, found, judged.level)
+    return replace(judged, level=level, concerns=found, held_back=held_back)
+
+
+def _asked(diagnosis: Mapping[str, Any] | None) -> Collection[str] | None:
+    """The parameters that the tests of a part alone are for; None where all are asked for."""
+    found: Collection[str] | None = (diagnosis or {}).get("figures", {}).get("law")
+    return found
+
+
+def _last(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+def _titles(diagnosis: Mapping[str, Any]) -> Mapping[str, str]:
+    titles: Mapping[str, str] = diagnosis.get("figures", {}).get("titles", {})
+    return titles
+
+
+_ALONE = (
+    "The part was tested alone: its law was fitted to its own tests and judged by tests that "
+    "were left out; there is no actuator whose motion it could be compared with."
+)
+
+
+def own_verdict(part: ComponentRecord, validation: ValidationResult) -> ReportVerdict:
+    """On a component of the user's own: by the output that is followed worst."""
+    held = validation.select("holdout")
+    logs = held or validation.logs
+    fits = {}
+    for name in dict.fromkeys(n for log in logs for n in log.channels):
+        errors = [log.channels[name].errors for log in logs]
+        squares, spread = sum(e.squares for e in errors), sum(e.spread for e in errors)
+        if spread > 0.0:
+            fits[name] = 100.0 * (1.0 - math.sqrt(squares / spread))
+    if not fits:
+        return ReportVerdict("none", "No output of the component varies in the tests.", None)
+    worst = min(fits, key=lambda name: fits[name])
+    level = level_of_fit(fits[worst])
+    how = {"good": "follows", "fair": "roughly follows", "poor": "does not follow"}[level]
+    basis = "the held-out tests" if held else "its training tests (none is held out)"
+    more = ", its worst output" if len(fits) > 1 else ""
+    said = f"The component {part.name} {how} {basis}, open loop: fit {percent(fits[worst])} in "
+    return ReportVerdict(level, f"{said}{worst}{more}.", None)
+
+
+def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVerdict:
+    notes = (*_doubtful(bundle), *_unidentified(bundle))
+    if bundle.component is not None and validation is not None:
+        return replace(own_verdict(bundle.component, validation), notes=notes)
+    if validation is None:
+        parts = [
+            n
+            for k, n in (
+                ("friction", "friction"),
+                ("valves", "the valves"),
+                ("component", "the component"),
+            )
+            if k in bundle.given()
+        ]
+        said = (
+            f"Parameters of {' and '.join(parts) or 'nothing'} were identified; whether the model "
+            "follows the rig's motion was not tested (run sysid validate)."
+        )
+        return ReportVerdict("none", said, None, notes)
+    held = validation.select("holdout")
+    logs = _primary(held or validation.logs)
+    present = {name for log in logs for name in log.channels}
+    pooled = [_pool(logs, c) for c in shown_channels(validation) if c.key in present]
+    if not pooled:
+        return ReportVerdict("none", "No motion log could be simulated.", None, notes)
+    level = _level(pooled)
+    tests = sum(len(log.tests) for log in logs)
+    basis = f"{tests} {'held-out ' if held else ''}test{'s' * (tests != 1)}" + (
+        "" if held else " (all used for training: none is held out)"
+    )
+    said = f"{_opening(level)} on {basis}, simulated open loop, {_figures(pooled)}."
+    models = sorted({MODEL_NAMES[log.model] for log in logs})
+    others = list(_other_models(held or validation.logs, logs))
+    found = tuple(concern for _, concern in others if concern is not None)
+    notes = (*(note for note, _ in others), *notes)
+    return ReportVerdict(level, said, _table(pooled, models, bundle), notes, concerns=found)
+
+
+def _primary(logs: Sequence[LogResult]) -> list[LogResult]:
+    """Each log once, under the first valve model that simulated it."""
+    order = list(MODEL_NAMES)
+    chosen: dict[tuple[str, str], LogResult] = {}
+    for log in sorted(logs, key=lambda g: order.index(g.model)):
+        chosen.setdefault((log.name, log.kind), log)
+    return list(chosen.values())
+
+
+def _pool(logs: Sequence[LogResult], channel: Channel) -> _Pooled:
+    parts = [log.channels[channel.key] for log in logs if channel.key in log.channels]
+    samples = sum(p.errors.samples for p in parts)
+    squares = sum(p.errors.squares for p in parts)
+    spread = sum(p.errors.spread for p in parts)
+    scale = channel.residual_scale
+    return _Pooled(
+        channel=channel,
+        rmse=scale * math.sqrt(squares / samples),
+        rmse_second=channel.residual(_second(parts)),
+        largest=scale * max(p.errors.largest for p in parts),
+        fit=100.0 * (1.0 - math.sqrt(squares / spread)) if spread > 0.0 else None,
+        noise=scale * sum(p.noise_floor * p.errors.samples for p in parts) / samples,
+    )
+
+
+def _second(parts: Sequence[ChannelResult]) -> float | None:
+    """RMSE over the longest horizon below the whole log (1 s), over all segments."""
+    known = [p.horizons[-1] for p in parts if p.horizons and p.horizons[-1].rmse is not None]
+    segments = sum(h.segments for h in known)
+    if not segments:
+        return None
+    return math.sqrt(sum(h.segments * (h.rmse or 0.0) ** 2 for h in known) / segments)
+
+
+def _level(pooled: Sequence[_Pooled]) -> str:
+    fits = [p.fit for p in pooled if p.fit is not None]
+    if not fits:
+        return "none"
+    return level_of_fit(min(fits))
+
+
+def _opening(level: str) -> str:
+    return {
+        "good": "The model follows this rig well:",
+        "fair": "The model follows this rig roughly:",
+        "poor": "The model does not follow this rig:",
+        "none": "The rig did not move:",
+    }[level]
+
+
+def _figures(pooled: Sequence[_Pooled]) -> str:
+    """The position's fit and error over one second, and the pressures' against their noise."""
+    said = []
+    for p in pooled:
+        unit = p.channel.residual_unit
+        if p.channel.key.startswith("pressure"):
+            said.append(
+                f"{p.channel.title.lower().replace(' a', ' A').replace(' b', ' B')} fits to "
+                f"{percent(p.fit)} ({number(p.times_noise, 2)} times its sensor's noise)"
+            )
+            continue
+        second = f", {number(p.rmse_second)} {unit} RMSE over one second" if p.rmse_second else ""
+        said.append(f"position fits to {percent(p.fit)}{second}")
+    return ", ".join(said[:-1]) + (" and " if len(said) > 1 else "") + said[-1]
+
+
+def _table(pooled: Sequence[_Pooled], models: Sequence[str], bundle: Bundle) -> HtmlTable:
+    rows = [
+        (
+            f"{p.channel.title} ({p.channel.residual_unit})",
+            number(p.rmse_second),
+            number(p.rmse),
+            number(p.largest),
+            percent(p.fit),
+            number(p.noise),
+        )
+        for p in pooled
+    ]
+    columns = (
+        "Channel", "RMSE over 1 s", "RMSE, whole tests", "Largest error", "Fit, whole tests",
+        "Sensor noise",
+    )  # fmt: skip
+    valves = "" if bundle.rig.is_motor_alone else f", valves by the {' and the '.join(models)}"
+    return table(f"Open loop{valves}", columns, rows)
+
+
+def _other_models(
+    logs: Sequence[LogResult], primary: Sequence[LogResult]
+) -> Iterator[tuple[str, Concern | None]]:
+    """The position's fit under the other valve models, on the logs that they simulate.
+
+    Then which of the mean flows to use: the one with which the position is followed best.
+    """
+    errors: dict[str, float] = {}
+    for model, name in MODEL_NAMES.items():
+        own = [g for g in logs if g.model == model and not any(g is p for p in primary)]
+        channels = [c for g in own for c in g.channels]
+        if not own or not channels:
+            continue
+        files = {(g.name, g.kind) for g in own}
+        base = [g for g in primary if (g.name, g.kind) in files]
+        channel = next((c for c in _positions() if c.key in channels), None)
+        if channel is None or not base:
+            continue
+        there, here = _pool(own, channel), _pool(base, channel)
+        errors[name] = there.rmse
+        said = (
+            f"With the valves' mean flow from the {name}, position fits to {percent(there.fit)} "
+            f"on the tests under PWM ({percent(here.fit)} with the {MODEL_NAMES[base[0].model]})."
+        )
+        level = "none" if there.fit is None else level_of_fit(there.fit)
+        yield said, Concern(level, f"the position under PWM with the {name}")
+    if len(errors) > 1:
+        best = min(errors, key=errors.__getitem__)
+        said = f"For the valves' mean flow under PWM, use the {best}: position is followed best."
+        yield said, None
+
+
+def _positions() -> list[Channel]:
+    from sysid.blocks.channels import ACTUATOR_CHANNELS
+
+    return [c for c in ACTUATOR_CHANNELS if not c.key.startswith("pressure")]
+
+
+def _doubtful(bundle: Bundle) -> Iterator[str]:
+    """One line a fit whose law does not follow its own tests, or whose numbers cannot be."""
+    found = bundle.qualities()
+    for place, one in found.items():
+        better = found.get(place.replace(".bipolynomial", ".ann"), one)
+        # A bipolynomial is coarse; with a network that is right, nothing is in doubt.
+        if one.is_doubtful and better.is_doubtful:
+            yield f"{quality_name(place)}: {one.verdict}"
+
+
+def _unidentified(bundle: Bundle) -> Iterator[str]:
+    """One line a parameter of the bundle that the data do not identify; of a tank none would."""
+    if bundle.rig.is_tank_alone:
+        return
+    for name, reason in unidentified(bundle):
+        yield f"Not identified: {name} ({reason})"
+
+
+def unidentified(bundle: Bundle) -> Iterator[tuple[str, str]]:
+    """The parameters of the bundle that the data do not identify, and why."""
+    for name in bundle.given():
+        part = getattr(bundle, name, None)
+        if isinstance(part, Part) and name in ("friction", "valves"):
+            yield from _unidentified_in(part, name)
+
+
+def _unidentified_in(part: Part, path: str) -> Iterator[tuple[str, str]]:
+    if getattr(part, "identified", None) is False:
+        yield path, str(getattr(part, "reason", ""))
+        return
+    for key in part.given():
+        value = getattr(part, key, None)
+        held = value if isinstance(value, dict) else {"": value}
+        for name, one in held.items():
+            place = ".".join(filter(None, (path, key, name)))
+            if isinstance(one, Part):
+                yield from _unidentified_in(one, place)
+            elif isinstance(one, Estimate) and not one.identified:
+                yield place, str(one.reason)

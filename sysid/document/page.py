@@ -1,0 +1,363 @@
+"""The page: sections put together, and the template filled in."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid.diagnosis.evidence import is_of_actuator
+from sysid.document.blocks import Block, Fold, HtmlTable, Plot, Section, table
+from sysid.document.opening import ReportVerdict, verdict
+from sysid.document.standing import section_or_why
+from sysid.errors import input_error
+from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
+from sysid.io.files import write_atomic
+from sysid.parallel import Failure, on_its_own
+from sysid.parameters import Bundle, FittedValves, Provenance, assumptions, shown_by_logs
+from sysid.parameters.provenance import family
+from sysid.types import Progress
+
+if TYPE_CHECKING:
+    from sysid.checks.log_check import LogCheck
+    from sysid.io.campaign import Campaign
+    from sysid.io.logs import Log
+    from sysid.validation import ValidationResult
+
+
+_NOT_DIAGNOSED = "the model was not diagnosed (run sysid diagnose)"
+_NOT_REFINED = "the parameters were not refined on motion tests (run sysid refine)"
+
+
+def write_report(
+    path: Path,
+    *,
+    campaign: Campaign,
+    bundle: Bundle,
+    validation: ValidationResult | None = None,
+    checks: Sequence[LogCheck] = (),
+    diagnosis: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Write the report of a campaign as one self-contained HTML file, whole or not at all.
+
+    Curves are computed anew from the campaign's fit logs and the bundle, so that a later
+    process can rebuild the report; `validation` and `checks` are what `sysid.validation` and
+    `sysid.checks.log_check` found, `diagnosis` what `sysid.diagnosis.content.content` made of one.
+    Sections whose part is missing are omitted, and the page says so; one that cannot be made says
+    why. Raises InputError where the file cannot be written, and for the bundle of a linear rig with
+    a rotary one's campaign, or the reverse.
+    """
+    html = render_report(
+        campaign=campaign,
+        bundle=bundle,
+        validation=validation,
+        checks=checks,
+        diagnosis=diagnosis,
+        progress=progress,
+    )
+    write_atomic(path, html)
+
+
+def render_report(
+    *,
+    campaign: Campaign,
+    bundle: Bundle,
+    validation: ValidationResult | None = None,
+    checks: Sequence[LogCheck] = (),
+    diagnosis: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> str:
+    """The page of `write_report` as text."""
+    tell = progress or (lambda line: None)
+    _check_units(campaign, bundle)
+    from sysid.document import svg
+
+    with svg.styled():
+        parts = _parts(campaign, bundle, validation, diagnosis)
+        sections, left_out = _sections(campaign, bundle, checks, parts, tell)
+    tell("assembling the page")
+    judged = _judged(bundle, validation, diagnosis)
+    judged = replace(judged, notes=(*_other_rig(campaign, bundle), *judged.notes))
+    return _fill(campaign, bundle, judged, sections, left_out)
+
+
+def _judged(
+    bundle: Bundle, validation: ValidationResult | None, diagnosis: Mapping[str, Any] | None
+) -> ReportVerdict:
+    """The verdict; where it cannot be worked out, one that says why."""
+    judged = on_its_own(lambda: verdict(bundle, validation, diagnosis))
+    if not isinstance(judged, Failure):
+        return judged
+    return ReportVerdict("none", f"No verdict could be worked out: {judged.reason}.", None)
+
+
+def _check_units(campaign: Campaign, bundle: Bundle) -> None:
+    """The page's units are those of the campaign's rig; the bundle's numbers have to have them."""
+    if bundle.is_linear != campaign.rig.is_linear:
+        kinds = ["linear" if one else "rotary" for one in (bundle.is_linear, not bundle.is_linear)]
+        raise input_error(
+            campaign.path,
+            f"is of a {kinds[1]} rig, {bundle.source} of a {kinds[0]} one",
+            "give the bundle that was fitted on this rig",
+        )
+
+
+def _other_rig(campaign: Campaign, bundle: Bundle) -> Iterator[str]:
+    other = bundle.other_sections(campaign.rig)
+    if other:
+        sections = ", ".join(f"[{section}]" for section in other)
+        yield (
+            f"The bundle was fitted with another rig file than this campaign's: {sections} differ."
+        )
+
+
+_Part = tuple[str, str, str, Callable[[], Section | None]]
+
+
+def _sections(
+    campaign: Campaign,
+    bundle: Bundle,
+    checks: Sequence[LogCheck],
+    parts: Sequence[_Part],
+    tell: Progress,
+) -> tuple[list[Section], list[str]]:
+    """The sections with content, and a line for each that is omitted."""
+    from sysid.document.fits import fits_section
+    from sysid.document.provenance import provenance_section
+    from sysid.document.quality import quality_section
+
+    told: list[_Part] = [
+        ("data", "Data and their quality", "", lambda: quality_section(campaign, checks)),
+        ("fits", "How well the laws follow their tests", "", lambda: fits_section(bundle)),
+        *parts,
+        ("provenance", "Provenance", "", lambda: provenance_section(bundle)),
+    ]
+    sections: list[Section] = []
+    left_out: list[str] = []
+    for id, title, lacks, build in told:
+        section = section_or_why(id, title, partial(_written, build))
+        if section is not None:
+            tell(f"drawn: {title}")
+            sections.append(section)
+        elif lacks:
+            left_out.append(f"{title}: {lacks}.")
+    return sections, left_out
+
+
+def _written(build: Callable[[], Section | None]) -> Section | None:
+    """A section whose plots' numbers can be written into the page."""
+    built = build()
+    for plot in [] if built is None else _plots(built.blocks):
+        _json(plot.document)
+        _json(plot.samples)
+    return built
+
+
+def _parts(
+    campaign: Campaign,
+    bundle: Bundle,
+    validation: ValidationResult | None,
+    diagnosis: Mapping[str, Any] | None,
+) -> list[_Part]:
+    """Of each section in turn: id, title, the line if it is missing ("": none), and its builder."""
+    from sysid.document.next_steps import left_open
+
+    valves = bundle.valves or FittedValves()
+
+    def friction() -> Section | None:
+        from sysid.document.friction import friction_section
+
+        part = bundle.friction
+        return None if part is None else friction_section(part, campaign.rig.is_linear)
+
+    def discrete() -> Section | None:
+        from sysid.document.valves import discrete_section
+
+        return discrete_section(valves, _logs(campaign, "valve-discrete"), campaign.rig)
+
+    def surfaces() -> Section | None:
+        from sysid.document.surfaces import surfaces_section
+
+        return surfaces_section(valves, _logs(campaign, "valve-pwm"), campaign.rig)
+
+    def diagnosed() -> Section | None:
+        from sysid.document.diagnosis import diagnosis_section
+
+        if diagnosis is None or "verdict" not in diagnosis:
+            return None
+        return diagnosis_section(diagnosis, campaign.rig.is_linear)
+
+    def part_alone() -> Section | None:
+        from sysid.document.part import fitted_axis, part_section
+
+        shown = (diagnosis or {}).get("figures", {}).get("tests")
+        content = diagnosis if shown else fitted_axis(campaign, bundle)
+        if content is None:
+            return None
+        return part_section(content, campaign.rig.is_linear, is_alone=bool(shown))
+
+    def next_steps() -> Section | None:
+        from sysid.document.next_steps import next_section
+
+        return next_section(bundle, diagnosis, campaign.path.name)
+
+    def own() -> Section | None:
+        from sysid.document.own_component import own_section
+
+        part = bundle.component
+        return None if part is None else own_section(part, campaign, validation)
+
+    def motion() -> Section | None:
+        from sysid.document.motion import validation_section
+
+        return None if validation is None else validation_section(validation)
+
+    def residuals() -> Section | None:
+        from sysid.document.residuals import residuals_section
+
+        return None if validation is None else residuals_section(validation)
+
+    def refined() -> Section | None:
+        from sysid.document.refinement import refinement_section
+
+        part = bundle.refinement
+        return None if part is None else refinement_section(part, campaign.rig)
+
+    skipped = (diagnosis or {}).get("skipped", _NOT_DIAGNOSED)
+    diagnosed_part = ("diagnosis", "Diagnosis", skipped, diagnosed)
+    is_open = left_open(diagnosis, is_validated=validation is not None)
+    following = ("next", "What to do next", is_open, next_steps)
+    if bundle.component is not None:
+        return [
+            ("component", "Component", "no component was fitted", own),
+            diagnosed_part,
+            following,
+        ]
+    # A part tested alone lacks nothing of what only a whole actuator has.
+    rig = campaign.rig
+    moves = is_of_actuator(diagnosis) or rig.is_motor_alone
+    switches = is_of_actuator(diagnosis) and not rig.is_motor_alone
+    no_friction = f"no friction was fitted (tests: {', '.join(FRICTION_KINDS)})"
+    no_law = "no on/off law was fitted (tests: valve-discrete)"
+    no_surface = "no surface was fitted (tests: valve-pwm)"
+    not_validated = f"the model was not validated (motion logs: {', '.join(MOTION_KINDS)})"
+    return [
+        ("friction", "Friction", "" if rig.is_tank_alone else no_friction, friction),
+        ("valves", "On/off valves", no_law if switches else "", discrete),
+        ("surfaces", "PWM surfaces", no_surface if switches else "", surfaces),
+        ("validation", "Open-loop validation", not_validated if moves else "", motion),
+        ("residuals", "Residuals", "", residuals),  # missing where the validation is
+        ("part", "Measured and modelled", "", part_alone),
+        diagnosed_part,
+        ("refinement", "Refinement on motion", _NOT_REFINED if moves else "", refined),
+        following,
+    ]
+
+
+def _logs(campaign: Campaign, kind: str) -> list[tuple[str | None, Log]]:
+    """The training logs of a kind, each with its declared valve."""
+    return [(entry.valve, campaign.read(entry)) for entry in campaign.select((kind,))]
+
+
+# --- the template ----------------------------------------------------------------------
+
+
+def _fill(
+    campaign: Campaign,
+    bundle: Bundle,
+    judged: ReportVerdict,
+    sections: Sequence[Section],
+    left_out: Sequence[str],
+) -> str:
+    from markupsafe import Markup
+
+    from sysid.document.html import fill, origin_text, template_text
+    from sysid.document.interactive import bokeh_script
+
+    plots = [block for section in sections for block in _plots(section.blocks)]
+    documents, data = _plot_data(plots)
+    rig = campaign.rig
+    return fill(
+        "report.html",
+        rig=rig,
+        campaign=campaign.path.name,
+        orientation="tank" if rig.is_tank_alone else f"{rig.orientation}, {rig.motion}",
+        fitted=_moment(bundle.created),
+        verdict=judged,
+        assumed=_assumed(bundle),
+        shown=shown_by_logs(bundle),
+        origin=origin_text(_own_provenance(campaign, bundle).fitted_on),
+        sections=sections,
+        left_out=left_out,
+        documents=documents,
+        plot_section=next((s.id for s in sections if _plots(s.blocks)), ""),
+        data=[(id, Markup(_json(content))) for id, content in data],
+        script=Markup(template_text("report.js")),
+        bokeh=Markup(bokeh_script()) if plots else "",
+    )
+
+
+def _assumed(bundle: Bundle) -> HtmlTable | None:
+    """The constants that nobody declared, and what they do to the numbers; None without any."""
+    rows = [(one.text, one.does) for one in assumptions(bundle)]
+    if not rows:
+        return None
+    return table("Assumed constants", ("Reference rig", "What it does"), rows, text=(0, 1))
+
+
+def _own_provenance(campaign: Campaign, bundle: Bundle) -> Provenance:
+    """The bundle's, of the campaign's logs alone: it may hold other parts too."""
+    own = {(entry.path.name, family(entry.kind)) for entry in campaign.logs}
+    whole = bundle.provenance
+    return whole.replaced(logs=[log for log in whole.logs if (log.file, log.family) in own])
+
+
+def _moment(text: str) -> str:
+    """An ISO time to the minute, UTC; anything else as it is."""
+    from sysid.document.html import moment
+
+    try:
+        return moment(datetime.datetime.fromisoformat(text))
+    except ValueError:
+        return text
+
+
+def _plots(blocks: Sequence[Block]) -> list[Plot]:
+    found: list[Plot] = []
+    for block in blocks:
+        if isinstance(block, Plot):
+            found.append(block)
+        elif isinstance(block, Fold):
+            found += _plots(block.blocks)
+    return found
+
+
+def _plot_data(plots: Sequence[Plot]) -> tuple[dict[str, str], list[tuple[str, Any]]]:
+    """The id of each plot's document, and all data that the script reads, by id."""
+    shared: list[dict[str, Any]] = []
+    documents: dict[str, str] = {}
+    data: list[tuple[str, Any]] = []
+    for plot in plots:
+        if not any(plot.document is known for known in shared):
+            shared.append(plot.document)
+            data.append((f"document-{len(shared)}", plot.document))
+        place = next(i for i, known in enumerate(shared, 1) if known is plot.document)
+        documents[plot.id] = f"document-{place}"
+        data.append((f"{plot.id}-samples", plot.samples))
+    return documents, data
+
+
+def _json(item: Mapping[str, Any]) -> str:
+    """JSON that is safe inside a script element: no tag can begin or end in it."""
+    text = json.dumps(item, separators=(",", ":"), allow_nan=False)
+    for sign in "<>&\u2028\u2029":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return text
+
+
+__all__ = ["render_report", "write_report"]

@@ -1,0 +1,213 @@
+"""A part tested alone: its signal over what it depends on and over time, with the fitted law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sysid.blocks.channels import channel_of
+from sysid.blocks.numbers import number
+from sysid.document import svg
+from sysid.document.blocks import Block, Figure, FigureGroup, Section
+from sysid.document.diagnosis_panels import drawable, regressor_axis
+from sysid.document.svg import COLOUR
+from sysid.errors import InputError, NotIdentifiedError
+from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from sysid.io.campaign import Campaign
+    from sysid.parameters import Bundle
+
+Content = Mapping[str, Any]
+
+_CLOUD_COLOUR = "#8a96a3"  # drawn into a bitmap: it must work on light and dark backgrounds
+# Below this share of the signal's variance between bins, their means would hide the signal.
+_LEAST_BETWEEN = 0.6
+_STYLES = {"before": ("model", (0, (4, 2))), "after": ("second", "-")}
+
+
+def fitted_axis(campaign: Campaign, bundle: Bundle) -> Content | None:
+    """Pictures of friction that was fitted to general motion, as `part_section` takes them.
+
+    None where it came from other tests, or these cannot be used.
+    """
+    from sysid.diagnosis.bench import pictures
+    from sysid.diagnosis.bench.registry import AXIS, component_of
+
+    if bundle.friction is None or bundle.friction.source != AXIS or bundle.effects:
+        return None
+    try:
+        trials = {
+            use: [t for e in campaign.select((AXIS,), use) for t in campaign.read(e).trials]
+            for use in ("fit", "holdout")
+        }
+        part, outside = (
+            component_of(AXIS, own, campaign.rig) if own else None for own in trials.values()
+        )
+        if part is None:
+            return None
+        law = part.law_of(bundle)
+        return {"effects": [], "figures": pictures.drawn(part, outside, law, law)}
+    except (InputError, NotIdentifiedError):
+        return None
+
+
+def part_section(content: Content, is_linear: bool, *, is_alone: bool = True) -> Section | None:
+    """From a diagnosis' content; None where it is not of a part, or holds no pictures.
+
+    To be called within `sysid.document.svg.styled()`.
+    """
+    figures = content["figures"]
+    over, tests = figures.get("over") or [], figures.get("tests") or []
+    if not over and not tests:
+        return None
+    named = {"before": "base", "after": "extended"} if content["effects"] else {"after": "fitted"}
+    blocks: list[Block] = []
+    if over:
+        shown = tuple(
+            _over(place, entry, figures, named, is_linear) for place, entry in enumerate(over)
+        )
+        blocks.append(FigureGroup(_over_caption(figures), shown))
+    if tests:
+        shown = tuple(
+            _test(place, entry, figures, named, is_linear) for place, entry in enumerate(tests)
+        )
+        blocks.append(FigureGroup(_tests_caption(figures, tests), shown))
+    alone = "The part was tested alone. " if is_alone else ""
+    intro = (
+        f"{alone}The signal as it was measured, next to what the fitted law makes "
+        "of the same conditions"
+        + (
+            ": the base law, and the law extended by the effects that the diagnosis added."
+            if content["effects"]
+            else "."
+        ),
+    )
+    return Section("part", "Measured and modelled", intro, tuple(blocks))
+
+
+def _over_caption(figures: Content) -> str:
+    less = (
+        f"{_what(figures)} Its share for the inertia is taken off, so that friction and what acts "
+        "beside it remain."
+        if figures["channel"].startswith("motor_")
+        else ""
+    )
+    return (
+        "The signal over the quantities on which it may depend, training tests. Grey: a sample of "
+        "the measurements; colour: the laws along the same tests, as means in bins, or as dots "
+        f"where a mean would hide that the signal depends on more than this.{less}"
+    )
+
+
+def _tests_caption(figures: Content, tests: Sequence[Content]) -> str:
+    used = "held-out" if figures.get("use") == "holdout" else "training"
+    many = len(tests) > 1
+    names = "; ".join(entry["test"] for entry in tests if entry["test"])
+    listed = f": {names}" if names else ""
+    of = int(figures.get("count") or len(tests))
+    count = f"{len(tests)} of {of}" if of > len(tests) else str(len(tests)) if many else "a"
+    return (
+        f"Measured and modelled over {count} {used} test{'s' * (many or of > 1)}{listed}. Below "
+        f"each: measured less modelled.{_what(figures)}"
+    )
+
+
+def _what(figures: Content) -> str:
+    """What is drawn where the channel is not drawn as it was logged."""
+    if not figures["channel"].startswith("motor_"):
+        return ""
+    of = "force" if figures["channel"].endswith("_n") else "torque"
+    return (
+        f" The {of} is what moved the axis: the motor's and, where pressures were logged, the "
+        "cylinder's, less the weight."
+    )
+
+
+def _signal(figures: Content) -> tuple[str, str, float]:
+    """Title, shown unit and scale of what the law predicts."""
+    channel = channel_of(figures["channel"])
+    if channel.unit and channel.unit != "-" and not figures.get("own"):
+        return channel.title, channel.unit, channel.scale
+    return channel.title, figures["unit"] if figures["unit"] != "-" else "", 1.0
+
+
+def _over(
+    place: int, entry: Content, figures: Content, named: Mapping[str, str], is_linear: bool
+) -> Figure:
+    title, unit, scale = _signal(figures)
+    name, x_unit, x_scale = regressor_axis(entry["regressor"], is_linear, is_own=figures["own"])
+    figure, ax = svg.panel(f"{title} over {name}")
+    points = x_scale * np.array(entry["x"]), scale * np.array(entry["measured"])
+    ax.plot(
+        *points, ".", color=_CLOUD_COLOUR, markersize=6.0, alpha=0.6, markeredgewidth=0,
+        rasterized=True, label="measured",
+    )  # fmt: skip
+    centres = x_scale * np.array(entry["centres"])
+    lines = named if entry["share"] >= _LEAST_BETWEEN else {}
+    if not lines:
+        fitted = scale * np.array(entry["fitted"])
+        colour = COLOUR["second"]
+        ax.plot(
+            points[0], fitted, ".", color=colour, markersize=1.8, alpha=0.8, label=named["after"]
+        )
+    for key, label in lines.items():
+        role, style = _STYLES[key]
+        values = scale * np.array(entry[key])
+        ax.plot(centres, values, color=COLOUR[role], linestyle=style, label=label, linewidth=1.4)
+    _label(ax, name, x_unit, f"{title}{_in(unit)}")
+    svg.legend_above(ax)
+    off = {k: _rms(scale * (np.array(entry["mean"]) - np.array(entry[k]))) for k in named}
+    told = ", ".join(f"{label} {number(off[key])} {unit}".rstrip() for key, label in named.items())
+    description = f"Means of the measurements in bins of {name} less the law's, RMS: {told}."
+    whole = f"{title} over {name}, measured and modelled"
+    return svg.to_figure(figure, f"fig-part-over-{place}", whole, description)
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
+
+
+def _test(
+    place: int, entry: Content, figures: Content, named: Mapping[str, str], is_linear: bool
+) -> Figure:
+    title, unit, scale = _signal(figures)
+    name, x_unit, x_scale = regressor_axis(entry["along"], is_linear, is_own=figures["own"])
+    x = x_scale * np.array(entry["x"])
+    measured = scale * np.array(entry["measured"])
+    shown = drawable(entry["test"]) or f"test {place + 1}"
+    figure, (above, below) = svg.panels(f"{title}, {shown}", (2.0, 1.0), svg.TALL_PANEL)
+    above.plot(x, measured, color=COLOUR["measured"], linewidth=2.2, label="measured")
+    told = []
+    for key, label in named.items():
+        role, style = _STYLES[key]
+        modelled = scale * np.array(entry[key])
+        above.plot(x, modelled, color=COLOUR[role], linestyle=style, linewidth=1.0, label=label)
+        below.plot(x, measured - modelled, color=COLOUR[role], linestyle=style, linewidth=0.8)
+        told.append(f"{label} {number(_rms(measured - modelled))} {unit}".rstrip())
+    below.axhline(0.0, color=COLOUR["muted"], linewidth=0.7)
+    above.set_ylabel(f"{title}{_in(unit)}")
+    _label(below, name, x_unit, f"Residual{_in(unit)}")
+    svg.legend_above(above)
+    description = (
+        f"{title} of {entry['test'] or 'a test'} over {name}; RMSE of the samples drawn: "
+        f"{', '.join(told)}."
+    )
+    whole = f"{title} of {entry['test'] or f'test {place + 1}'}, measured and modelled"
+    return svg.to_figure(figure, f"fig-part-test-{place}", whole, description)
+
+
+def _in(unit: str) -> str:
+    return f" ({unit})" if unit else ""
+
+
+def _label(ax: Axes, name: str, x_unit: str, y_label: str) -> None:
+    ax.set_xlabel(f"{name[:1].upper()}{name[1:]}{_in(x_unit)}")
+    ax.set_ylabel(y_label)
+
+
+__all__ = ["fitted_axis", "part_section"]

@@ -1,0 +1,281 @@
+"""The refinement: parameters from the bench tests to motion, and the errors before and after."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+
+from sysid.blocks.channels import channel_of
+from sysid.blocks.numbers import MISSING, estimate_cells, number, percent
+from sysid.document import refinement_panels as panels
+from sysid.document.blocks import (
+    Block,
+    FigureGroup,
+    Fold,
+    Heading,
+    HtmlTable,
+    Lines,
+    Section,
+    table,
+)
+from sysid.estimation.linear import Estimate
+from sysid.io.rig import Rig
+from sysid.parameters.base import Number, read_number
+from sysid.parameters.refinement import BeforeAndAfter, RefinedValue, Refinement, ScatterOfFriction
+from sysid.refinement.declared import contradictions
+
+_HIGHLY_CORRELATED = 0.9
+_COLUMNS = (
+    "No.", "Parameter", "Moved by", "Known from", "Before", "After", "Unit",
+)  # fmt: skip
+_USES = {"fit": "training", "holdout": "held out"}
+
+
+def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
+    """From the bundle's `refinement`; None where it holds no parameters in a form that is known.
+
+    To be called within `sysid.document.svg.styled()`.
+    """
+    values = refinement.values()
+    if not values:
+        return None
+    intervals = Fold("95 % intervals", (intervals_table(refinement),))
+    blocks: list[Block] = [parameters_table(values), intervals]
+    wrong = contradictions(values, rig)
+    if wrong:
+        blocks.append(Lines(tuple(wrong)))
+    blocks += _pictures(refinement, values)
+    blocks += _profiles(refinement)
+    if refinement.errors():
+        blocks += [Heading("refinement-errors", "Open-loop errors"), errors_table(refinement)]
+    if refinement.effort_errors():
+        blocks.append(effort_table(refinement))
+    return Section("refinement", "Refinement on motion", _intro(refinement, values), tuple(blocks))
+
+
+def parameters_table(values: Iterable[RefinedValue]) -> HtmlTable:
+    """Every parameter before and after; those that only the bench tests tell say so."""
+    rows = []
+    for place, value in enumerate(values, start=1):
+        std = read_number(value.before_std)
+        limits = (math.nan, math.nan)
+        before = Estimate(
+            float(value.before), math.nan if std is None else std, value.after.unit, limits
+        )
+        unit = estimate_cells(value.after)[3]
+        moved = number(read_number(value.movement), 2)
+        cells = (_with_error(before), _with_error(value.after), unit)
+        rows.append((str(place), value.name, moved, _known_from(value), *cells))
+    caption = (
+        "Parameters before and after, ± one standard error; the movement is in standard errors "
+        "of the value before"
+    )
+    return table(caption, _COLUMNS, rows, text=(3, 6), code=(1,))
+
+
+def intervals_table(refinement: Refinement) -> HtmlTable:
+    """The 95 % interval of every parameter: by its standard error, and by profile where known."""
+    profiles = refinement.profiled()
+    rows = []
+    for value in refinement.values():
+        _, _, interval, unit = estimate_cells(value.after)
+        found = profiles.get(value.name)
+        by_profile = MISSING
+        if found is not None:
+            low, high = (_limit(limit) for limit in found.interval)
+            own = Estimate(value.after.value, value.after.std, value.after.unit, (low, high))
+            by_profile = estimate_cells(own)[2]
+        rows.append((value.name, interval, by_profile, unit))
+    columns = ("Parameter", "By standard error", "By profile likelihood", "Unit")
+    return table("95 % intervals after", columns, rows, text=(3,), code=(0,))
+
+
+def _limit(value: Number | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def _known_from(value: RefinedValue) -> str:
+    if value.informed_by_motion:
+        return "motion"
+    if value.after.std is None or not math.isfinite(value.after.std):
+        return MISSING
+    return "rig file" if value.origin == "rig" else "bench"
+
+
+def _with_error(estimate: Estimate) -> str:
+    """Value ± standard error, with one power of ten."""
+    value, error, _, _ = estimate_cells(estimate)
+    if error == MISSING:
+        return value
+    size, cross, power = value.partition(" × ")
+    both = f"{size} ± {error.partition(' × ')[0]}"
+    return f"({both}){cross}{power}" if cross else both
+
+
+def _intro(refinement: Refinement, values: list[RefinedValue]) -> tuple[str, ...]:
+    segments = read_number(refinement.segments)
+    said = f"{len(values)} parameters were estimated together, by the error of simulation"
+    if segments is not None:
+        said += f" over {segments:.0f} segments of the training motion tests"
+        longest = read_number(refinement.longest_segment_s)
+        said += "" if longest is None else f", the longest of {longest:.2g} s"
+    lines = [f"{said}. {_state(refinement)}".strip(), _informed(values)]
+    scatter = refinement.friction_scatter
+    if isinstance(scatter, ScatterOfFriction):
+        lines.append(
+            "Friction differs from test to test: each test has its own, with a standard deviation "
+            f"of {percent(100.0 * scatter.sliding, 2)} for sliding and "
+            f"{percent(100.0 * scatter.static, 2)} for static friction (2 % where none shows it)."
+        )
+    return tuple(lines)
+
+
+def _state(refinement: Refinement) -> str:
+    """How the estimation ended, and the segments that it left out."""
+    count, left_out = (
+        read_number(refinement.evaluations),
+        read_number(refinement.segments_left_out),
+    )
+    after = "" if count is None else f" after {count:.0f} simulations of all of them"
+    parts = []
+    if refinement.converged is True:
+        parts.append(f"The estimation converged{after}.")
+    elif refinement.converged is False:
+        parts.append(
+            f"The estimation did not converge: it stalled{after}, so that values and standard "
+            "errors are those of the best point found."
+        )
+    if left_out:
+        plural = left_out > 1
+        parts.append(
+            f"{left_out:.0f} further segment{'s are' if plural else ' is'} left out, as the model "
+            f"does not follow {'them' if plural else 'it'} from any start state."
+        )
+    return " ".join(parts)
+
+
+def _informed(values: list[RefinedValue]) -> str:
+    told = [v.name for v in values if v.informed_by_motion]
+    rest = [v.name for v in values if not v.informed_by_motion]
+    if not rest:
+        return "The motion tests inform every parameter."
+    if not told:
+        return "The motion tests inform none of them beyond what was known before."
+    return (
+        f"The motion tests inform {', '.join(told)}; of {', '.join(rest)} they say less than what "
+        "was known before."
+    )
+
+
+def _pictures(refinement: Refinement, values: list[RefinedValue]) -> list[Block]:
+    """Movement and correlation."""
+    figures, caption = [], ""
+    if any(value.movement is not None for value in values):
+        figures.append(panels.movement(values))
+        caption = (
+            "Movement of each parameter from bench to motion, in standard errors of the value "
+            "before: diamonds with the 95 % interval after, over that before (shaded); grey "
+            "where the motion tests add nothing. "
+        )
+    matrix = refinement.correlations()
+    if len(matrix) > 1:
+        figures.append(panels.correlation(values, matrix))
+        caption += (
+            "Correlation of the parameters' errors after; rows and columns have the table's "
+            f"numbers, sizes from {panels.LEAST_WRITTEN} are written."
+        )
+        caption += _tied(values, matrix)
+    return [FigureGroup(caption, tuple(figures))] if figures else []
+
+
+def _tied(values: list[RefinedValue], matrix: list[list[float]]) -> str:
+    """The pairs that these tests hardly tell apart."""
+    pairs = [
+        f"{values[i].name} and {values[j].name} ({number(matrix[i][j], 2)})"
+        for i, j in itertools.combinations(range(len(values)), 2)
+        if abs(matrix[i][j]) > _HIGHLY_CORRELATED
+    ]
+    return f" The tests hardly tell apart: {', '.join(pairs)}." if pairs else ""
+
+
+def _profiles(refinement: Refinement) -> list[Block]:
+    by_name = {value.name: value for value in refinement.values()}
+    figures = [
+        panels.profile(place, by_name[name], profile)
+        for place, (name, profile) in enumerate(refinement.profiled().items())
+        if name in by_name and len(profile.values) == len(profile.rise) > 1
+    ]
+    if not figures:
+        return []
+    caption = (
+        "Profile likelihood: rise of the cost where one parameter is held and all others are "
+        "estimated again, in units of the errors' variance. Below the line (3.84) is the 95 % "
+        "interval (shaded); dashed: what the standard error predicts."
+    )
+    return [Heading("refinement-profiles", "Profiles"), FigureGroup(caption, tuple(figures))]
+
+
+def errors_table(refinement: Refinement) -> HtmlTable:
+    """RMSE of whole tests and the residual's autocorrelation, by use and channel."""
+    correlations = refinement.autocorrelations()
+    rows = [
+        (_USES.get(use, use), *_channel_cells(name, errors, correlations.get(use, {}).get(name)))
+        for use, channels in refinement.errors().items()
+        for name, errors in channels.items()
+    ]
+    columns = (
+        "Tests", "Channel", "RMSE before", "RMSE after", "Change",
+        "Autocorrelation before", "Autocorrelation after",
+    )  # fmt: skip
+    caption = (
+        "Whole tests simulated open loop: RMSE, and the residual's autocorrelation from one "
+        "sample to the next"
+    )
+    return table(caption, columns, rows, text=(1,))
+
+
+def effort_table(refinement: Refinement) -> HtmlTable:
+    """RMSE of the equation of motion, by use: it does not add up over time as a position does."""
+    rows = [
+        (_USES.get(use, use), *_channel_cells(name, errors, None)[:4])
+        for use, channels in refinement.effort_errors().items()
+        for name, errors in channels.items()
+    ]
+    columns = ("Tests", "Channel", "RMSE before", "RMSE after", "Change")
+    caption = "Equation of motion along the measured motion: RMSE of the effort that is left"
+    return table(caption, columns, rows, text=(1,))
+
+
+def _channel_cells(
+    name: str, errors: BeforeAndAfter, correlation: BeforeAndAfter | None
+) -> tuple[str, ...]:
+    title, scale = name, 1.0
+    try:
+        channel = channel_of(name)
+    except KeyError:
+        pass
+    else:
+        title, scale = f"{channel.title} ({channel.residual_unit})", channel.residual_scale
+    before, after = read_number(errors.before), read_number(errors.after)
+    change = MISSING
+    if before and after is not None:
+        share = 100.0 * (after / before - 1.0)
+        change = f"{'+' if share > 0.0 else ''}{number(share, 2)} %"
+    sizes = [None if e is None else scale * e for e in (before, after)]
+    whiteness = (None, None) if correlation is None else (correlation.before, correlation.after)
+    return (
+        title,
+        *(number(e) for e in sizes),
+        change,
+        *(number(read_number(c), 4) for c in whiteness),
+    )
+
+
+__all__ = [
+    "effort_table",
+    "errors_table",
+    "intervals_table",
+    "parameters_table",
+    "refinement_section",
+]

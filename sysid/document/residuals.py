@@ -1,0 +1,148 @@
+"""What the open-loop residual depends on: velocity, angle, pressure and time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid.blocks.channels import Channel
+from sysid.blocks.numbers import number
+from sysid.document import svg
+from sysid.document.blocks import Figure, FigureGroup, Section
+from sysid.document.motion import NOISE_BAND
+from sysid.document.shown_tests import MODEL_NAMES, ShownTest, shown_channels, speed, tests_of
+from sysid.document.svg import COLOUR
+from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    from sysid.validation import ValidationResult
+
+
+_BINS = 28
+_FEWEST = 20
+_CLOUD = 3000
+_CLOUD_COLOUR = "#8a96a3"  # drawn into a bitmap: it must work on light and dark backgrounds
+
+
+@dataclass(frozen=True)
+class _Regressor:
+    key: str
+    title: str
+    label: str
+
+
+def residuals_section(validation: ValidationResult) -> Section:
+    """Residuals of the held-out tests (all if none is held out) over possible regressors."""
+    tests = tests_of(validation)
+    held = [t for t in tests if t.use == "holdout"] or tests
+    blocks = []
+    for channel in shown_channels(validation):
+        usable = [t for t in held if channel.key in t.first.measured]
+        if usable:
+            blocks.append(_group(usable, channel))
+    model = MODEL_NAMES[held[0].first.model]
+    used = "held-out tests" if held[0].use == "holdout" else "tests, all used for training"
+    intro = (
+        f"Measured less simulated, over the whole of {len(held)} {used}, under the {model} valve "
+        "model. Line: median; shaded: the middle 90 %; dots: a sample of the data; dashed: the "
+        "95 % band of the sensor noise. A median that varies systematically may be an effect that "
+        "the model lacks, or small errors of its numbers, which add up in open loop: the diagnosis "
+        "judges which.",
+    )
+    return Section("residuals", "Residuals", intro, tuple(blocks))
+
+
+def _group(tests: Sequence[ShownTest], channel: Channel) -> FigureGroup:
+    figures = []
+    for regressor in _regressors(tests[0], channel):
+        parts = [_values(t, channel, regressor.key) for t in tests]
+        known = [p for p in parts if p is not None]
+        if known:
+            x, y = (np.concatenate(c) for c in zip(*known, strict=True))
+            noise = float(np.median([t.first.channels[channel.key].noise_floor for t in tests]))
+            figures.append(_panel(channel, regressor, x, y, noise * channel.residual_scale))
+    return FigureGroup(f"{channel.title}: residual over possible regressors.", tuple(figures))
+
+
+def _regressors(test: ShownTest, channel: Channel) -> list[_Regressor]:
+    position = test.channels()[0]
+    linear = position.key == "position_m"
+    pressure = channel.key if channel.key.startswith("pressure") else "pressure_a_pa"
+    side = pressure.removeprefix("pressure_")[0].upper()
+    return [
+        _Regressor("speed", "velocity", f"Velocity ({'mm/s' if linear else 'rad/s'})"),
+        _Regressor(position.key, "position" if linear else "angle",
+                   f"{'Position' if linear else 'Angle'} ({position.unit})"),
+        _Regressor(pressure, f"pressure {side}", f"Pressure {side} (kPa)"),
+        _Regressor("time", "time", "Time (s)"),
+    ]  # fmt: skip
+
+
+def _values(
+    test: ShownTest, channel: Channel, regressor: str
+) -> tuple[FloatArray, FloatArray] | None:
+    """Regressor and residual of the counted samples, in shown units; None if not measured."""
+    result = test.first
+    rows = slice(0, result.counted)
+    residual = result.residual(channel.key)[rows] * channel.residual_scale
+    position = test.channels()[0]
+    if regressor == "time":
+        return result.time[rows], residual
+    if regressor == "speed":
+        return speed(result, position.key)[rows] * position.scale, residual
+    if regressor not in result.measured:
+        return None
+    scale = 1e-3 if regressor.startswith("pressure") else position.scale
+    return result.measured[regressor][rows] * scale, residual
+
+
+def _panel(
+    channel: Channel, regressor: _Regressor, x: FloatArray, y: FloatArray, noise: float
+) -> Figure:
+    title = f"{channel.title} over {regressor.title}"
+    figure, ax = svg.panel(title, svg.SMALL_PANEL)
+    shown = np.random.default_rng(0).permutation(len(x))[:_CLOUD]
+    ax.plot(
+        x[shown], y[shown], ".", color=_CLOUD_COLOUR, markersize=1.6, alpha=0.35,
+        markeredgewidth=0, rasterized=True,
+    )  # fmt: skip
+    centre, low, middle, high = _binned(x, y)
+    ax.fill_between(centre, low, high, color=COLOUR["second"], alpha=0.2, linewidth=0)
+    ax.plot(centre, middle, color=COLOUR["second"], linewidth=1.4)
+    for sign in (-1.0, 1.0):
+        ax.axhline(
+            sign * NOISE_BAND * noise, color=COLOUR["muted"], linewidth=0.7, linestyle=(0, (4, 3))
+        )
+    ax.set_xlim(*np.percentile(x, [0.2, 99.8]))
+    ax.set_xlabel(regressor.label)
+    ax.set_ylabel(f"Residual ({channel.residual_unit})")
+    reach = 1.15 * float(np.percentile(np.abs(y), 99.5))
+    ax.set_ylim(-max(reach, 2.5 * noise), max(reach, 2.5 * noise))
+    unit = channel.residual_unit
+    description = (
+        f"The median residual lies between {number(float(middle.min()))} and "
+        f"{number(float(middle.max()))} {unit}; the sensor noise's 95 % band is "
+        f"{number(NOISE_BAND * noise)} {unit} either way."
+    )
+    id = f"fig-residual-{channel.key}-{regressor.key}"
+    return svg.to_figure(figure, id, f"Residual: {title}", description)
+
+
+def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
+    """Centres (m,) and the 5, 50 and 95 % points of y in even bins of x that hold enough."""
+    first, last = (float(p) for p in np.percentile(x, [0.5, 99.5]))
+    edges = np.linspace(first, last, _BINS + 1)
+    place = np.searchsorted(edges, x) - 1
+    order = np.argsort(place, kind="stable")
+    bounds = np.searchsorted(place[order], np.arange(_BINS + 1))
+    rows = []
+    for i in range(_BINS):
+        values = y[order[bounds[i] : bounds[i + 1]]]
+        if len(values) >= _FEWEST:
+            rows.append((0.5 * (edges[i] + edges[i + 1]), *np.percentile(values, [5, 50, 95])))
+    if not rows:
+        rows = [(float(np.median(x)), *np.percentile(y, [5, 50, 95]))]
+    return tuple(np.array(rows).T)

@@ -1,0 +1,111 @@
+"""Validated tests as the report draws them: by test, all valve models together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid.blocks.channels import ACTUATOR_CHANNELS, Channel
+from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    from sysid.validation import TestResult, ValidationResult
+
+
+MODEL_NAMES = {
+    "discrete": "on/off law",
+    "averaged": "averaged law",
+    "bipolynomial": "bipolynomial",
+    "ann": "network",
+}
+MAX_SHOWN = 8
+"""Tests that are drawn; the tables hold all of them."""
+
+
+@dataclass(frozen=True)
+class ShownTest:
+    """One test; `results` by valve model, the primary one first."""
+
+    log: str
+    kind: str
+    use: str
+    test: str
+    results: Mapping[str, TestResult]
+
+    @property
+    def first(self) -> TestResult:
+        """Under the primary valve model."""
+        return next(iter(self.results.values()))
+
+    @property
+    def title(self) -> str:
+        """Log, test and use; text from a file, to be escaped."""
+        test = f", test {self.test}" if self.test else ""
+        used = "held out" if self.use == "holdout" else "training"
+        return f"{self.log}{test} ({self.kind}, {used})"
+
+    def channels(self) -> list[Channel]:
+        """The measured channels, position first."""
+        return [c for c in ACTUATOR_CHANNELS if c.key in self.first.measured]
+
+    def misfit(self) -> float:
+        """The position's residual (else any channel's), as a share of its variation."""
+        fits = [r.errors.fit_percentage for r in self.first.channels.values()]
+        known = [f for f in fits if f is not None]
+        return 100.0 - known[0] if known else 0.0
+
+
+def shown_channels(validation: ValidationResult) -> list[Channel]:
+    """The channels present in any log, position first."""
+    present = {name for log in validation.logs for name in log.channels}
+    return [c for c in ACTUATOR_CHANNELS if c.key in present]
+
+
+def tests_of(validation: ValidationResult) -> list[ShownTest]:
+    """Every test, in the campaign's order, with its results by valve model."""
+    groups: dict[tuple[str, str, str, str], dict[str, TestResult]] = {}
+    for validated in validation.logs:
+        for result in validated.tests:
+            key = (result.log, result.kind, result.use, result.test)
+            groups.setdefault(key, {})[result.model] = result
+    tests = []
+    for (log, kind, use, label), results in groups.items():
+        order = sorted(results, key=lambda m: list(MODEL_NAMES).index(m))
+        tests.append(ShownTest(log, kind, use, label, {m: results[m] for m in order}))
+    return tests
+
+
+def tests_to_show(tests: Sequence[ShownTest]) -> list[ShownTest]:
+    """Held-out tests, and of each kind without held-out tests the one with the worst fit.
+
+    At most `MAX_SHOWN`; if there are more, those with the worst fit in each kind.
+    """
+    held = {test.kind for test in tests if test.use == "holdout"}
+    ranked: dict[tuple[str, str], list[ShownTest]] = {}
+    for test in sorted(tests, key=ShownTest.misfit, reverse=True):
+        ranked.setdefault((test.use, test.kind), []).append(test)
+    order = sorted(
+        (
+            (0 if use == "holdout" else 1, place, test)
+            for (use, _), group in ranked.items()
+            for place, test in enumerate(group)
+            if use == "holdout" or (place == 0 and test.kind not in held)
+        ),
+        key=lambda item: item[:2],
+    )
+    kept = [id(test) for *_, test in order[:MAX_SHOWN]]
+    chosen = [test for test in tests if id(test) in kept]
+    return sorted(chosen, key=lambda t: t.use != "holdout")
+
+
+def speed(result: TestResult, position: str) -> FloatArray:
+    """Speed (n,), per second, from the zero-phase filtered position."""
+    from sysid import signals
+
+    period = float(np.median(np.diff(result.time)))
+    cutoff = min(signals.DEFAULT_CUTOFF_HZ, 0.2 / period)
+    smooth = signals.lowpass(result.measured[position], period, cutoff)
+    return signals.first_derivative(smooth, period)

@@ -1,0 +1,228 @@
+"""Static figures: matplotlib's SVG, prepared for embedding in a page.
+
+Colours are placeholders that become CSS custom properties, so that a figure follows the
+page's scheme (light, dark, print); text stays text in the page's font. Each figure is named
+and described for screen readers, and its ids are its own. No text that came from a file is
+drawn: labels of tests go into the captions, which the template escapes.
+"""
+
+from __future__ import annotations
+
+import html
+import io
+import itertools
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.document.blocks import Figure
+from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as MatplotlibFigure
+
+
+# One placeholder per role; style.css gives each its colour in either scheme.
+_ROLES = ("ink", "muted", "grid", "measured", "model", "second", "third", "fourth", "band")
+COLOUR = {role: f"#fe{i:02x}01" for i, role in enumerate(_ROLES)}
+MODEL_STYLES: tuple[tuple[str, Any], ...] = (
+    (COLOUR["model"], "-"),
+    (COLOUR["second"], (0, (5, 1.5))),
+    (COLOUR["third"], (0, (1.5, 1))),
+    (COLOUR["fourth"], (0, (6, 1.5, 1.5, 1.5))),
+)
+
+PANEL = (3.5, 2.6)  # inches: three in a row on a desktop, one on a phone
+TALL_PANEL = (3.5, 3.35)
+SMALL_PANEL = (2.62, 2.3)  # four in a row
+_MARGIN = {"left": 0.64, "right": 0.21, "top": 0.31, "bottom": 0.48}  # inches
+_FONT_PT = 8.6
+_LEGEND_ROOM = 0.2  # of the height
+_STYLE: Any = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "sysid",
+    "text.parse_math": False,
+    "axes.formatter.use_mathtext": False,
+    "axes.unicode_minus": True,
+    "axes.formatter.limits": (-3, 5),
+    "axes.formatter.useoffset": False,
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": _FONT_PT,
+    "text.color": COLOUR["ink"],
+    "axes.labelcolor": COLOUR["ink"],
+    "axes.edgecolor": COLOUR["muted"],
+    "axes.titlesize": _FONT_PT,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 5.0,
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.xmargin": 0.01,
+    "grid.color": COLOUR["grid"],
+    "grid.linewidth": 0.5,
+    "xtick.color": COLOUR["muted"],
+    "ytick.color": COLOUR["muted"],
+    "xtick.labelcolor": COLOUR["ink"],
+    "ytick.labelcolor": COLOUR["ink"],
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "lines.linewidth": 1.1,
+    "lines.solid_joinstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": _FONT_PT,
+    "legend.handlelength": 1.8,
+    "legend.borderaxespad": 0.2,
+    "legend.labelspacing": 0.25,
+    "path.simplify": True,
+    "path.simplify_threshold": 0.4,
+    "savefig.dpi": 144,
+    "image.interpolation": "none",
+}
+
+
+def styled() -> Any:
+    """Context in which figures are drawn and written: the report's style."""
+    import matplotlib
+
+    return matplotlib.rc_context(_STYLE)
+
+
+def panel(title: str, size: tuple[float, float] = PANEL) -> tuple[MatplotlibFigure, Axes]:
+    """A figure with one axes, its margins fixed in inches so that panels line up."""
+    figure, axes = panels(title, (1.0,), size)
+    return figure, axes[0]
+
+
+def panels(
+    title: str,
+    heights: Sequence[float],
+    size: tuple[float, float] = PANEL,
+    right: float = 0.0,
+    left: float = _MARGIN["left"],
+) -> tuple[MatplotlibFigure, list[Axes]]:
+    """A figure with axes below one another, of relative `heights`, that share the x axis.
+
+    `right` inches more are kept free on the right (for a colour bar), `left` inches in all on
+    the left (for the y axis' labels).
+    """
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure as MatplotlibFigure
+    from matplotlib.ticker import MaxNLocator
+
+    width, height = size
+    figure = MatplotlibFigure(figsize=size)
+    FigureCanvasSVG(figure)
+    start, bottom = left / width, _MARGIN["bottom"] / height
+    wide = 1.0 - start - (_MARGIN["right"] + right) / width
+    gap = 0.12 / height
+    free = 1.0 - bottom - _MARGIN["top"] / height - gap * (len(heights) - 1)
+    top = 1.0 - _MARGIN["top"] / height
+    axes: list[Axes] = []
+    for share in heights:
+        part = free * share / sum(heights)
+        axes.append(
+            figure.add_axes((start, top - part, wide, part), sharex=axes[0] if axes else None)
+        )
+        top -= part + gap
+    for ax in axes[:-1]:
+        ax.tick_params(labelbottom=False)
+    for ax in axes:
+        steps = [1, 2, 2.5, 5, 10]
+        ax.xaxis.set_major_locator(MaxNLocator(5 if width > SMALL_PANEL[0] else 4, steps=steps))
+        ax.yaxis.set_major_locator(MaxNLocator(5 if len(heights) == 1 else 4, steps=steps))
+    figure.text(0.06 / width, 1.0 - 0.06 / height, title, va="top", ha="left", weight="bold")
+    return figure, axes
+
+
+def legend(ax: Axes, **options: Any) -> None:
+    """A legend that does not hide the data beneath it, if there is anything to label."""
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(**{"loc": "best", **options})
+
+
+def legend_above(ax: Axes, **options: Any) -> None:
+    """A legend in a row of its own above all that is drawn in linear axes."""
+    labels = ax.get_legend_handles_labels()[1]
+    if labels:
+        low, high = ax.get_ylim()
+        ax.set_ylim(low, high + _LEGEND_ROOM * (high - low))
+        row = {"loc": "upper right", "ncols": len(labels), "columnspacing": 0.8}
+        ax.legend(**{**row, "handlelength": 1.2, **options})
+
+
+def to_figure(figure: MatplotlibFigure, id: str, title: str, description: str) -> Figure:
+    """The matplotlib figure as inline SVG, with its `title` and `description`.
+
+    `id` must be the figure's own in the page. To be called within `styled()`.
+    """
+    buffer = io.StringIO()
+    nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    figure.savefig(buffer, format="svg", transparent=True, metadata=nothing)
+    text = buffer.getvalue()
+    return Figure(id, title, description, inline(text, id, title, description))
+
+
+_ID = re.compile(r' id="([^"]*)"')
+_REFERENCE = re.compile(r'(url\(#|href="#)([^")]*)')
+_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+_PATH = re.compile(r'(?:\bd|points|transform|x|y|width|height)="[^"]*"')
+_FONT = re.compile(r"font: |font-family: [^;\"]*;? ?")
+_TAG = re.compile(r"<svg [^>]*viewBox=\"([^\"]*)\"[^>]*>")
+_STYLE_BLOCK = re.compile(r"<defs>\s*<style[^>]*>.*?</style>\s*</defs>", re.DOTALL)
+_ROLE = re.compile("|".join(COLOUR.values()))
+_VARIABLE = {value: f"var(--{role})" for role, value in COLOUR.items()}
+
+
+def inline(text: str, id: str, title: str, description: str) -> str:
+    """A whole SVG document turned into an element of a page."""
+    body = text[text.index("<svg ") :]
+    body = _STYLE_BLOCK.sub("", re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL))
+    used = {match.group(2) for match in _REFERENCE.finditer(body)}
+    body = _ID.sub(lambda m: f' id="{id}-{m.group(1)}"' if m.group(1) in used else "", body)
+    body = _REFERENCE.sub(rf"\g<1>{id}-\g<2>", body)
+    body = body.replace("xlink:href", "href")
+    body = _PATH.sub(lambda m: _NUMBER.sub(_shorter, m.group(0)).replace("\n", ""), body)
+    body = _FONT.sub("", body)
+    body = _ROLE.sub(lambda m: _VARIABLE[m.group(0)], body)
+    body = re.sub(r">\s+<", "><", body)
+    match = _TAG.match(body)
+    if match is None:
+        raise ValueError("matplotlib wrote no viewBox")
+    width = float(match.group(1).split()[2]) * 96.0 / 72.0
+    head = (
+        f'<svg viewBox="{match.group(1)}" style="max-width:{width:.0f}px" role="img" '
+        f'aria-labelledby="{id}-title {id}-desc"><title id="{id}-title">{html.escape(title)}'
+        f'</title><desc id="{id}-desc">{html.escape(description)}</desc>'
+    )
+    return head + body[match.end() :]
+
+
+def _shorter(match: re.Match[str]) -> str:
+    return f"{float(match.group(0)):.2f}".rstrip("0").rstrip(".")
+
+
+def thinned(time: FloatArray, values: Sequence[FloatArray], buckets: int) -> NDArray[np.intp]:
+    """Rows (m,), sorted, that keep each curve's least and largest value in every bucket.
+
+    `time` (n,) and every curve (n,); at most 2 `buckets` rows a curve, and the two ends. A
+    line through them looks like the whole one where a bucket is a pixel or less.
+    """
+    n = len(time)
+    if n <= 2 * buckets:
+        return np.arange(n)
+    edges = np.linspace(0, n, buckets + 1).astype(np.intp)
+    rows = [np.array([0, n - 1])]
+    for curve in values:
+        for pick in (np.argmin, np.argmax):
+            rows.append(np.array([a + pick(curve[a:b]) for a, b in itertools.pairwise(edges)]))
+    return np.unique(np.concatenate(rows))

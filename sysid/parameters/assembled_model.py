@@ -1,0 +1,564 @@
+"""The model that a bundle describes: parameters, and PWM surfaces as the plant reads them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.errors import NotIdentifiedError, input_error
+from sysid.io.channels import SIDES
+from sysid.io.rig import Rig, require_inertia
+from sysid.parameters.base import Part
+from sysid.parameters.content import BundleContent
+from sysid.parameters.effects import effect_from_entry
+from sysid.parameters.friction import Friction
+from sysid.parameters.valves import (
+    AVERAGED,
+    DIRECTIONS,
+    LAW_KEYS,
+    SURFACE_KINDS,
+    PwmSurfaces,
+    Valve,
+)
+from sysid.plant.base import (
+    Array,
+    Parameters,
+    ValveParameters,
+    array_namespace,
+    bare_parameters,
+    exhaust_jump,
+    filling_jump,
+    parameters_from_rig,
+)
+from sysid.plant.effects.catalogue import catalogue_with
+from sysid.plant.effects.entry import Catalogue
+from sysid.plant.effects.linear import for_rig
+from sysid.plant.ports import Effect, Model, has_discrete_law
+from sysid.plant.trials import DISCRETE
+from sysid.surfaces.averaged import AveragedLaw
+
+MEAN_FLOW_MODELS = (AVERAGED, *SURFACE_KINDS)
+VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
+# Nodes of a surface's table over duty and pressure. Between them the table is bilinear: a
+# bipolynomial's flow is then off by less than 1e-4 of its range (tested).
+_NODES = 129
+_SAME_PERIOD = 1e-6
+# As far as the fit takes rows of a surface for rows at one supply.
+_SAME_SUPPLY = 0.02
+
+_OTHER_REGIME = {
+    "choked_fill": "c_fill",
+    "c_fill": "choked_fill",
+    "choked_dis": "c_dis",
+    "c_dis": "choked_dis",
+}
+_TESTS = {
+    "static": "friction-static tests (a torque ramp from rest)",
+    "coulomb": "friction-sliding tests (constant torques, at least two levels)",
+    "viscous": "friction-sliding tests (constant torques, at least two levels)",
+}
+
+
+@dataclass(frozen=True)
+class TabulatedSurfaces:
+    """Mean flow of one valve under PWM over duty and pressure: two tables, bilinear.
+
+    `filling` and `discharging` (nodes, nodes) kg/s, rows duty and columns pressure, evenly
+    spaced from `..._low` to `..._high` (0 to 1 and Pa). Beyond them the inputs saturate, as
+    those of the surfaces themselves do. Arrays of any library; a flat dataclass of numbers,
+    as the simulation's compilation needs it.
+    """
+
+    filling: Array
+    filling_duty_low: Array
+    filling_duty_high: Array
+    filling_pressure_low: Array
+    filling_pressure_high: Array
+    discharging: Array
+    discharging_duty_low: Array
+    discharging_duty_high: Array
+    discharging_pressure_low: Array
+    discharging_pressure_high: Array
+
+    def fill(self, duty: Array, pressure: Array) -> Array:
+        """Mean flow into the chamber while its pressure rises, kg/s."""
+        return _bilinear(
+            self.filling,
+            (duty, self.filling_duty_low, self.filling_duty_high),
+            (pressure, self.filling_pressure_low, self.filling_pressure_high),
+        )
+
+    def discharge(self, duty: Array, pressure: Array) -> Array:
+        """Mean flow (negative: out) while the chamber's pressure falls, kg/s."""
+        return _bilinear(
+            self.discharging,
+            (duty, self.discharging_duty_low, self.discharging_duty_high),
+            (pressure, self.discharging_pressure_low, self.discharging_pressure_high),
+        )
+
+    def span(self, pressure: Array) -> Array:
+        """Flow of the open valve less that of the closed one, kg/s, as the tables' ends say."""
+        high, low = self.filling_duty_high, self.discharging_duty_low
+        return (self.fill(high, pressure) - self.discharge(low, pressure)) / (high - low)
+
+
+_Axis = tuple[Array, Array, Array]
+
+
+def _bilinear(table: Array, rows: _Axis, columns: _Axis) -> Array:
+    """`table` at (value, low, high) along its rows and its columns; saturated at its edges."""
+    xp = array_namespace(rows[0], columns[0])
+    cells, shares = [], []
+    for (value, low, high), size in zip((rows, columns), table.shape, strict=True):
+        place = xp.clip((value - low) / (high - low), 0.0, 1.0) * (size - 1)
+        cell = xp.minimum(xp.floor(place), size - 2)
+        cells.append(cell.astype(int))
+        shares.append(place - cell)
+    (i, j), (s, t) = cells, shares
+    lower = (1.0 - t) * table[i, j] + t * table[i, j + 1]
+    upper = (1.0 - t) * table[i + 1, j] + t * table[i + 1, j + 1]
+    return (1.0 - s) * lower + s * upper
+
+
+def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
+    """The base model's parameters: fitted ones from `bundle`, the others from `rig`.
+
+    A fitted inertia holds with the payload of the bundle's rig: what `rig`'s differs by is added.
+    Choked filling holds at the supply of the bundle's rig, and is proportional to `rig`'s.
+    A valve without a discrete law gets NaN flows, so that it cannot be used by mistake; see
+    `has_discrete_law`. The offset that a friction fit estimates next to friction is left out: the
+    base model has none, and an offset that is only noise would push an open-loop position away
+    (the effect `torque-offset` is for a real one). A motor alone (`Rig.is_motor_alone`) has it:
+    the motion that gave its law gave the offset too. Negative friction is set to 0, static friction
+    that is not identified to Coulomb friction, a valve's flow that its on/off tests do not identify
+    to that of its PWM tests or of the other regime (`assumed_parameters` says so). Raises
+    InputError where the rig file lacks a section, NotIdentifiedError where the bundle has no
+    friction.
+    """
+    friction, where = bundle.friction, bundle.source
+    if friction is None:
+        raise NotIdentifiedError(
+            f"{where}: holds no friction; fit friction-static and friction-sliding tests into it"
+        )
+    keys = friction_keys(rig.is_linear)
+    if _lacks_static_alone(friction, rig.is_linear):
+        keys["static"] = keys["coulomb"]
+    values = {
+        name: max(_identified(friction, key, f"{where}, friction", _TESTS[name]), 0.0)
+        for name, key in keys.items()
+    }
+    if rig.is_motor_alone:
+        return _motor_alone(bundle, friction, rig, values)
+    parameters = parameters_from_rig(
+        rig,
+        static_effort=values["static"],
+        coulomb_effort=values["coulomb"],
+        viscous=values["viscous"],
+        valve_a=_discrete_law(bundle, rig, "a"),
+        valve_b=_discrete_law(bundle, rig, "b"),
+        inertia=_inertia(bundle, rig),
+    )
+    return parameters.replace(supply_reference=_supply_of_fit(bundle, rig))
+
+
+def _motor_alone(
+    bundle: BundleContent, friction: Friction, rig: Rig, values: Mapping[str, float]
+) -> Parameters:
+    """Of a rig without pneumatics: its mechanics alone; `values` of friction by short name."""
+    offset = friction.offset
+    return bare_parameters(rig).replace(
+        static_effort=values["static"],
+        coulomb_effort=values["coulomb"],
+        viscous=values["viscous"],
+        inertia=_inertia(bundle, rig),
+        # A friction fit counts it against the motion, the model along it.
+        offset=-offset.value if offset is not None and offset.identified else 0.0,
+    )
+
+
+def _inertia(bundle: BundleContent, rig: Rig) -> float:
+    """The inertia (kg m2, or kg) that was fitted, with another payload if `rig`'s is; else `rig`'s.
+
+    Raises InputError where there is neither, NotIdentifiedError where the fitted one cannot be.
+    """
+    inertia = fitted_inertia(bundle)
+    if inertia is None:
+        return require_inertia(rig)
+    require_moving_inertia(inertia, rig, f"{bundle.source}, friction")
+    return inertia + rig.payload_inertia() - bundle.rig.payload_inertia()
+
+
+def require_moving_inertia(inertia: float, rig: Rig, where: str) -> None:
+    """NotIdentifiedError, naming `where`, for a fitted inertia (kg m2, or kg) that cannot be."""
+    if not inertia > 0.0:
+        key, what, unit = ("mass_kg", "mass", "kg") if rig.is_linear else (
+            "equivalent_kg_m2", "inertia", "kg m2"
+        )  # fmt: skip
+        raise NotIdentifiedError(
+            f"{where}: the fitted {what} is {inertia:.3g} {unit}, which cannot be, so that no "
+            f"motion is simulated with it; declare [inertia] {key} in {rig.source}, or give motion "
+            "that accelerates more"
+        )
+
+
+def _supply_of_fit(bundle: BundleContent, rig: Rig) -> float:
+    """Supply pressure, Pa, that the bundle's choked filling holds at: its own rig file's."""
+    air = bundle.rig.air or rig.require("air", "which the chamber equations need")
+    return air.supply_pressure_pa
+
+
+def fitted_inertia(bundle: BundleContent) -> float | None:
+    """The inertia (kg m2) or mass (kg) that friction tests gave; None where they did not."""
+    inertia = None if bundle.friction is None else bundle.friction.inertia
+    return inertia.value if inertia is not None and inertia.identified else None
+
+
+def friction_keys(is_linear: bool) -> dict[str, str]:
+    """The bundle's key of each friction parameter: static, Coulomb and viscous."""
+    effort, viscous = ("n", "n_s_per_m") if is_linear else ("nm", "nm_s_per_rad")
+    return {
+        "static": f"static_{effort}",
+        "coulomb": f"coulomb_{effort}",
+        "viscous": f"viscous_{viscous}",
+    }
+
+
+def _lacks_static_alone(friction: Friction, is_linear: bool) -> bool:
+    """Whether the tests identify sliding friction and not breakaway: motion alone does not."""
+    static, coulomb = friction.static, getattr(friction, friction_keys(is_linear)["coulomb"])
+    unknown = static is not None and not static.identified
+    return unknown and coulomb is not None and coulomb.identified
+
+
+def assumed_parameters(bundle: BundleContent) -> list[str]:
+    """Notices of what models set otherwise than estimated: friction to 0 where it is negative,
+    static friction to Coulomb friction where it is not identified, and a valve's flow that its
+    on/off tests do not identify to that of its PWM tests, or of the other regime, without a jump at
+    the choked boundary."""
+    return [*_assumed_static(bundle), *negative_friction(bundle), *_assumed_flows(bundle)]
+
+
+def _assumed_static(bundle: BundleContent) -> Iterator[str]:
+    friction = bundle.friction
+    if friction is not None and _lacks_static_alone(friction, bundle.is_linear):
+        keys = friction_keys(bundle.is_linear)
+        yield (
+            f"{bundle.source}: {keys['static']} is not identified: the model takes "
+            f"{keys['coulomb']} for it; give {_TESTS['static']}"
+        )
+
+
+def _assumed_flows(bundle: BundleContent) -> Iterator[str]:
+    for side in SIDES:
+        if bundle.valve(side).discrete is None:
+            continue
+        for name, key in LAW_KEYS.items():
+            taken = _taken_from(bundle.valve(side), name, bundle.rig)
+            if taken:
+                yield (
+                    f"{bundle.source}: valves.{side}.discrete: {key} is not identified: the model "
+                    f"takes {taken}; valve-discrete tests of valve {side} would identify it"
+                )
+
+
+def negative_friction(bundle: BundleContent) -> list[str]:
+    """Notices of friction that models set to 0, as it is negative."""
+    friction = bundle.friction
+    if friction is None:
+        return []
+    return [
+        f"{bundle.source}: {key} is {estimate.value:.3g}, but friction cannot be negative: the "
+        "model uses 0; the friction tests show an effect that it lacks"
+        for key in friction_keys(bundle.is_linear).values()
+        if (estimate := getattr(friction, key)) is not None and estimate.value < 0.0
+    ]
+
+
+def model_from_bundle(bundle: BundleContent, rig: Rig, catalogue: Catalogue | None = None) -> Model:
+    """The model with a bundle's parameters and effects, these in the bundle's order.
+
+    `catalogue` maps ids to effects; None is the project's own. Raises as
+    `parameters_from_bundle` and `effects_from_bundle` do.
+    """
+    effects = effects_from_bundle(bundle, catalogue)
+    return Model(parameters_from_bundle(bundle, rig), effects)
+
+
+def effects_from_bundle(
+    bundle: BundleContent, catalogue: Catalogue | None = None
+) -> tuple[Effect, ...]:
+    """The effects that a bundle lists, in its order.
+
+    Raises InputError for an effect that `catalogue` lacks, one with foreign
+    parameters (`effect_from_entry`), and two that need the same state.
+    """
+    if bundle.component is not None:
+        raise input_error(
+            bundle.source,
+            f"holds a component of your own ({bundle.component.name}), not an actuator",
+            "check, fit, diagnose, refine, validate and run take it with --component",
+        )
+    if not bundle.effects:
+        return ()
+    if catalogue is None:
+        catalogue = catalogue_with(None)
+    catalogue = for_rig(catalogue, bundle.is_linear)
+    effects: list[Effect] = []
+    for entry in bundle.effects:
+        effect = effect_from_entry(entry, bundle.source, catalogue)
+        taken = {state for other in effects for state in other.states}
+        if taken.intersection(effect.states):
+            raise input_error(
+                f"{bundle.source}, effect {effect.id}",
+                "is listed twice for one side",
+                "remove one of them",
+            )
+        effects.append(effect)
+    return tuple(effects)
+
+
+def surfaces_from_bundle(bundle: BundleContent, rig: Rig, kind: str) -> tuple[Any, Any] | None:
+    """Valve A's and B's mean flow under PWM by one of MEAN_FLOW_MODELS, for `simulate`.
+
+    None where the bundle lacks one of the four surfaces, or one of the two laws. Raises
+    InputError where surfaces were fitted at another PWM period or supply than the rig's, at which
+    they do not hold.
+    """
+    if kind == AVERAGED:
+        a, b = (_averaged_law(bundle, rig, side) for side in SIDES)
+        return None if a is None or b is None else (a, b)
+    found = []
+    for side in SIDES:
+        parts = [bundle.valve(side).surfaces(direction) for direction in DIRECTIONS]
+        held = [part for part in parts if part is not None and kind in part.given()]
+        if len(held) < len(DIRECTIONS):
+            return None
+        where = f"{bundle.source}, valves.{side}"
+        for direction, part in zip(DIRECTIONS, held, strict=True):
+            _check_conditions(part, rig, f"{where}.pwm.{direction}")
+        found.append(_tabulated(held[0], held[1], kind, where))
+    return found[0], found[1]
+
+
+def _averaged_law(bundle: BundleContent, rig: Rig, side: str) -> AveragedLaw | None:
+    """A valve's averaged law: of its on/off law where that is known, else as fitted under PWM.
+
+    The fitted one holds at any PWM period, as only the delays' difference depends on time.
+    """
+    valve, timing = bundle.valve(side), rig.valves
+    on, off = (timing.on_delay_s, timing.off_delay_s) if timing else (0.0, 0.0)
+    law: Part | None = valve.discrete
+    if law is None or not all(getattr(law, key).identified for key in LAW_KEYS.values()):
+        fitted = valve.averaged()
+        if fitted is None or not _all_identified(fitted):
+            return None
+        law, off = fitted, on + fitted.delay_difference_s.value
+    air = rig.require("air", "which the averaged law needs")
+    flows = {name: float(getattr(law, key).value) for name, key in LAW_KEYS.items()}
+    return AveragedLaw(
+        **flows,
+        supply=air.supply_pressure_pa,
+        supply_reference=_supply_of_fit(bundle, rig),
+        atmosphere=air.atmospheric_pressure_pa,
+        on_delay=on,
+        off_delay=off,
+        period=rig.require("pwm", "which the averaged law needs").period_s,
+    )
+
+
+def _all_identified(law: Part) -> bool:
+    return all(estimate.identified for estimate in law.estimates().values())
+
+
+def _tabulated(
+    fill: PwmSurfaces, discharge: PwmSurfaces, kind: str, where: str
+) -> TabulatedSurfaces:
+    fields: dict[str, Any] = {}
+    for name, part in (("filling", fill), ("discharging", discharge)):
+        surface = _surface(part, kind, f"{where}, {name}")
+        (duty_low, duty_high), (low, high) = (
+            surface.domain_.duty_range,
+            surface.domain_.pressure_range,
+        )
+        duties, pressures = np.linspace(duty_low, duty_high, _NODES), np.linspace(low, high, _NODES)
+        fields[name] = surface.flow(duties[:, None], pressures[None, :])[0]
+        fields[f"{name}_duty_low"], fields[f"{name}_duty_high"] = duties[[0, -1]]
+        fields[f"{name}_pressure_low"], fields[f"{name}_pressure_high"] = pressures[[0, -1]]
+    return TabulatedSurfaces(**fields)
+
+
+def _surface(part: PwmSurfaces, kind: str, where: str) -> Any:
+    held = part.surface(kind)
+    if held is None:
+        raise input_error(where, f"{kind} is not a surface", "fit the surface again")
+    return held.model(where)
+
+
+def _check_conditions(part: PwmSurfaces, rig: Rig, where: str) -> None:
+    fitted, period = part.pwm_period_s, rig.pwm.period_s if rig.pwm else None
+    if _differs(fitted, period, _SAME_PERIOD):
+        raise input_error(
+            where,
+            f"was fitted at a PWM period of {fitted:g} s, but {rig.source} declares {period:g} s",
+            "fit valve-pwm tests at the rig's period",
+        )
+    fitted, supply = part.supply_pressure_pa, rig.air.supply_pressure_pa if rig.air else None
+    if _differs(fitted, supply, _SAME_SUPPLY):
+        raise input_error(
+            where,
+            f"was fitted at a supply of {fitted:g} Pa, but {rig.source} declares {supply:g} Pa",
+            "fit valve-pwm tests at the rig's supply, or use the averaged law, which is scaled",
+        )
+
+
+def _differs(fitted: object, declared: float | None, tolerance: float) -> bool:
+    """Whether both are known and further apart than that share."""
+    if not isinstance(fitted, int | float) or declared is None:
+        return False
+    return abs(fitted / declared - 1.0) >= tolerance
+
+
+def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters:
+    """The on/off law; NaN flows without one. A flow that its tests do not identify is that of the
+    PWM tests (their averaged law, else a choked one of their surface), else it follows from that of
+    the other regime: the law is continuous where the valve was never seen to be otherwise."""
+    valve = bundle.valve(side)
+    law = valve.discrete
+    if law is None:
+        return ValveParameters(math.nan, math.nan, math.nan, math.nan)
+    place = f"{bundle.source}, valves.{side}.discrete"
+    test = f"valve-discrete tests of valve {side} (on and off again, piston held) would identify it"
+    values: dict[str, float] = {}
+    for name, key in LAW_KEYS.items():
+        measured = _measured_flow(valve, name, rig)
+        if measured is not None:
+            values[name] = measured
+            continue
+        other = _measured_flow(valve, _OTHER_REGIME[name], rig)
+        if other is None:
+            values[name] = _identified(law, key, place, test)  # raises
+            continue
+        boundary = _unit_boundary_flow(name, bundle, rig)
+        values[name] = other * boundary if name.startswith("choked") else other / boundary
+    return ValveParameters(**values)
+
+
+def _measured_flow(valve: Valve, name: str, rig: Rig) -> float | None:
+    """A flow or coefficient as the on/off tests give it, else as the PWM tests do."""
+    for law in (valve.discrete, valve.averaged()):
+        own = None if law is None else getattr(law, LAW_KEYS[name])
+        if own is not None and own.identified:
+            return float(own.value)
+    return _choked_on_surface(valve, name, rig)
+
+
+def _choked_on_surface(valve: Valve, name: str, rig: Rig) -> float | None:
+    """A choked flow as a surface has it where the valve is open the most and nothing flows the
+    other way: into an empty chamber, and out of a full one. None of an unchoked coefficient."""
+    direction = {"choked_fill": "fill", "choked_dis": "discharge"}.get(name)
+    part = None if direction is None else valve.surfaces(direction)
+    longer = rig.valves.off_delay_s - rig.valves.on_delay_s if rig.valves else 0.0
+    gain = longer / rig.pwm.period_s if rig.pwm else 0.0
+    for kind in reversed(SURFACE_KINDS):  # the network follows its tests more closely
+        held = None if part is None else part.surface(kind)
+        if held is None:
+            continue
+        surface = held.model(f"the surface of {direction}")
+        empty, full = surface.domain_.pressure_range
+        pressure = empty if direction == "fill" else full
+        low, high = (float(limit[0]) for limit in surface.domain_.duty_limits(np.array([pressure])))
+        duty, share = (high, high + gain) if direction == "fill" else (low, 1.0 - low - gain)
+        flow = abs(float(surface.flow(duty, pressure)[0]))
+        return flow / share if flow > 0.0 and share > 0.0 else None
+    return None
+
+
+def _taken_from(valve: Valve, name: str, rig: Rig) -> str:
+    """Where the model has a flow from that the on/off tests do not identify; empty if they do, or
+    if nothing gives it."""
+    own = getattr(valve.discrete, LAW_KEYS[name])
+    if own is None or own.identified:
+        return ""
+    averaged = valve.averaged()
+    if averaged is not None and getattr(averaged, LAW_KEYS[name]).identified:
+        return "that of the averaged law of its PWM tests"
+    if _measured_flow(valve, name, rig) is not None:
+        return "that of the surface of its PWM tests at the largest opening"
+    other = _OTHER_REGIME[name]
+    known = _measured_flow(valve, other, rig) is not None
+    return f"what {LAW_KEYS[other]} gives at the choked boundary" if known else ""
+
+
+def _unit_boundary_flow(name: str, bundle: BundleContent, rig: Rig) -> float:
+    """Flow at the choked boundary, kg/s, by a coefficient of 1, in the direction of `name`."""
+    if name.endswith("fill"):
+        return 1.0 + float(filling_jump(_supply_of_fit(bundle, rig), 1.0, 1.0))
+    atmosphere = rig.require("air", "which the valve law needs").atmospheric_pressure_pa
+    return 1.0 + float(exhaust_jump(atmosphere, 1.0, 1.0))
+
+
+def _identified(part: Part, key: str, where: str, test: str) -> float:
+    estimate = getattr(part, key)
+    if estimate is None:
+        raise input_error(where, f"{key} is missing", "fit again to rewrite the bundle")
+    if not estimate.identified:
+        raise NotIdentifiedError(f"{where}: {key} is not identified ({estimate.reason}); {test}")
+    return float(estimate.value)
+
+
+def surfaces_for(bundle: BundleContent, rig: Rig, valve_model: str) -> tuple[Any, ...]:
+    """The surfaces of a valve model ("discrete": none) out of a bundle, for simulate_trials.
+
+    Raises InputError for an unknown name, NotIdentifiedError where the bundle lacks one.
+    """
+    if valve_model not in VALVE_MODELS:
+        raise input_error(
+            f"valve model {valve_model!r}", "is unknown", f"use {', '.join(VALVE_MODELS)}"
+        )
+    if valve_model == DISCRETE:
+        return ()
+    surfaces = surfaces_from_bundle(bundle, rig, valve_model)
+    if surfaces is None:
+        raise NotIdentifiedError(
+            f"{bundle.source}: holds no {valve_model} surfaces for both valves and directions; "
+            "fit valve-pwm tests into it"
+        )
+    return surfaces
+
+
+def first_valve_model(bundle: BundleContent, rig: Rig, parameters: Parameters) -> str:
+    """The discrete law where the bundle has it of both valves, else the first of its surfaces.
+
+    Raises NotIdentifiedError where it has neither.
+    """
+    if has_discrete_law(parameters):
+        return DISCRETE
+    for name in MEAN_FLOW_MODELS:
+        if surfaces_from_bundle(bundle, rig, name) is not None:
+            return name
+    raise NotIdentifiedError(
+        f"{bundle.source}: holds no model of both valves; fit valve-discrete tests of both into it"
+    )
+
+
+__all__ = [
+    "DISCRETE",
+    "MEAN_FLOW_MODELS",
+    "VALVE_MODELS",
+    "TabulatedSurfaces",
+    "assumed_parameters",
+    "effects_from_bundle",
+    "first_valve_model",
+    "fitted_inertia",
+    "friction_keys",
+    "model_from_bundle",
+    "negative_friction",
+    "parameters_from_bundle",
+    "require_moving_inertia",
+    "surfaces_for",
+    "surfaces_from_bundle",
+]

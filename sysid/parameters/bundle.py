@@ -1,0 +1,217 @@
+"""The bundle as an object: created, merged and extended, and the model that it describes."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from sysid import __version__
+from sysid.blocks.quality import quality_table
+from sysid.blocks.tables import Shown, ShownTable, estimate_records, estimate_table
+from sysid.errors import input_error
+from sysid.estimation.linear import Estimate
+from sysid.io.channels import SIDES
+from sysid.io.logs import Log
+from sysid.io.rig import Rig, differing_sections
+from sysid.io.source import Source
+from sysid.parameters.assembled_model import fitted_inertia, model_from_bundle
+from sysid.parameters.base import Part
+from sysid.parameters.content import SCHEMA, BundleContent, Parts
+from sysid.parameters.effects import EffectEntry
+from sysid.parameters.provenance import Provenance, family, records
+from sysid.parameters.quality import QualityRecord, qualities_in
+
+if TYPE_CHECKING:
+    from sysid.plant.effects.entry import Catalogue
+    from sysid.plant.ports import Model
+
+
+# What was found with the parts as they were: a change of them drops it.
+_JUDGED = ("validation", "refinement")
+# Parts that merging does not copy unchanged.
+_OWN = ("effects", *_JUDGED)
+
+
+class Bundle(Shown, BundleContent):
+    """All fitted parameters of a rig (`spec/bundle.md`), as read from or written to JSON.
+
+    >>> bundle.friction.coulomb_nm.unit, bundle.valve("a").discrete.on_delay_s.unit
+    ('Nm', 's')
+    >>> bundle.rig.name == campaign.rig.name
+    True
+    >>> model = bundle.model()
+    """
+
+    @classmethod
+    def new(
+        cls,
+        rig: Rig,
+        parts: Parts,
+        sources: Iterable[Source],
+        *,
+        seeds: Mapping[str, int] | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> Bundle:
+        """A bundle of these parts, made now."""
+        fields: dict[str, Any] = {
+            "schema": SCHEMA,
+            "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "sysid_version": __version__,
+            "rig": rig.content,
+        }
+        fields |= {k: v for k, v in vars(parts).items() if v is not None}
+        provenance = Provenance(
+            logs=records(sources), seeds=dict(seeds or {}), options=dict(options or {})
+        )
+        return cls(**fields, effects=[], provenance=provenance)
+
+    def headline(self) -> str:
+        """The rig, and the bundle's content."""
+        effects = [effect.id for effect in self.effects]
+        held = ", ".join([*self._parts(), *(f"effect {name}" for name in effects)])
+        return f"bundle of {self.rig.name}: {held or 'nothing fitted'}"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One record per estimate: its part, value, std, limits and unit."""
+        return [
+            record
+            for name, estimates in self._estimates().items()
+            for record in estimate_records(estimates, part=name)
+        ]
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The estimates, one table per part, and how well the laws follow their tests."""
+        yield from (estimate_table(name, found) for name, found in self._estimates().items())
+        yield quality_table(self.qualities())
+
+    def qualities(self) -> dict[str, QualityRecord]:
+        """How well each fitted law follows its tests, by its place in the bundle."""
+        parts = (
+            ("friction", self.friction),
+            ("valves", self.valves),
+            ("component", self.component),
+        )
+        return {k: q for name, part in parts for k, q in qualities_in(part, name)}
+
+    def _parts(self) -> dict[str, Part]:
+        """Friction and every valve law, by their keys in the file."""
+        found: dict[str, Part] = {} if self.friction is None else {"friction": self.friction}
+        for side in SIDES:
+            valve = self.valve(side)
+            laws = ((name, getattr(valve, name)) for name in valve.given())
+            found |= {f"valves.{side}.{n}": law for n, law in laws if isinstance(law, Part)}
+        if self.component is not None:
+            found[self.component.kind] = self.component
+        return found
+
+    def _estimates(self) -> dict[str, dict[str, Estimate]]:
+        found = {name: part.estimates() for name, part in self._parts().items()}
+        return found | {f"effect {effect.id}": effect.numbers() for effect in self.effects}
+
+    def model(self, rig: Rig | None = None, catalogue: Catalogue | None = None) -> Model:
+        """The model that can be simulated: the base model's parameters, and the effects.
+
+        `rig` (None: the bundle's) is the rig that is simulated; `catalogue` holds the effects
+        (None: the project's own). Raises InputError for contradictory content,
+        NotIdentifiedError where the bundle has no friction.
+        """
+        return model_from_bundle(self, rig or self.rig, catalogue)
+
+    def with_effects(self, effects: Iterable[EffectEntry]) -> Bundle:
+        """With these effects after its own; its validation and refinement are dropped."""
+        return self.without(*_JUDGED).replaced(effects=[*self.effects, *effects])
+
+    def with_sources(self, sources: Iterable[Source]) -> Bundle:
+        """With these logs in its provenance too."""
+        return self.replaced(provenance=self.provenance.with_logs(records(sources)))
+
+    def merged(self, other: Bundle) -> Bundle:
+        """With the parts of `other` added; a part that both hold is replaced.
+
+        The existing validation and refinement are dropped. Raises InputError where the two were
+        fitted for different rigs.
+        """
+        if differ := differing_sections(self.rig_content, other.rig_content):
+            raise input_error(
+                self.source,
+                f"was fitted with another rig file ([{differ[0]}] differs)",
+                "fit both with the same rig file, or write a new bundle with -o",
+            )
+        fields = {key: getattr(other, _field(key)) for key in other.given() if key not in _OWN}
+        if self.valves is not None and other.valves is not None:
+            fields["valves"] = self.valves.merged(other.valves)
+        return self.without(*_JUDGED).replaced(
+            **{_field(key): value for key, value in fields.items()}
+            | {
+                "effects": other.effects or self.effects,
+                "provenance": self.provenance.merged(
+                    other.provenance, other_has_friction=other.friction is not None
+                ),
+            }
+        )
+
+    def other_sections(self, rig: Rig) -> list[str]:
+        """The sections in which a rig file differs from the one that it was fitted with."""
+        return differing_sections(self.rig_content, rig.content)
+
+    def other_rig(self, rig: Rig) -> list[str]:
+        """A notice where the rig file in use is not the one that the bundle was fitted with."""
+        other = self.other_sections(rig)
+        if not other:
+            return []
+        payload = (
+            ", but for the fitted inertia, to which what the payloads differ by is added"
+            if "inertia" in other and fitted_inertia(self) is not None
+            else ""
+        )
+        return [
+            f"{self.source}: fitted with another rig file than {rig.source} "
+            f"({', '.join(f'[{s}]' for s in other)} differ); the campaign's is used{payload}"
+        ]
+
+    def check_log(self, log: Log, kind: str, use: str) -> None:
+        """InputError where a campaign's log cannot have this use beside what was fitted.
+
+        A log to fit on has to be the one that was fitted, if one of its name was; one that is held
+        out must not have been fitted on, and may be a new recording under an old name.
+        """
+        if use == "holdout":
+            self.check_not_fitted(log)
+        else:
+            self.check_log_unchanged(log, kind)
+
+    def check_log_unchanged(self, log: Log, kind: str) -> None:
+        """InputError where a log of `kind` has changed since the bundle was fitted on it.
+
+        Logs of several folders may share a name: one of that name has to match.
+        """
+        logs = self.provenance.logs
+        fitted = any(
+            e.use == "fit" and e.file == log.path.name and e.family == family(kind) for e in logs
+        )
+        if fitted and all(e.sha256 != log.sha256 for e in logs):
+            raise input_error(
+                self.source,
+                f"{log.path.name} has changed since this bundle was fitted on it (SHA-256)",
+                "fit again, or restore the old log",
+            )
+
+    def check_not_fitted(self, log: Log) -> None:
+        """InputError where a log that the campaign holds out is one that it was fitted on."""
+        for entry in self.provenance.logs:
+            if entry.use == "fit" and entry.sha256 == log.sha256:
+                raise input_error(
+                    log.path,
+                    f"is held out in the campaign, but {self.source} was fitted on it "
+                    f"({entry.file})",
+                    'fit without it, or give it use = "fit"',
+                )
+
+
+def _field(key: str) -> str:
+    """The field of a key of the file."""
+    return {"schema": "schema_id", "rig": "rig_content"}.get(key, key)
+
+
+__all__ = ["Bundle"]

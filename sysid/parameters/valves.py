@@ -1,0 +1,292 @@
+"""A bundle's valves: the on/off law, PWM surfaces, and the laws of a valve on a bench."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, JsonValue
+
+from sysid.estimation.linear import Estimate
+from sysid.parameters.base import Absent, Lenient, Number, Part, Unread
+from sysid.parameters.correlation import CorrelatedPart
+from sysid.parameters.quality import Quality, QualityByName
+
+Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
+DIRECTIONS = ("fill", "discharge")
+SURFACE_KINDS = ("bipolynomial", "ann")
+AVERAGED = "averaged"
+# The flow parameters of a valve's law: the model's names, and the bundle's keys.
+LAW_KEYS = {
+    "choked_fill": "choked_flow_fill_kg_s",
+    "choked_dis": "choked_flow_dis_kg_s",
+    "c_fill": "c_fill",
+    "c_dis": "c_dis",
+}
+
+
+class DiscreteLaw(CorrelatedPart):
+    """The on/off law of one valve (thesis 3.6.6, 3.6.10) with its delays.
+
+    `c_fill` in kg/(s Pa^0.5), `c_dis` in kg/(s Pa). The critical ratios and the jumps at the
+    choked boundaries are checks. `noise_pa`, `rmse_pa` and `fit_percent` refer to the curves,
+    `quality` to those of one direction ("fill", "discharge"); `correlation` to the errors of
+    flows, coefficients and delays.
+    """
+
+    c_fill: Estimate
+    c_dis: Estimate
+    choked_flow_fill_kg_s: Estimate
+    choked_flow_dis_kg_s: Estimate
+    on_delay_s: Lenient[Estimate | None] = None
+    off_delay_s: Lenient[Estimate | None] = None
+    critical_ratio_fill: Lenient[Estimate | None] = None
+    critical_ratio_dis: Lenient[Estimate | None] = None
+    jump_fill_percent: Lenient[Estimate | None] = None
+    jump_dis_percent: Lenient[Estimate | None] = None
+    supply_pressure_pa: Lenient[Number | None] = None
+    rmse_pa: Lenient[Number | None] = None
+    noise_pa: Lenient[Number | None] = None
+    fit_percent: Lenient[Number | None] = None
+    quality: QualityByName = None
+    tests: Lenient[list[str] | None] = None
+
+
+class DomainRecord(Part):
+    """Where a surface is valid: duty and pressure (Pa) ranges, and limits at nodes of pressure."""
+
+    duty: Range
+    pressure_pa: Range
+    nodes: dict[str, list[Number]]
+
+
+class DutyErrors(Part):
+    """Errors of a surface's inverse, in duty, and the number of points."""
+
+    rmse: Number
+    max_relative_error_percent: Number
+    max_error_points: Number
+    p95_error_points: Number
+    n_parameters: int
+    n_points: int
+
+
+class Surface(Part):
+    """Mean flow over duty and pressure, or its inverse, as fitted; `model` evaluates it.
+
+    `rmse_duty` and `max_relative_error_duty_percent` refer to held-out tests where there are
+    any, `errors_duty` to training and held-out tests. A bipolynomial holds `coefficients`, a
+    network its weights and biases.
+    """
+
+    kind: Absent[str] = None
+    coefficients: JsonValue = None
+    activation: JsonValue = None
+    hidden_weights: JsonValue = None
+    hidden_bias: JsonValue = None
+    output_weights: JsonValue = None
+    output_bias: JsonValue = None
+    scaling: JsonValue = None
+    domain: Lenient[DomainRecord | None] = None
+    rmse_duty: Lenient[Number | None] = None
+    max_relative_error_duty_percent: Lenient[Number | None] = None
+    rmse_flow_kg_s: Lenient[Number | None] = None
+    held_out_rmse_duty: Lenient[Number | None] = None
+    n_samples: Lenient[int | None] = None
+    constrained: Lenient[bool | None] = None
+    training: JsonValue = None
+    errors_duty: Lenient[dict[str, DutyErrors]] = Field(default_factory=dict)
+    quality: Quality = None
+
+    def errors(self, use: str) -> DutyErrors | None:
+        """Its errors in duty on tests that were "fitted" or "held_out"; None where unknown."""
+        known = self.errors_duty
+        return None if isinstance(known, Unread) else known.get(use)
+
+    def model(self, where: str = "PWM surface") -> Any:
+        """The `Bipolynomial` or `DutyNetwork`. Raises InputError, naming `where`, for a bad one."""
+        from sysid.surfaces import surface_from_dict
+
+        return surface_from_dict(self.to_json(), where)
+
+
+class SurfaceChoice(Part):
+    """Comparison of the two surfaces on the same held-out tests, in duty."""
+
+    bipolynomial: DutyErrors
+    network: DutyErrors
+    noise_rmse: Number | None
+    recommended: str
+    reason: str
+    n_tests: int
+    folds: int
+    seed: int
+    ratio: Number | None = None
+
+
+class ResolutionRecord(Part):
+    """Error in flow, as a share, by the step of duty between tests."""
+
+    steps: list[Number]
+    max_flow: list[Number | None]
+    tests: list[int]
+    coarsest: Number | None = None
+
+
+class PwmSurfaces(Part):
+    """The surfaces of one valve in one direction, at one PWM period and supply pressure.
+
+    A direction that the tests do not identify has `identified` false and a `reason`.
+    """
+
+    supply_pressure_pa: Lenient[Number | None] = None
+    pwm_period_s: Lenient[Number | None] = None
+    n_tests: Lenient[int | None] = None
+    n_samples: Lenient[int | None] = None
+    bipolynomial: Lenient[Surface | None] = None
+    ann: Lenient[Surface | None] = None
+    comparison: Lenient[SurfaceChoice | None] = None
+    resolution_study: Lenient[ResolutionRecord | None] = None
+    hidden_size_sweep: JsonValue = None
+    identified: Lenient[Literal[False] | None] = None
+    reason: Lenient[str | None] = None
+
+    def surface(self, kind: str) -> Surface | None:
+        """The surface of a kind ("bipolynomial" or "ann"); None without a readable one."""
+        found = self.ann if kind == "ann" else self.bipolynomial
+        return found if isinstance(found, Surface) else None
+
+    def surfaces(self) -> dict[str, Surface]:
+        """The surfaces by kind."""
+        found = {kind: self.surface(kind) for kind in SURFACE_KINDS}
+        return {kind: surface for kind, surface in found.items() if surface is not None}
+
+
+class AveragedRecord(Part):
+    """The averaged law of one valve, fitted to its mean flows in both directions.
+
+    `c_fill` in kg/(s Pa^0.5), `c_dis` in kg/(s Pa); `delay_difference_s` is how much later
+    than it opens the valve closes. `errors_duty` by direction, of tests that were left out
+    ("held_out") and of all ("fitted").
+    """
+
+    c_fill: Estimate
+    c_dis: Estimate
+    choked_flow_fill_kg_s: Estimate
+    choked_flow_dis_kg_s: Estimate
+    delay_difference_s: Estimate
+    supply_pressure_pa: Lenient[Number | None] = None
+    pwm_period_s: Lenient[Number | None] = None
+    rmse_flow_kg_s: Lenient[Number | None] = None
+    n_tests: Lenient[int | None] = None
+    n_samples: Lenient[int | None] = None
+    errors_duty: Lenient[dict[str, dict[str, DutyErrors]]] = Field(default_factory=dict)
+    quality: QualityByName = None
+
+    def errors(self, direction: str, use: str) -> DutyErrors | None:
+        """Its errors in duty in a direction, on "fitted" or "held_out" tests; None if unknown."""
+        known = self.errors_duty
+        return None if isinstance(known, Unread) else known.get(direction, {}).get(use)
+
+
+class PwmDirections(Part):
+    """The PWM surfaces of one valve by direction, and the averaged law of both."""
+
+    fill: Absent[PwmSurfaces] = None
+    discharge: Absent[PwmSurfaces] = None
+    averaged: Lenient[AveragedRecord | None] = None
+
+    def directions(self) -> dict[str, PwmSurfaces]:
+        """The directions present, "fill" and "discharge", in the file's order."""
+        return {key: getattr(self, key) for key in self.given() if key in DIRECTIONS}
+
+
+class SteadyLaw(Part):
+    """A valve on a bench whose settled flow was measured over duty."""
+
+    full_flow_kg_s: Estimate
+    quality: Quality = None
+
+
+class TimingLaw(Part):
+    """A valve on a bench whose time to a pressure was measured over duty."""
+
+    filling_time_s: Estimate
+    emptying_time_s: Estimate
+    quality: Quality = None
+
+
+class Valve(Part):
+    """All fitted laws of one valve."""
+
+    discrete: Absent[DiscreteLaw] = None
+    pwm: Absent[PwmDirections] = None
+    steady: Absent[SteadyLaw] = None
+    timing: Absent[TimingLaw] = None
+
+    def surfaces(self, direction: str) -> PwmSurfaces | None:
+        """The PWM surfaces of a direction; None without any."""
+        return None if self.pwm is None else self.pwm.directions().get(direction)
+
+    def averaged(self) -> AveragedRecord | None:
+        """The averaged law that was fitted to PWM tests; None without one that can be read."""
+        found = None if self.pwm is None else self.pwm.averaged
+        return found if isinstance(found, AveragedRecord) else None
+
+    def merged(self, other: Valve) -> Valve:
+        """With the laws of `other`; PWM surfaces are merged by direction."""
+        fields = {key: getattr(other, key) for key in other.given()}
+        if self.pwm is not None and other.pwm is not None:
+            directions = {key: getattr(other.pwm, key) for key in other.pwm.given()}
+            fields["pwm"] = self.pwm.replaced(**directions)
+        return self.replaced(**fields)
+
+
+class FittedValves(Part):
+    """Valves A and B."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    a: Absent[Valve] = None
+    b: Absent[Valve] = None
+
+    def side(self, side: str) -> Valve:
+        """The valve of a side, "a" or "b"; an empty one where nothing was fitted."""
+        found = self.a if side == "a" else self.b
+        return Valve() if found is None else found
+
+    def sides(self) -> dict[str, Valve]:
+        """The valves with a fitted law, in the file's order."""
+        return {key: getattr(self, key) for key in self.given()}
+
+    def discrete_laws(self) -> dict[str, DiscreteLaw]:
+        """The on/off laws by side."""
+        laws = {side: valve.discrete for side, valve in sorted(self.sides().items())}
+        return {side: law for side, law in laws.items() if law is not None}
+
+    def merged(self, other: FittedValves) -> FittedValves:
+        """With the laws of `other` for each valve; PWM surfaces are merged by direction."""
+        known = self.sides()
+        return self.replaced(
+            **{k: known[k].merged(v) if k in known else v for k, v in other.sides().items()}
+        )
+
+
+__all__ = [
+    "AVERAGED",
+    "DIRECTIONS",
+    "LAW_KEYS",
+    "SURFACE_KINDS",
+    "AveragedRecord",
+    "DiscreteLaw",
+    "DomainRecord",
+    "DutyErrors",
+    "FittedValves",
+    "PwmDirections",
+    "PwmSurfaces",
+    "ResolutionRecord",
+    "SteadyLaw",
+    "Surface",
+    "SurfaceChoice",
+    "TimingLaw",
+    "Valve",
+]

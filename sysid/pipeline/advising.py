@@ -1,0 +1,48 @@
+"""Which test to run next."""
+
+from __future__ import annotations
+
+from scipy.special import ndtri
+
+from sysid.blocks.progress import progress_or_shown
+from sysid.diagnosis.actuator.suspects import SIGNIFICANCE
+from sysid.io.campaign import Campaign
+from sysid.parameters import Bundle
+from sysid.plant.effects.catalogue import EffectSource, catalogue_from
+from sysid.plant.effects.catalogue import catalogue as own_catalogue
+from sysid.refinement.advice_result import AdviceResult
+from sysid.types import Progress
+
+
+def advise(
+    campaign: Campaign,
+    bundle: Bundle,
+    *,
+    effects: EffectSource = None,
+    progress: Progress | None = None,
+) -> AdviceResult:
+    """Standard errors that each of a list of tests would lead to, the best test first.
+
+    Of every parameter of the bundle and strength of its effects, in their units, `now` (bench
+    tests and the motion logs to fit on) and after each test that the rig can do; the tests that
+    tell tied parameters and effects apart; the smallest size of each effect that would be seen.
+    `effects` as in `validate`. Raises InputError for logs that cannot be used, NotIdentifiedError
+    where the bundle does not hold the on/off law of both valves.
+
+    >>> advice = si.advise(campaign, bundle)
+    >>> best = advice.candidates[0]
+    >>> best.gain > 0 and bool((best.std <= advice.now * 1.001).all())
+    True
+    """
+    from sysid.refinement import advice
+
+    catalogue = catalogue_from(effects)
+    # As in a diagnosis: an effect is seen where chance among all of them is excluded.
+    threshold = -float(ndtri(SIGNIFICANCE / len(catalogue or own_catalogue())))
+    with progress_or_shown(progress, "advising") as tell:
+        return advice.advise(
+            campaign, bundle, threshold=threshold, catalogue=catalogue, progress=tell
+        )
+
+
+__all__ = ["advise"]

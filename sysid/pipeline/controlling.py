@@ -1,0 +1,270 @@
+"""A controller on the model that a bundle describes, in closed loop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid.blocks.numbers import number
+from sysid.blocks.plots import legend, some_axes
+from sysid.blocks.progress import progress_or_shown
+from sysid.blocks.tables import Shown, ShownTable
+from sysid.controllers.cases import ClosedLoopRun
+from sysid.controllers.design_model import assumed_constants, require_declared
+from sysid.controllers.interface import Controller
+from sysid.controllers.metrics import TrackingMetrics
+from sysid.controllers.modes import Mode
+from sysid.controllers.run_files import log_frame, write_run
+from sysid.controllers.task import Choice, Task, prepared, run_task
+from sysid.controllers.trajectories import DURATION_S
+from sysid.controllers.tuning import Tuning
+from sysid.document.control import ControlPage, write_control_page
+from sysid.errors import input_error
+from sysid.io.locks import working_in
+from sysid.parameters import Bundle
+from sysid.plant.effects.catalogue import EffectSource, catalogue_from
+from sysid.types import Progress
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+PAGE_NAME = "page.html"
+_METRICS = {
+    "rmse": "RMSE",
+    "mae": "MAE, largest error",
+    "sse": "SSE, mean error at rest",
+    "ssa": "SSA, range at rest",
+}
+# Only these come to rest where the steady state is judged.
+_SETTLING = (1, 2)
+
+
+@dataclass(frozen=True, repr=False)
+class ControlledRun(Shown):
+    """A closed loop that was run: `metrics`, `faults`, the samples as `frame`.
+
+    `run` holds every signal, true and measured; `task` what was run; `sources` name the
+    controller's bundle and the plant's.
+    """
+
+    run: ClosedLoopRun
+    task: Task
+    sources: tuple[str, str]
+    notices: tuple[str, ...]
+
+    @property
+    def metrics(self) -> TrackingMetrics:
+        """RMSE, MAE (largest), SSE and SSA of the true position, rad (thesis 6.4).
+
+        SSE and SSA are NaN on trajectories that do not come to rest.
+        """
+        found = self.run.metrics
+        if self.task.choice.trajectory in _SETTLING:
+            return found
+        return TrackingMetrics(found.rmse, found.mae, math.nan, math.nan)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """What kept the loop from working as designed, one line each."""
+        return self.run.faults
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """A new DataFrame of the log: `time_s`, measured signals, commands; a row a tick."""
+        return log_frame(self.run, self.task.choice.mode, self.task.rig)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The samples, as `frame`."""
+        return self.frame
+
+    def headline(self) -> str:
+        """Controller, trajectory and mode, and how well the reference was followed."""
+        choice, found = self.task.choice, self.metrics
+        return (
+            f"{choice.controller}, trajectory {choice.trajectory}, {choice.mode.value}: "
+            f"RMSE {number(1e3 * found.rmse)} mrad, largest error {number(1e3 * found.mae)} mrad"
+        )
+
+    def records(self) -> list[dict[str, Any]]:
+        """One: the choice, and the metrics in rad."""
+        choice, found = self.task.choice, self.metrics
+        return [
+            {
+                "controller": choice.controller,
+                "trajectory": choice.trajectory,
+                "mode": choice.mode.value,
+                "payload_kg": self.payload_kg,
+                **{f"{name}_rad": getattr(found, name) for name in _METRICS},
+            }
+        ]
+
+    @property
+    def payload_kg(self) -> float:
+        """What the plant carries, kg."""
+        inertia = self.task.rig.inertia
+        return inertia.payload_mass_kg if inertia else 0.0
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The metrics, in mrad."""
+        found = self.metrics
+        rows = [
+            (text, number(1e3 * getattr(found, name)))
+            for name, text in _METRICS.items()
+            if not math.isnan(getattr(found, name))
+        ]
+        yield ShownTable("", ("metric", "mrad"), tuple(rows))
+
+    def footnotes(self) -> Iterable[str]:
+        """The faults that the loop reports, and the notices."""
+        return (*(f"fault: {line}" for line in self.faults), *super().footnotes())
+
+    def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
+        """Position over its reference, the error, pressures, commands: four panels; the axes."""
+        run = self.run
+        panels = some_axes(4, axes)
+        panels[0].plot(run.time, run.reference[:, 0], color="0.5", label="reference")
+        panels[0].plot(run.time, run.position, label="position")
+        panels[1].plot(run.time, 1e3 * (run.reference[:, 0] - run.position))
+        for side, pressure in (("A", run.measured_a), ("B", run.measured_b)):
+            panels[2].plot(run.time, 1e-3 * pressure, label=f"pressure {side}")
+        for side, command in (("A", run.command_a), ("B", run.command_b)):
+            panels[3].plot(run.time, command, label=f"valve {side}")
+        panels[3].plot(run.time, run.motor, label="motor, Nm")
+        labels = ("rad", "error, mrad", "kPa", "command")
+        for ax, label in zip(panels, labels, strict=True):
+            ax.set_ylabel(label)
+            legend(ax)
+        panels[-1].set_xlabel("time_s")
+        return panels
+
+    def write(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write `run.csv` (a log), its reference, rig file and campaign, and `page.html`.
+
+        Returns the paths. Raises InputError where the folder cannot be written, or another command
+        is at work in it.
+        """
+        place, choice = Path(folder), self.task.choice
+        comments = (self.headline(), *(f"{k}: {v}" for k, v in self._origin().items()))
+        with working_in(place):
+            written = write_run(place, self.run, choice.mode, self.task.rig, comments)
+            page = place / PAGE_NAME
+            write_control_page(
+                page,
+                ControlPage(
+                    run=self.run,
+                    rig=self.task.rig,
+                    title=self.headline(),
+                    metrics={_METRICS[n]: getattr(self.metrics, n) for n in _METRICS},
+                    facts=self._origin(),
+                    notices=self.notices,
+                    has_motor=choice.mode.uses_motor,
+                    has_valves=choice.mode.uses_valves,
+                ),
+            )
+            return (*written, page)
+
+    def _origin(self) -> dict[str, str]:
+        controller, plant = (Path(source).name for source in self.sources)
+        choice = self.task.choice
+        payload = f"{number(self.payload_kg)} kg" if self.payload_kg else "none"
+        told = ", ".join([choice.controller, *choice.words])
+        return {
+            "Controller": f"{told}, bundle {controller}",
+            "Plant": plant if plant != controller else "the same bundle",
+            "Trajectory": f"{choice.trajectory}, mode {choice.mode.value}",
+            "Payload": payload,
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """What `sysid control --json` prints."""
+        record = {
+            k: None if isinstance(v, float) and math.isnan(v) else v
+            for k, v in self.records()[0].items()
+        }
+        return {
+            **record,
+            "options": list(self.task.choice.words),
+            "faults": list(self.faults),
+            "notices": list(self.notices),
+        }
+
+
+def control(
+    bundle: Bundle,
+    controller: str | type[Controller] | Controller,
+    *,
+    trajectory: int = 1,
+    mode: str | Mode = "hybrid",
+    payload_kg: float | None = None,
+    plant: Bundle | None = None,
+    inverse: str = "averaged",
+    horizon: int | None = None,
+    varying_input: bool | None = None,
+    backstepping_type: int | None = None,
+    estimate_payload: bool | None = None,
+    perfect_sensors: bool = False,
+    duration_s: float = DURATION_S,
+    seed: int = 0,
+    effects: EffectSource = None,
+    accept_assumed: bool = False,
+    progress: Progress | None = None,
+) -> ControlledRun:
+    """Run a controller that reads a bundle, in closed loop on the plant of the same or another.
+
+    `controller`: "pva", "backstepping", "dvmpc", "FILE.py:CLASS" (the file is run), or a class or
+    object of your own (`sysid.controllers.interface.Controller`). `trajectory` 1 to 4 (thesis,
+    Table 4.2.1), `mode` "pneumatic", "motor" or "hybrid". `payload_kg` is on the plant; the
+    controller is not told it, in the vertical it estimates it. `plant`: a bundle that stands for
+    the rig (None: the controller's). `inverse`: where backstepping's duties come from, "averaged",
+    "bipolynomial" or "ann". DVMPC's `horizon` in ticks, and whether its input may vary within it;
+    `backstepping_type` 1 to 4 (Table 5.4.3: without compensation, motor's, feedforward, both);
+    `estimate_payload` (None: where `payload_kg` is given in the vertical). `perfect_sensors`: no
+    counts, noise or filter. `seed` is that of the sensors' noise. `accept_assumed`: the controller
+    may use constants that nobody declared. Raises InputError for a rig or choice that cannot be
+    run, NotIdentifiedError, with the missing key, for a bundle that lacks what controller or plant
+    needs.
+
+    >>> tracked = si.control(bundle, "dvmpc", trajectory=3, mode="hybrid", duration_s=1.0)
+    >>> tracked.metrics.rmse < 0.1, tracked.faults
+    (True, ())
+    """
+    require_declared(bundle, accept_assumed)
+    own = None if isinstance(controller, str) else controller
+    choice = Choice(
+        controller if isinstance(controller, str) else _name(controller),
+        trajectory,
+        _mode(mode),
+        payload_kg,
+        inverse,
+        seed,
+        Tuning(horizon, varying_input, backstepping_type, estimate_payload),
+        perfect_sensors,
+    )
+    task = prepared(choice, bundle, plant, own=own, catalogue=catalogue_from(effects))
+    with progress_or_shown(progress, "controlling") as tell:
+        run, said = run_task(task, duration_s, tell)
+    sources = bundle.source, (plant or bundle).source
+    if assumed := assumed_constants(bundle.rig):
+        names = ", ".join(assumed)
+        said = (f"the controller rests on constants that nobody declared: {names}", *said)
+    return ControlledRun(run, task, sources, tuple(dict.fromkeys((*task.notices, *said))))
+
+
+def _name(controller: type[Controller] | Controller) -> str:
+    cls = controller if isinstance(controller, type) else type(controller)
+    return cls.__name__
+
+
+def _mode(mode: str | Mode) -> Mode:
+    try:
+        return Mode(mode)
+    except ValueError:
+        known = ", ".join(m.value for m in Mode)
+        raise input_error(f"mode {mode!r}", "is unknown", f"give one of {known}") from None
+
+
+__all__ = ["ControlledRun", "control"]

@@ -1,0 +1,149 @@
+"""What a fitted model lacks, and the bundle extended by it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sysid.blocks.numbers import number
+from sysid.blocks.plots import bars, one_axes
+from sysid.blocks.progress import progress_or_shown
+from sysid.blocks.tables import Shown, ShownTable, estimate_table
+from sysid.diagnosis import content, wording
+from sysid.diagnosis.campaign import extended_bundle
+from sysid.diagnosis.looked import Looked
+from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
+from sysid.io.campaign import Campaign
+from sysid.parameters import Bundle
+from sysid.pipeline.subject import subject_of
+from sysid.plant.effects.catalogue import EffectSource
+from sysid.types import Progress
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True, repr=False)
+class CampaignDiagnosis(Shown):
+    """The result of `diagnose`: `verdict`, `effects`, errors before and after, extended `bundle`.
+
+    `detail` holds the evidence.
+    """
+
+    detail: Diagnosis
+    bundle: Bundle
+    notices: tuple[str, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """ "adequate", "effects-found", "incomplete" or "unexplained"."""
+        return self.detail.verdict
+
+    @property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """The effects that were added, in turn, each with its estimates."""
+        return self.detail.effects
+
+    @property
+    def residual(self) -> Mapping[str, BeforeAfter]:
+        """RMSE on the held-out logs by channel, in its unit: before, after, of a correct model."""
+        return self.detail.residual
+
+    @property
+    def looked(self) -> Looked:
+        """What was looked at, and what was missed: as the budget ended, or as it failed."""
+        return self.detail.looked
+
+    def headline(self) -> str:
+        """The verdict in one sentence."""
+        return wording.sentence(self.detail.to_json())
+
+    def records(self) -> list[dict[str, Any]]:
+        """One record per parameter of an effect: value, std, limits of the 95 % interval, unit."""
+        return [record for effect in self.effects for record in effect.records()]
+
+    def tables(self) -> Iterable[ShownTable]:
+        """The effects' parameters, and the errors on held-out logs after each effect."""
+        for effect in self.effects:
+            yield estimate_table(effect.headline(), effect.by_label())
+        steps = self._steps()
+        rows = []
+        for name, errors in self._errors().items():
+            floor = self.residual[name].noise_floor
+            rows.append((name, *(number(e) for e in (*errors, floor))))
+        columns = ("channel", *steps, wording.CORRECT_MODEL.lower())
+        yield ShownTable("RMSE on held-out logs", columns, tuple(rows))
+
+    def footnotes(self) -> Iterable[str]:
+        """What to do next, and the notices."""
+        return (*wording.advice(self.detail.to_json()), *super().footnotes())
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """RMSE on held-out logs over that of a correct model, before and after each effect."""
+        ax = one_axes(ax)
+        errors = self._errors()
+        floors = {name: self.residual[name].noise_floor or math.nan for name in errors}
+        steps = self._steps()
+        heights = {
+            step: [errors[name][i] / floors[name] for name in errors]
+            for i, step in enumerate(steps)
+        }
+        bars(ax, list(errors), heights)
+        ax.axhline(1.0, color="0.5", linewidth=0.8)
+        ax.set_yscale("log")
+        ax.set_ylabel("RMSE / RMSE of a correct model")
+        return ax
+
+    def _steps(self) -> list[str]:
+        return ["original bundle", *wording.steps(self.detail.to_json())]
+
+    def _errors(self) -> dict[str, list[float]]:
+        return wording.errors_by_step(self.detail.to_json())
+
+    def content(self) -> dict[str, Any]:
+        """Its content as the report shows it, in JSON types."""
+        return content.content(self.detail)
+
+
+def diagnose(
+    campaign: Campaign,
+    bundle: Bundle,
+    *,
+    effects: EffectSource = None,
+    refine: bool = True,
+    seed: int = 0,
+    budget: float | None = None,
+    quick: bool = False,
+    progress: Progress | None = None,
+) -> CampaignDiagnosis:
+    """What a bundle's model lacks, from a campaign's training logs; errors on held-out ones.
+
+    `effects`: effects in addition to the catalogue's, a Python file or the classes; `refine`:
+    whether all parameters are estimated together by simulation error at the end, where an actuator
+    lacked something; `seed` of the simulated twins. Takes from seconds (a part tested alone) to
+    minutes; `quick`: a first look in about a fifth of it. It ends after a number of
+    evaluations, the same on any machine, or in its place after `budget` seconds of processor time
+    (of this process and its workers), with the best so far: `verdict` is "incomplete" then, and
+    `looked` says what was missed or left out. One that ends by itself finds the same whatever the
+    budget. Raises InputError for logs that cannot be used or
+    have changed since the fit, NotIdentifiedError where the bundle or the campaign is
+    insufficient.
+
+    >>> part = si.read_campaign("bench/campaign.toml")
+    >>> found = si.diagnose(part, si.fit(part))
+    >>> found.verdict, [effect.id for effect in found.effects]
+    ('effects-found', ['valve-dead-band'])
+    >>> sorted(found.residual["flow_a_kg_s"].to_json())
+    ['after', 'before', 'noise_floor']
+    """
+    with progress_or_shown(progress, "diagnosing") as tell:
+        options = {"effects": effects, "refine": refine, "seed": seed, "quick": quick}
+        found, notices = subject_of(campaign).diagnose(bundle, budget, tell, options)
+    longer = extended_bundle(bundle, found, campaign)
+    said = tuple(dict.fromkeys((*notices, *found.notices)))
+    return CampaignDiagnosis(found, longer, said)
+
+
+__all__ = ["CampaignDiagnosis", "diagnose"]

@@ -1,0 +1,167 @@
+"""A model driven by the commands of logged tests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sysid.blocks.plots import legend, some_axes
+from sysid.blocks.progress import progress_or_shown
+from sysid.blocks.tables import Shown
+from sysid.errors import input_error
+from sysid.io.rig import Rig
+from sysid.io.samples import Trial
+from sysid.parameters import Bundle
+from sysid.parameters.assembled_model import DISCRETE, first_valve_model, surfaces_for
+from sysid.pipeline.given_tests import Tests, rig_of, trials_of
+from sysid.plant.effects.catalogue import EffectSource, catalogue_from
+from sysid.plant.ports import Model
+from sysid.plant.trials import simulate_trials, starts_on_supply
+from sysid.types import FloatArray, Progress
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+_COMMANDS = ("valve_a", "valve_b", "duty_a", "duty_b", "motor_torque_nm", "motor_force_n")
+
+
+@dataclass(frozen=True, repr=False)
+class SimulatedRun:
+    """One test as simulated: channels (n,) by their names in the log format, SI.
+
+    `trial` is the test whose commands drove it.
+    """
+
+    trial: Trial
+    channels: Mapping[str, FloatArray]
+
+    @property
+    def label(self) -> str:
+        """The test's label."""
+        return self.trial.label
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """A new DataFrame: `time_s`, the commands, the simulated channels; one row per sample."""
+        import pandas as pd
+
+        commands = {name: self.trial[name] for name in _COMMANDS if name in self.trial}
+        return pd.DataFrame({"time_s": self.trial.time, **commands, **self.channels})
+
+    def __repr__(self) -> str:
+        return f"<SimulatedRun: test {self.label or '-'}, {len(self.trial)} samples>"
+
+
+@dataclass(frozen=True, repr=False)
+class Simulation(Shown):
+    """Simulated tests: `runs[0]` or `runs["label"]`, each with a `frame`; all: `runs.frame`."""
+
+    runs: tuple[SimulatedRun, ...]
+    valve_model: str
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def __iter__(self) -> Iterator[SimulatedRun]:
+        return iter(self.runs)
+
+    def __getitem__(self, test: int | str) -> SimulatedRun:
+        if isinstance(test, int):
+            return self.runs[test]
+        for run in reversed(self.runs):
+            if run.label == test:
+                return run
+        known = ", ".join(repr(run.label) for run in self.runs)
+        raise KeyError(f"no test {test!r}: the tests are {known}")
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """All tests in one table, `test` their label."""
+        import pandas as pd
+
+        parts = [run.frame for run in self.runs]
+        for run, part in zip(self.runs, parts, strict=True):
+            part.insert(0, "test", run.label)
+        return pd.concat(parts, ignore_index=True)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The samples, as `frame`."""
+        return self.frame
+
+    def headline(self) -> str:
+        """How many tests, and by which valve model."""
+        return f"{len(self.runs)} tests simulated, {self.valve_model} valves"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One record per test: its length, and each channel's last value."""
+        return [
+            {
+                "test": run.label,
+                "length_s": float(run.trial.time[-1] - run.trial.time[0]),
+                **{f"last {name}": float(v[-1]) for name, v in run.channels.items() if len(v)},
+            }
+            for run in self.runs
+        ]
+
+    def plot(self, axes: Axes | Iterable[Axes] | None = None, test: int | str = 0) -> list[Axes]:
+        """One test's channels, one panel each, over the logged ones if any; returns the axes."""
+        run = self[test]
+        panels = some_axes(len(run.channels), axes)
+        for ax, (name, values) in zip(panels, run.channels.items(), strict=True):
+            if name in run.trial:
+                ax.plot(run.trial.time, run.trial[name], color="0.5", label="logged")
+            ax.plot(run.trial.time, values, label="simulated")
+            ax.set_ylabel(name)
+        legend(panels[0])
+        panels[-1].set_xlabel("time_s")
+        return panels
+
+
+def simulate(
+    tests: Tests,
+    model: Model | Bundle,
+    rig: Rig | None = None,
+    *,
+    valve_model: str | None = None,
+    effects: EffectSource = None,
+    progress: Progress | None = None,
+) -> Simulation:
+    """Simulate the commands of a log, several, or single tests open loop.
+
+    Each test starts at rest, at its first row's position and pressures. `rig` None: that
+    of the logs. A model is simulated with the on/off law under the real pulses; a bundle also
+    with its PWM mean flow: `valve_model` "discrete", "averaged", "bipolynomial" or "ann" (None:
+    the first that it holds), `effects` are those that it lists and the catalogue lacks. Raises
+    InputError for commands that cannot be used, NotIdentifiedError where the model lacks a
+    parameter.
+
+    >>> runs = si.simulate(log, bundle.model())
+    >>> runs[0].frame[["time_s", "theta_rad", "pressure_a_pa"]].shape == (len(log.trials[0]), 3)
+    True
+    """
+    known, trials = rig_of(tests, rig), trials_of(tests)
+    surfaces: tuple[Any, ...] = ()
+    chosen = valve_model or DISCRETE
+    if isinstance(model, Bundle):
+        plain = model.model(known, catalogue_from(effects))
+        chosen = valve_model or first_valve_model(model, known, plain.parameters)
+        surfaces = surfaces_for(model, known, chosen)
+    elif chosen == DISCRETE:
+        plain = model
+    else:
+        raise input_error("valve_model", f"{chosen} is a surface of a bundle", "pass the bundle")
+    with progress_or_shown(progress, "simulating") as tell:
+        tell(f"simulating {len(trials)} tests, {chosen} valve model")
+        starts = [starts_on_supply(trial, known) for trial in trials]
+        found = simulate_trials(trials, known, plain, surfaces, starts)
+    runs = zip(trials, found, strict=True)
+    return Simulation(tuple(SimulatedRun(t, _without_time(c)) for t, c in runs), chosen)
+
+
+def _without_time(channels: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    return {name: values for name, values in channels.items() if name != "time_s"}
+
+
+__all__ = ["SimulatedRun", "Simulation", "simulate"]

@@ -1,0 +1,131 @@
+"""A table of the thesis' controllers, our figures next to the printed ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sysid.blocks.numbers import number
+from sysid.blocks.plots import bars, one_axes
+from sysid.blocks.progress import progress_or_shown
+from sysid.blocks.tables import Shown, ShownTable
+from sysid.controllers.design_model import require_declared
+from sysid.document.control_tables import shown_column, shown_error, shown_unit, write_table_page
+from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
+from sysid.io.files import make_folder
+from sysid.parameters import Bundle, read_bundle
+from sysid.thesis import Column, TableRig, ThesisTable, thesis_table
+from sysid.types import Progress
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True, repr=False)
+class ControlTable(Shown):
+    """A table of the thesis: `table` holds RMSE in rad, ours and printed; `rig` names the rig."""
+
+    table: ThesisTable
+    rig: str
+
+    def headline(self) -> str:
+        """The table's title, and the rig."""
+        return f"{self.table.title}: RMSE on {self.rig}"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One a cell: ours and the printed one, rad or Pa, and the factor between them.
+
+        None in ours: the loop is unstable; in print: it cannot be read.
+        """
+        return [
+            {
+                "table": self.table.name,
+                self.table.heading: row.label,
+                "column": column.label,
+                f"rmse_{column.unit.lower()}": _known(ours),
+                f"printed_rmse_{column.unit.lower()}": _known(theirs),
+                "factor": _known(ours / theirs),
+            }
+            for row in self.table.rows
+            for column, ours, theirs in zip(self.table.columns, row.ours, row.printed, strict=True)
+        ]
+
+    def tables(self) -> Iterable[ShownTable]:
+        """Ours / printed in mrad or kPa, and the factor."""
+        columns = self.table.columns
+        rows = tuple(
+            (
+                row.label,
+                *(_cell(*pair) for pair in zip(columns, row.ours, row.printed, strict=True)),
+            )
+            for row in self.table.rows
+        )
+        names = (shown_column(column, self.table) for column in columns)
+        kinds = "ours, simulated / printed" if self.table.is_experiment else "ours / printed"
+        title = f"{self.table.title}: {shown_unit(self.table)} on {self.rig}, {kinds} (factor)"
+        yield ShownTable(title, (self.table.heading, *names), rows)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """RMSE of the position in every cell, ours next to the printed one; logarithmic."""
+        ax = one_axes(ax)
+        records = [r for r in self.records() if "rmse_rad" in r]
+        labels = [f"{r[self.table.heading]}\n{r['column']}" for r in records]
+        heights = {
+            name: [1e3 * (r[key] or 0.0) for r in records]
+            for name, key in (("ours", "rmse_rad"), ("printed", "printed_rmse_rad"))
+        }
+        bars(ax, labels, heights)
+        ax.set_yscale("log")
+        ax.set_ylabel("RMSE, mrad")
+        return ax
+
+    def write(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write the table's page into a folder, `table-4.5.3.html`; its path.
+
+        Raises InputError where it cannot be written.
+        """
+        place = Path(folder)
+        make_folder(place)
+        page = place / f"table-{self.table.name}.html"
+        write_table_page(page, self.table, self.rig)
+        return (page,)
+
+    def to_json(self) -> dict[str, Any]:
+        """What `sysid control --table N --json` prints."""
+        return {"table": self.table.name, "rig": self.rig, "cells": self.records()}
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def _cell(column: Column, ours: float, theirs: float) -> str:
+    mine, print_ = shown_error(ours, column), shown_error(theirs, column, "not legible")
+    factor = ours / theirs
+    return f"{mine} / {print_}" + ("" if math.isnan(factor) else f" ({number(factor, 2)})")
+
+
+def control_table(
+    name: str,
+    bundle: Bundle | None = None,
+    *,
+    accept_assumed: bool = False,
+    progress: Progress | None = None,
+) -> ControlTable:
+    """Compute a table of the thesis' controllers: 4.5.1 to 4.5.6, 5.2.1 to 5.4.26, or 5.5.3.
+
+    On a bundle's rig, or (None) on the thesis' own, as far as it is printed; tables of a
+    payload in the horizontal or the vertical turn it. Raises InputError or NotIdentifiedError for
+    another number, and for a bundle that the table's controllers cannot use.
+    """
+    known = bundle or read_bundle(thesis_folder() / REFERENCE_BUNDLE)
+    require_declared(known, accept_assumed)
+    rig = TableRig.of(known)
+    with progress_or_shown(progress, "controlling") as tell:
+        return ControlTable(thesis_table(name, rig, tell), known.rig.name)
+
+
+__all__ = ["ControlTable", "control_table"]

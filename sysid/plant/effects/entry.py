@@ -1,0 +1,165 @@
+"""An effect's entry in the catalogue, in addition to how it acts through the ports."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal, Self
+
+from sysid.plant.base import Array, array_namespace
+from sysid.plant.ports import Effect
+
+Subsystem = Literal["friction", "mechanics", "motor", "chamber", "valve", "supply", "sensor"]
+SIDE_CHOICES = ("a", "b", "both")
+# The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
+_SHORTEST_LAG_S = 1e-3
+
+
+def state_lag(lag: Array) -> Array:
+    """Time constant of the state that stands for a lag, s: the lag itself, but never too short.
+
+    A shorter lag counts by the share lag / state_lag(lag) of what the state is behind.
+    """
+    return array_namespace(lag).maximum(lag, _SHORTEST_LAG_S)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of an effect: a field of its class, the unit in the name.
+
+    A strength (`is_strength`) makes the effect vanish at 0; a shape parameter says what
+    form it takes. `typical` is the usual size on a rig like the reference rig. `grid` holds
+    the values that screening tries: of a shape parameter all plausible ones, of a strength
+    only where the effect is not proportional to it (a threshold, a limit, a dead gap; `is_smooth`
+    where it has a slope all the same).
+    `key` is its name in files and reports, where that differs from the field's name. `is_wave`:
+    a wave number over position (rad per unit), of which data show something only where a whole
+    period lies within what they visit. `absent`: what files mean that were written before the
+    quantity was there, the effect's plain form; None: files must give it.
+    `is_choice`: one of the values of its grid, which no fit moves.
+    `radius_power`: the power of a pitch radius that brings it from angle and torque to path and
+    force, where its unit does not say (a speed per torque, named a speed).
+    """
+
+    name: str
+    unit: str
+    typical: float
+    lower: float
+    upper: float
+    meaning: str
+    is_strength: bool = True
+    grid: tuple[float, ...] = ()
+    key: str = ""
+    is_wave: bool = False
+    absent: float | None = None
+    is_smooth: bool = False
+    is_choice: bool = False
+    radius_power: float | None = None
+
+    @property
+    def is_threshold(self) -> bool:
+        """Whether it acts in steps: screening tries a grid of sizes, and it has no slope."""
+        return self.is_strength and bool(self.grid) and not self.is_smooth
+
+    def within(self, travel: float) -> Quantity | None:
+        """It on a log that visits so much of the position: at least one period; None: none fits.
+
+        Less than a period is a polynomial of low order, and its amplitude and phase mean nothing.
+        """
+        if not self.is_wave or math.isinf(travel):
+            return self
+        least = max(2.0 * math.pi / travel, self.lower) if travel > 0.0 else math.inf
+        if least > self.upper:
+            return None
+        grid = tuple(value for value in self.grid if value >= least) or (least,)
+        return replace(self, lower=least, typical=max(self.typical, least), grid=grid)
+
+    @property
+    def label(self) -> str:
+        """Its name in files and reports."""
+        return self.key or self.name
+
+
+class CatalogueEffect(Effect):
+    """An effect with its entry in the catalogue. Derive as a frozen dataclass.
+
+    Each `Quantity` names a field; the strengths' defaults are 0. An effect of one chamber,
+    valve or sensor also has the field `side`, "a", "b" or "both".
+    """
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    subsystem: ClassVar[Subsystem]
+    quantities: ClassVar[tuple[Quantity, ...]]
+    signature: ClassVar[str]
+    """Where it is visible, in words."""
+    rivals: ClassVar[tuple[str, ...]] = ()
+    """Ids of the effects that it is often confused with."""
+    tie_breaker: ClassVar[str] = ""
+    """The test that distinguishes it from its rivals."""
+    source: ClassVar[str]
+    averaged_only: ClassVar[bool] = False
+    """Acts on flows averaged over a PWM period only, not on a valve followed pulse by pulse."""
+
+    @classmethod
+    def strengths(cls) -> tuple[Quantity, ...]:
+        """The quantities that are 0 where the effect is absent."""
+        return tuple(q for q in cls.quantities if q.is_strength)
+
+    @classmethod
+    def shapes(cls) -> tuple[Quantity, ...]:
+        """The quantities that determine the form of the effect."""
+        return tuple(q for q in cls.quantities if not q.is_strength)
+
+    @classmethod
+    def fitted(cls) -> tuple[Quantity, ...]:
+        """The quantities that a fit moves: all but choices."""
+        return tuple(q for q in cls.quantities if not q.is_choice)
+
+    @classmethod
+    def within(cls, travel: float) -> tuple[Quantity, ...] | None:
+        """The quantities on logs that visit so much of the position (rad or m; infinite: unknown).
+
+        None where no period of a wave fits (`Quantity.within`).
+        """
+        found = [q.within(travel) for q in cls.quantities]
+        kept = tuple(q for q in found if q is not None)
+        return kept if len(kept) == len(found) else None
+
+    @classmethod
+    def has_side(cls) -> bool:
+        """Whether the effect belongs to one chamber, valve or sensor."""
+        return "side" in {f.name for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+
+    @classmethod
+    def neutral(cls, **fields: Any) -> Self:
+        """The effect at neutral strength, its other fields typical or as given."""
+        values = {q.name: 0.0 if q.is_strength else q.typical for q in cls.quantities}
+        return cls(**values | fields)
+
+    @classmethod
+    def typical(cls, **fields: Any) -> Self:
+        """The effect at its usual size, or as given."""
+        return cls(**{q.name: q.typical for q in cls.quantities} | fields)
+
+
+Catalogue = Mapping[str, type[CatalogueEffect]]
+"""Effects by their ids."""
+
+
+def with_values(
+    effects: Sequence[CatalogueEffect], values: Iterable[float]
+) -> tuple[CatalogueEffect, ...]:
+    """The effects with other numbers, given in the order of their quantities; sides stay."""
+    found, rest = [], iter(values)
+    for effect in effects:
+        numbers: dict[str, Any] = {q.name: float(next(rest)) for q in type(effect).quantities}
+        found.append(dataclasses.replace(effect, **numbers))  # type: ignore[type-var]
+    return tuple(found)
+
+
+def of_side(side: str, chosen: str) -> bool:
+    """Whether an effect on `chosen` ("a", "b" or "both") acts on `side`."""
+    return chosen in (side, "both")

@@ -1,0 +1,370 @@
+"""Effects of friction, in addition to Coulomb and viscous friction with breakaway."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sysid.plant import plant
+from sysid.plant.base import Array, array_namespace
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.ports import Model, Point
+
+# The presliding state relaxes no faster than the simulator's explicit steps can follow, 1/s.
+_FASTEST_RATE = 1200.0
+# Speed within one step of standstill, rad/s: bristles stiffer than a step resolves fade there.
+_LEAST_SPEED = 1e-2
+# Motion of some 10 ms makes a contact anew, 1/s.
+_RENEWED = 100.0
+# Smallest divisor: rad, Nm.
+_LEAST_SPAN = 1e-12
+
+
+@dataclass(frozen=True)
+class StribeckFriction(CatalogueEffect):
+    """Friction falls from rest to sliding: + d exp(-|w/ws|^n) sign w, n = 2 Gaussian."""
+
+    stribeck_torque_nm: Array = 0.0
+    stribeck_velocity_rad_per_s: Array = 0.07
+    stribeck_exponent: Array = 2.0
+
+    id = "stribeck-friction"
+    title = "Stribeck friction"
+    subsystem = "friction"
+    quantities = (
+        Quantity("stribeck_torque_nm", "Nm", 0.12, 0.0, 2.0, "beyond Coulomb friction at rest"),
+        Quantity(
+            "stribeck_velocity_rad_per_s",
+            "rad/s",
+            0.07,
+            0.01,
+            1.0,
+            "velocity scale of the decay",
+            is_strength=False,
+            grid=(0.02, 0.05, 0.1, 0.2, 0.4),
+        ),
+        Quantity(
+            "stribeck_exponent",
+            "-",
+            2.0,
+            0.5,
+            3.0,
+            "shape of the decay: 1 exponential, 2 Gaussian",
+            is_strength=False,
+            grid=(1.0, 2.0),
+        ),
+    )
+    signature = "torque at low speed, against the motion"
+    rivals = ("quadratic-drag",)
+    tie_breaker = "slow ramps through zero speed, and constant torques at three or more speeds"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.velocity, self.stribeck_torque_nm)
+        # Never zero: a power of zero has no derivative.
+        ratio = xp.abs(point.velocity) / self.stribeck_velocity_rad_per_s + 1e-12
+        fade = xp.exp(-(ratio**self.stribeck_exponent))
+        return effort + self.stribeck_torque_nm * fade * point.direction
+
+
+@dataclass(frozen=True)
+class AsymmetricCoulombFriction(CatalogueEffect):
+    """Coulomb friction differs by direction: + d while moving either way."""
+
+    asymmetry_nm: Array = 0.0
+
+    id = "asymmetric-coulomb-friction"
+    title = "Coulomb friction that differs by direction"
+    subsystem = "friction"
+    quantities = (
+        Quantity("asymmetry_nm", "Nm", 0.017, -0.5, 0.5, "half the difference of the directions"),
+    )
+    signature = "constant torque while moving"
+    rivals = ("torque-offset", "mounting-tilt", "ambient-pressure-error", "area-error")
+    tie_breaker = "breakaway in both directions at several angles"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        return effort + self.asymmetry_nm * (point.direction * point.direction)
+
+
+@dataclass(frozen=True)
+class PositionDependentFriction(CatalogueEffect):
+    """Coulomb friction varies along the travel: t_cf (1 + s sin(n theta) + c cos(n theta))."""
+
+    friction_sine: Array = 0.0
+    friction_cosine: Array = 0.0
+    friction_wave_per_rad: Array = 2.5
+
+    id = "position-dependent-friction"
+    title = "Coulomb friction that varies with position"
+    subsystem = "friction"
+    quantities = (
+        Quantity("friction_sine", "-", 0.3, -1.5, 1.5, "relative, odd about the middle"),
+        Quantity("friction_cosine", "-", 0.3, -1.5, 1.5, "relative, even about the middle"),
+        Quantity(
+            "friction_wave_per_rad",
+            "1/rad",
+            2.5,
+            0.3,
+            15.0,
+            "wave number along the travel",
+            is_strength=False,
+            grid=(0.6, 1.2, 2.0, 3.0, 4.5, 7.0, 10.0),
+        ),
+    )
+    signature = "torque against angle, with the sign of the velocity"
+    rivals = ("cable-spring",)
+    tie_breaker = "reversals at the same angle"
+    source = "thesis 3.4.1, Table 3.4.1; Olsson et al., European Journal of Control 4(3), 1998"
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.position, self.friction_sine)
+        phase = self.friction_wave_per_rad * point.position
+        share = self.friction_sine * xp.sin(phase) + self.friction_cosine * xp.cos(phase)
+        return effort + point.parameters.coulomb_effort * share * point.direction
+
+
+@dataclass(frozen=True)
+class SealFriction(CatalogueEffect):
+    """Seals press harder under pressure: + d (gauge Pa + Pb) sign w.
+
+    Rod and piston seals feel the gauge pressures, a piston's lip seal their difference: a
+    blend of (gauge Pa + Pb) and |Pa - Pb| by `difference_share`.
+    """
+
+    seal_torque_nm_per_pa: Array = 0.0
+    difference_share: Array = 0.0
+
+    id = "seal-friction"
+    title = "Seal friction that grows with pressure"
+    subsystem = "friction"
+    quantities = (
+        Quantity("seal_torque_nm_per_pa", "Nm/Pa", 2e-7, 0.0, 2e-5, "per pressure on the seals"),
+        Quantity(
+            "difference_share",
+            "-",
+            0.0,
+            0.0,
+            1.0,
+            "0: the sum of the gauge pressures, 1: their difference",
+            is_strength=False,
+            grid=(0.0, 0.5, 1.0),
+        ),
+    )
+    signature = "torque against the sum of the pressures, against the motion"
+    rivals = ("torque-constant-error", "inertia-mismatch")
+    tie_breaker = "motion at several common-mode pressures"
+    source = "Andrighetto, Valdiero, Carlotto, Study of the friction behaviour, COBEM 2005"
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.pressure_a, self.difference_share)
+        gauge = point.pressure_a + point.pressure_b - 2.0 * point.parameters.atmosphere
+        difference = xp.abs(point.pressure_a - point.pressure_b)
+        pressure = gauge + self.difference_share * (difference - gauge)
+        return effort + self.seal_torque_nm_per_pa * pressure * point.direction
+
+
+@dataclass(frozen=True)
+class Presliding(CatalogueEffect):
+    """Friction builds up over a small displacement after a reversal (Dahl's and LuGre's bristle).
+
+    The strength is the bristle's compliance 1/sigma, so that 0 is the rigid base law. The state
+    z is the share of Coulomb friction that the bristle carries while sliding:
+    dz/dt = w (sign w - z) / (compliance t_cf sign w). No rate is faster than the simulator can
+    follow; where the bristle's is, z is weighted so that the lost impulse stays right to first
+    order. At rest the shaft holds as in the base model, and the bristle takes up the applied
+    effort: the small creep that this allows is neglected.
+    """
+
+    bristle_compliance_rad_per_nm: Array = 0.0
+    states = ("presliding_share",)
+    states_follow_valves = False
+
+    id = "presliding"
+    title = "Presliding displacement"
+    subsystem = "friction"
+    quantities = (
+        Quantity(
+            "bristle_compliance_rad_per_nm", "rad/Nm", 1.0 / 400.0, 0.0, 0.1, "1/stiffness, 1/sigma"
+        ),
+    )
+    signature = "hysteresis at reversals: friction builds up over a small displacement"
+    rivals = ("stribeck-friction",)
+    tie_breaker = "small reversals within the presliding range"
+    source = "Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40(3), 1995"
+
+    def _span(self, point: Point) -> Array:
+        """Displacement over which Coulomb friction builds up, rad."""
+        return self.bristle_compliance_rad_per_nm * point.parameters.coulomb_effort
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.velocity, self.bristle_compliance_rad_per_nm)
+        share = point.extra.get("presliding_share", point.direction)
+        missing = xp.where(point.direction == 0, 0.0, share - point.direction)
+        speed = xp.maximum(xp.abs(point.velocity), _LEAST_SPEED)
+        weight = xp.minimum(_FASTEST_RATE * self._span(point) / speed, 1.0)
+        return effort + weight * point.parameters.coulomb_effort * missing
+
+    def initial_states(self, point: Point) -> dict[str, Array]:
+        xp = array_namespace(point.velocity)
+        return {"presliding_share": xp.sign(point.velocity) + 0.0 * point.position}
+
+    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        xp = array_namespace(point.velocity, self.bristle_compliance_rad_per_nm)
+        span, share = self._span(point), point.extra["presliding_share"]
+        speed = xp.abs(point.velocity)
+        sliding = xp.minimum(speed / xp.maximum(span, _LEAST_SPAN), _FASTEST_RATE)
+        p = point.parameters
+        held = plant.applied_effort(point, Model(p)) / xp.maximum(p.static_effort, _LEAST_SPAN)
+        at_rest = point.direction == 0
+        target = xp.where(at_rest, xp.clip(held, -1.0, 1.0), point.direction)
+        return {"presliding_share": xp.where(at_rest, _FASTEST_RATE, sliding) * (target - share)}
+
+
+@dataclass(frozen=True)
+class QuadraticDrag(CatalogueEffect):
+    """Drag that grows with the square of the speed: + d w |w|."""
+
+    drag_nm_s2_per_rad2: Array = 0.0
+
+    id = "quadratic-drag"
+    title = "Quadratic drag"
+    subsystem = "friction"
+    quantities = (
+        Quantity("drag_nm_s2_per_rad2", "Nm s2/rad2", 0.005, 0.0, 0.5, "per squared speed"),
+    )
+    signature = "torque at high speed"
+    rivals = ("stribeck-friction",)
+    tie_breaker = "constant torques at three or more speeds"
+    source = "Olsson et al., European Journal of Control 4(3), 1998"
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.velocity, self.drag_nm_s2_per_rad2)
+        return effort + self.drag_nm_s2_per_rad2 * point.velocity * xp.abs(point.velocity)
+
+
+@dataclass(frozen=True)
+class AsymmetricViscousFriction(CatalogueEffect):
+    """Viscous friction differs by direction: + d |w| while moving either way."""
+
+    viscous_asymmetry_nm_s_per_rad: Array = 0.0
+
+    id = "asymmetric-viscous-friction"
+    title = "Viscous friction that differs by direction"
+    subsystem = "friction"
+    quantities = (
+        Quantity(
+            "viscous_asymmetry_nm_s_per_rad",
+            "Nm s/rad",
+            0.01,
+            -1.0,
+            1.0,
+            "half the difference of the directions",
+        ),
+    )
+    signature = "torque against the speed's magnitude, with the same sign in both directions"
+    rivals = ("asymmetric-coulomb-friction", "torque-offset")
+    tie_breaker = "constant torques at three or more speeds, in both directions"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        return effort + self.viscous_asymmetry_nm_s_per_rad * (point.velocity * point.direction)
+
+
+@dataclass(frozen=True)
+class PowerLawFriction(CatalogueEffect):
+    """Viscous friction levels off with speed: + d |w|^n sign w, n below 1."""
+
+    power_law_nm: Array = 0.0
+    power_law_exponent: Array = 0.5
+
+    id = "power-law-friction"
+    title = "Viscous friction that levels off with speed"
+    subsystem = "friction"
+    quantities = (
+        # A torque over a speed to the power of the typical exponent, 0.5.
+        Quantity(
+            "power_law_nm", "Nm", 0.05, 0.0, 10.0, "at a speed of one unit", radius_power=-1.5
+        ),
+        Quantity(
+            "power_law_exponent",
+            "-",
+            0.5,
+            0.1,
+            0.95,
+            "exponent of the speed; 1 would be viscous friction",
+            is_strength=False,
+            grid=(0.3, 0.5, 0.7),
+        ),
+    )
+    signature = "torque that rises steeply at low speed and flattens"
+    rivals = ("stribeck-friction", "quadratic-drag")
+    tie_breaker = "slow ramps through zero speed, and constant torques at three or more speeds"
+    source = "Olsson et al., European Journal of Control 4(3), 1998"
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.velocity, self.power_law_nm)
+        # Never zero: a power of zero has no derivative.
+        speed = xp.abs(point.velocity) + 1e-12
+        return effort + self.power_law_nm * speed**self.power_law_exponent * point.direction
+
+
+@dataclass(frozen=True)
+class StictionAfterRest(CatalogueEffect):
+    """Static friction grows while at rest: - d T / (T + rest), from the last motion on.
+
+    The state is T / (T + rest): 1 while moving and at the start of a test, and at rest
+    ds/dt = - s^2 / T. Static friction as the bench shows it is that after a long rest.
+    """
+
+    fresh_loss_nm: Array = 0.0
+    recovery_time_s: Array = 0.3
+    states = ("fresh_share",)
+    states_follow_valves = False
+
+    id = "stiction-after-rest"
+    title = "Static friction that grows while at rest"
+    subsystem = "friction"
+    quantities = (
+        Quantity("fresh_loss_nm", "Nm", 0.06, 0.0, 2.0, "missing right after motion"),
+        Quantity(
+            "recovery_time_s",
+            "s",
+            0.3,
+            0.02,
+            20.0,
+            "rest after which half of it is back",
+            is_strength=False,
+            grid=(0.05, 0.2, 1.0),
+        ),
+    )
+    signature = "torque at which the shaft breaks away, against the rest before"
+    rivals = ("stribeck-friction",)
+    tie_breaker = "slow ramps from rest, after rests of different lengths"
+    source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30(7), 1994"
+
+    def static_effort(self, effort: Array, point: Point) -> Array:
+        return effort - self.fresh_loss_nm * point.extra.get("fresh_share", 1.0)
+
+    def initial_states(self, point: Point) -> dict[str, Array]:
+        return {"fresh_share": 1.0 + 0.0 * point.position}
+
+    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        xp = array_namespace(point.velocity, self.recovery_time_s)
+        share = point.extra["fresh_share"]
+        at_rest = -share * share / self.recovery_time_s
+        return {"fresh_share": xp.where(point.direction == 0, at_rest, _RENEWED * (1.0 - share))}
+
+
+EFFECTS = (
+    StribeckFriction,
+    AsymmetricCoulombFriction,
+    PositionDependentFriction,
+    SealFriction,
+    Presliding,
+    QuadraticDrag,
+    AsymmetricViscousFriction,
+    PowerLawFriction,
+    StictionAfterRest,
+)

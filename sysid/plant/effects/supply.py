@@ -1,0 +1,371 @@
+"""Effects of the air supply and of the exhaust line.
+
+Droop and back pressure close a loop: the flow lowers the pressure difference that drives it.
+The loop of a chamber with its own flow is solved in closed form, by the base law. A flow is
+choked where it would be at the pressure that choked flow leaves: so it is one or the other,
+never both or neither. Flows are kg/s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from sysid.io.channels import SIDES
+from sysid.plant import base
+from sysid.plant.base import Array, array_namespace
+from sysid.plant.effects.entry import CatalogueEffect, Quantity, state_lag
+from sysid.plant.ports import Point
+
+# Iterations that adapt the flows of both chambers to each other.
+_SWEEPS = 2
+# Below it strokes are those to first order: a sine at 0, which has a slope there.
+_LEAST_STROKE = 1e-6
+# A resistance that grows with the flow is given at this one, kg/s: that of spec/effects.md.
+REFERENCE_FLOW_KG_PER_S = 3.5e-4
+
+
+def drooped_filling_flow(
+    pressure: Array,
+    supply: Array,
+    valve: base.ValveParameters,
+    supply_reference: Array,
+    droop: Array,
+) -> Array:
+    """Filling flow f >= 0 by the base law (3.6.6) at the supply pressure Ps - droop f, kg/s.
+
+    Choked: f = m (Ps - droop f) / Pref. Unchoked: f^2 = c^2 (Ps - droop f - P). Pressures in
+    Pa, `droop` in Pa s/kg. No flow above the supply, nor where the law is not known (NaN).
+    """
+    xp = array_namespace(pressure, supply, valve.choked_fill, droop)
+    loss = droop * valve.c_fill
+    gap = xp.maximum(supply - pressure, 0.0)
+    unchoked = 0.5 * valve.c_fill * (xp.sqrt(loss * loss + 4.0 * gap) - loss)
+    choked = valve.choked_fill * supply / (supply_reference + droop * valve.choked_fill)
+    flow = xp.where(base.is_filling_choked(pressure, supply - droop * choked), choked, unchoked)
+    return xp.where((flow > 0.0) & (choked == choked), flow, 0.0)
+
+
+def backed_exhaust_flow(
+    pressure: Array,
+    atmosphere: Array,
+    valve: base.ValveParameters,
+    resistance: Array,
+    curvature: Array = 0.0,
+) -> Array:
+    """Flow f >= 0 out of a chamber by the base law (3.6.10) against P0 + r f + q f^2, kg/s.
+
+    Unchoked: f = c (P - P0 - r f - q f^2). Pressures in Pa, `resistance` r in Pa s/kg,
+    `curvature` q in Pa s2/kg2. No flow below the atmosphere, nor where the law is not known
+    (NaN).
+    """
+    xp = array_namespace(pressure, atmosphere, valve.choked_dis, resistance, curvature)
+    free = valve.c_dis * (pressure - atmosphere)
+    slowed = 1.0 + resistance * valve.c_dis
+    if base.is_zero(curvature):
+        unchoked = free / slowed
+    else:
+        bent = 4.0 * (curvature * valve.c_dis) * xp.maximum(free, 0.0)
+        unchoked = 2.0 * free / (slowed + xp.sqrt(slowed * slowed + bent))
+    back = atmosphere + (resistance + curvature * valve.choked_dis) * valve.choked_dis
+    flow = xp.where(base.is_exhaust_choked(pressure, back), valve.choked_dis, unchoked)
+    # Any other number that is not known makes the unchoked flow unknown, too.
+    return xp.where((flow > 0.0) & (valve.choked_dis == valve.choked_dis), flow, 0.0)
+
+
+def _adapted(
+    flow: Callable[[str, Array], Array],
+    side: str,
+    common_share: Array,
+    acts: Callable[[str], Array],
+) -> Array:
+    """A side's own flow and its share of the other's, each solved given the other, in turn.
+
+    `flow` gives a side's flow for a given flow of the other; `acts` the share of the time in which
+    a side's flow acts.
+    """
+    if base.is_zero(common_share):
+        return flow(side, 0.0)
+    other = SIDES[1 - SIDES.index(side)]
+    share = common_share * acts(other)
+    own: Array = 0.0
+    beside: Array = 0.0
+    for _ in range(_SWEEPS):
+        beside = share * flow(other, own)
+        own = flow(side, beside)
+    return own + beside
+
+
+@dataclass(frozen=True)
+class SupplyDroop(CatalogueEffect):
+    """The supply pressure droops with the flow of both chambers: Ps - d (flow A + flow B).
+
+    At a common share of 1; at 0 each valve has a line of its own. Each chamber's flow is
+    solved with its own droop and with the other's flow, in turn, twice; the other counts for
+    the share of the time that its valve is open. Behind a resistance the line may have a
+    volume: what passes the resistance then follows the flow with a time constant, dx/dt =
+    (flow - x) / T, T = max(tau, 1 ms), and the loss is d (flow + (tau/T) (x - flow)). Surfaces of
+    mean flow have no supply pressure, and so no droop; the averaged law has one.
+    """
+
+    droop_pa_s_per_kg: Array = 0.0
+    common_share: Array = 1.0
+    line_time_s: Array = 0.0
+
+    id = "supply-droop"
+    title = "Supply pressure that droops with flow"
+    subsystem = "supply"
+    quantities = (
+        Quantity(
+            "droop_pa_s_per_kg",
+            "Pa s/kg",
+            10e3 / 7.8e-4,
+            0.0,
+            2e8,
+            "loss of supply pressure per flow into both chambers",
+        ),
+        Quantity(
+            "common_share",
+            "-",
+            1.0,
+            0.0,
+            1.0,
+            "share of the other chamber's flow: 0 separate lines, 1 a common line",
+            is_strength=False,
+            grid=(0.0, 0.5, 1.0),
+        ),
+        Quantity(
+            "line_time_s",
+            "s",
+            0.0,
+            0.0,
+            0.2,
+            "time constant of the line's volume behind its resistance",
+            is_strength=False,
+            grid=(0.0, 0.02),
+            absent=0.0,
+        ),
+    )
+    signature = "onset of filling; flow into A while B fills"
+    rivals = ("subsonic-flow-shape", "atmosphere-leakage", "choked-exhaust-scaling")
+    tie_breaker = "log the supply pressure"
+    source = (
+        "textbook: source with an internal resistance, and a volume behind it; base law of thesis "
+        "3.6.6"
+    )
+    states = ("line_flow_a", "line_flow_b")
+
+    def __post_init__(self) -> None:
+        # Without a volume there is no state: controllers and exports take the law as it is.
+        if base.is_zero(self.line_time_s):
+            object.__setattr__(self, "states", ())
+
+    def settled(self) -> SupplyDroop:
+        return replace(self, line_time_s=0.0)
+
+    def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
+        flow = _adapted(
+            lambda s, beside: self._flow(s, pressure, beside, point),
+            side,
+            self.common_share,
+            point.is_open,
+        )
+        passing = point.extra.get(f"line_flow_{side}")
+        if passing is not None:
+            flow = flow + self.line_time_s / state_lag(self.line_time_s) * (passing - flow)
+        return pressure - self.droop_pa_s_per_kg * flow
+
+    def initial_states(self, point: Point) -> dict[str, Array]:
+        return dict.fromkeys(self.states, 0.0 * point.position)
+
+    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        if "line_flow_a" not in point.extra:  # traced, the time constant is no known 0
+            return {}
+        taken = {side: self._taken(side, point) for side in SIDES}
+        rates = {}
+        for side, other in (SIDES, SIDES[::-1]):
+            flow = taken[side] + self.common_share * taken[other]
+            passing = point.extra[f"line_flow_{side}"]
+            rates[f"line_flow_{side}"] = (flow - passing) / state_lag(self.line_time_s)
+        return rates
+
+    def _taken(self, side: str, point: Point) -> Array:
+        """Flow out of a valve's line by the base law, kg/s; 0 where that is not known (NaN)."""
+        p = point.parameters
+        valve = p.valve(side)
+        supply = p.supply - self.droop_pa_s_per_kg * point.extra[f"line_flow_{side}"]
+        flow = point.is_open(side) * base.filling_flow(
+            point.pressure(side), supply, valve.choked_fill, valve.c_fill, p.supply_reference
+        )
+        return array_namespace(flow).where(flow == flow, flow, 0.0)
+
+    def _flow(self, side: str, supply: Array, beside: Array, point: Point) -> Array:
+        p, droop = point.parameters, self.droop_pa_s_per_kg
+        left = supply - droop * beside
+        return drooped_filling_flow(
+            point.pressure(side), left, p.valve(side), p.supply_reference, droop
+        )
+
+
+@dataclass(frozen=True)
+class ExhaustBackPressure(CatalogueEffect):
+    """The valves exhaust through a resistance, such as a silencer: P0 + d flow, or its square.
+
+    Laminar and turbulent losses add: at a linear share s the rise is
+    d flow (s + (1 - s) flow / 3.5e-4 kg/s), linear at 1 and a square at 0. The flow is the valve's
+    own and, at a common share of 1, that of the other valve through the same silencer. Each
+    chamber's flow is solved with its own rise and with the other's flow, in turn, twice. A rise
+    by the own flow alone is much like a smaller coefficient of the base law. Surfaces of mean
+    flow have no exhaust pressure, and so no back pressure; the averaged law has one.
+    """
+
+    back_pressure_pa_s_per_kg: Array = 0.0
+    common_share: Array = 1.0
+    linear_share: Array = 1.0
+
+    id = "exhaust-back-pressure"
+    title = "Back pressure of the exhaust"
+    subsystem = "supply"
+    quantities = (
+        Quantity(
+            "back_pressure_pa_s_per_kg",
+            "Pa s/kg",
+            5e3 / 3.5e-4,
+            0.0,
+            2e8,
+            "rise of the exhaust pressure per flow through the valves, at 3.5e-4 kg/s",
+            # It moves the choked boundary, where the base law jumps.
+            grid=(4e6, 1.4e7, 4e7),
+            is_smooth=True,
+        ),
+        Quantity(
+            "common_share",
+            "-",
+            1.0,
+            0.0,
+            1.0,
+            "share of the other valve's flow: 0 separate silencers, 1 a common one",
+            is_strength=False,
+            # Not in between: a choked boundary that is nowhere right traps a fit.
+            grid=(0.0, 1.0),
+        ),
+        Quantity(
+            "linear_share",
+            "-",
+            1.0,
+            0.0,
+            1.0,
+            "share of the rise in proportion to the flow (laminar); the rest grows with its square",
+            is_strength=False,
+            grid=(0.0, 0.5, 1.0),
+            absent=1.0,
+        ),
+    )
+    signature = "exhaust flow, above all below 1.9 times the atmosphere; couples A and B"
+    rivals = ("valve-delay",)
+    tie_breaker = "remove the silencers"
+    source = (
+        "textbook: linear and turbulent resistance of a porous silencer (Forchheimer); "
+        "base law of thesis 3.6.10"
+    )
+
+    def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:
+        flow = _adapted(
+            lambda s, beside: self._flow(s, pressure, beside, point),
+            side,
+            self.common_share,
+            lambda other: 1.0 - point.is_open(other),
+        )
+        return pressure + self._rise(flow)
+
+    def _rise(self, flow: Array) -> Array:
+        """Back pressure of a whole flow, Pa."""
+        resistance, curvature = self._coefficients()
+        return resistance * flow + curvature * flow * flow
+
+    def _coefficients(self) -> tuple[Array, Array]:
+        """Of the flow, Pa s/kg, and of its square, Pa s2/kg2."""
+        whole = self.back_pressure_pa_s_per_kg
+        turbulent = whole * (1.0 - self.linear_share) / REFERENCE_FLOW_KG_PER_S
+        return whole * self.linear_share, turbulent
+
+    def _flow(self, side: str, atmosphere: Array, beside: Array, point: Point) -> Array:
+        resistance, curvature = self._coefficients()
+        against = atmosphere + self._rise(beside)
+        # Beside the other's flow the square has a slope of its own.
+        slope = resistance + 2.0 * curvature * beside
+        valve = point.parameters.valve(side)
+        return backed_exhaust_flow(point.pressure(side), against, valve, slope, curvature)
+
+
+@dataclass(frozen=True)
+class SupplyPulsation(CatalogueEffect):
+    """The supply pulsates, as a compressor or a hunting regulator makes it: Ps + a wave in time.
+
+    A wave u = s sin(2 pi f t) + c cos(2 pi f t), and v a quarter period before, is bent to strokes
+    by k: (A/k) atan(k u / (A - k v)) with A its amplitude, whose harmonics are k^(n-1) / n of it: a
+    sine at 0, a sawtooth towards 1 (a jump up, then an even fall; towards -1 the other way round).
+    t is from the start of a test: of tests that do not begin in phase with the source only those of
+    one phase are described. Surfaces of mean flow have no supply pressure, and so no pulsation; the
+    averaged law has one.
+    """
+
+    pulsation_sine_pa: Array = 0.0
+    pulsation_cosine_pa: Array = 0.0
+    pulsation_hz: Array = 2.0
+    stroke_share: Array = 0.0
+
+    id = "supply-pulsation"
+    title = "Supply pressure that pulsates"
+    subsystem = "supply"
+    quantities = (
+        Quantity("pulsation_sine_pa", "Pa", 8e3, -3e4, 3e4, "amplitude of the sine"),
+        Quantity("pulsation_cosine_pa", "Pa", 8e3, -3e4, 3e4, "amplitude of the cosine"),
+        Quantity(
+            "pulsation_hz",
+            "Hz",
+            2.0,
+            0.1,
+            30.0,
+            "frequency",
+            is_strength=False,
+            # As close as a test of some seconds tells frequencies apart.
+            grid=tuple(0.125 * n for n in range(2, 41)),
+        ),
+        Quantity(
+            "stroke_share",
+            "-",
+            0.0,
+            -0.98,
+            0.98,
+            "0 a sine, towards 1 strokes that jump up and fall evenly",
+            is_strength=False,
+            # A sine shows most of a sawtooth, at any of many frequencies; a fit bends it then.
+            grid=(0.0,),
+            absent=0.0,
+        ),
+    )
+    signature = "filling flow of both chambers, periodic in time whatever they do"
+    rivals = ("supply-droop",)
+    tie_breaker = "log the supply pressure"
+    source = "Beater, Pneumatic Drives, 2007 (compressed air supply: pulsating delivery)"
+
+    def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
+        xp = array_namespace(point.time, self.pulsation_hz)
+        phase = (2.0 * math.pi) * self.pulsation_hz * point.time
+        sine, cosine, k = self.pulsation_sine_pa, self.pulsation_cosine_pa, self.stroke_share
+        parts = ((sine, xp.sin), (cosine, xp.cos))
+        wave = sum(size * f(phase) for size, f in parts if not base.is_zero(size))
+        if not base.is_zero(k):
+            quarter = sine * xp.cos(phase) - cosine * xp.sin(phase)
+            # Never zero: a wave without amplitude has a slope.
+            amplitude = xp.sqrt(sine * sine + cosine * cosine + 1e-6)
+            hardly = xp.abs(k) < _LEAST_STROKE
+            bent = xp.where(hardly, _LEAST_STROKE, k)
+            strokes = amplitude / bent * xp.arctan(bent * wave / (amplitude - bent * quarter))
+            wave = xp.where(hardly, wave + k * wave * quarter / amplitude, strokes)
+        return pressure + wave
+
+
+EFFECTS: tuple[type[CatalogueEffect], ...] = (SupplyDroop, ExhaustBackPressure, SupplyPulsation)

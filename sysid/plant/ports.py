@@ -1,0 +1,331 @@
+"""The ports through which an effect acts on the model, and the model as base plus effects.
+
+An effect is a frozen dataclass that derives from `Effect`, holds its own parameters as
+fields, and overrides the ports that it acts through. Each port gets the value so far and
+the point where the model is, and returns the new value; effects compose in the order in
+which they were added. At neutral strength a port must return its value to the last bit.
+Ports are written with `array_namespace`, so that they serve numpy and jax alike.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sysid.io.channels import SIDES
+from sysid.io.rig import NO_LOAD, Load
+from sysid.plant.base import Array, Parameters
+
+
+@dataclass(frozen=True)
+class Point:
+    """The state of the model: what every port may read. Fields broadcast over runs.
+
+    `motor` is the commanded effort; `open_a`, `open_b` whether a valve is on (with an
+    averaged valve model: the duty); `direction` -1, 0 (at rest) or 1, to be used in place
+    of the sign of the velocity; `extra` the states that the effects added.
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+    pressure_a: Array
+    pressure_b: Array
+    motor: Array
+    open_a: Array
+    open_b: Array
+    direction: Array
+    parameters: Parameters
+    extra: Mapping[str, Array] = field(default_factory=dict)
+
+    def pressure(self, side: str) -> Array:
+        """Chamber pressure, Pa; `side` is "a" or "b"."""
+        return self.pressure_a if side == "a" else self.pressure_b
+
+    def is_open(self, side: str) -> Array:
+        """Whether the valve is on (averaged valve model: the duty)."""
+        return self.open_a if side == "a" else self.open_b
+
+
+class Effect:
+    """Every port, neutral. Derive, add fields (floats or arrays over runs), override.
+
+    `states` names the extra states; a name must be unique among the effects of a model.
+    """
+
+    states: ClassVar[tuple[str, ...]] = ()
+    # Whether their start or rates depend on the valves' opening other than through `flows`: where
+    # not, they need not be integrated again for each timing of the valves that a diagnosis tries.
+    states_follow_valves: ClassVar[bool] = True
+    # Whether `measure` begins anew after a long gap of time: many tests are then measured as one.
+    forgets_in_gaps: ClassVar[bool] = False
+    # Whether `measure` shows each row by itself, whatever the time: it is asked for some rows then.
+    measures_each_row: ClassVar[bool] = False
+
+    def parameters(self, parameters: Parameters, time: Array) -> Parameters:
+        """The base model's own numbers at `time` (s since the first row)."""
+        return parameters
+
+    def motor_effort(self, effort: Array, point: Point) -> Array:
+        """Motor effort at the output, Nm or N, after the declared limit."""
+        return effort
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        """Friction while moving in `point.direction`, Nm or N."""
+        return effort
+
+    def static_effort(self, effort: Array, point: Point) -> Array:
+        """Breakaway effort, Nm or N."""
+        return effort
+
+    def external_effort(self, effort: Array, point: Point) -> Array:
+        """Any other effort in the direction of positive motion, Nm or N."""
+        return effort
+
+    def pitch_radius(self, radius: Array, point: Point) -> Array:
+        """dy/dtheta, m: lever of the cylinder's force and rate of the volumes."""
+        return radius
+
+    def displacement(self, displacement: Array, point: Point) -> Array:
+        """y, m: the piston's place, which must be the integral of pitch_radius."""
+        return displacement
+
+    def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
+        """Supply pressure at the valve of a side, Pa.
+
+        Asked too for a chamber at 0 Pa: where choked flow leaves the supply.
+        """
+        return pressure
+
+    def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:
+        """Pressure that the valve of a side exhausts to, Pa.
+
+        Asked too for a chamber at 1e9 Pa: where choked flow leaves the exhaust.
+        """
+        return pressure
+
+    def filling_flow(self, flow: Array, side: str, point: Point) -> Array:
+        """Flow into the chamber through the open valve, kg/s."""
+        return flow
+
+    def exhaust_flow(self, flow: Array, side: str, point: Point) -> Array:
+        """Flow into the chamber (negative: out) through the valve when off, kg/s."""
+        return flow
+
+    def chamber_flow(self, flow: Array, side: str, point: Point) -> Array:
+        """Whole mass flow into a chamber, kg/s: leakage adds here, a tube's lag replaces."""
+        return flow
+
+    def pressure_rate(self, rate: Array, side: str, flow: Array, point: Point) -> Array:
+        """dP/dt from the chamber's energy balance, Pa/s."""
+        return rate
+
+    def initial_states(self, point: Point) -> dict[str, Array]:
+        """The extra states at the start of a test, by the names in `states`."""
+        return {}
+
+    def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
+        """Time derivatives of the extra states; `flows` holds kg/s by side."""
+        return {}
+
+    def settled(self) -> Effect | None:
+        """The effect where its states have settled, without them; None where it is gone then."""
+        return None if self.states else self
+
+    def pulses(self, on: Array, off: Array, side: str) -> tuple[Array, Array]:
+        """Commanded on-intervals of a valve, start and end times in s (numpy only)."""
+        return on, off
+
+    def delays(self, delays: Array, times: Array, opening: bool, side: str) -> Array:
+        """Delay of each command edge at `times`, s (numpy only)."""
+        return delays
+
+    def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        """Measured channels from true ones; arrays (n,) by log-format names, time in s.
+
+        A channel that is not asked for may be absent.
+        """
+        return dict(channels)
+
+    def unmeasured(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        """True channels of one test, evenly sampled, from measured ones: the inverse of `measure`.
+
+        To be overridden where undoing it by iteration does not converge; before other sensors.
+        """
+        return dict(channels)
+
+    def is_idle(self, port: str) -> bool:
+        """Whether the effect in this form does nothing at a port that its class overrides.
+
+        Its numbers may be traced by jax: then it is not idle.
+        """
+        return False
+
+    def recent_pulses(self, on: Array, off: Array, until: Array, side: str) -> tuple[Array, Array]:
+        """`pulses` as a closed loop knows them: the last intervals (kept, lanes), newest first.
+
+        `until` (lanes,): when the next pulse may start, s. An interval that does not exist, or
+        no longer, is at minus infinity; one whose end is not decided ends at infinity. To be
+        overridden together with `pulses`.
+        """
+        return on, off
+
+    def start_sensing(self, channels: Mapping[str, Array], step: float) -> tuple[Array, ...]:
+        """Memory of `sense` at rest at these true channels; none if rows are independent.
+
+        Where it is overridden, `measure` gets simulated channels between a log's rows as well.
+        """
+        return ()
+
+    def sense(
+        self,
+        channels: Mapping[str, Array],
+        memory: tuple[Array, ...],
+        time: Array,
+        step: float,
+    ) -> tuple[dict[str, Array], tuple[Array, ...]]:
+        """`measure` a sample at a time, `step` s apart, as a closed loop does; arrays (lanes,).
+
+        To be overridden, with `start_sensing`, where `measure` looks at more than one row.
+        """
+        return self.measure(channels, time), memory
+
+
+def overrides(effect: Effect | type[Effect], *ports: str) -> bool:
+    """Whether an effect acts through any of these ports; of a class: whether one of it may."""
+    kind = effect if isinstance(effect, type) else type(effect)
+    own = [p for p in ports if getattr(kind, p) is not getattr(Effect, p)]
+    return bool(own) and (isinstance(effect, type) or not all(effect.is_idle(p) for p in own))
+
+
+@dataclass(frozen=True)
+class Model:
+    """The base model with its parameters (SI) and effects; `+` adds an effect.
+
+    Raises ValueError where two effects add the same state.
+
+    >>> model = bundle.model() + si.effects.TorqueOffset(0.01)
+    >>> [effect.id for effect in model.effects]
+    ['torque-offset']
+    >>> model.parameters.stroke == campaign.rig.cylinder.stroke_m
+    True
+    """
+
+    parameters: Parameters
+    effects: tuple[Effect, ...] = ()
+
+    def __add__(self, effect: Effect) -> Model:
+        taken = {name for e in self.effects for name in e.states}
+        clash = taken.intersection(effect.states)
+        if clash:
+            raise ValueError(f"two effects add the state {', '.join(sorted(clash))}")
+        return Model(self.parameters, (*self.effects, effect))
+
+    @property
+    def has_remembering_sensor(self) -> bool:
+        """Whether a sensor shows at a row what was before it (a lag, a delay)."""
+        return any(overrides(effect, "start_sensing") for effect in self.effects)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the extra states, in order."""
+        return tuple(name for effect in self.effects for name in effect.states)
+
+    def through(self, port: str, value: Any, *context: Any) -> Any:
+        """A value passed through one port of every effect."""
+        for effect in self.effects:
+            value = getattr(effect, port)(value, *context)
+        return value
+
+    def settled(self) -> Model:
+        """The model where the states of its effects have settled, without them."""
+        left = (effect.settled() for effect in self.effects)
+        return Model(self.parameters, tuple(effect for effect in left if effect is not None))
+
+    def carrying(self, load: Load) -> Model:
+        """The model with more of a payload than its own; itself without any."""
+        if load == NO_LOAD:
+            return self
+        return Model(with_load(self.parameters, load), self.effects)
+
+    def at(self, time: Array) -> Parameters:
+        """The parameters in force at a time."""
+        parameters: Parameters = self.through("parameters", self.parameters, time)
+        return parameters
+
+
+def with_load(parameters: Parameters, load: Load) -> Parameters:
+    """Parameters with more of a payload than their own; that of each sample, where it has (n,)."""
+    return parameters.replace(
+        inertia=parameters.inertia + load.inertia,
+        gravity_moment=parameters.gravity_moment + load.gravity_moment,
+        weight=parameters.weight + load.weight,
+    )
+
+
+Structure = tuple[tuple[type, tuple[tuple[str, Any], ...]], ...]
+
+
+def split(parts: tuple[Any, ...]) -> tuple[Structure, list[dict[str, Any]]]:
+    """Dataclass instances split into a hashable structure and their numbers.
+
+    The structure (classes and fields that are not numbers) decides what is compiled; the
+    numbers are its inputs. `join` is the inverse.
+    """
+    structure, numbers = [], []
+    for part in parts:
+        fixed, values = [], {}
+        kind: type = type(part)
+        for name in _field_names(kind):
+            value = getattr(part, name)
+            if value is None or isinstance(value, str | bool | tuple):
+                fixed.append((name, value))
+            else:
+                values[name] = value
+        structure.append((type(part), tuple(fixed)))
+        numbers.append(values)
+    return tuple(structure), numbers
+
+
+@functools.cache
+def _field_names(kind: type) -> tuple[str, ...]:
+    return tuple(f.name for f in dataclasses.fields(kind))
+
+
+def join(structure: Structure, numbers: list[dict[str, Any]]) -> tuple[Any, ...]:
+    """Rebuild what `split` took apart."""
+    return tuple(
+        cls(**dict(fixed), **values)
+        for (cls, fixed), values in zip(structure, numbers, strict=True)
+    )
+
+
+def stack_models(models: list[Model]) -> Model:
+    """One model whose every number is an array over runs, from models of one structure.
+
+    Raises ValueError where the models differ in more than numbers.
+    """
+    # Idle runs repeat a model: each is taken apart once.
+    apart = {id(model): split((model.parameters, *model.effects)) for model in models}
+    if len({structure[1:] for structure, _ in apart.values()}) != 1:
+        raise ValueError("models of one batch must have the same effects")
+    rows = [apart[id(model)] for model in models]
+    structure = rows[0][0]
+    stacked = [
+        {name: np.array([row[1][i][name] for row in rows], dtype=float) for name in part}
+        for i, part in enumerate(rows[0][1])
+    ]
+    parameters, *effects = join(structure, stacked)
+    return Model(parameters, tuple(effects))
+
+
+def has_discrete_law(parameters: Parameters) -> bool:
+    """Whether both valves have their four flow parameters."""
+    laws = [parameters.valve(side) for side in SIDES]
+    flows = (getattr(law, field.name) for law in laws for field in dataclasses.fields(law))
+    return not any(np.isnan(flow).any() for flow in flows)

@@ -1,0 +1,468 @@
+"""Open-loop simulation of any model on any inputs, many runs in one batch."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.errors import NotIdentifiedError, SimulationError
+from sysid.io.channels import SIDES
+from sysid.plant import plant
+from sysid.plant.jax_setup import jax, jnp, on_processor
+from sysid.plant.lanes import Lanes, Table
+from sysid.plant.ports import Model, Point, Structure, join, split, stack_models
+from sysid.plant.preparation import (
+    Inputs,
+    Shared,
+    ValveCommand,
+    open_intervals,
+    prepare,
+    with_edges,
+)
+from sysid.plant.stepper import advance
+from sysid.plant.tables import Block, block_of
+from sysid.types import FloatArray, IntArray
+
+MAX_STEP = 1e-3
+"""Longest step, s: samples further apart are split (accuracy: `benchmarks/simulation.py`)."""
+
+# Runs simulated together in one compiled call. A batch is cut into blocks of these widths,
+# padded with idle runs, so that few shapes are ever compiled.
+_WIDTHS = (1, 32)
+# Rows (mean flows: sub-steps) in one compiled call: the compiled shapes do not depend on a
+# log's length. The record of this many stays in a core's cache.
+_ROWS = 1280
+# Half the compile time of the default level, and no slower; vectors as wide as the processor's,
+# where the compiler would stop at 256 bit.
+COMPILER_OPTIONS = {"xla_backend_optimization_level": 2, "xla_cpu_prefer_vector_width": 512}
+# No run needs nearly as many continuations for its events: more would be an endless loop.
+MOST_CALLS = 1000
+ENDLESS = (
+    "simulation: the model switches without end at one instant; its effects or flows do not fit "
+    "together"
+)
+
+
+@dataclass(frozen=True)
+class Between:
+    """A run at its `rows` (n,) and between them, where a pressure's slope may change.
+
+    `time` (m,) s, `states` (4, m) as in `Trajectory`: what a sensor that remembers has seen.
+    """
+
+    time: FloatArray
+    states: FloatArray
+    rows: IntArray
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A simulated run at its input's rows; arrays (n,): s, rad or m, rad/s or m/s, Pa.
+
+    `between` is known where a sensor of the model remembers; `extra` (k,) are the effects' states
+    at the last row, in the order of the model's `state_names`.
+    """
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    pressure_a: FloatArray
+    pressure_b: FloatArray
+    between: Between | None = field(default=None, kw_only=True)
+    extra: FloatArray | None = field(default=None, kw_only=True)
+
+    @property
+    def states(self) -> FloatArray:
+        """(4, n): position, velocity, pressures."""
+        return np.array([getattr(self, name) for name in STATE])
+
+
+# Of each part of a model, the names of the numbers that each run has its own of.
+_Layout = tuple[tuple[str, ...], ...]
+# These numbers, (numbers, runs), and the others.
+_Packed = tuple[FloatArray, list[dict[str, Any]]]
+
+
+def _pack(numbers: list[dict[str, Any]], runs: int) -> tuple[_Layout, _Packed]:
+    """A model's numbers with those of the runs in one array, which a call takes over faster."""
+    layout = tuple(
+        tuple(name for name, value in part.items() if np.shape(value) == (runs,))
+        for part in numbers
+    )
+    own = [part[name] for part, names in zip(numbers, layout, strict=True) for name in names]
+    others = [
+        {name: value for name, value in part.items() if name not in names}
+        for part, names in zip(numbers, layout, strict=True)
+    ]
+    return layout, (np.array(own), others)
+
+
+def _unpack(layout: _Layout, packed: _Packed) -> list[dict[str, Any]]:
+    """The inverse of `_pack`."""
+    rows = iter(packed[0])
+    return [
+        {**dict(zip(names, rows, strict=False)), **others}
+        for names, others in zip(layout, packed[1], strict=True)
+    ]
+
+
+@functools.partial(
+    jax.jit, static_argnames=("structure", "effects", "layout"), compiler_options=COMPILER_OPTIONS
+)
+def _advance_chunk(
+    lanes: Lanes,
+    table: Table,
+    packed: _Packed,
+    *,
+    structure: Structure,
+    effects: int,
+    layout: _Layout,
+) -> tuple[Lanes, tuple[Any, ...], Any]:
+    """Advance every run through its table, or as far as there is room for the record.
+
+    Returns the lanes, the states after every step (steps, runs) and whether that step
+    reached a row of the log (runs, steps).
+    """
+    parts = join(structure, _unpack(layout, packed))
+    model = Model(parts[0], parts[1 : 1 + effects])
+    surfaces = parts[1 + effects :]
+    return run_through(lanes, table, model, surfaces)
+
+
+def run_through(
+    lanes: Lanes, table: Table, model: Model, surfaces: tuple[Any, ...]
+) -> tuple[Lanes, tuple[Any, ...], Any]:
+    """The loop of `_advance_chunk`, to be traced: its lanes, states and rows reached."""
+    room = table.room
+    shape = (room, table.count.shape[0])
+    record = jax.lax.dynamic_update_index_in_dim
+
+    def unfinished(carry: Any) -> Any:
+        step, lanes, _, _ = carry
+        return (step < room) & jnp.any(lanes.index < table.count)
+
+    def advance_once(carry: Any) -> Any:
+        step, lanes, states, reached = carry
+        after = advance(lanes, table, model, surfaces)
+        states = tuple(
+            record(s, value, step, 0) for s, value in zip(states, after.shown(), strict=True)
+        )
+        return step + 1, after, states, record(reached, table.reached(lanes, after), step, 0)
+
+    states = tuple(jnp.zeros(shape) for _ in STATE)
+    carry = (0, lanes, states, jnp.zeros(shape, dtype=bool))
+    _, lanes, states, reached = jax.lax.while_loop(unfinished, advance_once, carry)
+    return lanes, states, reached.T
+
+
+@on_processor()
+def _advance_block(
+    block: Block,
+    inputs: list[Inputs],
+    models: list[Model],
+    surfaces: tuple[Any, ...],
+    nan_if_endless: bool,
+) -> tuple[list[FloatArray], FloatArray]:
+    """(4, samples) of every run: position, velocity, pressures at its rows; and the effects' states
+    (k, runs) at its last.
+    """
+    model = stack_models(models)
+    structure, numbers = split((model.parameters, *model.effects, *surfaces))
+    layout, packed = _pack(numbers, len(inputs))
+    lanes = start_lanes(inputs, model)
+    rows = _Rows(lanes, [len(one.time) for one in inputs[: len(block.runs)]])
+    if surfaces:
+        lanes = lanes._replace(ripple_a=np.zeros(len(inputs)), ripple_b=np.zeros(len(inputs)))
+    endless = np.zeros(len(inputs), dtype=bool)
+    for _, table in block.tables():
+        lanes = at_first_row(lanes)
+        if endless.any():
+            lanes = lanes._replace(index=np.where(endless, table.count, lanes.index))
+        calls = 0
+        while (np.asarray(lanes.index) < table.count).any():
+            if calls == MOST_CALLS + table.calls:
+                if not nan_if_endless:
+                    raise SimulationError(ENDLESS)
+                endless |= np.asarray(lanes.index) < table.count
+                break
+            calls += 1
+            lanes, states, reached = _advance_chunk(
+                lanes, table, packed, structure=structure, effects=len(model.effects), layout=layout
+            )
+            rows.collect(states, np.asarray(reached))
+    for i in np.flatnonzero(endless[: len(block.runs)]):
+        rows.runs[i][:, rows.filled[i] :] = math.nan
+    extra = np.array(lanes.extra).reshape(-1, len(inputs))
+    extra[:, endless] = math.nan
+    return rows.runs, extra
+
+
+def at_first_row(lanes: Lanes) -> Lanes:
+    """The lanes at the first row of a table."""
+    none = np.zeros(len(lanes.index), dtype=int)
+    return lanes._replace(index=none, elapsed=np.zeros(len(none)), passed=(none, none))
+
+
+class _Rows:
+    """The states at the rows of a block of runs, as they come: (4, samples) of each in `runs`."""
+
+    def __init__(self, lanes: Lanes, lengths: list[int]) -> None:
+        self.runs = [np.empty((len(STATE), n)) for n in lengths]
+        self.filled = [1] * len(lengths)
+        for i, run in enumerate(self.runs):
+            run[:, 0] = [getattr(lanes, name)[i] for name in STATE]
+        self.columns = np.empty((len(STATE), 0))
+
+    def collect(self, states: tuple[Any, ...], reached: NDArray[np.bool_]) -> None:
+        """Take over the states (steps, runs) after the steps that reached a row (runs, steps)."""
+        counts = np.count_nonzero(reached, axis=1)
+        lanes, steps = reached.shape
+        # Place (step, run) from place (run, step), without a division.
+        place = np.flatnonzero(reached) * lanes
+        place -= np.repeat(np.arange(lanes) * (steps * lanes - 1), counts)
+        if self.columns.shape[1] < len(place):
+            self.columns = np.empty((len(STATE), len(place)))
+        columns = self.columns[:, : len(place)]
+        for column, state in zip(columns, states, strict=True):
+            np.take(np.asarray(state).reshape(-1), place, out=column, mode="clip")
+        end = 0
+        for i, run in enumerate(self.runs):
+            start, end = end, end + int(counts[i])
+            self.filled[i], first = self.filled[i] + end - start, self.filled[i]
+            run[:, first : self.filled[i]] = columns[:, start:end]
+
+
+STATE = ("position", "velocity", "pressure_a", "pressure_b")
+
+
+def start_lanes(inputs: list[Inputs], model: Model) -> Lanes:
+    n = len(inputs)
+    zero = np.zeros(n)
+    time = zero + [i.elapsed for i in inputs]
+    parameters = model.at(time)
+    atmosphere = np.broadcast_to(parameters.atmosphere, n)
+
+    def column(name: str) -> FloatArray:
+        given = [getattr(i, name) for i in inputs]
+        return np.array(
+            [a if g is None else g for g, a in zip(given, atmosphere, strict=True)], dtype=float
+        )
+
+    position, velocity, pressure_a, pressure_b = (column(name) for name in STATE)
+    point = Point(
+        time=time,
+        position=position,
+        velocity=velocity,
+        pressure_a=pressure_a,
+        pressure_b=pressure_b,
+        motor=np.array([i.motor[0] for i in inputs]),
+        open_a=zero,
+        open_b=zero,
+        direction=np.sign(velocity),
+        parameters=parameters,
+    )
+    extra = plant.initial_states(point, model)
+    return Lanes(
+        time=time,
+        position=position,
+        velocity=velocity,
+        pressure_a=pressure_a,
+        pressure_b=pressure_b,
+        extra=tuple(
+            extra[name] + np.array([i.remembered.get(name, 0.0) for i in inputs])
+            for name in model.state_names
+        ),
+        loose=zero,
+        index=np.zeros(n, dtype=int),
+        elapsed=zero,
+    )
+
+
+def check_runs(inputs: Sequence[Inputs], models: Sequence[Model], averaged: bool) -> None:
+    """Refuse a parameter that is not a number, and commands that are not: they would propagate."""
+    # Neighbours of one run share its model, or its inputs.
+    for model in {id(own): own for own in models}.values():
+        _check_known(model, averaged)
+    for one in {id(own): own for own in inputs}.values():
+        _check_commands(one)
+
+
+def _check_known(model: Model, averaged: bool) -> None:
+    laws = ("choked_fill", "choked_dis", "c_fill", "c_dis")
+    unused = {f"{law}_{side}" for law in laws for side in SIDES} if averaged else set()
+    unknown = [
+        name
+        for name, value in vars(model.parameters).items()
+        if name not in unused and math.isnan(float(value))
+    ]
+    if unknown:
+        raise NotIdentifiedError(
+            f"simulation: {', '.join(unknown)} of the model is not identified; "
+            "fit the tests that identify it"
+        )
+
+
+def _check_commands(inputs: Inputs) -> None:
+    n = len(inputs.time)
+    if n < 2:
+        raise ValueError("a run needs at least two rows")
+    columns = [inputs.motor] + [c.values for c in (inputs.valve_a, inputs.valve_b) if c]
+    if any(len(c) != n or not np.isfinite(c).all() for c in columns):
+        raise ValueError("motor and valve commands must be finite and have the length of time")
+
+
+def carrying(inputs: Sequence[Inputs], models: Sequence[Model]) -> list[Model]:
+    """Each run's model, with what it carries beyond the model's own payload."""
+    return [model.carrying(one.load) for one, model in zip(inputs, models, strict=True)]
+
+
+def cores() -> int:
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def simulate(
+    inputs: Sequence[Inputs],
+    models: Sequence[Model],
+    surfaces: tuple[Any, ...] = (),
+    max_step: float = MAX_STEP,
+    *,
+    nan_if_endless: bool = False,
+    rows_alone: bool = False,
+) -> list[Trajectory]:
+    """Simulate every run open loop, each with its own model, all at once.
+
+    `models` may differ in numbers but not in effects. Without `surfaces` the valves follow
+    the discrete law under their real pulses. With `surfaces`, valve A's and B's, the chambers
+    get the mean flow over each PWM period: each is a dataclass of numbers whose methods
+    `fill` and `discharge` map (duty, pressure in Pa) to kg/s. If they have a `pulse` (the averaged
+    law) or a `span` (open less closed flow, kg/s) too, a period's flow begins when its pulse can,
+    and the pressures ripple with the pulses (`pulse_means`). Runs may differ in length and
+    sampling. The result at the rows of `inputs` does not depend on which runs share a batch.
+    `rows_alone`: also where a sensor remembers, which else sees what is between them.
+
+    Raises NotIdentifiedError for a parameter that is NaN, ValueError for malformed inputs,
+    SimulationError where a run switches without end at one instant: it is NaN from there on, and
+    the others are as they are, with `nan_if_endless`.
+    """
+    if not inputs:
+        return []
+    check_runs(inputs, models, bool(surfaces))
+    models = carrying(inputs, models)
+    if not (surfaces or rows_alone) and models[0].has_remembering_sensor:
+        return _simulated_between(inputs, models, max_step, nan_if_endless)
+    found = _simulated(inputs, models, surfaces, max_step, nan_if_endless)
+    return [
+        Trajectory(np.asarray(one.time), *own, extra=extra)
+        for one, (own, extra) in zip(inputs, found, strict=True)
+    ]
+
+
+def remembered_after(
+    inputs: Sequence[Inputs], runs: Sequence[Trajectory], models: Sequence[Model]
+) -> list[dict[str, float]]:
+    """What the effects' states have at each run's last row beyond those with which they would begin
+    there, for the `remembered` of a run that goes on from it.
+
+    `runs` as simulated from the `inputs`. Nothing of one that does not stay finite.
+    """
+    names = models[0].state_names if models else ()
+    if not names:
+        return [{} for _ in inputs]
+    last = [
+        dataclasses.replace(
+            one,
+            **dict(zip(STATE, map(float, run.states[:, -1]), strict=True)),  # type: ignore[arg-type]
+            motor=np.asarray(one.motor)[-1:],
+            elapsed=one.elapsed + float(np.ptp(one.time)),
+            remembered={},
+        )
+        for one, run in zip(inputs, runs, strict=True)
+    ]
+    begun = np.array(start_lanes(last, stack_models(carrying(inputs, models))).extra)
+    beyond = np.array([run.extra for run in runs]) - begun.T
+    return [
+        dict(zip(names, own.tolist(), strict=True)) if np.isfinite(own).all() else {}
+        for own in beyond
+    ]
+
+
+def _simulated_between(
+    inputs: Sequence[Inputs], models: Sequence[Model], max_step: float, nan_if_endless: bool
+) -> list[Trajectory]:
+    """Every run, also at its steps between the rows."""
+    shared = Shared()
+    closer = [with_edges(i, m, max_step, shared) for i, m in zip(inputs, models, strict=True)]
+    found = _simulated([i for i, _ in closer], models, (), max_step, nan_if_endless)
+    return [
+        Trajectory(
+            np.asarray(one.time),
+            *own[:, rows],
+            between=Between(given.time, own, rows),
+            extra=extra,
+        )
+        for one, (own, extra), (given, rows) in zip(inputs, found, closer, strict=True)
+    ]
+
+
+def _simulated(
+    inputs: Sequence[Inputs],
+    models: Sequence[Model],
+    surfaces: tuple[Any, ...],
+    max_step: float,
+    nan_if_endless: bool,
+) -> list[tuple[FloatArray, FloatArray]]:
+    """(4, samples) of every run, and the effects' states (k,) at its last row."""
+    pairs = list(zip(inputs, models, strict=True))
+    workers = cores()
+    share = -(-len(pairs) // workers)
+    width = next((w for w in _WIDTHS if w >= share), _WIDTHS[-1])
+    # Runs of similar length go together: in a block the short ones wait for the longest.
+    order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
+    blocks = [order[i : i + width] for i in range(0, len(order), width)]
+
+    shared = Shared()
+
+    def block(members: list[int]) -> tuple[list[FloatArray], FloatArray]:
+        own = [pairs[i] for i in members]
+        runs = [prepare(one, model, surfaces, max_step, shared) for one, model in own]
+        filled = own + [own[0]] * (width - len(own))
+        return _advance_block(
+            block_of(runs, width, _ROWS, max_step),
+            [i for i, _ in filled],
+            [m for _, m in filled],
+            surfaces,
+            nan_if_endless,
+        )
+
+    if len(blocks) == 1:
+        results = [block(blocks[0])]
+    else:
+        with ThreadPoolExecutor(min(workers, len(blocks))) as pool:
+            results = list(pool.map(block, blocks))
+    found = {
+        i: (own, last)
+        for members, (states, extra) in zip(blocks, results, strict=True)
+        for i, own, last in zip(members, states, extra.T, strict=False)
+    }
+    return [found[i] for i in range(len(pairs))]
+
+
+__all__ = [
+    "MAX_STEP",
+    "Inputs",
+    "Trajectory",
+    "ValveCommand",
+    "open_intervals",
+    "remembered_after",
+    "simulate",
+]

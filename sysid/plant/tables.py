@@ -1,0 +1,158 @@
+"""The tables of a block of runs, a piece of the runs at a time: the host's side of `lanes`."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.plant.lanes import EventTable, SwitchedTable, Table
+from sysid.plant.preparation import PreparedRun, SwitchedRun
+from sysid.plant.valve_timing import TIME_TOLERANCE
+from sysid.types import FloatArray
+
+Timing = tuple[FloatArray, ...]
+"""What moves with the delays of a run's valves: s, or s per unit of what moves it."""
+
+# Edges of a valve that a piece has room for, at least; more where there are more.
+_EDGES = 640
+# No two times count as one.
+_APART = -1.0
+
+
+class Block(ABC):
+    """Prepared runs, padded to `width` with idle ones, in pieces of `rows` rows or sub-steps."""
+
+    def __init__(self, runs: Sequence[Any], width: int, rows: int) -> None:
+        self.runs, self.width, self.rows = runs, width, rows
+
+    def tables(self) -> Iterator[tuple[int, Table]]:
+        """Every piece's first row or sub-step, and its table."""
+        for start in range(0, max(len(run) for run in self.runs), self.rows):
+            yield start, self.table(start)
+
+    @abstractmethod
+    def table(self, start: int) -> Table:
+        """The piece from a row or sub-step on."""
+
+    @abstractmethod
+    def timing_slopes(self, start: int, moved: Sequence[dict[int, Timing]], count: int) -> Timing:
+        """How the piece's `timing` moves, each (count, runs, ...).
+
+        `moved`: by run and tangent (below `count`), how the run's timing does.
+        """
+
+    def _unfinished(self, start: int) -> Iterator[tuple[int, Any, slice]]:
+        """Every run that has rows or sub-steps from `start` on: number, run, and which."""
+        for i, run in enumerate(self.runs):
+            if start < len(run):
+                yield i, run, slice(start, min(start + self.rows, len(run)))
+
+
+class SwitchedBlock(Block):
+    """Runs under the on/off law: rows and edges.
+
+    `apart`: every edge ends a sub-step of its own, as derivatives need.
+    """
+
+    def __init__(
+        self, runs: Sequence[SwitchedRun], width: int, rows: int, max_step: float, apart: bool
+    ) -> None:
+        super().__init__(runs, width, rows)
+        self.max_step = max_step
+        self.together = _APART if apart else TIME_TOLERANCE
+        # By run and valve: how many edges lie before each piece.
+        self.bounds = [self._bounds(run) for run in runs]
+        most = max(int((b[1:] - b[:-1]).max()) for of_run in self.bounds for b in of_run)
+        self.edges = _EDGES
+        while self.edges <= most:  # the last place stays infinite
+            self.edges *= 2
+
+    def _bounds(self, run: SwitchedRun) -> list[NDArray[np.intp]]:
+        starts = [*range(0, len(run), self.rows), len(run)]
+        marks, side = run.time[starts], "left"
+        if self.together > 0.0:
+            marks, side = marks + self.together, "right"
+        return [edges.searchsorted(marks, side) for edges in run.edges]  # type: ignore[call-overload]
+
+    def table(self, start: int) -> SwitchedTable:
+        """The piece from a row on; times from there."""
+        time = np.zeros((self.width, self.rows + 1))
+        motor = np.zeros((self.width, self.rows))
+        edges = np.full((2, self.width, self.edges), np.inf)
+        opens = np.zeros((2, self.width), dtype=int)
+        count = np.zeros(self.width, dtype=int)
+        for i, run, rows in self._unfinished(start):
+            n = count[i] = rows.stop - start
+            begin = run.time[start]
+            np.subtract(run.time[start : rows.stop + 1], begin, out=time[i, : n + 1])
+            motor[i, :n] = run.motor[rows]
+            for side, here in enumerate(self._edges_here(i, start)):
+                opens[side, i] = here.start & 1
+                own = run.edges[side][here]
+                np.subtract(own, begin, out=edges[side, i, : len(own)])
+        limits = np.array(self.max_step), np.array(self.together)
+        (edges_a, edges_b), (open_a, open_b) = edges, opens
+        return SwitchedTable(time, motor, edges_a, edges_b, open_a, open_b, count, *limits)
+
+    def _edges_here(self, run: int, start: int) -> list[slice]:
+        """Which edges of each valve lie in the piece."""
+        k = start // self.rows
+        return [slice(int(b[k]), int(b[k + 1])) for b in self.bounds[run]]
+
+    def timing_slopes(self, start: int, moved: Sequence[dict[int, Timing]], count: int) -> Timing:
+        """As in Block: of each valve's edges, (count, runs, edges)."""
+        slopes = np.zeros((2, count, self.width, self.edges))
+        for i, _, _ in self._unfinished(start):
+            for side, here in enumerate(self._edges_here(i, start)):
+                for j, timing in moved[i].items():
+                    own = timing[side][here]
+                    slopes[side, j, i, : len(own)] = own
+        return slopes[0], slopes[1]
+
+
+class EventBlock(Block):
+    """Runs under mean flows: sub-steps."""
+
+    runs: Sequence[PreparedRun]
+
+    def table(self, start: int) -> EventTable:
+        """The piece from a sub-step on."""
+        numbers = np.zeros((4 + len(self.runs[0].ripple), self.width, self.rows))
+        ends_sample = np.zeros((self.width, self.rows), dtype=bool)
+        count = np.zeros(self.width, dtype=int)
+        for i, run, rows in self._unfinished(start):
+            n = count[i] = rows.stop - start
+            columns = (run.grid.duration, run.motor, *run.opens.values(), *run.ripple)
+            for table, values in zip(numbers, columns, strict=True):
+                table[i, :n] = values[rows]
+            ends_sample[i, :n] = run.grid.ends_sample[rows]
+        duration, motor, open_a, open_b, *ripple = numbers
+        return EventTable(duration, motor, open_a, open_b, ends_sample, count, tuple(ripple))
+
+    def timing_slopes(self, start: int, moved: Sequence[dict[int, Timing]], count: int) -> Timing:
+        """As in Block: of the durations, (count, runs, sub-steps)."""
+        slopes = np.zeros((count, self.width, self.rows))
+        for i, _, rows in self._unfinished(start):
+            for j, (duration,) in moved[i].items():
+                slopes[j, i, : rows.stop - start] = duration[rows]
+        return (slopes,)
+
+
+def block_of(
+    runs: Sequence[PreparedRun | SwitchedRun],
+    width: int,
+    rows: int,
+    max_step: float,
+    apart: bool = False,
+) -> Block:
+    """The block of runs prepared alike."""
+    if isinstance(runs[0], SwitchedRun):
+        return SwitchedBlock(runs, width, rows, max_step, apart)  # type: ignore[arg-type]
+    return EventBlock(runs, width, rows)
+
+
+__all__ = ["Block", "Timing", "block_of"]
