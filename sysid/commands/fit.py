@@ -43,7 +43,6 @@ from sysid.commands.printing import (
     quality_table,
     unless_failed,
 )
-from sysid.components.campaign import fit_own
 from sysid.errors import SysidError, input_error
 from sysid.friction import fit_friction
 from sysid.identification.friction.effort import classify_trial
@@ -241,6 +240,8 @@ def _campaign(
     """Everything that a campaign's training logs identify, in one bundle."""
     read = read_with(campaign, component, progress(), exclude)
     if component is not None:
+        from sysid.components.campaign import fit_own
+
         own = fit_own(read, progress=progress("fitting "))
         if output is not None:
             write_bundle(own.bundle, output)

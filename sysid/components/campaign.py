@@ -14,11 +14,11 @@ from sysid.components.loading import LoadedComponent, component_in
 from sysid.components.parts import OwnPart, effects_in, scales_of, stretches_of
 from sysid.components.starts import check_starts
 from sysid.components.static import StaticPart
-from sysid.diagnosis import Diagnosis
 from sysid.diagnosis.bench.component import Law
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
 from sysid.diagnosis.looked import bounded
+from sysid.diagnosis.result import Diagnosis
 from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial

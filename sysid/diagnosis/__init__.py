@@ -8,8 +8,3 @@ what a search looked at; `result` is the one diagnosis with the effects
 `found`, `wording` its verdict in words, `content`
 what a report shows.
 """
-
-from sysid.diagnosis.actuator.diagnose import diagnose
-from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Unexplained
-
-__all__ = ["BeforeAfter", "Diagnosis", "FoundEffect", "Unexplained", "diagnose"]

@@ -22,7 +22,7 @@ from sysid.types import Progress
 
 if TYPE_CHECKING:
     from sysid.components.refinement import OwnRefinement
-    from sysid.diagnosis import Diagnosis
+    from sysid.diagnosis.result import Diagnosis
     from sysid.refinement.result import RefineResult
     from sysid.validation.results import ValidationResult
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,10 +13,12 @@ from sysid.blocks.numbers import number
 from sysid.blocks.tables import Shown, ShownTable
 from sysid.estimation.linear import Estimate, finite_or_none
 from sysid.parameters import Bundle
-from sysid.refinement.profiles import Profile
-from sysid.refinement.unknowns import Unknown
 from sysid.refinement.whole_tests import much_worse
 from sysid.types import FloatArray
+
+if TYPE_CHECKING:
+    from sysid.refinement.profiles import Profile
+    from sysid.refinement.unknowns import Unknown
 
 
 @dataclass(frozen=True)
