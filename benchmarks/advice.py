@@ -31,7 +31,7 @@ from datasets.generator.friction_tests import friction_factors  # noqa: E402
 from datasets.generator.rigs import GeneratedRig  # noqa: E402
 from datasets.generator.runs import Commands, at_atmosphere, logged, simulated  # noqa: E402
 from sysid.io.campaign import MOTION_KINDS, read_campaign  # noqa: E402
-from sysid.pipeline.assembly import fit_campaign  # noqa: E402
+from sysid.pipeline.fit import fit_campaign  # noqa: E402
 from sysid.refinement.advice import advise  # noqa: E402
 from sysid.refinement.candidates import CandidateMotion  # noqa: E402
 from sysid.refinement.refine import refine  # noqa: E402

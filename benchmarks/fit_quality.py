@@ -32,7 +32,7 @@ from sysid.errors import SysidError  # noqa: E402
 from sysid.io.campaign import read_campaign  # noqa: E402
 from sysid.parameters import Parts  # noqa: E402
 from sysid.parameters.quality import qualities_in  # noqa: E402
-from sysid.pipeline.assembly import CampaignFit, fit_campaign  # noqa: E402
+from sysid.pipeline.fit import CampaignFit, fit_campaign  # noqa: E402
 from sysid.types import FloatArray  # noqa: E402
 
 BUNDLED = REPOSITORY / "datasets" / "bundled"

@@ -34,7 +34,7 @@ from sysid.io.campaign import Campaign, read_campaign  # noqa: E402
 from sysid.parameters import Bundle, read_bundle, write_bundle  # noqa: E402
 from sysid.parameters.assembled_model import surfaces_from_bundle  # noqa: E402
 from sysid.parameters.valves import DIRECTIONS  # noqa: E402
-from sysid.pipeline.assembly import fit_campaign  # noqa: E402
+from sysid.pipeline.fit import fit_campaign  # noqa: E402
 from sysid.surfaces.averaged import AveragedLaw  # noqa: E402
 from sysid.types import FloatArray  # noqa: E402
 from sysid.validation import validate  # noqa: E402

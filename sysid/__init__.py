@@ -32,22 +32,24 @@ if TYPE_CHECKING:
     from sysid.io.rig import Rig
     from sysid.io.samples import Log
     from sysid.parameters import Bundle
-    from sysid.pipeline.advising import advise
-    from sysid.pipeline.comparing import compare
-    from sysid.pipeline.controlling import control
-    from sysid.pipeline.diagnosing import diagnose
-    from sysid.pipeline.fitting import fit, fit_friction, fit_valve_discrete, fit_valve_pwm
-    from sysid.pipeline.judging import check, validate
-    from sysid.pipeline.reading import (
+    from sysid.pipeline.advise import advise
+    from sysid.pipeline.check import check
+    from sysid.pipeline.compare import compare
+    from sysid.pipeline.control import control
+    from sysid.pipeline.diagnose import diagnose
+    from sysid.pipeline.export import export
+    from sysid.pipeline.files import (
         read_bundle,
         read_campaign,
         read_log,
         read_rig,
         write_bundle,
     )
-    from sysid.pipeline.refining import refine
-    from sysid.pipeline.simulation import simulate
-    from sysid.pipeline.writing import export, report
+    from sysid.pipeline.fit_part import fit, fit_friction, fit_valve_discrete, fit_valve_pwm
+    from sysid.pipeline.refine import refine
+    from sysid.pipeline.report import report
+    from sysid.pipeline.simulate import simulate
+    from sysid.pipeline.validate import validate
     from sysid.plant import effects
     from sysid.plant.ports import Model
 
@@ -93,25 +95,25 @@ _HOMES = {
     "NotIdentifiedError": "sysid.errors",
     "Rig": "sysid.io.rig",
     "SysidError": "sysid.errors",
-    "advise": "sysid.pipeline.advising",
-    "check": "sysid.pipeline.judging",
-    "compare": "sysid.pipeline.comparing",
-    "control": "sysid.pipeline.controlling",
-    "diagnose": "sysid.pipeline.diagnosing",
-    "export": "sysid.pipeline.writing",
-    "fit": "sysid.pipeline.fitting",
-    "fit_friction": "sysid.pipeline.fitting",
-    "fit_valve_discrete": "sysid.pipeline.fitting",
-    "fit_valve_pwm": "sysid.pipeline.fitting",
-    "read_bundle": "sysid.pipeline.reading",
-    "read_campaign": "sysid.pipeline.reading",
-    "read_log": "sysid.pipeline.reading",
-    "read_rig": "sysid.pipeline.reading",
-    "refine": "sysid.pipeline.refining",
-    "report": "sysid.pipeline.writing",
-    "simulate": "sysid.pipeline.simulation",
-    "validate": "sysid.pipeline.judging",
-    "write_bundle": "sysid.pipeline.reading",
+    "advise": "sysid.pipeline.advise",
+    "check": "sysid.pipeline.check",
+    "compare": "sysid.pipeline.compare",
+    "control": "sysid.pipeline.control",
+    "diagnose": "sysid.pipeline.diagnose",
+    "export": "sysid.pipeline.export",
+    "fit": "sysid.pipeline.fit_part",
+    "fit_friction": "sysid.pipeline.fit_part",
+    "fit_valve_discrete": "sysid.pipeline.fit_part",
+    "fit_valve_pwm": "sysid.pipeline.fit_part",
+    "read_bundle": "sysid.pipeline.files",
+    "read_campaign": "sysid.pipeline.files",
+    "read_log": "sysid.pipeline.files",
+    "read_rig": "sysid.pipeline.files",
+    "refine": "sysid.pipeline.refine",
+    "report": "sysid.pipeline.report",
+    "simulate": "sysid.pipeline.simulate",
+    "validate": "sysid.pipeline.validate",
+    "write_bundle": "sysid.pipeline.files",
 }
 
 

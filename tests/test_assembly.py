@@ -16,7 +16,7 @@ from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS, Campaign, read_campa
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import assumed_parameters, model_from_bundle
 from sysid.parameters.valves import AveragedRecord, PwmDirections
-from sysid.pipeline.assembly import fit_campaign
+from sysid.pipeline.fit import fit_campaign
 from sysid.plant.base import exhaust_jump, filling_jump
 
 

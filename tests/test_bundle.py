@@ -34,7 +34,7 @@ from sysid.parameters import (
 from sysid.parameters.base import Part
 from sysid.parameters.files import SCHEMA_FILE, bundle_from_json, shipped_schema
 from sysid.parameters.schema import bundle_schema
-from sysid.pipeline.assembly import fit_campaign
+from sysid.pipeline.fit import fit_campaign
 
 
 def estimate(value: float, unit: str = "Nm") -> dict[str, Any]:

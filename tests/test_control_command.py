@@ -23,7 +23,7 @@ from sysid.controllers.sensing import SensorSuite
 from sysid.controllers.task import HORIZON, Choice, prepared
 from sysid.controllers.tuning import Tuning
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
-from sysid.pipeline.controlling import ControlledRun
+from sysid.pipeline.control import ControlledRun
 
 SHORT_S = 1.0
 PROPORTIONAL = """\

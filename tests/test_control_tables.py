@@ -22,7 +22,7 @@ from sysid.controllers.trajectories import thesis_trajectory
 from sysid.document.controllers import ControllersPage, write_controllers_page
 from sysid.errors import InputError
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
-from sysid.pipeline.thesis_tables import control_table
+from sysid.pipeline.control_table import control_table
 from sysid.thesis import (
     TABLES,
     Agreement,

@@ -44,7 +44,7 @@ from sysid.io.logs import Trial, read_log, with_channels
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Parts, read_bundle
 from sysid.parameters.quality import QualityRecord, qualities_in
-from sysid.pipeline.assembly import fit_campaign
+from sysid.pipeline.fit import fit_campaign
 from sysid.types import FloatArray
 from sysid.valve_pwm import fit_valve_pwm
 

@@ -31,7 +31,7 @@ from sysid.io.logs import Log
 from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
 from sysid.parameters import Bundle, read_bundle
 from sysid.parameters.assembled_model import assumed_parameters
-from sysid.pipeline.assembly import fit_campaign
+from sysid.pipeline.fit import fit_campaign
 from sysid.surfaces.comparison import SurfaceComparison
 from sysid.validation import open_loop, validate
 from sysid.valve_pwm import fit_valve_pwm

@@ -19,7 +19,7 @@ from sysid.commands.options import (
 from sysid.commands.printing import notices, print_json, print_tables, progress
 from sysid.io.campaign import read_campaign
 from sysid.parameters import read_bundle
-from sysid.pipeline.advising import advise as advise_campaign
+from sysid.pipeline.advise import advise as advise_campaign
 from sysid.refinement.advice_result import AdviceResult
 
 

@@ -12,7 +12,7 @@ from sysid.blocks.terminal import console
 from sysid.commands.options import PathArgument, json_option
 from sysid.commands.printing import notices, print_json, print_tables
 from sysid.parameters import read_bundle
-from sysid.pipeline.comparing import compare as compare_bundles
+from sysid.pipeline.compare import compare as compare_bundles
 
 
 @click.command()

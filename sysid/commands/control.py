@@ -24,9 +24,9 @@ from sysid.controllers.modes import Mode
 from sysid.io.files import make_folder
 from sysid.io.locks import working_in
 from sysid.parameters import read_bundle
-from sysid.pipeline.controlling import ControlledRun
-from sysid.pipeline.controlling import control as control_bundle
-from sysid.pipeline.thesis_tables import ControlTable, control_table
+from sysid.pipeline.control import ControlledRun
+from sysid.pipeline.control import control as control_bundle
+from sysid.pipeline.control_table import ControlTable, control_table
 from sysid.thesis import TABLES
 from sysid.types import Progress, no_progress
 

@@ -33,8 +33,8 @@ from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.result import Diagnosis
 from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle, read_bundle, write_bundle
-from sysid.pipeline.diagnosing import CampaignDiagnosis
-from sysid.pipeline.diagnosing import diagnose as workflow
+from sysid.pipeline.diagnose import CampaignDiagnosis
+from sysid.pipeline.diagnose import diagnose as workflow
 from sysid.pipeline.subject import subject_of
 from sysid.plant.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress

@@ -67,7 +67,7 @@ from sysid.parameters import (
 )
 from sysid.parameters.assumptions import FROM_LOG
 from sysid.parameters.base import read_number
-from sysid.pipeline.assembly import PartResult, bench_fit, fit_campaign
+from sysid.pipeline.fit import PartResult, bench_fit, fit_campaign
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
 

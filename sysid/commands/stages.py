@@ -27,7 +27,7 @@ from sysid.io.files import make_folder, write_atomic
 from sysid.io.foreign import digest_of
 from sysid.parallel import Failure, on_its_own, processor_seconds
 from sysid.parameters import Bundle, read_bundle, write_bundle
-from sysid.pipeline.diagnosing import diagnose
+from sysid.pipeline.diagnose import diagnose
 from sysid.pipeline.subject import Subject, subject_of
 from sysid.plant.effects.catalogue import catalogue_with
 from sysid.types import Progress

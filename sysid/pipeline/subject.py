@@ -91,7 +91,7 @@ class RigSubject(Subject):
     is_exported = True
 
     def fit(self, surface: str, seed: int, progress: Progress) -> tuple[Bundle, tuple[str, ...]]:
-        from sysid.pipeline.assembly import fit_campaign
+        from sysid.pipeline.fit import fit_campaign
 
         found = fit_campaign(self.campaign, surface=surface, seed=seed, progress=progress)
         return found.bundle, found.notices

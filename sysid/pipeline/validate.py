@@ -1,32 +1,14 @@
-"""How good a log is, and how well a model predicts the motion logs."""
+"""How well a model predicts the motion logs."""
 
 from __future__ import annotations
 
 from sysid.blocks.progress import progress_or_shown
-from sysid.checks.log_check import LogCheck, check_log
 from sysid.io.campaign import Campaign
-from sysid.io.rig import Rig
-from sysid.io.samples import Log
 from sysid.parameters import Bundle
-from sysid.pipeline.given_tests import rig_of
 from sysid.pipeline.subject import subject_of
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 from sysid.types import Progress
 from sysid.validation.results import ValidationResult
-
-
-def check(log: Log, rig: Rig | None = None) -> LogCheck:
-    """A log's data quality, and which parameters it can and cannot identify.
-
-    `rig` None: that of the log. Noise and resolution are in each channel's unit, times in s.
-
-    >>> checked = si.check(log)
-    >>> [item.parameter for item in checked.identifies if item.identified][0]
-    'static friction'
-    >>> [si.check(campaign.read(entry)).gaps for entry in campaign.logs[:2]]
-    [0, 0]
-    """
-    return check_log(log, rig_of(log, rig))
 
 
 def validate(
@@ -51,4 +33,4 @@ def validate(
         return subject_of(campaign).validate(bundle, catalogue_from(effects), tell)
 
 
-__all__ = ["check", "validate"]
+__all__ = ["validate"]
