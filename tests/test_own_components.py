@@ -303,7 +303,7 @@ def test_an_axis_of_the_emps_benchmark(shared_data: Path, tmp_path: Path) -> Non
     bundle = si.fit(campaign)
     assert bundle.component is not None and bundle.component.name == "ServoAxis"
     numbers = {name: e.value for name, e in bundle.component.parameters.items()}
-    # The benchmark's own values (benchmarks/README.md); the base law lacks what differs between
+    # The benchmark's own values (benchmarks/figures.jsonl); the base law lacks what differs between
     # the directions.
     assert numbers["mass_kg"] == pytest.approx(95.1, rel=0.1)
     assert numbers["viscous_n_s_per_m"] == pytest.approx(203.5, rel=0.1)

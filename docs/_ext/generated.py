@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import effect_pages
+import figure_pages
 import format_pages
 import message_pages
 
@@ -52,6 +53,8 @@ def generate(app: Any) -> None:
     cache = Path(app.outdir).parent / "docs-pictures"
     for name, page in INCLUDED.items():
         write(folder / name, page())
+    for name, content in figure_pages.pages().items():
+        write(folder / name, content)
     for name, content in effect_pages.pages(cache).items():
         write(folder / name, content)
 

@@ -5,7 +5,7 @@ Each page has a folder of its own, `out/docs-work/PAGE/`, emptied first. In it
 - `{file} NAME` writes the block's content and shows it,
 - `{script} PATH` copies a script that stands next to the page, and shows it folded,
 - `{given} PATH NAME` copies a file of the project and shows nothing,
-- `{quoted} PATH` shows rows of a table of figures,
+- `{quoted}` shows rows of `benchmarks/figures.jsonl`,
 - `{python} NAME` writes it, runs it, and shows it with what it prints,
 - `{shell}` runs one command a line and shows each with what it prints; `:exit:` is the status
   that the last one must have (0), `:hide:` leaves out the output,
@@ -28,6 +28,8 @@ from docutils import nodes
 from docutils.parsers.rst import directives
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
+
+from benchmarks import figures
 
 _LOGGER = logging.getLogger(__name__)
 _WIDTH = 96
@@ -147,22 +149,18 @@ class IncludedScript(_Running):
 
 
 class QuotedRows(_Running):
-    """`{quoted} PATH`: rows of a table of figures, each given by words that only it contains."""
-
-    required_arguments = 1
+    """`{quoted}`: rows of `benchmarks/figures.jsonl`, each given by words that only it contains."""
 
     def run(self) -> list[nodes.Node]:
-        _, source = self.env.relfn2path(self.arguments[0])
-        lines = Path(source).read_text("utf-8").splitlines()
-        self.env.note_dependency(source)
-        rows = ["| figure | asked | measured | command |", "| --- | --- | --- | --- |"]
+        self.env.note_dependency(str(figures.FIGURES))
+        rows: list[figures.FigureRow] = []
         for words in filter(None, self.content):
-            found = [line for line in lines if line.startswith("|") and words in line]
+            found = [row for row in figures.read() if words in row.figure]
             if len(found) != 1:
-                what = f"{words!r} stands in {len(found)} rows of {source}"
+                what = f"{words!r} stands in {len(found)} rows of figures"
                 _LOGGER.warning("%s", what, location=self.get_location())
             rows += found[:1]
-        return list(self.parse_text_to_nodes("\n".join(rows)))
+        return list(self.parse_text_to_nodes(figures.table(rows)))
 
 
 class GivenFile(_Running):
