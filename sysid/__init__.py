@@ -23,7 +23,7 @@ gives, and `checked` what `validate` gives.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from sysid import components
