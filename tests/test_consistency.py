@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from golden_folder import BUNDLED
 
+from sysid.blocks.sections import Lines
 from sysid.checks.consistency.campaign import (
     LogReadings,
     check_consistency,
@@ -23,7 +24,6 @@ from sysid.checks.consistency.kinds import other_kind
 from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
 from sysid.checks.log_check import check_campaign
 from sysid.commands.app import main
-from sysid.document.blocks import Lines
 from sysid.document.quality import quality_section
 from sysid.io.campaign import Campaign, read_campaign
 

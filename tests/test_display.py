@@ -13,8 +13,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from sysid.blocks.notebook import table_html
+from sysid.blocks.plain_text import table_text
 from sysid.blocks.progress import _Stages, in_notebook, progress_or_shown, stage_bar
-from sysid.blocks.tables import Shown, ShownTable, estimate_table, record_table
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import estimate_table, record_table, table
 from sysid.estimation.linear import Estimate
 
 
@@ -48,20 +51,20 @@ def test_text_is_aligned() -> None:
 
 def test_text_is_ascii_and_html_is_not() -> None:
     estimate = Estimate.symmetric(6.5168e-4, 4.2e-7, "kg/(s Pa^0.5)", 20.0)
-    table = estimate_table(
+    shown = estimate_table(
         "", {"c_fill": estimate, "offset": Estimate.symmetric(-2.0, 1.0, "Nm", 9.0)}
     )
-    assert table.text().isascii()
-    assert "6.5168e-4" in table.text() and "kg/(s Pa^0.5)" in table.text()
-    assert "(6.5080 to 6.5256) x 1e-4" in table.text() and "-2.0" in table.text()
-    assert "6.5168 × 10⁻⁴" in table.html() and "−2.0" in table.html()
+    assert table_text(shown).isascii()
+    assert "6.5168e-4" in table_text(shown) and "kg/(s Pa^0.5)" in table_text(shown)
+    assert "(6.5080 to 6.5256) x 1e-4" in table_text(shown) and "-2.0" in table_text(shown)
+    assert "6.5168 × 10⁻⁴" in table_html(shown) and "−2.0" in table_html(shown)
 
 
 def test_html_is_escaped() -> None:
     html = BOLTS._repr_html_()
     assert "bolts &lt;M5&gt;" in html and "a &amp; b" in html and "&lt;loose&gt;" in html
     assert "<M5>" not in html and "<loose>" not in html
-    title = ShownTable("<i>", ("<u>",), (("<b>",),)).html()
+    title = table_html(table("<i>", ("<u>",), (("<b>",),)))
     assert not any(tag in title for tag in ("<i>", "<u>", "<b>"))
 
 
@@ -71,8 +74,8 @@ def test_a_frame_holds_numbers() -> None:
 
 
 def test_a_record_without_a_column_leaves_it_empty() -> None:
-    table = record_table("", [{"a": 1}, {"b": "x"}])
-    assert table.columns == ("a", "b") and table.rows == (("1", ""), ("", "x"))
+    shown = record_table("", [{"a": 1}, {"b": "x"}])
+    assert shown.headings == ("a", "b") and shown.rows == (("1", ""), ("", "x"))
 
 
 def test_estimates_show_their_error_and_why_there_is_none() -> None:

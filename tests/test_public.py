@@ -22,7 +22,7 @@ import pytest
 
 import sysid as si
 from sysid.blocks.numbers import ascii_text
-from sysid.blocks.tables import Shown
+from sysid.blocks.shown import Shown
 from sysid.io.bundled import bundled_campaign
 
 REPOSITORY = Path(__file__).resolve().parent.parent

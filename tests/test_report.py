@@ -22,10 +22,10 @@ from page_boxes import box_faults
 from part_reports import PART_NAMES, write_part_report
 
 from sysid.blocks import numbers
+from sysid.blocks.tables import Table
 from sysid.checks.log_check import check_log
 from sysid.commands import printing
 from sysid.document import concerns, render_report, svg, write_report
-from sysid.document.blocks import HtmlTable
 from sysid.document.interactive import packed
 from sysid.document.next_steps import left_open, next_section
 from sysid.document.opening import _table, verdict
@@ -438,7 +438,7 @@ def test_the_least_certain_parameters_are_worth_another_test() -> None:
     friction = bundle.friction.replaced(coulomb_nm=wide, offset_nm=wide)
     section = next_section(bundle.replaced(friction=friction), None, "campaign.toml")
     assert section is not None
-    (lacking,) = (b for b in section.blocks if isinstance(b, HtmlTable))
+    (lacking,) = (b for b in section.blocks if isinstance(b, Table))
     named = {row[0]: row[1] for row in lacking.rows}
     assert "friction.offset_nm" not in named
     # In the parameter's unit: a share of a value about 0 says nothing.

@@ -17,13 +17,13 @@ from golden_folder import BUNDLED, golden_bundle
 from test_valve_pwm import make_rig, make_trials
 
 from sysid import assembly, valve_discrete, valve_pwm
+from sysid.blocks.sections import Plot, Section
 from sysid.checks.consistency import campaign as consistency
 from sysid.commands import stages
 from sysid.commands.printing import unless_failed
 from sysid.commands.run import RunReport, run_campaign
 from sysid.diagnosis.bench.diagnose import _held_out
 from sysid.document import friction, page, render_report
-from sysid.document.blocks import Plot, Section
 from sysid.errors import InputError, NotIdentifiedError, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, read_campaign

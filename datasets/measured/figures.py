@@ -10,12 +10,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from sysid.document.blocks import Figure
 
 from datasets.measured.findings import Errors
 from sysid.blocks.numbers import number
 from sysid.diagnosis.wording import regressor_name
 from sysid.document import svg
-from sysid.document.blocks import Figure
 from sysid.document.svg import COLOUR
 from sysid.io.units import CANONICAL_UNITS
 from sysid.types import FloatArray

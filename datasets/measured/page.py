@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from sysid.document.blocks import Block, FigureGroup, Heading, Lines, Section, table
+
 from datasets.measured import figures
 from datasets.measured.findings import (
     COLUMNS,
@@ -26,7 +28,6 @@ from datasets.measured.findings import (
 from sysid.blocks.numbers import MISSING, estimate_cells, number
 from sysid.diagnosis.wording import joined, p_text, parameter_rows
 from sysid.document import svg
-from sysid.document.blocks import Block, FigureGroup, Heading, Lines, Section, table
 from sysid.document.html import fill
 from sysid.estimation.linear import Estimate
 from sysid.io.files import write_atomic

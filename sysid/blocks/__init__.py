@@ -1,3 +1,6 @@
-"""Display: `numbers` and `channels` with their units, `tables` (and results with a display of their
-own), `plots` (axes to draw on), `progress`, `terminal` and `text_plot`.
+"""What a result yields to be shown, and what draws it where a result shows itself.
+
+`tables`, `figures` and `sections` are the blocks; `shown` is a result with a display. `plain_text`,
+`notebook`, `terminal` and `drawing` (matplotlib) render blocks; pages are `sysid.document`'s.
+`numbers` and `channels` write values with their units. `progress` tells how far work has come.
 """

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from sysid.blocks.numbers import MISSING, number
-from sysid.blocks.tables import ShownTable
+from sysid.blocks.tables import Table, table
 from sysid.estimation.quality import lack_of_fit_text
 
 QUALITY_COLUMNS = ("Fit", "RMSE", "Unit", "Of the spread, %", "R2", "Lack of fit", "Verdict")
@@ -57,10 +57,10 @@ def quality_cells(judged: Judged) -> tuple[str, ...]:
     )
 
 
-def quality_table(found: Mapping[str, Judged]) -> ShownTable:
+def quality_table(found: Mapping[str, Judged]) -> Table:
     """One row per judgement, by its place in a bundle."""
-    rows = tuple((quality_name(place), *quality_cells(one)) for place, one in found.items())
-    return ShownTable("How well the laws follow their tests", QUALITY_COLUMNS, rows)
+    rows = [(quality_name(place), *quality_cells(one)) for place, one in found.items()]
+    return table("How well the laws follow their tests", QUALITY_COLUMNS, rows, text=(2, 5, 6))
 
 
 __all__ = ["QUALITY_COLUMNS", "Judged", "quality_cells", "quality_name", "quality_table"]

@@ -1,93 +1,105 @@
-"""Display of results: as text, as HTML in a notebook, as a DataFrame."""
+"""Tables as they are described: a caption, columns with their units and kinds, cells of text."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
-from sysid.blocks.numbers import ascii_text, estimate_cells, number
+from sysid.blocks.numbers import estimate_cells, number
 from sysid.estimation.linear import Estimate
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-_GAP = "  "
 _DIGITS = 4
 
 
+class NotedCell(str):
+    """A cell with a line in small beneath its text: an id, a key. Equal to its text alone."""
+
+    __slots__ = ("small",)
+    small: str
+
+    def __new__(cls, text: str, small: str = "") -> NotedCell:
+        """The text, and what is written in small beneath it."""
+        cell = super().__new__(cls, text)
+        cell.small = small
+        return cell
+
+
 @dataclass(frozen=True)
-class ShownTable:
-    """A table for reading: a title, the names of the columns, and cells of text."""
+class TableColumn:
+    """A column's name and unit, and what it holds: numbers, text, or a program's names ("code")."""
 
-    title: str
-    columns: tuple[str, ...]
+    name: str
+    kind: Literal["number", "text", "code"] = "number"
+    unit: str = ""
+
+    @property
+    def heading(self) -> str:
+        """Name and unit."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table for reading; the first cell of each row is its header. `table` makes one."""
+
+    caption: str
+    columns: tuple[TableColumn, ...]
     rows: tuple[tuple[str, ...], ...]
+    kind: Literal["table"] = "table"
 
-    def text(self) -> str:
-        """Columns aligned by blanks, the title and the names of the columns above; in ASCII."""
-        lines = [tuple(map(ascii_text, line)) for line in (self.columns, *self.rows)]
-        widths = [max(len(line[i]) for line in lines) for i in range(len(self.columns))]
-        aligned = (
-            _GAP.join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip()
-            for line in lines
-        )
-        return "\n".join((self.title, *aligned) if self.title else aligned)
-
-    def html(self) -> str:
-        """A `<table>`; the content of the cells is escaped."""
-        caption = f"<caption>{escape(self.title)}</caption>" if self.title else ""
-        head = "".join(f"<th>{escape(c)}</th>" for c in self.columns)
-        rows = ("".join(f"<td>{escape(c)}</td>" for c in row) for row in self.rows)
-        body = "".join(f"<tr>{row}</tr>" for row in rows)
-        return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """The columns' names with their units."""
+        return tuple(column.heading for column in self.columns)
 
 
-class Shown(ABC):
-    """A result with a display: `print`, a notebook, `to_frame()`.
+@dataclass(frozen=True)
+class ComparedCell:
+    """Our figure above the other one and the factor between them; `level` tints the cell.
 
-    A class gives its content in one line (`headline`) and as rows of plain values (`records`);
-    `tables` and `footnotes` may add to it. Dataclasses derive with `repr=False`, so that their
-    `repr` stays one line.
+    -2 to 2: far below, below, near, above, far above.
     """
 
-    @abstractmethod
-    def headline(self) -> str:
-        """The result in a few words without a line break."""
+    ours: str
+    other: str
+    factor: str
+    level: int = 0
 
-    @abstractmethod
-    def records(self) -> Sequence[Mapping[str, Any]]:
-        """The rows of `to_frame()`: plain values by column, units in the names."""
 
-    def tables(self) -> Iterable[ShownTable]:
-        """The tables displayed; by default the records."""
-        yield record_table("", self.records())
+@dataclass(frozen=True)
+class ComparedTable:
+    """A table of our figures and others; `groups` are names and widths above the columns."""
 
-    def footnotes(self) -> Iterable[str]:
-        """Lines below the tables; by default the notices, where there are any."""
-        return tuple(f"notice: {line}" for line in getattr(self, "notices", ()))
+    caption: str
+    heading: str
+    groups: tuple[tuple[str, int], ...]
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[ComparedCell, ...]], ...]
+    id: str = ""
+    kind: Literal["compared"] = "compared"
 
-    def to_frame(self) -> pd.DataFrame:
-        """The records as a DataFrame of numbers, one row per record."""
-        import pandas as pd
 
-        return pd.DataFrame.from_records([dict(record) for record in self.records()])
+def table(
+    caption: str,
+    columns: Sequence[str | TableColumn],
+    rows: Sequence[Sequence[str]],
+    *,
+    text: Sequence[int] = (),
+    code: Sequence[int] = (),
+) -> Table:
+    """A table; columns given by name hold numbers except the first and those in `text` and `code`.
 
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.headline()}>"
+    `text` and `code` are places of columns, from 0.
+    """
 
-    def __str__(self) -> str:
-        tables = [table.text() for table in self.tables() if table.rows]
-        blocks = (ascii_text(self.headline()), *tables, "\n".join(self.footnotes()))
-        return "\n\n".join(block for block in blocks if block)
+    def column(place: int, name: str) -> TableColumn:
+        if place in code:
+            return TableColumn(name, "code")
+        return TableColumn(name, "text" if place == 0 or place in text else "number")
 
-    def _repr_html_(self) -> str:
-        tables = "".join(table.html() for table in self.tables() if table.rows)
-        notes = "".join(f"<li>{escape(line)}</li>" for line in self.footnotes())
-        listed = f"<ul>{notes}</ul>" if notes else ""
-        return f"<div><p>{escape(self.headline())}</p>{tables}{listed}</div>"
+    described = (c if isinstance(c, TableColumn) else column(i, c) for i, c in enumerate(columns))
+    return Table(caption, tuple(described), tuple(tuple(row) for row in rows))
 
 
 def cell(value: Any) -> str:
@@ -97,23 +109,21 @@ def cell(value: Any) -> str:
     return str(value)
 
 
-def record_table(title: str, records: Sequence[Mapping[str, Any]]) -> ShownTable:
+def record_table(caption: str, records: Sequence[Mapping[str, Any]]) -> Table:
     """Records as a table; a record that lacks a column has an empty cell there."""
     columns = tuple(dict.fromkeys(name for record in records for name in record))
-    rows = tuple(
-        tuple(cell(record[c]) if c in record else "" for c in columns) for record in records
-    )
-    return ShownTable(title, columns, rows)
+    rows = [[cell(record[c]) if c in record else "" for c in columns] for record in records]
+    return table(caption, columns, rows)
 
 
-def estimate_table(title: str, estimates: Mapping[str, Estimate]) -> ShownTable:
+def estimate_table(caption: str, estimates: Mapping[str, Estimate]) -> Table:
     """One row per estimate: value, standard error, unit and 95 % interval."""
     rows = []
     for name, estimate in estimates.items():
         value, std, interval, unit = estimate_cells(estimate)
         rows.append((name, value, std, unit, interval))
     columns = ("parameter", "value", "std. error", "unit", "95 % interval")
-    return ShownTable(title, columns, tuple(rows))
+    return table(caption, columns, rows, text=(3,))
 
 
 def estimate_records(estimates: Mapping[str, Estimate], **labels: Any) -> list[dict[str, Any]]:
@@ -133,4 +143,15 @@ def estimate_records(estimates: Mapping[str, Estimate], **labels: Any) -> list[d
     ]
 
 
-__all__ = ["Shown", "ShownTable", "cell", "estimate_records", "estimate_table", "record_table"]
+__all__ = [
+    "ComparedCell",
+    "ComparedTable",
+    "NotedCell",
+    "Table",
+    "TableColumn",
+    "cell",
+    "estimate_records",
+    "estimate_table",
+    "record_table",
+    "table",
+]

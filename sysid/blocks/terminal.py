@@ -8,9 +8,11 @@ from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
-from rich.table import Table
+from rich.table import Table as RichTable
 from rich.text import Text
 
+from sysid.blocks.numbers import ascii_text
+from sysid.blocks.tables import Table
 from sysid.errors import escaped
 
 # A pipe or a file has no width of its own; file names are not cut there.
@@ -35,7 +37,7 @@ class _Console(Console):
             yield segment if same else Segment(shown, segment.style)
 
 
-class _Table(Table):
+class _Table(RichTable):
     """Cells without control characters: escaped before their width is measured."""
 
     def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
@@ -49,7 +51,7 @@ def _plain(cell: RenderableType | None) -> RenderableType | None:
     return Text(shown)
 
 
-def new_table(title: str, *columns: str) -> Table:
+def new_table(title: str, *columns: str) -> RichTable:
     """A table whose cells are never cut and whose text is never treated as markup."""
     table = _Table(
         title=Text(title), title_justify="left", title_style="bold", box=None, pad_edge=False
@@ -57,3 +59,11 @@ def new_table(title: str, *columns: str) -> Table:
     for column in columns:
         table.add_column(column, overflow="fold")
     return table
+
+
+def terminal_table(table: Table) -> RichTable:
+    """A table as a terminal of any alphabet shows it."""
+    shown = new_table(table.caption, *table.headings)
+    for row in table.rows:
+        shown.add_row(*(Text(ascii_text(cell)) for cell in row))
+    return shown

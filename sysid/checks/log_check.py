@@ -12,7 +12,8 @@ import numpy as np
 
 from sysid import signals
 from sysid.blocks.plots import bars, one_axes
-from sysid.blocks.tables import Shown, ShownTable, record_table
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, record_table, table
 from sysid.checks.bench import BENCH_LAWS, COLUMNS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import located_contradictions, readings_of
 from sysid.checks.friction import Identification
@@ -137,11 +138,11 @@ class LogCheck(Shown):
         """One record per measured channel: range, resolution and noise in its own unit."""
         return [asdict(channel) for channel in self.channels]
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The channels, and what the log can identify."""
         yield record_table("Channels", self.records())
         found = ((i.parameter, "yes" if i.identified else "no", i.reason) for i in self.identifies)
-        yield ShownTable("Identifies", ("parameter", "", "reason, or test needed"), tuple(found))
+        yield table("Identifies", ("parameter", "", "reason, or test needed"), tuple(found))
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Each channel's range over its noise and over its resolution."""

@@ -228,8 +228,8 @@ def _show_table(done: Controlled, as_json: bool) -> None:
 def _print_tables(found: ControlledRun | ControlTable) -> None:
     out = console()
     for shown in found.tables():
-        out.print(Text(shown.title or found.headline(), style="bold"), soft_wrap=True)
-        table = new_table("", *shown.columns)
+        out.print(Text(shown.caption or found.headline(), style="bold"), soft_wrap=True)
+        table = new_table("", *shown.headings)
         table.title = None
         for row in shown.rows:
             table.add_row(*(Text(cell) for cell in row))

@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Table as RichTable
 from rich.text import Text
 
 from sysid.blocks.numbers import ascii_text
 from sysid.blocks.progress import stage_bar
 from sysid.blocks.quality import QUALITY_COLUMNS, quality_cells, quality_name
-from sysid.blocks.tables import ShownTable
-from sysid.blocks.terminal import console, new_table
+from sysid.blocks.tables import Table
+from sysid.blocks.terminal import console, new_table, terminal_table
 from sysid.errors import one_line
 from sysid.estimation.linear import Estimate
 from sysid.parallel import Failure, on_its_own
@@ -118,16 +118,11 @@ def print_json(content: Any) -> None:
     print(json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False))
 
 
-def print_tables(tables: Iterable[ShownTable]) -> None:
+def print_tables(tables: Iterable[Table]) -> None:
     """The tables that have rows, as a terminal of any alphabet shows them."""
     out = console()
-    for shown in tables:
-        if not shown.rows:
-            continue
-        table = new_table(shown.title, *shown.columns)
-        for row in shown.rows:
-            table.add_row(*(Text(ascii_text(cell)) for cell in row))
-        out.print(table)
+    for shown in filter(lambda table: table.rows, tables):
+        out.print(terminal_table(shown))
 
 
 def print_written(paths: Iterable[Path]) -> None:
@@ -155,7 +150,7 @@ def _form(low: float, high: float) -> str:
     return next((f for f in forms if f"{low:{f}}" != f"{high:{f}}"), _FOUR)
 
 
-def parameter_table(title: str, parameters: Mapping[str, Estimate]) -> Table:
+def parameter_table(title: str, parameters: Mapping[str, Estimate]) -> RichTable:
     """One row per parameter."""
     table = new_table(title, "parameter", "value", "95 % interval", "unit")
     for name, estimate in parameters.items():
@@ -163,7 +158,7 @@ def parameter_table(title: str, parameters: Mapping[str, Estimate]) -> Table:
     return table
 
 
-def quality_table(found: Mapping[str, QualityRecord]) -> Table:
+def quality_table(found: Mapping[str, QualityRecord]) -> RichTable:
     """One row per fitted law: how well it follows its tests, and the verdict."""
     table = new_table("How well the laws follow their tests", *QUALITY_COLUMNS)
     for place, one in found.items():
@@ -172,7 +167,7 @@ def quality_table(found: Mapping[str, QualityRecord]) -> Table:
     return table
 
 
-def validation_table(validation: Validation | None) -> Table:
+def validation_table(validation: Validation | None) -> RichTable:
     """One row per log, valve model and channel of a bundle's `validation`."""
     table = new_table(
         "Open-loop validation",

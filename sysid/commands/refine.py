@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.text import Text
 
-from sysid.blocks.numbers import ascii_text
-from sysid.blocks.terminal import console, new_table
+from sysid.blocks.terminal import console, terminal_table
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
@@ -154,8 +153,5 @@ def _show(result: RefineResult | OwnRefinement, written: tuple[Path, ...], as_js
     out = console()
     out.print(Text(result.headline(), style="bold"), soft_wrap=True)
     for shown in result.tables():
-        table = new_table(shown.title, *shown.columns)
-        for row in shown.rows:
-            table.add_row(*(Text(ascii_text(cell)) for cell in row))
-        out.print("", table)
+        out.print("", terminal_table(shown))
     print_written(written)

@@ -9,7 +9,8 @@ from typing import Any, cast
 import numpy as np
 
 from sysid.blocks.numbers import number
-from sysid.blocks.tables import Shown, ShownTable, estimate_records
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, estimate_records, table
 from sysid.components.campaign import tests_of, training_part
 from sysid.components.definition import DynamicComponent
 from sysid.components.dynamic import DynamicPart
@@ -54,7 +55,7 @@ class OwnRefinement(Shown):
         """One record per parameter."""
         return estimate_records(self.estimates)
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """Each parameter before and after, and the errors of whole tests."""
         rows = [
             (
@@ -67,9 +68,9 @@ class OwnRefinement(Shown):
             for name, e in self.estimates.items()
         ]
         columns = ("parameter", "before", "after", "std. error", "unit")
-        yield ShownTable("Parameters", columns, tuple(rows))
+        yield table("Parameters", columns, tuple(rows))
         errors = [(n, number(self.before[n]), number(self.after[n])) for n in self.before]
-        yield ShownTable("RMSE of whole tests", ("output", "before", "after"), tuple(errors))
+        yield table("RMSE of whole tests", ("output", "before", "after"), tuple(errors))
 
     def to_json(self) -> dict[str, Any]:
         """Estimates, and errors before and after."""

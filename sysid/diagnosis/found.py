@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sysid.blocks.tables import Shown, ShownTable, estimate_records, estimate_table
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, estimate_records, estimate_table
 from sysid.diagnosis.search import Tried
 from sysid.diagnosis.wording import p_text
 from sysid.estimation.linear import Estimate
@@ -61,7 +62,7 @@ class FoundEffect(Shown):
         """One row per parameter: its value, std, limits of the 95 % interval and unit."""
         return estimate_records(self.by_label(), effect=self.id)
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The parameters."""
         yield estimate_table("", self.by_label())
 

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
+from sysid.blocks.sections import Block, FigureGroup, Section
+from sysid.blocks.tables import Table, table
 from sysid.controllers.cases import PERIOD_S, ClosedLoopRun
 from sysid.document import svg
-from sysid.document.blocks import Block, Figure, FigureGroup, HtmlTable, Section, table
 from sysid.document.html import fill
 from sysid.document.standing import section_or_why
 from sysid.document.svg import COLOUR
@@ -82,7 +84,7 @@ def _fault_sentence(count: int) -> str:
     return f"The loop reports {count} fault{'s' if count > 1 else ''}."
 
 
-def _metrics(metrics: Mapping[str, float]) -> HtmlTable:
+def _metrics(metrics: Mapping[str, float]) -> Table:
     rows = [(n, number(1e3 * v)) for n, v in metrics.items() if not math.isnan(v)]
     return table("Errors of the true position", ("Metric", "mrad"), rows)
 
@@ -115,7 +117,7 @@ def _tracking(page: ControlPage) -> Section:
     return Section("tracking", "Tracking", intro, tuple(blocks))
 
 
-def _payload(page: ControlPage) -> Figure:
+def _payload(page: ControlPage) -> Picture:
     run, inertia = page.run, page.rig.inertia
     carried = inertia.payload_mass_kg if inertia else 0.0
 
@@ -152,7 +154,7 @@ def _chambers(page: ControlPage) -> Section:
 
 
 def _commands(page: ControlPage) -> Section:
-    figures: list[Figure] = []
+    figures: list[Picture] = []
     if page.has_valves:
         figures += [_valves(page), _close_up(page)]
     if page.has_motor:
@@ -168,7 +170,7 @@ def _commands(page: ControlPage) -> Section:
     return Section("commands", "Commands", intro, (group,))
 
 
-def _valves(page: ControlPage) -> Figure:
+def _valves(page: ControlPage) -> Picture:
     run = page.run
     rows = max(round(_MEAN_S / PERIOD_S), 1)
 
@@ -186,7 +188,7 @@ def _valves(page: ControlPage) -> Figure:
     return _figure("fig-valves", "Valves, mean over 50 ms", said, draw)
 
 
-def _close_up(page: ControlPage) -> Figure:
+def _close_up(page: ControlPage) -> Picture:
     run = page.run
     start, end = _CLOSE_UP_S if run.time[-1] >= _CLOSE_UP_S[1] else (0.0, 0.2)
     rows = (run.time >= start) & (run.time <= end)
@@ -206,7 +208,7 @@ def _close_up(page: ControlPage) -> Figure:
     return _figure("fig-close-up", f"Valves from {start:g} s to {end:g} s", said, draw)
 
 
-def _motor(page: ControlPage) -> Figure:
+def _motor(page: ControlPage) -> Picture:
     run, limit = page.run, page.rig.max_effort
 
     def draw(ax: Axes) -> None:
@@ -223,7 +225,7 @@ def _motor(page: ControlPage) -> Figure:
 # --- figures -------------------------------------------------------------------------------
 
 
-def _figure(id: str, title: str, said: str, draw: Callable[[Axes], None]) -> Figure:
+def _figure(id: str, title: str, said: str, draw: Callable[[Axes], None]) -> Picture:
     figure, ax = svg.panel(title, _WIDE)
     draw(ax)
     ax.set_xlabel(_TIME)

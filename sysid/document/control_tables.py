@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
+from sysid.blocks.sections import FigureGroup, Section
+from sysid.blocks.tables import ComparedCell, ComparedTable
 from sysid.document import svg
-from sysid.document.blocks import ComparedCell, ComparedTable, Figure, FigureGroup, Section
 from sysid.document.html import fill
 from sysid.document.svg import COLOUR
 from sysid.io.files import write_atomic
@@ -151,7 +153,7 @@ def _is_large(found: ThesisTable) -> bool:
     return len(found.columns) * len(found.rows) > _FEW
 
 
-def scatter(tables: list[ThesisTable], id: str, title: str = "RMSE, ours over printed") -> Figure:
+def scatter(tables: list[ThesisTable], id: str, title: str = "RMSE, ours over printed") -> Picture:
     """Ours over the printed figure, a dot a position; between the lines they are within 2."""
     figure, ax = svg.panel(title, _SQUARE)
     limits = np.array([1e-1, 1.5e3])
@@ -199,7 +201,7 @@ def _group(table: ThesisTable, column: Column, by_table: bool) -> str:
     return _SECTIONS.get(table.name[:3], table.name[:3])
 
 
-def _dots(found: ThesisTable) -> Figure:
+def _dots(found: ThesisTable) -> Picture:
     figure, ax = svg.panel("RMSE, ours and printed", _SIZE)
     places, labels = [], []
     for i in range(len(found.columns)):

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
+from sysid.blocks.sections import FigureGroup
 from sysid.controllers.cases import ClosedLoopRun
 from sysid.document import svg
-from sysid.document.blocks import Figure, FigureGroup
 from sysid.document.svg import COLOUR
 from sysid.thesis import ThesisTable
 from sysid.thesis.figures import FigureSet, Runs, ThesisFigure
@@ -36,7 +37,7 @@ def figure_groups(part: FigureSet, runs: Runs) -> tuple[FigureGroup, ...]:
     return tuple(FigureGroup("", group) for group in groups)
 
 
-def _figure(figure: ThesisFigure, place: str, runs: Runs) -> Figure:
+def _figure(figure: ThesisFigure, place: str, runs: Runs) -> Picture:
     chosen = [(name, runs[loop]) for name, loop in figure.loops]
     title = figure.title[:1].upper() + figure.title[1:]
     if figure.number:
@@ -53,7 +54,7 @@ def _figure(figure: ThesisFigure, place: str, runs: Runs) -> Figure:
 _Chosen = list[tuple[str, ClosedLoopRun]]
 
 
-def _tracking(title: str, id: str, chosen: _Chosen) -> Figure:
+def _tracking(title: str, id: str, chosen: _Chosen) -> Picture:
     """Position over its reference, the error, and both pressures, of one loop."""
     run = chosen[0][1]
     made, (top, middle, bottom) = svg.panels(title, (1.15, 0.9, 0.8), _TRACKING)
@@ -70,7 +71,7 @@ def _tracking(title: str, id: str, chosen: _Chosen) -> Figure:
     return svg.to_figure(made, id, title, _said(chosen))
 
 
-def _errors(title: str, id: str, chosen: _Chosen) -> Figure:
+def _errors(title: str, id: str, chosen: _Chosen) -> Picture:
     made, ax = svg.panel(title, _PAIR)
     for i, (name, run) in enumerate(chosen):
         role = _ROLES.get(name) or _OTHERS[i]
@@ -81,7 +82,7 @@ def _errors(title: str, id: str, chosen: _Chosen) -> Figure:
     return svg.to_figure(made, id, title, _said(chosen))
 
 
-def _pressures(title: str, id: str, chosen: _Chosen) -> Figure:
+def _pressures(title: str, id: str, chosen: _Chosen) -> Picture:
     run = chosen[0][1]
     made, ax = svg.panel(title, _TRACKING)
     for side, pressure, role in (("A", run.pressure_a, "model"), ("B", run.pressure_b, "second")):
@@ -94,7 +95,7 @@ def _pressures(title: str, id: str, chosen: _Chosen) -> Figure:
     return svg.to_figure(made, id, title, said)
 
 
-def _payload(title: str, id: str, chosen: _Chosen) -> Figure:
+def _payload(title: str, id: str, chosen: _Chosen) -> Picture:
     made, ax = svg.panel(title, _PAIR)
     for (name, run), role in zip(chosen, _OTHERS, strict=False):
         _line(ax, run, run.payload_kg, role, label=name.capitalize())
@@ -105,7 +106,7 @@ def _payload(title: str, id: str, chosen: _Chosen) -> Figure:
     return svg.to_figure(made, id, title, f"Estimates at the end: {ends}.")
 
 
-def horizon_figure(found: ThesisTable, id: str) -> Figure:
+def horizon_figure(found: ThesisTable, id: str) -> Picture:
     """Figure 5.4: RMSE over the horizon (Table 5.3.1), ours and printed."""
     made, ax = svg.panel("5.4 RMSE of DVMPC by its horizon", _WIDE)
     horizons = [int(row.label) for row in found.rows]

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from sysid.blocks.sections import Block, FigureGroup, Section
+from sysid.blocks.tables import Table, table
 from sysid.document import svg
-from sysid.document.blocks import Block, FigureGroup, HtmlTable, Section, table
 from sysid.document.control_tables import agreement_sentence, compared, scatter
 from sysid.document.controller_figures import figure_groups, horizon_figure
 from sysid.document.html import fill
@@ -162,7 +163,7 @@ def controllers_page(page: ControllersPage) -> str:
     )
 
 
-def _summary(page: ControllersPage) -> HtmlTable:
+def _summary(page: ControllersPage) -> Table:
     rows = []
     for part in _PARTS:
         own, ideal = (

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.blocks.channels import channel_of
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
+from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section
+from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import (
     CORRECT_MODEL,
@@ -20,17 +23,6 @@ from sysid.diagnosis.wording import (
     steps,
 )
 from sysid.document import diagnosis_panels as panels
-from sysid.document.blocks import (
-    Block,
-    Figure,
-    FigureGroup,
-    Fold,
-    Heading,
-    HtmlTable,
-    Lines,
-    Section,
-    table,
-)
 from sysid.document.effects import effect_blocks, named, short_p, title_of
 
 Content = Mapping[str, Any]
@@ -108,7 +100,7 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
     return Section("diagnosis", "Diagnosis", intro, tuple(blocks))
 
 
-def errors_table(content: Content, caption: str) -> HtmlTable:
+def errors_table(content: Content, caption: str) -> Table:
     """Held-out errors by channel, effect by effect."""
     rows = []
     for name, errors in errors_by_step(content).items():
@@ -156,8 +148,8 @@ def _residuals(content: Content, is_linear: bool) -> list[Block]:
     if not drawn:
         return []
     extended = bool(content["effects"])
-    first: list[Figure] = []
-    further: list[Figure] = []
+    first: list[Picture] = []
+    further: list[Picture] = []
     seen: set[str] = set()
     for place, entry in enumerate(drawn):
         figure = panels.curve(f"fig-diagnosis-curve-{place}", entry, is_linear, extended)
@@ -186,7 +178,7 @@ def _residuals(content: Content, is_linear: bool) -> list[Block]:
     )
 
 
-def _excess_table(content: Content, is_linear: bool) -> HtmlTable:
+def _excess_table(content: Content, is_linear: bool) -> Table:
     def shown(value: float) -> str:
         return number(value) if value > 0.0 else "none"
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.blocks.channels import Channel, channel_of
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import MINUS, number
 from sysid.diagnosis.wording import regressor_name
 from sysid.document import svg
-from sysid.document.blocks import Figure
 from sysid.document.motion import NOISE_BAND
 from sysid.document.svg import COLOUR
 from sysid.types import FloatArray
@@ -81,7 +81,7 @@ def residual_title(residual: str, is_linear: bool) -> str:
 
 def waterfall(
     channel: Channel, errors: Sequence[float], steps: Sequence[str], floor: float
-) -> Figure:
+) -> Picture:
     """Held-out RMSE of the original bundle, its reduction by each step, and a correct model's.
 
     `errors` (1 + steps,) and `floor` in the channel's SI unit.
@@ -116,7 +116,7 @@ def waterfall(
     return svg.to_figure(figure, f"fig-diagnosis-error-{channel.key}", title, description)
 
 
-def suspects(place: int, look: Mapping[str, Any], titles: Mapping[str, str]) -> Figure:
+def suspects(place: int, look: Mapping[str, Any], titles: Mapping[str, str]) -> Picture:
     """Gains of one round's suspects on a logarithmic axis, next to the gains on the twins."""
     rows = look["suspects"][:MOST_SUSPECTS]
     figure, ax = _rows_panel(f"Round {place}", len(rows))
@@ -146,7 +146,7 @@ def suspects(place: int, look: Mapping[str, Any], titles: Mapping[str, str]) -> 
     return svg.to_figure(figure, f"fig-diagnosis-suspects-{place}", title, description)
 
 
-def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) -> Figure:
+def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) -> Picture:
     """The mean residual over a regressor: before, and after where the model was `extended`."""
     means = [m for part in ("before", "after") for m in content[part]["means"]]
     unit, scale, title = _unit_of(content, is_linear, means)
@@ -171,7 +171,7 @@ def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) 
     return svg.to_figure(figure, id, f"{title}: residual over {name}", description)
 
 
-def influence(id: str, title: str, content: Mapping[str, Any], is_linear: bool) -> Figure:
+def influence(id: str, title: str, content: Mapping[str, Any], is_linear: bool) -> Picture:
     """What an effect adds to a balance, or to a part's prediction, over a regressor."""
     unit, scale, of = _unit_of(content, is_linear, content["means"])
     x, x_unit, name = _regressor(content, is_linear)
@@ -202,7 +202,7 @@ def _unit_of(
     return unit, scale, residual_title(content["channel"], is_linear)
 
 
-def leftover(id: str, content: Mapping[str, Any], is_linear: bool) -> Figure:
+def leftover(id: str, content: Mapping[str, Any], is_linear: bool) -> Picture:
     """The mean of an unexplained residual over the regressor on which it depends most."""
     unit, scale = _residual_unit(content["residual"], is_linear, content["means"])
     title = residual_title(content["residual"], is_linear)

@@ -6,19 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import MISSING, estimate_cells, number
+from sysid.blocks.sections import Block, FigureGroup, Lines, Terms
+from sysid.blocks.tables import NotedCell, Table, table
 from sysid.diagnosis.wording import SMALLEST_P, effect_name, is_refined, joined, parameter_rows
 from sysid.document import diagnosis_panels as panels
-from sysid.document.blocks import (
-    Block,
-    Figure,
-    FigureGroup,
-    HtmlTable,
-    Lines,
-    NotedCell,
-    Terms,
-    table,
-)
 from sysid.estimation.linear import Estimate
 
 Content = Mapping[str, Any]
@@ -85,7 +78,7 @@ def named(content: Content, id: str) -> NotedCell:
     return NotedCell(title, "" if title == id else id)
 
 
-def effects_table(content: Content, share: str) -> HtmlTable:
+def effects_table(content: Content, share: str) -> Table:
     """Every effect that was added; `share` heads the column of what each explained."""
     rows = [
         (
@@ -124,7 +117,7 @@ def short_p(value: float) -> str:
     return f"< {number(SMALLEST_P, 1)}" if value < SMALLEST_P else number(value, 1)
 
 
-def parameters_table(content: Content, std: str) -> HtmlTable:
+def parameters_table(content: Content, std: str) -> Table:
     """The parameters of every effect, with their intervals."""
     how = "from the refinement" if is_refined(content) else std
     caption = f"Their parameters; standard errors {how}"
@@ -144,7 +137,7 @@ def parameters_table(content: Content, std: str) -> HtmlTable:
     return table(caption, columns, rows, text=(1, 5))
 
 
-def _figure(place: int, entry: Content, content: Content, is_linear: bool) -> Figure:
+def _figure(place: int, entry: Content, content: Content, is_linear: bool) -> Picture:
     title = title_of(content, entry["id"])
     return panels.influence(f"fig-effect-{place}", title, entry, is_linear)
 

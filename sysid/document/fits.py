@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from sysid.blocks.numbers import unit
 from sysid.blocks.quality import QUALITY_COLUMNS, quality_cells, quality_name
-from sysid.document.blocks import Section, table
+from sysid.blocks.sections import Section
+from sysid.blocks.tables import table
 from sysid.estimation.quality import GOOD_SHARE, LEAST_EXPLAINED, USABLE_SHARE
 from sysid.parameters import Bundle
 

@@ -14,9 +14,11 @@ from urllib.parse import quote
 
 import numpy as np
 
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number, unit
+from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Section
+from sysid.blocks.tables import Table, table
 from sysid.document import svg
-from sysid.document.blocks import Block, Figure, FigureGroup, Fold, HtmlTable, Lines, Section, table
 from sysid.document.html import fill
 from sysid.document.standing import section_or_why
 from sysid.document.svg import COLOUR
@@ -133,7 +135,7 @@ def _sentence(fleet: Fleet) -> str:
     return f"{'; '.join([none, *failed])}."
 
 
-def _changes(fleet: Fleet) -> HtmlTable:
+def _changes(fleet: Fleet) -> Table:
     rows = [
         (t.rig, _title(t.name), t.since, _COURSES[t.change.shape], *_sizes(t, t.change), _p(t))
         for t in fleet.changes
@@ -232,7 +234,7 @@ def _rig(fleet: Fleet, rig: str, place: int) -> Section:
     return Section(f"rig-{place}", rig, said, (group,))
 
 
-def _figure(trend: Trend, id: str) -> Figure:
+def _figure(trend: Trend, id: str) -> Picture:
     factor, shown = _SHOWN.get(trend.unit, (1.0, unit(trend.unit)))
     figure, ax = svg.panel(_title(trend.name), svg.SMALL_PANEL)
     dates = [datetime.date.fromisoformat(date) for date in trend.dates]

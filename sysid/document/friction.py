@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number
+from sysid.blocks.sections import Block, FigureGroup, Lines, Section
+from sysid.blocks.tables import Table, table
 from sysid.document import svg
-from sysid.document.blocks import Block, Figure, FigureGroup, HtmlTable, Lines, Section, table
 from sysid.document.svg import COLOUR
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, t_quantile
@@ -80,7 +82,7 @@ def friction_section(friction: Friction, linear: bool) -> Section:
 
 def parameters_table(
     caption: str, estimates: Mapping[str, Estimate], name_of: Any, prefix: str = ""
-) -> HtmlTable:
+) -> Table:
     """One row per parameter of a part of the bundle, with its interval and its key there."""
     rows = [
         (name_of(key), *estimate_cells(value), prefix + key) for key, value in estimates.items()
@@ -133,7 +135,7 @@ def _left_out(friction: Friction) -> list[Block]:
 # --- figures ---------------------------------------------------------------------------
 
 
-def _figures(friction: Friction, units: _Units) -> list[Figure]:
+def _figures(friction: Friction, units: _Units) -> list[Picture]:
     figures = []
     sliding, static = friction.used("friction-sliding"), friction.used("friction-static")
     if sliding and friction.coulomb is not None and friction.coulomb.identified:
@@ -143,7 +145,7 @@ def _figures(friction: Friction, units: _Units) -> list[Figure]:
     return figures
 
 
-def _sliding_figure(trials: Sequence[TestUse], friction: Friction, units: _Units) -> Figure:
+def _sliding_figure(trials: Sequence[TestUse], friction: Friction, units: _Units) -> Picture:
     speed, effort = _readings(trials, "speed"), _readings(trials, "friction")
     law = (friction.coulomb, friction.viscous, friction.offset)
     values = [e.value if e is not None and e.identified else 0.0 for e in law]
@@ -225,7 +227,7 @@ def _half_width(spread: FloatArray, speed: FloatArray, way: float, tests: int) -
     return np.asarray(half, dtype=float)
 
 
-def _static_figure(trials: Sequence[TestUse], friction: Friction, units: _Units) -> Figure:
+def _static_figure(trials: Sequence[TestUse], friction: Friction, units: _Units) -> Picture:
     place, way = _readings(trials, "position"), _readings(trials, "direction")
     effort = np.abs(_readings(trials, "breakaway"))
     figure, ax = svg.panel("Breakaway by position")

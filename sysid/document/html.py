@@ -5,11 +5,13 @@ from __future__ import annotations
 import datetime
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from sysid import __version__
+from sysid.document.standing import drawn
 from sysid.errors import escaped
 
 _TEMPLATES = resources.files("sysid.document") / "templates"
@@ -18,7 +20,7 @@ _TEMPLATES = resources.files("sysid.document") / "templates"
 def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:
     """The page of a template that extends `frame.html`, the report's own or one in `folder`.
 
-    `content` is what the template uses; texts in it are escaped.
+    `content` is what the template uses; texts in it are escaped, and figures drawn.
     """
     import jinja2
     from markupsafe import Markup
@@ -34,8 +36,10 @@ def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:
         undefined=jinja2.StrictUndefined,
         finalize=lambda value: value if isinstance(value, Markup) else _readable(value),
     )
+    sections = [replace(s, blocks=drawn(s.blocks)) for s in content.pop("sections", ())]
     return environment.get_template(template).render(
         **content,
+        sections=sections,
         version=__version__,
         written=moment(datetime.datetime.now(datetime.UTC)),
         style=Markup(template_text("style.css")),

@@ -8,19 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.blocks.channels import Channel
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import MISSING, number, percent
+from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Plot, Section
+from sysid.blocks.tables import Table, table
 from sysid.document import svg
-from sysid.document.blocks import (
-    Block,
-    Figure,
-    FigureGroup,
-    Fold,
-    HtmlTable,
-    Lines,
-    Plot,
-    Section,
-    table,
-)
 from sysid.document.interactive import overlay_document, overlay_samples
 from sysid.document.shown_tests import (
     MODEL_NAMES,
@@ -69,7 +61,7 @@ def validation_section(validation: ValidationResult) -> Section:
     return Section("validation", "Open-loop validation", tuple(intro), tuple(blocks))
 
 
-def _table(validation: ValidationResult, channel: Channel) -> HtmlTable:
+def _table(validation: ValidationResult, channel: Channel) -> Table:
     unit = channel.residual_unit
     rows = []
     for log in validation.logs:
@@ -225,7 +217,7 @@ def _fits(test: ShownTest, channel: Channel) -> str:
     return f"{channel.title.lower()}, " + ", ".join(parts)
 
 
-def _overlay(prefix: str, test: ShownTest, channel: Channel) -> Figure:
+def _overlay(prefix: str, test: ShownTest, channel: Channel) -> Picture:
     figure, (top, bottom) = svg.panels(channel.title, (1.8, 1.0), svg.TALL_PANEL)
     first = test.first
     residuals = {m: r.residual(channel.key) for m, r in test.results.items()}

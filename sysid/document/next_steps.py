@@ -7,9 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from sysid.blocks.numbers import number
+from sysid.blocks.sections import Block, Lines, Section
+from sysid.blocks.tables import table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import advice_on_rest
-from sysid.document.blocks import Block, Lines, Section, table
 from sysid.document.effects import named
 from sysid.document.opening import unidentified
 from sysid.estimation.linear import Estimate

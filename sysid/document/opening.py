@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 from sysid.blocks.channels import Channel
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.quality import quality_name
+from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import sentence
 from sysid.document import concerns
-from sysid.document.blocks import HtmlTable, table
 from sysid.document.concerns import Concern, level_of_fit
 from sysid.document.shown_tests import MODEL_NAMES, shown_channels
 from sysid.estimation.linear import Estimate
@@ -35,7 +35,7 @@ class ReportVerdict:
 
     level: str
     sentence: str
-    table: HtmlTable | None
+    table: Table | None
     notes: tuple[str, ...] = ()
     diagnosis: str = ""
     held_back: str = ""
@@ -228,7 +228,7 @@ def _figures(pooled: Sequence[_Pooled]) -> str:
     return ", ".join(said[:-1]) + (" and " if len(said) > 1 else "") + said[-1]
 
 
-def _table(pooled: Sequence[_Pooled], models: Sequence[str], bundle: Bundle) -> HtmlTable:
+def _table(pooled: Sequence[_Pooled], models: Sequence[str], bundle: Bundle) -> Table:
     rows = [
         (
             f"{p.channel.title} ({p.channel.residual_unit})",

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
+from sysid.blocks.sections import Block, FigureGroup, Section
+from sysid.blocks.tables import table
 from sysid.document import svg
-from sysid.document.blocks import Block, Figure, FigureGroup, Section, table
 from sysid.document.svg import COLOUR
 from sysid.parameters import ComponentRecord
 
@@ -83,7 +85,7 @@ def _group(name: str, tests: Sequence[TestResult], unit: str, used: str) -> Figu
     return FigureGroup(caption, figures)
 
 
-def _figure(key: str, name: str, test: TestResult, unit: str) -> Figure:
+def _figure(key: str, name: str, test: TestResult, unit: str) -> Picture:
     of = f"{test.log}, test {test.test}" if test.test else test.log
     figure, (above, below) = svg.panels(f"{name}: {of}", (2.0, 1.0))
     above.plot(test.time, test.measured[name], color=COLOUR["muted"], label="measured")

@@ -10,8 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sysid.blocks.sections import Block, Fold, Plot, Section
+from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
-from sysid.document.blocks import Block, Fold, HtmlTable, Plot, Section, table
 from sysid.document.opening import ReportVerdict, verdict
 from sysid.document.standing import section_or_why
 from sysid.errors import input_error
@@ -302,7 +303,7 @@ def _fill(
     )
 
 
-def _assumed(bundle: Bundle) -> HtmlTable | None:
+def _assumed(bundle: Bundle) -> Table | None:
     """The constants that nobody declared, and what they do to the numbers; None without any."""
     rows = [(one.text, one.does) for one in assumptions(bundle)]
     if not rows:

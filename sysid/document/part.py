@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.blocks.channels import channel_of
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
+from sysid.blocks.sections import Block, FigureGroup, Section
 from sysid.document import svg
-from sysid.document.blocks import Block, Figure, FigureGroup, Section
 from sysid.document.diagnosis_panels import drawable, regressor_axis
 from sysid.document.svg import COLOUR
 from sysid.errors import InputError, NotIdentifiedError
@@ -138,7 +139,7 @@ def _signal(figures: Content) -> tuple[str, str, float]:
 
 def _over(
     place: int, entry: Content, figures: Content, named: Mapping[str, str], is_linear: bool
-) -> Figure:
+) -> Picture:
     title, unit, scale = _signal(figures)
     name, x_unit, x_scale = regressor_axis(entry["regressor"], is_linear, is_own=figures["own"])
     figure, ax = svg.panel(f"{title} over {name}")
@@ -174,7 +175,7 @@ def _rms(values: FloatArray) -> float:
 
 def _test(
     place: int, entry: Content, figures: Content, named: Mapping[str, str], is_linear: bool
-) -> Figure:
+) -> Picture:
     title, unit, scale = _signal(figures)
     name, x_unit, x_scale = regressor_axis(entry["along"], is_linear, is_own=figures["own"])
     x = x_scale * np.array(entry["x"])

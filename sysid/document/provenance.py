@@ -9,7 +9,8 @@ from importlib import metadata
 from typing import Any
 
 from sysid.blocks.numbers import MISSING
-from sysid.document.blocks import Block, Fold, HtmlTable, Section, table
+from sysid.blocks.sections import Block, Fold, Section
+from sysid.blocks.tables import Table, table
 from sysid.parameters import Bundle, Provenance
 
 _PACKAGES = ("numpy", "scipy", "jax", "torch", "matplotlib", "bokeh")
@@ -28,7 +29,7 @@ def provenance_section(bundle: Bundle) -> Section:
     return Section("provenance", "Provenance", (), tuple(blocks))
 
 
-def _made(bundle: Bundle) -> HtmlTable:
+def _made(bundle: Bundle) -> Table:
     rows = [
         ("Bundle fitted", bundle.created),
         ("By sysid", bundle.sysid_version),
@@ -43,7 +44,7 @@ def _made(bundle: Bundle) -> HtmlTable:
     return table("Versions", ("What", "Version"), rows, text=(1,))
 
 
-def _logs(source: Provenance) -> HtmlTable:
+def _logs(source: Provenance) -> Table:
     rows = [
         (e.file, e.kind or MISSING, "held out" if e.use == "holdout" else "fit", e.sha256)
         for e in source.logs
@@ -70,5 +71,5 @@ def _flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]
     return rows
 
 
-def _rig(content: Mapping[str, Any]) -> HtmlTable:
+def _rig(content: Mapping[str, Any]) -> Table:
     return table("Rig file", ("Key", "Value"), _flat(content), text=(1,))

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sysid.blocks.numbers import MISSING, duration, number
-from sysid.document.blocks import Block, Fold, HtmlTable, Lines, Section, table
+from sysid.blocks.sections import Block, Fold, Lines, Section
+from sysid.blocks.tables import Table, table
 
 if TYPE_CHECKING:
     from sysid.checks.log_check import LogCheck
@@ -66,7 +67,7 @@ def _excluded(
             yield entry.file, one.test or MISSING, span, one.why or MISSING, shown
 
 
-def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> HtmlTable:
+def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> Table:
     rows = []
     for entry, check in pairs:
         head = (
@@ -118,7 +119,7 @@ def _remarks(entry: CampaignLog, check: LogCheck) -> str:
     return "; ".join(found) or "no gaps, nothing saturated"
 
 
-def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> HtmlTable:
+def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
     rows = []
     for entry, check in pairs:
         for channel in check.channels:
@@ -138,7 +139,7 @@ def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> HtmlTable:
     return table("Channels", columns, rows, text=(1, 6))
 
 
-def _identifies_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> HtmlTable:
+def _identifies_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
     """What each log identifies, in one cell; what it does not identify is omitted."""
     rows = []
     for entry, check in pairs:

@@ -8,17 +8,9 @@ from collections.abc import Iterable
 
 from sysid.blocks.channels import channel_of
 from sysid.blocks.numbers import MISSING, estimate_cells, number, percent
+from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section
+from sysid.blocks.tables import Table, table
 from sysid.document import refinement_panels as panels
-from sysid.document.blocks import (
-    Block,
-    FigureGroup,
-    Fold,
-    Heading,
-    HtmlTable,
-    Lines,
-    Section,
-    table,
-)
 from sysid.estimation.linear import Estimate
 from sysid.io.rig import Rig
 from sysid.parameters.base import Number, read_number
@@ -54,7 +46,7 @@ def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
     return Section("refinement", "Refinement on motion", _intro(refinement, values), tuple(blocks))
 
 
-def parameters_table(values: Iterable[RefinedValue]) -> HtmlTable:
+def parameters_table(values: Iterable[RefinedValue]) -> Table:
     """Every parameter before and after; those that only the bench tests tell say so."""
     rows = []
     for place, value in enumerate(values, start=1):
@@ -74,7 +66,7 @@ def parameters_table(values: Iterable[RefinedValue]) -> HtmlTable:
     return table(caption, _COLUMNS, rows, text=(3, 6), code=(1,))
 
 
-def intervals_table(refinement: Refinement) -> HtmlTable:
+def intervals_table(refinement: Refinement) -> Table:
     """The 95 % interval of every parameter: by its standard error, and by profile where known."""
     profiles = refinement.profiled()
     rows = []
@@ -216,7 +208,7 @@ def _profiles(refinement: Refinement) -> list[Block]:
     return [Heading("refinement-profiles", "Profiles"), FigureGroup(caption, tuple(figures))]
 
 
-def errors_table(refinement: Refinement) -> HtmlTable:
+def errors_table(refinement: Refinement) -> Table:
     """RMSE of whole tests and the residual's autocorrelation, by use and channel."""
     correlations = refinement.autocorrelations()
     rows = [
@@ -235,7 +227,7 @@ def errors_table(refinement: Refinement) -> HtmlTable:
     return table(caption, columns, rows, text=(1,))
 
 
-def effort_table(refinement: Refinement) -> HtmlTable:
+def effort_table(refinement: Refinement) -> Table:
     """RMSE of the equation of motion, by use: it does not add up over time as a position does."""
     rows = [
         (_USES.get(use, use), *_channel_cells(name, errors, None)[:4])

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number, unit
 from sysid.document import svg
-from sysid.document.blocks import Figure
 from sysid.document.svg import COLOUR
 from sysid.estimation.linear import LEVEL, t_quantile
 from sysid.parameters.base import read_number
@@ -37,7 +37,7 @@ _NAME = re.compile(r"[^A-Za-z0-9 ._+-]")
 _LONGEST_NAME = 40
 
 
-def movement(values: Sequence[RefinedValue]) -> Figure:
+def movement(values: Sequence[RefinedValue]) -> Picture:
     """Each parameter's movement and its interval after, in its standard errors before."""
     count = len(values)
     size = (_WIDTH, _FRAME + _ROW * count)
@@ -96,7 +96,7 @@ def _stretch(ax: Axes, reach: float) -> None:
     ax.minorticks_off()
 
 
-def correlation(values: Sequence[RefinedValue], matrix: Sequence[Sequence[float]]) -> Figure:
+def correlation(values: Sequence[RefinedValue], matrix: Sequence[Sequence[float]]) -> Picture:
     """The correlation matrix: blue positive, orange negative, the stronger the darker."""
     count = len(values)
     size = (_WIDTH, _FRAME + _ROW * count)
@@ -140,7 +140,7 @@ def _cell(ax: Axes, i: int, j: int, value: float, written: bool) -> None:
                 va="center", fontsize=_CELL_PT)  # fmt: skip
 
 
-def profile(place: int, value: RefinedValue, found: ProfileRecord) -> Figure:
+def profile(place: int, value: RefinedValue, found: ProfileRecord) -> Picture:
     """The rise over a parameter's values, the 95 % line, and the standard error's parabola."""
     name = _drawable(value.name)
     x, rise = np.array(found.values, dtype=float), np.array(found.rise, dtype=float)

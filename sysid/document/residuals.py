@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.blocks.channels import Channel
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
+from sysid.blocks.sections import FigureGroup, Section
 from sysid.document import svg
-from sysid.document.blocks import Figure, FigureGroup, Section
 from sysid.document.motion import NOISE_BAND
 from sysid.document.shown_tests import MODEL_NAMES, ShownTest, shown_channels, speed, tests_of
 from sysid.document.svg import COLOUR
@@ -101,7 +102,7 @@ def _values(
 
 def _panel(
     channel: Channel, regressor: _Regressor, x: FloatArray, y: FloatArray, noise: float
-) -> Figure:
+) -> Picture:
     title = f"{channel.title} over {regressor.title}"
     figure, ax = svg.panel(title, svg.SMALL_PANEL)
     shown = np.random.default_rng(0).permutation(len(x))[:_CLOUD]

@@ -8,18 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import MISSING, estimate_cells, number
+from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Section
+from sysid.blocks.tables import Table, table
 from sysid.document import svg
-from sysid.document.blocks import (
-    Block,
-    Figure,
-    FigureGroup,
-    Fold,
-    Heading,
-    HtmlTable,
-    Section,
-    table,
-)
 from sysid.document.svg import COLOUR, MODEL_STYLES
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
@@ -144,7 +137,7 @@ def _obedience(parts: Sequence[_Measured]) -> Iterator[str]:
         yield f"The averaged law is obeyed by {'; '.join(obeyed)}."
 
 
-def _laws(parts: Sequence[_Measured]) -> list[HtmlTable]:
+def _laws(parts: Sequence[_Measured]) -> list[Table]:
     """The averaged laws that were fitted to the PWM tests, one table a valve."""
     found = {p.side: p.averaged for p in parts if p.averaged is not None}
     tables = []
@@ -196,7 +189,7 @@ def _levels(side: str, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> dict
 # --- tables ----------------------------------------------------------------------------
 
 
-def _comparison(parts: Sequence[_Measured]) -> HtmlTable:
+def _comparison(parts: Sequence[_Measured]) -> Table:
     """Errors of every surface in duty: tables 3.7.2 to 3.7.4 of the thesis for these data."""
     rows = []
     for part in parts:
@@ -255,7 +248,7 @@ def _part_blocks(part: _Measured) -> list[Block]:
     if isinstance(study, ResolutionRecord):
         folded.append(_resolution(study))
     if part.choice is not None:
-        from sysid.document.blocks import Lines
+        from sysid.blocks.sections import Lines
 
         blocks.append(Lines((f"Choice: {part.choice.reason}.",)))
     if folded:
@@ -263,7 +256,7 @@ def _part_blocks(part: _Measured) -> list[Block]:
     return blocks
 
 
-def _coefficients(part: _Measured) -> HtmlTable:
+def _coefficients(part: _Measured) -> Table:
     rows = []
     for term, estimate in part.surfaces["bipolynomial"].terms().items():
         value, std, interval, unit = estimate_cells(estimate)
@@ -280,7 +273,7 @@ def _powers(text: str) -> str:
     return text
 
 
-def _weights(part: _Measured) -> HtmlTable:
+def _weights(part: _Measured) -> Table:
     ann = part.surfaces["ann"]
     hidden, bias, output = ann.hidden_weights_, ann.hidden_bias_, ann.output_weights_
     rows = [
@@ -295,7 +288,7 @@ def _weights(part: _Measured) -> HtmlTable:
     return table(caption, ("Neuron", "From flow", "From pressure", "Bias", "To output"), rows)
 
 
-def _resolution(study: ResolutionRecord) -> HtmlTable:
+def _resolution(study: ResolutionRecord) -> Table:
     rows = [
         (number(step), number(flow), str(n), "coarsest that suffices" if step == study.coarsest
          else "")
@@ -313,7 +306,7 @@ def _resolution(study: ResolutionRecord) -> HtmlTable:
 # --- figures ---------------------------------------------------------------------------
 
 
-def _figures(part: _Measured) -> list[Figure]:
+def _figures(part: _Measured) -> list[Picture]:
     levels = part.levels
     if levels is None:
         return []
@@ -374,7 +367,7 @@ def _map(
     grid: _Grid,
     limits: tuple[float, float],
     diverging: bool,
-) -> Figure:
+) -> Picture:
     duty, pressure, values = grid
     figure, (ax,) = svg.panels(title, (1.0,), right=0.62)
     width, height = figure.get_size_inches()
@@ -412,7 +405,7 @@ def _map(
     return svg.to_figure(figure, f"fig-{part.tag}-{tag}", f"{part.title}. {title}", description)
 
 
-def _cuts(part: _Measured, levels: LevelFlows) -> Figure:
+def _cuts(part: _Measured, levels: LevelFlows) -> Picture:
     """Flow over pressure at a few duties: measured points, fitted lines."""
     figure, ax = svg.panel("Flow at a few duties")
     any_domain = next(iter(part.surfaces.values())).domain_

@@ -10,16 +10,12 @@ from __future__ import annotations
 
 import html
 import io
-import itertools
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from sysid.document.blocks import Figure
-from sysid.types import FloatArray
+from sysid.blocks.drawing import draw, thinned
+from sysid.blocks.figures import PANEL, SMALL_PANEL, TALL_PANEL, ColourMap, Figure, Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,9 +32,6 @@ MODEL_STYLES: tuple[tuple[str, Any], ...] = (
     (COLOUR["fourth"], (0, (6, 1.5, 1.5, 1.5))),
 )
 
-PANEL = (3.5, 2.6)  # inches: three in a row on a desktop, one on a phone
-TALL_PANEL = (3.5, 3.35)
-SMALL_PANEL = (2.62, 2.3)  # four in a row
 _MARGIN = {"left": 0.64, "right": 0.21, "top": 0.31, "bottom": 0.48}  # inches
 _FONT_PT = 8.6
 _LEGEND_ROOM = 0.2  # of the height
@@ -144,6 +137,42 @@ def panels(
     return figure, axes
 
 
+_NAMES_INSIDE, _COLOUR_BAR = 0.16, 0.62
+_BUCKETS_PER_INCH = 72.0  # one a point
+
+
+def picture(figure: Figure) -> Picture:
+    """A figure's print form."""
+    cells = [m for panel in figure.panels for m in panel.marks if isinstance(m, ColourMap)]
+    with styled():
+        made, axes = panels(
+            figure.heading or figure.title,
+            [panel.height for panel in figure.panels],
+            figure.size,
+            right=_COLOUR_BAR if cells else 0.0,
+            left=_NAMES_INSIDE if figure.panels[0].has_names else _MARGIN["left"],
+        )
+        buckets = int(_BUCKETS_PER_INCH * figure.size[0])
+        for ax, panel in zip(axes, figure.panels, strict=True):
+            mapped = draw(ax, panel, COLOUR, buckets)
+            if mapped is not None:
+                _colour_bar(made, ax, mapped, cells[0].unit)
+        for ax in axes[:-1]:
+            ax.set_xlabel("")
+        made.align_ylabels(axes)
+        return to_figure(made, figure.id, figure.title, figure.description)
+
+
+def _colour_bar(figure: MatplotlibFigure, ax: Axes, mapped: Any, unit: str) -> None:
+    """Right of the axes, its unit above it."""
+    width, height = figure.get_size_inches()
+    box = ax.get_position()
+    bar = figure.add_axes((box.x1 + 0.09 / width, box.y0, 0.10 / width, box.height))
+    figure.colorbar(mapped, cax=bar).outline.set_visible(False)
+    bar.tick_params(length=0, pad=2)
+    figure.text(box.x1, 1.0 - 0.06 / height, unit, va="top", ha="left")
+
+
 def legend(ax: Axes, **options: Any) -> None:
     """A legend that does not hide the data beneath it, if there is anything to label."""
     if ax.get_legend_handles_labels()[0]:
@@ -160,7 +189,7 @@ def legend_above(ax: Axes, **options: Any) -> None:
         ax.legend(**{**row, "handlelength": 1.2, **options})
 
 
-def to_figure(figure: MatplotlibFigure, id: str, title: str, description: str) -> Figure:
+def to_figure(figure: MatplotlibFigure, id: str, title: str, description: str) -> Picture:
     """The matplotlib figure as inline SVG, with its `title` and `description`.
 
     `id` must be the figure's own in the page. To be called within `styled()`.
@@ -169,7 +198,7 @@ def to_figure(figure: MatplotlibFigure, id: str, title: str, description: str) -
     nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
     figure.savefig(buffer, format="svg", transparent=True, metadata=nothing)
     text = buffer.getvalue()
-    return Figure(id, title, description, inline(text, id, title, description))
+    return Picture(id, title, description, inline(text, id, title, description))
 
 
 _ID = re.compile(r' id="([^"]*)"')
@@ -211,18 +240,19 @@ def _shorter(match: re.Match[str]) -> str:
     return f"{float(match.group(0)):.2f}".rstrip("0").rstrip(".")
 
 
-def thinned(time: FloatArray, values: Sequence[FloatArray], buckets: int) -> NDArray[np.intp]:
-    """Rows (m,), sorted, that keep each curve's least and largest value in every bucket.
-
-    `time` (n,) and every curve (n,); at most 2 `buckets` rows a curve, and the two ends. A
-    line through them looks like the whole one where a bucket is a pixel or less.
-    """
-    n = len(time)
-    if n <= 2 * buckets:
-        return np.arange(n)
-    edges = np.linspace(0, n, buckets + 1).astype(np.intp)
-    rows = [np.array([0, n - 1])]
-    for curve in values:
-        for pick in (np.argmin, np.argmax):
-            rows.append(np.array([a + pick(curve[a:b]) for a, b in itertools.pairwise(edges)]))
-    return np.unique(np.concatenate(rows))
+__all__ = [
+    "COLOUR",
+    "MODEL_STYLES",
+    "PANEL",
+    "SMALL_PANEL",
+    "TALL_PANEL",
+    "inline",
+    "legend",
+    "legend_above",
+    "panel",
+    "panels",
+    "picture",
+    "styled",
+    "thinned",
+    "to_figure",
+]

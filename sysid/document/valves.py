@@ -8,9 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number, percent
+from sysid.blocks.sections import Block, FigureGroup, Section
+from sysid.blocks.tables import Table, table
 from sysid.document import svg
-from sysid.document.blocks import Block, Figure, FigureGroup, HtmlTable, Section, table
 from sysid.document.friction import parameters_table
 from sysid.document.svg import COLOUR
 from sysid.estimation.linear import Estimate
@@ -82,7 +84,7 @@ def discrete_section(
     return Section("valves", "On/off valves", intro, tuple(blocks))
 
 
-def _fit_table(fitted: Mapping[str, DiscreteLaw]) -> HtmlTable:
+def _fit_table(fitted: Mapping[str, DiscreteLaw]) -> Table:
     rows = [
         (
             f"Valve {side.upper()}",
@@ -161,7 +163,7 @@ def _figures(side: str, curves: Sequence[_Curve]) -> FigureGroup:
     return FigureGroup(caption, tuple(figures))
 
 
-def _panel(side: str, curve: _Curve, what: str, edge: float | None, tag: str) -> Figure:
+def _panel(side: str, curve: _Curve, what: str, edge: float | None, tag: str) -> Picture:
     rows = slice(None)
     if edge is not None:
         first, last = (edge + d for d in _CLOSE_UP_S)

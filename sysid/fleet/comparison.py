@@ -26,7 +26,8 @@ from scipy.stats import f as f_distribution
 from sysid.blocks.numbers import estimate_cells as cells_of
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.plots import one_axes
-from sysid.blocks.tables import Shown, ShownTable
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, table
 from sysid.errors import InputError, input_error
 from sysid.estimation.linear import Estimate, finite_or_none, t_p_value
 from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted
@@ -151,19 +152,19 @@ class Comparison(Shown):
                 )
         return records
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The numbers next to each other, what moved, and the effects."""
-        yield ShownTable(
+        yield table(
             "Parameters with 95 % intervals; * moved significantly against the first",
             ("part", "parameter", *self.names, "unit"),
             tuple(self._row(part, key) for part, key in self._keys()),
         )
-        yield ShownTable(
+        yield table(
             "What moved, most significant first",
             ("bundle", "part", "parameter", "change", "in std. errors", "p, adjusted"),
             tuple(self._moved_row(m) for m in sorted(self.moved, key=lambda m: m.p_value)),
         )
-        yield ShownTable(
+        yield table(
             "Effects against the first",
             ("bundle", "effect", "change"),
             tuple((e.bundle, e.effect, e.state) for e in self.effects if e.state != "same"),

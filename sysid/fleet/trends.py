@@ -15,7 +15,8 @@ import numpy as np
 
 from sysid.blocks.numbers import number, unit
 from sysid.blocks.plots import legend, one_axes
-from sysid.blocks.tables import Shown, ShownTable
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, table
 from sysid.errors import one_line
 from sysid.estimation.multiple_tests import adjusted
 from sysid.fleet.changes import LEAST_DATES, change_in
@@ -106,9 +107,9 @@ class Fleet(Shown):
             for date, value, std in zip(t.dates, t.values, t.std, strict=True)
         ]
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The campaigns, and what changed."""
-        yield ShownTable(
+        yield table(
             "Campaigns",
             ("rig", "date", "verdict", "effects"),
             tuple(
@@ -121,7 +122,7 @@ class Fleet(Shown):
                 for row in self.rows
             ),
         )
-        yield ShownTable(
+        yield table(
             "What changed",
             ("rig", "number", "since", "course", "size", "unit", "p, adjusted"),
             tuple(

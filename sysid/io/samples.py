@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.blocks.plots import legend, some_axes
-from sysid.blocks.tables import Shown
+from sysid.blocks.shown import Shown
 from sysid.errors import InputError, input_error
 from sysid.io.exclusion import Excluded
 from sysid.io.rig import Rig

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from sysid import __version__
 from sysid.blocks.quality import quality_table
-from sysid.blocks.tables import Shown, ShownTable, estimate_records, estimate_table
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, estimate_records, estimate_table
 from sysid.errors import input_error
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
@@ -80,7 +81,7 @@ class Bundle(Shown, BundleContent):
             for record in estimate_records(estimates, part=name)
         ]
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The estimates, one table per part, and how well the laws follow their tests."""
         yield from (estimate_table(name, found) for name, found in self._estimates().items())
         yield quality_table(self.qualities())

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from sysid.blocks.numbers import number
 from sysid.blocks.plots import legend, some_axes
 from sysid.blocks.progress import progress_or_shown
-from sysid.blocks.tables import Shown, ShownTable
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, table
 from sysid.controllers.cases import ClosedLoopRun
 from sysid.controllers.design_model import assumed_constants, require_declared
 from sysid.controllers.interface import Controller
@@ -108,7 +109,7 @@ class ControlledRun(Shown):
         inertia = self.task.rig.inertia
         return inertia.payload_mass_kg if inertia else 0.0
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The metrics, in mrad."""
         found = self.metrics
         rows = [
@@ -116,7 +117,7 @@ class ControlledRun(Shown):
             for name, text in _METRICS.items()
             if not math.isnan(getattr(found, name))
         ]
-        yield ShownTable("", ("metric", "mrad"), tuple(rows))
+        yield table("", ("metric", "mrad"), tuple(rows))
 
     def footnotes(self) -> Iterable[str]:
         """The faults that the loop reports, and the notices."""

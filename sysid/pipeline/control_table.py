@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from sysid.blocks.numbers import number
 from sysid.blocks.plots import bars, one_axes
 from sysid.blocks.progress import progress_or_shown
-from sysid.blocks.tables import Shown, ShownTable
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, table
 from sysid.controllers.design_model import require_declared
 from sysid.document.control_tables import shown_column, shown_error, shown_unit, write_table_page
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
@@ -53,7 +54,7 @@ class ControlTable(Shown):
             for column, ours, theirs in zip(self.table.columns, row.ours, row.printed, strict=True)
         ]
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """Ours / printed in mrad or kPa, and the factor."""
         columns = self.table.columns
         rows = tuple(
@@ -66,7 +67,7 @@ class ControlTable(Shown):
         names = (shown_column(column, self.table) for column in columns)
         kinds = "ours, simulated / printed" if self.table.is_experiment else "ours / printed"
         title = f"{self.table.title}: {shown_unit(self.table)} on {self.rig}, {kinds} (factor)"
-        yield ShownTable(title, (self.table.heading, *names), rows)
+        yield table(title, (self.table.heading, *names), rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """RMSE of the position in every cell, ours next to the printed one; logarithmic."""

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from sysid.blocks.numbers import number
 from sysid.blocks.plots import bars, one_axes
 from sysid.blocks.progress import progress_or_shown
-from sysid.blocks.tables import Shown, ShownTable, estimate_table
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, estimate_table, table
 from sysid.diagnosis import content, wording
 from sysid.diagnosis.campaign import extended_bundle
 from sysid.diagnosis.looked import Looked
@@ -64,7 +65,7 @@ class CampaignDiagnosis(Shown):
         """One record per parameter of an effect: value, std, limits of the 95 % interval, unit."""
         return [record for effect in self.effects for record in effect.records()]
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The effects' parameters, and the errors on held-out logs after each effect."""
         for effect in self.effects:
             yield estimate_table(effect.headline(), effect.by_label())
@@ -74,7 +75,7 @@ class CampaignDiagnosis(Shown):
             floor = self.residual[name].noise_floor
             rows.append((name, *(number(e) for e in (*errors, floor))))
         columns = ("channel", *steps, wording.CORRECT_MODEL.lower())
-        yield ShownTable("RMSE on held-out logs", columns, tuple(rows))
+        yield table("RMSE on held-out logs", columns, tuple(rows))
 
     def footnotes(self) -> Iterable[str]:
         """What to do next, and the notices."""

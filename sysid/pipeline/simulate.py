@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sysid.blocks.plots import legend, some_axes
 from sysid.blocks.progress import progress_or_shown
-from sysid.blocks.tables import Shown
+from sysid.blocks.shown import Shown
 from sysid.errors import input_error
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial

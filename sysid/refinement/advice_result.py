@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.blocks.numbers import number
-from sysid.blocks.tables import Shown, ShownTable
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, table
 from sysid.estimation.linear import finite_or_none
 from sysid.refinement.candidates import CandidateMotion
 from sysid.refinement.unknowns import Unknown
@@ -117,7 +118,7 @@ class AdviceResult(Shown):
             for i, p in enumerate(self.parameters)
         ]
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """Tests, the best first; parameters; ties; sizes of effects."""
         yield self._tests_table()
         yield self._parameters_table()
@@ -126,10 +127,10 @@ class AdviceResult(Shown):
             for t in self.ties
         )
         head = ("one", "other", "correlation", "test that lowers it most", "then")
-        yield ShownTable("Hard to tell apart", head, ties)
+        yield table("Hard to tell apart", head, ties)
         yield self._sizes_table()
 
-    def _tests_table(self) -> ShownTable:
+    def _tests_table(self) -> Table:
         rows = tuple(
             (
                 str(i),
@@ -142,7 +143,7 @@ class AdviceResult(Shown):
             for i, c in enumerate(self.candidates, start=1)
         )
         head = ("", "kind", "test", "s", "std. errors smaller by, %", "most")
-        return ShownTable("Tests that could be run next, the best first", head, rows)
+        return table("Tests that could be run next, the best first", head, rows)
 
     def _most(self, candidate: CandidateTest) -> str:
         """The parameter whose error the test lowers most."""
@@ -152,7 +153,7 @@ class AdviceResult(Shown):
         at = min(range(len(ratio)), key=ratio.__getitem__)
         return f"{self.parameters[at].name} by {100.0 * (1.0 - ratio[at]):.0f} %"
 
-    def _parameters_table(self) -> ShownTable:
+    def _parameters_table(self) -> Table:
         shown = self.candidates[:_SHOWN_TESTS]
         rows = []
         for i, p in enumerate(self.parameters):
@@ -163,9 +164,9 @@ class AdviceResult(Shown):
             rows.append((*row, p.unit, least, best.name if best else "none helps"))
         after_heads = (f"after {i}" for i in range(1, len(shown) + 1))
         head = ("parameter", "value", "std. error now", *after_heads, "unit", "best", "by")
-        return ShownTable("Expected standard errors", head, tuple(rows))
+        return table("Expected standard errors", head, tuple(rows))
 
-    def _sizes_table(self) -> ShownTable:
+    def _sizes_table(self) -> Table:
         rows = tuple(
             (
                 s.effect,
@@ -179,7 +180,7 @@ class AdviceResult(Shown):
         )
         numbers = [i for i, c in enumerate(self.candidates, 1) if c.name in self.size_tests]
         head = ("effect", "strength", "usual", "now", *(f"after {i}" for i in numbers), "unit")
-        return ShownTable("Smallest size of an effect that would show", head, rows)
+        return table("Smallest size of an effect that would show", head, rows)
 
     def footnotes(self) -> Iterable[str]:
         """What the sizes mean, the effects left out, and the notices."""

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.blocks.numbers import number
-from sysid.blocks.tables import Shown, ShownTable
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, table
 from sysid.estimation.linear import Estimate, finite_or_none
 from sysid.parameters import Bundle
 from sysid.refinement.whole_tests import much_worse
@@ -130,7 +131,7 @@ class RefineResult(Shown):
             for p in self.parameters
         ]
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """Parameters, and simulation errors by use and channel."""
         rows = tuple(
             (
@@ -153,7 +154,7 @@ class RefineResult(Shown):
             "moved, std",
             "motion informs",
         )
-        yield ShownTable("Parameters", head, rows)
+        yield table("Parameters", head, rows)
         channels = tuple(
             (
                 use,
@@ -168,14 +169,14 @@ class RefineResult(Shown):
             if np.isfinite(fit.before[i])
         )
         titles = ("logs", "channel", "RMSE before", "after", "autocorrelation before", "after")
-        yield ShownTable("Open-loop simulation of whole tests", titles, channels)
+        yield table("Open-loop simulation of whole tests", titles, channels)
         if self.effort:
             efforts = tuple(
                 (use, name, number(before, 4), number(after, 4))
                 for use, channels_of in self.effort.items()
                 for name, (before, after) in channels_of.items()
             )
-            yield ShownTable("Equation of motion along the measured motion", titles[:4], efforts)
+            yield table("Equation of motion along the measured motion", titles[:4], efforts)
 
     def to_json(self) -> dict[str, Any]:
         """The object that `sysid refine --json` prints and a bundle's `refinement` holds."""

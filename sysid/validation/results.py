@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.blocks.plots import bars, legend, one_axes, some_axes
-from sysid.blocks.tables import Shown
+from sysid.blocks.shown import Shown
 from sysid.parameters import Validation
 from sysid.types import FloatArray
 from sysid.validation import residual_tests

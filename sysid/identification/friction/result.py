@@ -11,7 +11,8 @@ import numpy as np
 
 from sysid.blocks.plots import legend, one_axes
 from sysid.blocks.quality import quality_table
-from sysid.blocks.tables import Shown, ShownTable, estimate_records, estimate_table
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, estimate_records, estimate_table
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, FTest
 from sysid.estimation.named import NamedEstimates
@@ -387,7 +388,7 @@ class FrictionResult(NamedEstimates, Shown):
         """One record per parameter: value, std, limits of the 95 % interval, unit."""
         return estimate_records(self.parameters)
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The parameters, and their estimates from motion where both kinds of test were made."""
         yield estimate_table("", self.parameters)
         sums = {c.expression: c.estimate for c in self.combinations}

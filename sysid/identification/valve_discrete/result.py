@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from sysid.blocks.numbers import number
 from sysid.blocks.plots import legend, one_axes, some_axes
 from sysid.blocks.quality import quality_table
-from sysid.blocks.tables import Shown, ShownTable, estimate_records, estimate_table
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, estimate_records, estimate_table
 from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.estimation.named import NamedEstimates
@@ -66,7 +67,7 @@ class DiscreteFit(NamedEstimates, Shown):
         """One record per estimate: value, std, limits of the 95 % interval, unit."""
         return estimate_records(self.estimates, valve=self.valve)
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The estimates, and how well the law follows the tests."""
         yield estimate_table(f"Valve {self.valve.upper()}", self.estimates)
         yield quality_table(self.quality)
@@ -125,7 +126,7 @@ class ValveDiscreteResult(Shown):
         """One record per estimate of each valve."""
         return [record for fit in self.valves.values() for record in fit.records()]
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The estimates, one table per valve."""
         return (table for fit in self.valves.values() for table in fit.tables())
 

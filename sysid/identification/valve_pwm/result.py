@@ -11,7 +11,8 @@ import numpy as np
 
 from sysid.blocks.plots import legend, one_axes, some_axes
 from sysid.blocks.quality import quality_table
-from sysid.blocks.tables import Shown, ShownTable
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table
 from sysid.estimation.quality import FitQuality
 from sysid.identification.valve_pwm.quality import duty_quality
 from sysid.identification.valve_pwm.samples import FlowSamples
@@ -86,7 +87,7 @@ class DirectionFit(Shown):
             for name, errors in self.errors.items()
         }
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The surfaces' errors, and how well they follow the tests."""
         yield from super().tables()
         yield quality_table(self.quality)
@@ -217,7 +218,7 @@ class ValvePwmFit(Shown):
         """One record per valve, direction and surface."""
         return [record for fit in self.fits.values() for record in fit.records()]
 
-    def tables(self) -> Iterable[ShownTable]:
+    def tables(self) -> Iterable[Table]:
         """The surfaces' errors, and how well they and the averaged laws follow the tests."""
         yield from super().tables()
         surfaces = {

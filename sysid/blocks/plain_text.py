@@ -1,0 +1,30 @@
+"""Blocks as plain text in ASCII: what `print` shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from sysid.blocks.numbers import ascii_text
+from sysid.blocks.tables import Table
+
+_GAP = "  "
+
+
+def table_text(table: Table) -> str:
+    """Columns aligned by blanks, the caption and the names of the columns above."""
+    lines = [tuple(map(ascii_text, line)) for line in (table.headings, *table.rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(table.columns))]
+    aligned = (
+        _GAP.join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in lines
+    )
+    return "\n".join((table.caption, *aligned) if table.caption else aligned)
+
+
+def result_text(headline: str, tables: Iterable[Table], footnotes: Iterable[str]) -> str:
+    """A result as `print` shows it; a table without rows is omitted."""
+    shown = [table_text(table) for table in tables if table.rows]
+    blocks = (ascii_text(headline), *shown, "\n".join(footnotes))
+    return "\n\n".join(block for block in blocks if block)
+
+
+__all__ = ["result_text", "table_text"]
