@@ -310,7 +310,9 @@ def test_a_result_is_one_line_text_html_and_a_frame(name: str, shown: dict[str, 
     assert text.startswith(ascii_text(result.headline()))
     for table in result.tables():
         for row in table.rows:
-            assert any(all(ascii_text(c) in line for c in row) for line in text.splitlines())
+            first = [ascii_text(cell).split("\n")[0] for cell in row]
+            assert any(all(c in line for c in first) for line in text.splitlines())
+            assert all(line in text for cell in row for line in ascii_text(cell).split("\n"))
             assert "<td>" in html
     frame = result.to_frame()
     assert isinstance(frame, pd.DataFrame)

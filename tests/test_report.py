@@ -594,7 +594,7 @@ def test_a_channel_that_never_varies_has_no_fit_percentage() -> None:
     log = {"file": "still.csv", "use": "holdout", "valve_model": "discrete"}
     content = {"logs": [{**log, "channels": {"theta_rad": channel}}]}
     table = validation_table(Validation.model_validate(content))
-    assert [list(column.cells) for column in table.columns][5] == ["-"]
+    assert [row[5] for row in table.rows] == ["-"]
 
 
 def test_diagnosis_of_a_linear_rig_is_in_its_units() -> None:

@@ -12,9 +12,13 @@ def table_html(table: Table) -> str:
     """A `<table>`; the content of the cells is escaped."""
     caption = f"<caption>{escape(table.caption)}</caption>" if table.caption else ""
     head = "".join(f"<th>{escape(c)}</th>" for c in table.headings)
-    rows = ("".join(f"<td>{escape(c)}</td>" for c in row) for row in table.rows)
+    rows = ("".join(f"<td>{_lines(c)}</td>" for c in row) for row in table.rows)
     body = "".join(f"<tr>{row}</tr>" for row in rows)
     return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _lines(cell: str) -> str:
+    return "<br>".join(map(escape, cell.split("\n")))
 
 
 def result_html(headline: str, tables: Iterable[Table], footnotes: Iterable[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import zip_longest
 
 from sysid.blocks.numbers import ascii_text
 from sysid.blocks.tables import Table
@@ -12,7 +13,11 @@ _GAP = "  "
 
 def table_text(table: Table) -> str:
     """Columns aligned by blanks, the caption and the names of the columns above."""
-    lines = [tuple(map(ascii_text, line)) for line in (table.headings, *table.rows)]
+    lines = [
+        tuple(map(ascii_text, line))
+        for row in (table.headings, *table.rows)
+        for line in zip_longest(*(cell.split("\n") for cell in row), fillvalue="")
+    ]
     widths = [max(len(line[i]) for line in lines) for i in range(len(table.columns))]
     aligned = (
         _GAP.join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in lines

@@ -54,7 +54,11 @@ def _plain(cell: RenderableType | None) -> RenderableType | None:
 def new_table(title: str, *columns: str) -> RichTable:
     """A table whose cells are never cut and whose text is never treated as markup."""
     table = _Table(
-        title=Text(title), title_justify="left", title_style="bold", box=None, pad_edge=False
+        title=Text(title) if title else None,
+        title_justify="left",
+        title_style="bold",
+        box=None,
+        pad_edge=False,
     )
     for column in columns:
         table.add_column(column, overflow="fold")

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import PurePath
 from typing import Any
 
+from sysid.blocks.tables import Table, table
 from sysid.checks.bench import BENCH_LAWS, bench_identified
 from sysid.checks.friction import Identification, friction_together
 from sysid.checks.identifiability import valves_identified
@@ -24,6 +26,8 @@ from sysid.io.rig import Rig
 
 # Times the noise that the rig file declares from which a sensor's is said to be above it.
 _NOISY = 3.0
+# Logs of one kind that a cell names; more are counted.
+_NAMED = 3
 _SWITCHED = ("choked filling flow", "c_fill", "choked exhaust flow", "c_dis")
 
 
@@ -87,12 +91,60 @@ class CampaignCheck:
             said = f"not identified: {'; '.join(parts)}"
         return said + (", but logs or rig file contradict" if self.contradictions else "")
 
+    def table(self) -> Table:
+        """One row per parameter: the logs that identify it, or why none does."""
+        names = _names(self.entries)
+        # What is not identified for one reason is one row: the reason is read once.
+        rows: dict[tuple[str, str], list[str]] = {}
+        for one in self.answers:
+            key = ("yes", one.parameter) if one.identified else ("no", one.needs or one.reason)
+            rows.setdefault(key, []).append(one.parameter)
+        answers = {one.parameter: one for one in self.answers}
+        shown = tuple(
+            (
+                "\n".join(parameters),
+                mark,
+                self._by(answers[parameters[0]], names) if mark == "yes" else reason,
+            )
+            for (mark, reason), parameters in rows.items()
+        )
+        return table("", ("parameter", "", "identified by"), shown)
+
+    def _by(self, answer: Answer, names: Mapping[str, str]) -> str:
+        """The logs that identify a parameter; of a kind of which there are many, their number."""
+        if not answer.logs:
+            return f"all together ({answer.reason})" if answer.together else answer.reason
+        of_kind: dict[str, list[str]] = {}
+        for entry in self.training:
+            of_kind.setdefault(entry.kind, []).append(entry.file)
+        parts = []
+        for kind, files in of_kind.items():
+            own = [f for f in dict.fromkeys(files) if f in answer.logs]
+            if len(own) <= _NAMED:
+                parts += [names[f] for f in own]
+                continue
+            others = [names[f] for f in dict.fromkeys(files) if f not in own]
+            but = f", not {', '.join(others)}" if 0 < len(others) <= _NAMED else ""
+            parts.append(f"{len(own)} of {len(files)} {kind} logs{but}")
+        return ", ".join(parts)
+
     def remarks(self) -> Iterator[tuple[CampaignLog, str]]:
         """What is remarkable in the quality of a log, one line for each that has something."""
         for entry, check in zip(self.entries, self.logs, strict=True):
             found = list(_remarks(check, self.noise_pa))
             if found:
                 yield entry, "; ".join(found)
+
+
+def _names(entries: Sequence[CampaignLog]) -> dict[str, str]:
+    """Short names of a campaign's logs: without their suffix, and the folder that all share."""
+    files = [PurePath(entry.file) for entry in entries]
+    stems = [f.with_suffix("") for f in files]
+    # Runs of one name and two formats are told apart by it.
+    kept = stems if len({*stems}) == len({*files}) else files
+    folders = {f.parent for f in files}
+    shared = folders.pop() if len(folders) == 1 else PurePath()
+    return {e.file: str(name.relative_to(shared)) for e, name in zip(entries, kept, strict=True)}
 
 
 def check_whole(campaign: Campaign) -> CampaignCheck:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy as np
 from sysid import signals
 from sysid.blocks.plots import bars, one_axes
 from sysid.blocks.shown import Shown
-from sysid.blocks.tables import Table, record_table, table
+from sysid.blocks.tables import Table, table
 from sysid.checks.bench import BENCH_LAWS, COLUMNS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import located_contradictions, readings_of
 from sysid.checks.friction import Identification
@@ -140,9 +140,23 @@ class LogCheck(Shown):
 
     def tables(self) -> Iterable[Table]:
         """The channels, and what the log can identify."""
-        yield record_table("Channels", self.records())
-        found = ((i.parameter, "yes" if i.identified else "no", i.reason) for i in self.identifies)
-        yield table("Identifies", ("parameter", "", "reason, or test needed"), tuple(found))
+        columns = ("channel", "low", "high", "resolution", "noise", "remark")
+        yield table("Channels", columns, tuple(map(_channel_row, self.channels)))
+        # What has one reason is read once.
+        rows: dict[tuple[bool, str], list[str]] = {}
+        for item in self.identifies:
+            rows.setdefault((item.identified, item.reason), []).append(item.parameter)
+        found = tuple(
+            ("\n".join(names), "yes" if identified else "no", reason)
+            for (identified, reason), names in rows.items()
+        )
+        yield table("Identifies", ("parameter", "", "reason, or test needed"), found)
+
+    def left_out(self) -> Iterator[str]:
+        """A line for each test or span that is not looked at."""
+        for one in self.excluded:
+            why = f": {one.exclusion.why}" if one.exclusion.why else ""
+            yield f"excluded: {one.exclusion.title} ({one.rows} rows){why}"
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Each channel's range over its noise and over its resolution."""
@@ -169,6 +183,18 @@ class LogCheck(Shown):
                 "excluded": tuple(map(Excluded.from_json, content.get("excluded", ()))),
             }
         )
+
+
+def _channel_row(channel: ChannelCheck) -> tuple[str, ...]:
+    """Name, range, resolution and noise in the channel's unit, and what is remarkable."""
+    remark = []
+    if channel.stuck_s:
+        remark.append(f"stuck for {channel.stuck_s:.3g} s")
+    if channel.saturated_share:
+        remark.append(f"saturated {100 * channel.saturated_share:.2g} %")
+    numbers = (channel.low, channel.high, channel.quantum or None, channel.sample_std)
+    cells = ("-" if n is None else f"{n:.5g}" for n in numbers)
+    return (channel.name, *cells, ", ".join(remark))
 
 
 def _listed(items: Sequence[Identification]) -> str:

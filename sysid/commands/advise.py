@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import click
-from rich.text import Text
 
-from sysid.blocks.terminal import console
 from sysid.commands.options import (
     bundle_option,
     campaign_argument,
@@ -16,7 +14,7 @@ from sysid.commands.options import (
     exclude_option,
     json_option,
 )
-from sysid.commands.printing import notices, print_json, print_tables, progress
+from sysid.commands.printing import notices, print_blocks, print_json, progress
 from sysid.io.campaign import read_campaign
 from sysid.parameters import read_bundle
 from sysid.pipeline.advise import advise as advise_campaign
@@ -43,9 +41,6 @@ def advise(
 
 
 def _show(found: AdviceResult) -> None:
-    out = console()
-    print_tables(found.tables())
     noted = {f"notice: {line}" for line in found.notices}
-    for line in (*found.footnotes(), found.headline()):
-        if line not in noted:
-            out.print(Text(line))
+    said = (line for line in found.footnotes() if line not in noted)
+    print_blocks((*found.tables(), *said, found.headline()))

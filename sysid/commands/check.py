@@ -9,10 +9,8 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import click
-from rich.text import Text
 
-from sysid.blocks.terminal import console, new_table
-from sysid.checks.campaign_check import Answer, CampaignCheck
+from sysid.checks.campaign_check import CampaignCheck
 from sysid.checks.log_check import LogCheck, check_log
 from sysid.commands.options import (
     component_option,
@@ -24,10 +22,17 @@ from sysid.commands.options import (
     verbose_option,
 )
 from sysid.commands.own_component import read_with
-from sysid.commands.printing import grouped_notices, notices, print_json, progress
+from sysid.commands.printing import (
+    Printed,
+    Strong,
+    grouped_notices,
+    notices,
+    print_blocks,
+    print_json,
+    progress,
+)
 from sysid.errors import input_error
 from sysid.io.bare_rig import read_bare_logs
-from sysid.io.campaign import CampaignLog
 from sysid.io.exclusion import Exclusion
 from sysid.io.logs import exclusions_for, read_log
 from sysid.io.rig import find_rig_file, read_rig
@@ -35,8 +40,6 @@ from sysid.io.tables import require_log
 from sysid.io.units import ColumnMap, parse_map
 from sysid.pipeline.subject import subject_of
 
-# Logs of one kind that a cell names; more are counted.
-_NAMED = 3
 # Lines of remarks, the first of the campaign's logs; all with -v.
 _REMARKS = 12
 
@@ -85,13 +88,9 @@ def check(
         print_json(_content(checked))
         return
     _tell(checked, said, all_of_them=verbose)
-    out = console()
     for one in checked:
-        blocks = _campaign(one, verbose) if isinstance(one, CampaignCheck) else _log(one)
-        for block in blocks:
-            # A line is folded by whatever shows it, a table to the width.
-            out.print(block, soft_wrap=isinstance(block, Text))
-        out.print()
+        print_blocks(_campaign(one, verbose) if isinstance(one, CampaignCheck) else _log(one))
+        print_blocks([""])
 
 
 def _log_check(
@@ -169,129 +168,57 @@ def _tell(
     (notices if all_of_them else grouped_notices)(lines)
 
 
-def _campaign(check: CampaignCheck, verbose: bool) -> Iterable[Any]:
-    yield Text(check.answer, style="bold")
-    yield from (Text(f"- {line}") for line in check.contradictions)
+def _campaign(check: CampaignCheck, verbose: bool) -> Iterator[Printed]:
+    yield Strong(check.answer)
+    yield from (f"- {line}" for line in check.contradictions)
     training, held = len(check.training), len(check.entries) - len(check.training)
-    yield Text(f"{check.path}: {training} training log{'s' * (training != 1)}, {held} held out")
+    yield f"{check.path}: {training} training log{'s' * (training != 1)}, {held} held out"
     if not verbose:
         for one in check.logs:
-            yield from _excluded(one, f"{PurePath(one.file).name}: ")
-    yield _table(check)
+            yield from (f"{PurePath(one.file).name}: {line}" for line in one.left_out())
+    yield check.table()
     yield from _quality(check, verbose)
     if verbose:
         for one in check.logs:
-            yield Text("")
+            yield ""
             yield from _blocks(one)
     else:
-        yield Text("-v shows each log: channels, noise, and what it identifies by itself")
+        yield "-v shows each log: channels, noise, and what it identifies by itself"
 
 
-def _table(check: CampaignCheck) -> Any:
-    """One line per parameter: the logs that identify it, or why none does."""
-    table = new_table("", "parameter", "", "identified by")
-    names = _names(check.entries)
-    # What is not identified for one reason is one row: the reason is read once.
-    rows: dict[tuple[str, str], list[str]] = {}
-    for one in check.answers:
-        key = ("yes", one.parameter) if one.identified else ("no", one.needs or one.reason)
-        rows.setdefault(key, []).append(one.parameter)
-    answers = {one.parameter: one for one in check.answers}
-    for (mark, reason), parameters in rows.items():
-        by = _by(answers[parameters[0]], check, names) if mark == "yes" else reason
-        table.add_row("\n".join(parameters), mark, Text(by))
-    return table
-
-
-def _names(entries: Sequence[CampaignLog]) -> dict[str, str]:
-    """Short names of a campaign's logs: without their suffix, and the folder that all share."""
-    files = [PurePath(entry.file) for entry in entries]
-    stems = [f.with_suffix("") for f in files]
-    # Runs of one name and two formats are told apart by it.
-    kept = stems if len({*stems}) == len({*files}) else files
-    folders = {f.parent for f in files}
-    shared = folders.pop() if len(folders) == 1 else PurePath()
-    return {e.file: str(name.relative_to(shared)) for e, name in zip(entries, kept, strict=True)}
-
-
-def _by(answer: Answer, check: CampaignCheck, names: dict[str, str]) -> str:
-    """The logs that identify a parameter; of a kind of which there are many, their number."""
-    if not answer.logs:
-        return f"all together ({answer.reason})" if answer.together else answer.reason
-    of_kind: dict[str, list[str]] = {}
-    for entry in check.training:
-        of_kind.setdefault(entry.kind, []).append(entry.file)
-    parts = []
-    for kind, files in of_kind.items():
-        own = [f for f in dict.fromkeys(files) if f in answer.logs]
-        if len(own) <= _NAMED:
-            parts += [names[f] for f in own]
-            continue
-        others = [names[f] for f in dict.fromkeys(files) if f not in own]
-        but = f", not {', '.join(others)}" if 0 < len(others) <= _NAMED else ""
-        parts.append(f"{len(own)} of {len(files)} {kind} logs{but}")
-    return ", ".join(parts)
-
-
-def _quality(check: CampaignCheck, verbose: bool) -> Iterable[Text]:
+def _quality(check: CampaignCheck, verbose: bool) -> Iterator[str]:
     """One line for each log whose quality is remarkable."""
     found = list(check.remarks())
     if not found:
         noise = "" if check.noise_pa is None else ", no noise beyond the rig file's"
-        yield Text(f"quality: no gaps, no sensor stuck or saturated{noise}")
+        yield f"quality: no gaps, no sensor stuck or saturated{noise}"
         return
     shown = found if verbose else found[:_REMARKS]
     for entry, line in shown:
         held = " (held out)" if entry.use != "fit" else ""
-        yield Text(f"{entry.file}{held}: {line}")
+        yield f"{entry.file}{held}: {line}"
     if len(found) > len(shown):
-        yield Text(f"... and {len(found) - len(shown)} more logs with remarks: -v shows them")
+        yield f"... and {len(found) - len(shown)} more logs with remarks: -v shows them"
 
 
-def _log(check: LogCheck) -> Iterable[Any]:
-    yield Text(check.answer, style="bold")
-    yield from (Text(f"- {line}") for line in check.contradicts)
+def _log(check: LogCheck) -> Iterator[Printed]:
+    yield Strong(check.answer)
+    yield from (f"- {line}" for line in check.contradicts)
     yield from _blocks(check)
 
 
-def _excluded(check: LogCheck, of: str = "") -> Iterable[Text]:
-    """A line for each test or span that is not looked at."""
-    for one in check.excluded:
-        why = f": {one.exclusion.why}" if one.exclusion.why else ""
-        yield Text(f"{of}excluded: {one.exclusion.title} ({one.rows} rows){why}")
-
-
-def _blocks(check: LogCheck) -> Iterable[Any]:
+def _blocks(check: LogCheck) -> Iterator[Printed]:
     kinds = ", ".join(f"{n} x {k}" for k, n in check.kinds.items())
-    yield Text(check.file, style="bold")
+    yield Strong(check.file)
     if check.declared is not None:
-        yield Text(f"in the campaign: {check.declared}, {check.use}")
-    yield Text(
+        yield f"in the campaign: {check.declared}, {check.use}"
+    yield (
         f"{kinds}; {check.rows} rows, {check.duration_s:.4g} s, every {check.period_s:.4g} s "
         f"(jitter {check.jitter_s:.2g} s)"
     )
-    yield Text(
-        f"{check.gaps} gaps, the longest {check.longest_gap_s:.4g} s" if check.gaps else "no gaps"
-    )
-    yield from _excluded(check)
-    table = new_table("Channels", "channel", "low", "high", "resolution", "noise", "remark")
-    for channel in check.channels:
-        remark = []
-        if channel.stuck_s:
-            remark.append(f"stuck for {channel.stuck_s:.3g} s")
-        if channel.saturated_share:
-            remark.append(f"saturated {100 * channel.saturated_share:.2g} %")
-        numbers = (channel.low, channel.high, channel.quantum or None, channel.sample_std)
-        cells = ("-" if n is None else f"{n:.5g}" for n in numbers)
-        table.add_row(channel.name, *cells, ", ".join(remark))
-    yield table
-    for line in check.excitation:
-        yield Text(f"excitation: {line}")
-    table = new_table("Identifies", "parameter", "", "reason, or test needed")
-    # What has one reason is one row: the reason is read once.
-    rows: dict[tuple[bool, str], list[str]] = {}
-    for item in check.identifies:
-        rows.setdefault((item.identified, item.reason), []).append(item.parameter)
-    for (identified, reason), names in rows.items():
-        table.add_row("\n".join(names), "yes" if identified else "no", Text(reason))
-    yield table
+    yield f"{check.gaps} gaps, the longest {check.longest_gap_s:.4g} s" if check.gaps else "no gaps"
+    yield from check.left_out()
+    channels, identifies = check.tables()
+    yield channels
+    yield from (f"excitation: {line}" for line in check.excitation)
+    yield identifies

@@ -5,12 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.text import Text
 
 from sysid.blocks.numbers import ascii_text
-from sysid.blocks.terminal import console
 from sysid.commands.options import PathArgument, json_option
-from sysid.commands.printing import notices, print_json, print_tables
+from sysid.commands.printing import notices, print_blocks, print_json
 from sysid.parameters import read_bundle
 from sysid.pipeline.compare import compare as compare_bundles
 
@@ -31,5 +29,4 @@ def compare(bundles: tuple[Path, ...], as_json: bool) -> None:
     if as_json:
         print_json(found.to_json())
         return
-    print_tables(found.tables())
-    console().print(Text(ascii_text(found.headline())), soft_wrap=True)
+    print_blocks((*found.tables(), ascii_text(found.headline())))

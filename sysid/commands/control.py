@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.text import Text
 
-from sysid.blocks.terminal import console, new_table
 from sysid.commands.options import (
     SEED,
     PathArgument,
@@ -19,7 +17,14 @@ from sysid.commands.options import (
     json_option,
     options,
 )
-from sysid.commands.printing import notices, print_json, print_written, progress
+from sysid.commands.printing import (
+    Strong,
+    notices,
+    print_blocks,
+    print_json,
+    progress,
+    written_lines,
+)
 from sysid.controllers.modes import Mode
 from sysid.io.files import make_folder
 from sysid.io.locks import working_in
@@ -103,7 +108,7 @@ def control(bundle: Path | None, table: str | None, as_json: bool, **chosen: Any
             accept_assumed=chosen["accept_assumed"],
             progress=progress(),
         )
-        _show_table(found, as_json)
+        _show(found, as_json)
         return
     if bundle is None:
         raise click.UsageError("Missing argument 'BUNDLE'.")
@@ -203,34 +208,16 @@ def tabulate(
 
 def _show(done: Controlled, as_json: bool) -> None:
     found = done.found
-    assert isinstance(found, ControlledRun)
-    notices(found.notices)
+    notices(getattr(found, "notices", ()))
     if as_json:
         print_json(done.to_json())
         return
-    _print_tables(found)
-    for line in found.faults:
-        console().print(Text(f"fault: {line}"), soft_wrap=True)
-    if not found.faults:
-        console().print("no fault")
-    print_written(done.written)
-
-
-def _show_table(done: Controlled, as_json: bool) -> None:
-    notices(getattr(done.found, "notices", ()))
-    if as_json:
-        print_json(done.to_json())
-        return
-    _print_tables(done.found)
-    print_written(done.written)
-
-
-def _print_tables(found: ControlledRun | ControlTable) -> None:
-    out = console()
-    for shown in found.tables():
-        out.print(Text(shown.caption or found.headline(), style="bold"), soft_wrap=True)
-        table = new_table("", *shown.headings)
-        table.title = None
-        for row in shown.rows:
-            table.add_row(*(Text(cell) for cell in row))
-        out.print(table)
+    tables = [
+        block
+        for table in found.tables()
+        for block in (Strong(table.caption or found.headline()), replace(table, caption=""))
+    ]
+    said = []
+    if isinstance(found, ControlledRun):
+        said = [f"fault: {line}" for line in found.faults] or ["no fault"]
+    print_blocks((*tables, *said, *written_lines(done.written)))

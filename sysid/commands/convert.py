@@ -143,7 +143,6 @@ def show_listing(listing: Listing) -> None:
     counted = f"{len(listing.channels):,} channel{'s' * (len(listing.channels) != 1)}"
     out.print(Text(f"{listing.path}: {listing.format}, {counted}"))
     table = new_table("", "channel", "unit", "rate", "rows", "first values")
-    table.title = None
     for column in table.columns:
         column.no_wrap = True
     for number in (2, 3):

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
-from rich.text import Text
 
-from sysid.blocks.terminal import console, new_table
+from sysid.blocks.tables import Table, table
 from sysid.commands.budget import budget_option, quick_option
 from sysid.commands.options import (
     SEED,
@@ -27,7 +25,17 @@ from sysid.commands.options import (
     report_option,
 )
 from sysid.commands.own_component import read_with
-from sysid.commands.printing import estimate_cells, notices, print_json, progress, unless_failed
+from sysid.commands.printing import (
+    Strong,
+    estimate_cells,
+    notices,
+    print_blocks,
+    print_json,
+    progress,
+    spaced,
+    unless_failed,
+    written_lines,
+)
 from sysid.diagnosis import wording
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.result import Diagnosis
@@ -167,25 +175,27 @@ def show_diagnosis(diagnosed: Diagnosed, as_json: bool) -> None:
     if as_json:
         print_json(content)
         return
-    out = console()
-    out.print(Text(wording.sentence(content), style="bold"), soft_wrap=True)
-    tables = [*_effect_tables(content), *_before_after_tables(content)]
-    tables += _unexplained_tables(content)
-    tables += _tried_tables(diagnosed.diagnosis.evidence.rounds_shown())
-    for table in tables:
-        out.print("", table)
-    out.print()
-    written = (f"written: {path}" for path in diagnosed.written)
-    for line in (*wording.left(content), *wording.advice(content), *written):
-        out.print(Text(line), soft_wrap=True)
+    tables = (
+        _effects(content),
+        _before_after(content),
+        _unexplained(content),
+        _tried(diagnosed.diagnosis.evidence.rounds_shown()),
+    )
+    print_blocks(
+        (
+            Strong(wording.sentence(content)),
+            *spaced(tables),
+            "",
+            *wording.left(content),
+            *wording.advice(content),
+            *written_lines(diagnosed.written),
+        )
+    )
 
 
-def _effect_tables(content: dict[str, Any]) -> Iterable[Table]:
+def _effects(content: dict[str, Any]) -> Table:
     """One row per parameter; cells about the effect as a whole are in its first row."""
-    if not content["effects"]:
-        return
-    columns = ("parameter", "value", "95 % interval", "unit", "p", "share, %", "ambiguous with")
-    table = new_table("Effects", "effect", *columns)
+    rows = []
     for effect in content["effects"]:
         head = effect["id"]
         share = f"{100.0 * effect['share']:.3g}"
@@ -196,49 +206,46 @@ def _effect_tables(content: dict[str, Any]) -> Iterable[Table]:
         )
         for name, estimate in wording.parameter_rows(effect):
             cells = (estimate, "", "") if isinstance(estimate, str) else estimate_cells(estimate)
-            table.add_row(*(Text(c) for c in (head, name, *cells, *whole)))
+            rows.append((head, name, *cells, *whole))
             head, whole = "", ("", "", "")
-    yield table
+    columns = ("parameter", "value", "95 % interval", "unit", "p", "share, %", "ambiguous with")
+    return table("Effects", ("effect", *columns), rows)
 
 
-def _before_after_tables(content: dict[str, Any]) -> Iterable[Table]:
-    if not content["residual"]:
-        return
+def _before_after(content: dict[str, Any]) -> Table:
     how = ", simulated open loop" if is_of_actuator(content) else ""
-    title = f"RMSE on held-out logs{how}"
-    columns = ("channel", "original bundle", *wording.steps(content), _CORRECT)
-    table = new_table(title, *columns)
+    rows = []
     for name, errors in wording.errors_by_step(content).items():
         floor = content["residual"][name]["noise_floor"]
         cells = ("-" if math.isnan(e) else f"{e:.4g}" for e in errors)
-        table.add_row(name, *cells, f"{floor:.4g}")
-    yield table
+        rows.append((name, *cells, f"{floor:.4g}"))
+    columns = ("channel", "original bundle", *wording.steps(content), _CORRECT)
+    return table(f"RMSE on held-out logs{how}", columns, rows)
 
 
-def _unexplained_tables(content: dict[str, Any]) -> Iterable[Table]:
-    if content["unexplained"]:
-        table = new_table("Unexplained", "channel", "depends most on", "share of variance, %")
-        for entry in content["unexplained"]:
-            share = f"{100.0 * entry['share']:.3g}"
-            table.add_row(entry["channel"], wording.regressor_name(entry["regressor"]), share)
-        yield table
+def _unexplained(content: dict[str, Any]) -> Table:
+    rows = tuple(
+        (one["channel"], wording.regressor_name(one["regressor"]), f"{100.0 * one['share']:.3g}")
+        for one in content["unexplained"]
+    )
+    return table("Unexplained", ("channel", "depends most on", "share of variance, %"), rows)
 
 
-def _tried_tables(looks: Sequence[dict[str, Any]]) -> Iterable[Table]:
+def _tried(looks: Sequence[dict[str, Any]]) -> Table:
     """What each round tried in addition to the effect that it added."""
     compared = any("twins" in s for look in looks for s in look["suspects"])
     gain = ("gain", "most on a twin") if compared else ("share of the prediction error, %",)
-    table = new_table("Tried, and not added", "round", "suspect", *gain, "p", "outcome")
+    columns = ("round", "suspect", *gain, "p", "outcome")
+    rows = []
     for place, look in enumerate(looks, start=1):
         others = [s for s in look["suspects"] if s["fate"] != "added"]
         for suspect in others[:_MOST_SUSPECTS]:
             p_value = wording.p_text(suspect["p_value"])
-            cells = (suspect["id"], *_gains(suspect), p_value, suspect["fate"])
-            table.add_row(str(place), *(Text(c) for c in cells))
+            rows.append((str(place), suspect["id"], *_gains(suspect), p_value, suspect["fate"]))
         if len(others) > _MOST_SUSPECTS:
-            table.add_row(str(place), f"{len(others) - _MOST_SUSPECTS} more with less gain")
-    if table.row_count:
-        yield table
+            more = f"{len(others) - _MOST_SUSPECTS} more with less gain"
+            rows.append((str(place), more, *[""] * (len(columns) - 2)))
+    return table("Tried, and not added", columns, rows)
 
 
 def _gains(suspect: dict[str, Any]) -> tuple[str, ...]:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
-from rich.text import Text
 
-from sysid.blocks.terminal import console, new_table
+from sysid.blocks.tables import table
 from sysid.blocks.text_plot import WIDTH, text_plot
 from sysid.commands.options import PathArgument, effects_option, json_option
-from sysid.commands.printing import print_json, print_written, progress
+from sysid.commands.printing import Strong, print_blocks, print_json, progress, written_lines
 from sysid.errors import input_error
 from sysid.io.files import write_atomic
 from sysid.plant.effects.catalogue import catalogue, catalogue_entry, catalogue_with, effect_named
@@ -66,23 +66,18 @@ def _show_list(effects: Catalogue, as_json: bool) -> None:
     if as_json:
         print_json({"effects": [catalogue_entry(effect) for effect in effects.values()]})
         return
-    table = new_table(
-        "Effects that the base model lacks", "id", "what", "parameter", "typical", "shows in"
-    )
+    rows = []
     for effect in effects.values():
-        first = [effect.id, effect.title]
+        first, last = (effect.id, effect.title), effect.signature
         for q in effect.quantities:
-            last = "" if not first[0] else effect.signature
-            table.add_row(*map(Text, (*first, q.label, f"{q.typical:.3g} {q.unit}", last)))
-            first = ["", ""]
-    out = console()
-    out.print(table)
-    out.print(Text("`sysid effects ID` shows an entry in full, and its influence on a rig"))
+            rows.append((*first, q.label, f"{q.typical:.3g} {q.unit}", last))
+            first, last = ("", ""), ""
+    columns = ("id", "what", "parameter", "typical", "shows in")
+    more = "`sysid effects ID` shows an entry in full, and its influence on a rig"
+    print_blocks((table("Effects that the base model lacks", columns, rows), more))
 
 
 def _show_entry(effect: type[CatalogueEffect], shown: Demonstration, output: Path | None) -> None:
-    out = console()
-    out.print(Text(f"{effect.id}: {effect.title}", style="bold"))
     content = catalogue_entry(effect)
     lines = {
         "law": content["law"],
@@ -93,23 +88,29 @@ def _show_entry(effect: type[CatalogueEffect], shown: Demonstration, output: Pat
         "side": "a, b or both" if effect.has_side() else "",
         "source": effect.source,
     }
-    for label, text in lines.items():
-        if text:
-            out.print(Text(f"{label + ':':<20}{text}"))
-    table = new_table("Parameters", "name", "unit", "typical", "bounds", "", "meaning")
+    rows = []
     for q in effect.quantities:
         kind = "strength" if q.is_strength else "shape"
         bounds = f"{q.lower:.4g} to {q.upper:.4g}"
-        table.add_row(*map(Text, (q.label, q.unit, f"{q.typical:.4g}", bounds, kind, q.meaning)))
-    out.print(table)
-    if output is not None:
-        print_written([output])
-        return
-    out.print(Text("Change by the effect at typical size, simulated", style="bold"))
+        rows.append((q.label, q.unit, f"{q.typical:.4g}", bounds, kind, q.meaning))
+    columns = ("name", "unit", "typical", "bounds", "", "meaning")
+    print_blocks(
+        (
+            Strong(f"{effect.id}: {effect.title}"),
+            *(f"{label + ':':<20}{text}" for label, text in lines.items() if text),
+            table("Parameters", columns, rows),
+            *(_changes(shown) if output is None else written_lines([output])),
+        )
+    )
+
+
+def _changes(shown: Demonstration) -> Iterator[str]:
+    """Each channel's change as a curve in braille."""
+    yield Strong("Change by the effect at typical size, simulated")
     changes = shown.changes()
     for channel, unit in shown.channels:
         largest = changes[channel]["largest"]
-        out.print(Text(f"{channel}, at most {largest:.3g} {unit}"))
+        yield f"{channel}, at most {largest:.3g} {unit}"
         if largest > 0.0:
-            out.print(Text("\n".join(text_plot(shown.difference(channel)))))
-    out.print(Text(f"0 s{shown.time[-1]:>{WIDTH - 5}.3g} s; the zero line is dotted"))
+            yield from text_plot(shown.difference(channel))
+    yield f"0 s{shown.time[-1]:>{WIDTH - 5}.3g} s; the zero line is dotted"

@@ -12,7 +12,7 @@ from sysid.commands.options import (
     effects_option,
     json_option,
 )
-from sysid.commands.printing import notices, print_json, print_written
+from sysid.commands.printing import notices, print_blocks, print_json, written_lines
 from sysid.exporters import check_folder, export_file
 
 
@@ -49,4 +49,4 @@ def export(
         shown = {"written": str(output), "notices": list(said)}
         print_json(shown | ({"check": str(check)} if has_check else {}))
     else:
-        print_written([output, *([check] if has_check else [])])
+        print_blocks(written_lines([output, *([check] if has_check else [])]))

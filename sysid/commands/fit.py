@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
-from rich.text import Text
 
 from sysid.blocks.numbers import ascii_text
-from sysid.blocks.terminal import console, new_table
+from sysid.blocks.quality import quality_table
+from sysid.blocks.tables import Table, table
 from sysid.checks.consistency.campaign import check_consistency
 from sysid.commands.default_files import check_same_fit
 from sysid.commands.options import (
@@ -37,11 +36,11 @@ from sysid.commands.printing import (
     estimate_cells,
     notices,
     parameter_table,
+    print_blocks,
     print_json,
-    print_written,
     progress,
-    quality_table,
     unless_failed,
+    written_lines,
 )
 from sysid.errors import SysidError, input_error
 from sysid.friction import fit_friction
@@ -514,42 +513,29 @@ def _show(fitted: Fitted, as_json: bool, tables: Tables) -> None:
         notices(assumed)
         print_json(fitted.to_json())
         return
-    out = console()
-    for line in assumed:
-        out.print(Text(ascii_text(line)), soft_wrap=True)
-    for table in tables(fitted):
-        out.print(table)
-    judged = fitted.bundle.qualities()
-    if judged:
-        out.print(quality_table(judged))
-    print_written(path for path in (fitted.written, fitted.report) if path is not None)
+    written = [path for path in (fitted.written, fitted.report) if path is not None]
+    judged = quality_table(fitted.bundle.qualities())
+    print_blocks(map(ascii_text, assumed))
+    print_blocks((*tables(fitted), judged, *written_lines(written)))
 
 
 def _friction_tables(fitted: Fitted) -> Iterable[Table]:
     """The friction parameters, and static friction by position."""
     yield from _of_friction(fitted.bundle.friction)
-    yield from _remark_tables(fitted)
+    yield _remarks(fitted)
 
 
 def _of_friction(friction: Friction | None) -> Iterable[Table]:
     if friction is not None:
         yield parameter_table("Friction", friction.estimates())
         sums = {name: row.estimate for name, row in friction.sums().items()}
-        if sums:
-            yield parameter_table("Identified only together", sums)
-        yield from _position_tables(friction)
-
-
-def _position_tables(friction: Friction) -> Iterable[Table]:
-    rows = friction.positions()
-    if not rows:
-        return
-    table = new_table(
-        "Static friction by position", "position", "tests", "value", "95 % interval", "unit"
-    )
-    for row in rows:
-        table.add_row(f"{row.position:.4g}", str(row.tests), *estimate_cells(row.static))
-    yield table
+        yield parameter_table("Identified only together", sums)
+        columns = ("position", "tests", "value", "95 % interval", "unit")
+        rows = tuple(
+            (f"{row.position:.4g}", str(row.tests), *estimate_cells(row.static))
+            for row in friction.positions()
+        )
+        yield table("Static friction by position", columns, rows)
 
 
 def _valve_tables(fitted: Fitted) -> Iterable[Table]:
@@ -558,37 +544,26 @@ def _valve_tables(fitted: Fitted) -> Iterable[Table]:
     for name, valve in valves.sides().items():
         if valve.discrete is not None:
             yield parameter_table(f"Valve {name.upper()}, on/off", valve.discrete.estimates())
-    yield from _surface_tables(valves)
-    yield from _remark_tables(fitted)
+    columns = (
+        "valve", "direction", "surface", "RMSE", "largest relative error, %", "parameters",
+    )  # fmt: skip
+    title = "PWM surfaces, error in duty on held-out tests"
+    yield table(title, columns, tuple(_surface_rows(valves)))
+    yield _remarks(fitted)
 
 
-def _surface_tables(valves: FittedValves) -> Iterable[Table]:
-    table = new_table(
-        "PWM surfaces, error in duty on held-out tests",
-        "valve",
-        "direction",
-        "surface",
-        "RMSE",
-        "largest relative error, %",
-        "parameters",
-    )
+def _surface_rows(valves: FittedValves) -> Iterator[tuple[str, ...]]:
     for name, valve in valves.sides().items():
         for direction, held in (valve.pwm.directions() if valve.pwm else {}).items():
             for kind, surface in held.surfaces().items():
                 numbers = (surface.rmse_duty, surface.max_relative_error_duty_percent)
                 cells = [f"{read_number(n):.3g}" for n in numbers]
                 count = "41" if kind == "ann" else "9"
-                table.add_row(name.upper(), direction, kind, *cells, count)
-    if table.row_count:
-        yield table
+                yield name.upper(), direction, kind, *cells, count
 
 
-def _remark_tables(fitted: Fitted) -> Iterable[Table]:
-    if fitted.remarks:
-        table = new_table("Remarks", "")
-        for remark in fitted.remarks:
-            table.add_row(Text(remark))
-        yield table
+def _remarks(fitted: Fitted) -> Table:
+    return table("Remarks", ("",), tuple((remark,) for remark in fitted.remarks))
 
 
 def _own_tables(fitted: Fitted) -> Iterable[Table]:

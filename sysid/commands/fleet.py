@@ -11,13 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.text import Text
 
 from sysid import parallel
 from sysid.blocks.numbers import ascii_text
-from sysid.blocks.terminal import console
 from sysid.commands.options import PathArgument, options
-from sysid.commands.printing import grouped_notices, notices, print_json, print_tables, progress
+from sysid.commands.printing import grouped_notices, notices, print_blocks, print_json, progress
 from sysid.commands.run import RunReport, run_campaign, run_options
 from sysid.commands.stages import FITTED_FILE
 from sysid.diagnosis import wording
@@ -224,10 +222,7 @@ def _verdict(done: RunReport) -> dict[str, Any]:
 
 
 def _show(done: Fleet, folder: Path) -> None:
-    print_tables(done.tables())
-    out = console()
-    out.print(Text(ascii_text(done.headline())), soft_wrap=True)
-    out.print(Text(f"page: {folder / PAGE_FILE}"), soft_wrap=True)
+    print_blocks((*done.tables(), ascii_text(done.headline()), f"page: {folder / PAGE_FILE}"))
 
 
 __all__ = ["fleet", "run_fleet", "run_one"]

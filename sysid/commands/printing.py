@@ -15,19 +15,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rich.console import Console
-from rich.table import Table as RichTable
 from rich.text import Text
 
-from sysid.blocks.numbers import ascii_text
 from sysid.blocks.progress import stage_bar
-from sysid.blocks.quality import QUALITY_COLUMNS, quality_cells, quality_name
-from sysid.blocks.tables import Table
-from sysid.blocks.terminal import console, new_table, terminal_table
+from sysid.blocks.tables import Table, table
+from sysid.blocks.terminal import console, terminal_table
 from sysid.errors import one_line
 from sysid.estimation.linear import Estimate
 from sysid.parallel import Failure, on_its_own
 from sysid.parameters import Validation
-from sysid.parameters.quality import QualityRecord
 from sysid.types import Progress, no_progress
 
 Result = TypeVar("Result")
@@ -118,18 +114,38 @@ def print_json(content: Any) -> None:
     print(json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False))
 
 
-def print_tables(tables: Iterable[Table]) -> None:
-    """The tables that have rows, as a terminal of any alphabet shows them."""
+class Strong(str):
+    """A line that stands out: the answer, the name of what follows."""
+
+
+Printed = str | Table
+"""A line, or a table; what has no rows is not printed."""
+
+
+def print_blocks(blocks: Iterable[Printed]) -> None:
+    """Lines as they are, tables as a terminal of any alphabet shows them.
+
+    A line is folded by whatever shows it, a table to the width.
+    """
     out = console()
-    for shown in filter(lambda table: table.rows, tables):
-        out.print(terminal_table(shown))
+    for block in blocks:
+        if isinstance(block, str):
+            style = "bold" if isinstance(block, Strong) else ""
+            out.print(Text(block, style=style), soft_wrap=True)
+        elif block.rows:
+            out.print(terminal_table(block))
 
 
-def print_written(paths: Iterable[Path]) -> None:
+def spaced(tables: Iterable[Table]) -> Iterator[Printed]:
+    """The tables that have rows, each with an empty line above it."""
+    for shown in tables:
+        if shown.rows:
+            yield from ("", shown)
+
+
+def written_lines(paths: Iterable[Path]) -> list[str]:
     """Where the results are, one line per file."""
-    out = console()
-    for path in paths:
-        out.print(Text(f"written: {path}"), soft_wrap=True)
+    return [f"written: {path}" for path in paths]
 
 
 def estimate_cells(estimate: Estimate) -> tuple[str, str, str]:
@@ -150,44 +166,26 @@ def _form(low: float, high: float) -> str:
     return next((f for f in forms if f"{low:{f}}" != f"{high:{f}}"), _FOUR)
 
 
-def parameter_table(title: str, parameters: Mapping[str, Estimate]) -> RichTable:
+def parameter_table(title: str, parameters: Mapping[str, Estimate]) -> Table:
     """One row per parameter."""
-    table = new_table(title, "parameter", "value", "95 % interval", "unit")
-    for name, estimate in parameters.items():
-        table.add_row(Text(name), *(Text(c) for c in estimate_cells(estimate)))
-    return table
+    rows = tuple((name, *estimate_cells(estimate)) for name, estimate in parameters.items())
+    return table(title, ("parameter", "value", "95 % interval", "unit"), rows)
 
 
-def quality_table(found: Mapping[str, QualityRecord]) -> RichTable:
-    """One row per fitted law: how well it follows its tests, and the verdict."""
-    table = new_table("How well the laws follow their tests", *QUALITY_COLUMNS)
-    for place, one in found.items():
-        cells = (quality_name(place), *quality_cells(one))
-        table.add_row(*(Text(ascii_text(cell)) for cell in cells))
-    return table
-
-
-def validation_table(validation: Validation | None) -> RichTable:
+def validation_table(validation: Validation | None) -> Table:
     """One row per log, valve model and channel of a bundle's `validation`."""
-    table = new_table(
-        "Open-loop validation",
-        "log",
-        "use",
-        "valve model",
-        "channel",
-        "RMSE",
-        "fit, %",
-        "sensor noise",
+    rows = tuple(
+        (
+            log.file,
+            log.use,
+            log.valve_model,
+            name,
+            f"{channel.rmse:.4g}",
+            "-" if channel.fit_percent is None else f"{channel.fit_percent:.1f}",
+            f"{channel.noise_floor:.3g}",
+        )
+        for log in ([] if validation is None else validation.validated())
+        for name, channel in log.channels.items()
     )
-    for log in [] if validation is None else validation.validated():
-        for name, channel in log.channels.items():
-            table.add_row(
-                Text(log.file),
-                log.use,
-                log.valve_model,
-                name,
-                f"{channel.rmse:.4g}",
-                "-" if channel.fit_percent is None else f"{channel.fit_percent:.1f}",
-                f"{channel.noise_floor:.3g}",
-            )
-    return table
+    columns = ("log", "use", "valve model", "channel", "RMSE", "fit, %", "sensor noise")
+    return table("Open-loop validation", columns, rows)

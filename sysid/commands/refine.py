@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.text import Text
 
-from sysid.blocks.terminal import console, terminal_table
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
@@ -22,7 +20,16 @@ from sysid.commands.options import (
     report_option,
 )
 from sysid.commands.own_component import read_with
-from sysid.commands.printing import notices, print_json, print_written, progress, unless_failed
+from sysid.commands.printing import (
+    Strong,
+    notices,
+    print_blocks,
+    print_json,
+    progress,
+    spaced,
+    unless_failed,
+    written_lines,
+)
 from sysid.errors import input_error
 from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle, read_bundle, write_bundle
@@ -150,8 +157,4 @@ def _show(result: RefineResult | OwnRefinement, written: tuple[Path, ...], as_js
         content = result.to_json() | {"notices": list(result.notices)}
         print_json(content | {"written": [str(path) for path in written]})
         return
-    out = console()
-    out.print(Text(result.headline(), style="bold"), soft_wrap=True)
-    for shown in result.tables():
-        out.print("", terminal_table(shown))
-    print_written(written)
+    print_blocks((Strong(result.headline()), *spaced(result.tables()), *written_lines(written)))

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.text import Text
 
-from sysid.blocks.terminal import console, new_table
+from sysid.blocks.tables import table
 from sysid.commands.budget import budget_option, quick_option
 from sysid.commands.options import (
     SEED,
@@ -27,6 +26,7 @@ from sysid.commands.own_component import read_with
 from sysid.commands.printing import (
     grouped_notices,
     notices,
+    print_blocks,
     print_json,
     stage_progress,
     unasked_notices,
@@ -227,15 +227,14 @@ def show_run(done: RunReport, as_json: bool, verbose: bool = False) -> None:
     if as_json:
         print_json(done.to_json())
         return
-    out = console()
-    if verbose:
-        out.print(validation_table(done.bundle.validation))
-    table = new_table("Stages", "stage", "", "s")
-    for stage in done.stages:
-        table.add_row(stage.name, stage.outcome, f"{stage.seconds:.1f}")
-    out.print(table)
-    out.print(Text(f"bundle: {done.folder / BUNDLE_FILE}"), soft_wrap=True)
-    if done.report.is_file():
-        out.print(Text(f"report: {done.report}"), soft_wrap=True)
-    for line in verdict_lines(done.bundle, done.diagnosis, done.not_diagnosed):
-        out.print(Text(line), soft_wrap=True)
+    stages = tuple((s.name, s.outcome, f"{s.seconds:.1f}") for s in done.stages)
+    report = [f"report: {done.report}"] if done.report.is_file() else []
+    print_blocks(
+        (
+            *([validation_table(done.bundle.validation)] if verbose else []),
+            table("Stages", ("stage", "", "s"), stages),
+            f"bundle: {done.folder / BUNDLE_FILE}",
+            *report,
+            *verdict_lines(done.bundle, done.diagnosis, done.not_diagnosed),
+        )
+    )

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.text import Text
 
 from sysid.blocks.numbers import number
-from sysid.blocks.terminal import console, new_table
+from sysid.blocks.tables import table
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
@@ -19,7 +18,7 @@ from sysid.commands.options import (
     json_option,
     map_option,
 )
-from sysid.commands.printing import notices, print_json, print_written
+from sysid.commands.printing import notices, print_blocks, print_json, written_lines
 from sysid.io.logs import Trial, read_log
 from sysid.io.tables import write_table
 from sysid.io.units import parse_map
@@ -91,13 +90,13 @@ def _show(simulated: Simulated, as_json: bool) -> None:
     if simulated.has_chambers:
         names += ["pressure_a_pa", "pressure_b_pa"]
         title += f", {simulated.valve_model} valves"
-    table = new_table(title, "test", "s", *names)
+    rows = []
     for trial, channels in zip(simulated.trials, simulated.channels, strict=True):
         ranges = [channels[name] for name in names]
         cells = [f"{number(float(r.min()), 4)} to {number(float(r.max()), 4)}" for r in ranges]
-        table.add_row(Text(trial.label or "-"), f"{trial.time[-1] - trial.time[0]:.3g}", *cells)
-    console().print(table)
-    print_written([simulated.written])
+        rows.append((trial.label or "-", f"{trial.time[-1] - trial.time[0]:.3g}", *cells))
+    shown = table(title, ("test", "s", *names), rows)
+    print_blocks((shown, *written_lines([simulated.written])))
 
 
 def simulate_log(

@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from sysid.blocks.terminal import console
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
@@ -23,11 +22,12 @@ from sysid.commands.options import (
 from sysid.commands.own_component import read_with
 from sysid.commands.printing import (
     notices,
+    print_blocks,
     print_json,
-    print_written,
     progress,
     unless_failed,
     validation_table,
+    written_lines,
 )
 from sysid.parameters import Bundle, read_bundle, write_bundle
 from sysid.pipeline.subject import subject_of
@@ -73,8 +73,8 @@ def _show(validated: Validated, as_json: bool) -> None:
     if as_json:
         print_json(validated.to_json())
         return
-    console().print(validation_table(validated.bundle.validation))
-    print_written(validated.written)
+    table = validation_table(validated.bundle.validation)
+    print_blocks((table, *written_lines(validated.written)))
 
 
 def validate_campaign(
