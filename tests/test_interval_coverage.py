@@ -22,11 +22,8 @@ from benchmarks.interval_coverage import (
     first_order,
     linear_coverage,
 )
-from sysid.estimation.autocovariance import (
-    Autoregression,
-    correlated_covariance,
-    error_model,
-)
+from sysid.estimation.autocovariance import correlated_covariance, error_model
+from sysid.estimation.autoregression import Autoregression
 from sysid.estimation.linear import linear_fit
 from sysid.types import FloatArray
 

@@ -128,6 +128,24 @@ def test_a_class_name_has_one_meaning() -> None:
     assert not twice
 
 
+# One job, one module: how the job's own code looks, as a pattern of source lines.
+JOBS: dict[str, tuple[str, str]] = {
+    # A predictor that its reversed self extends.
+    "autoregression": (
+        r"(\w+) [-+] \w+ \* \1\[::-1\]|def _?(burg|levinson)",
+        "estimation.autoregression",
+    ),
+}
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_a_job_has_one_address(job: str) -> None:
+    looks, address = JOBS[job]
+    pattern = re.compile(looks, re.MULTILINE)
+    found = {m for m, p in MODULES.items() if pattern.search(p.read_text("utf-8"))}
+    assert found == {f"sysid.{address}"}
+
+
 OUTSIDE = [
     path for room in ("datasets", "benchmarks") for path in (PACKAGE.parent / room).rglob("*.py")
 ]

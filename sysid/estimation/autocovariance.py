@@ -1,106 +1,38 @@
 """Standard errors of regressions whose residuals follow one another in time, in several runs.
 
 One estimator for all fits: an autoregression of the residuals, its order by Akaike's criterion
-(den Haan, Levin 1997, A practitioner's guide to robust covariance matrix estimation), by Burg's
-method over all runs at once (de Waele, Broersen 2000, The Burg algorithm for segments), freed
-of what the fit itself took out of the residuals. Kernel estimates need far longer records: at
+(den Haan, Levin 1997, A practitioner's guide to robust covariance matrix estimation), freed of what
+the fit itself took out of the residuals. Kernel estimates need far longer records: at
 200 samples of first-order noise with correlation 0.9 their 95 % intervals hold in 80 to 90 %
 of cases (`benchmarks/interval_coverage.py`).
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.estimation.autoregression import (
+    Autoregression,
+    largest_reflection,
+    runs_of,
+    shown_by,
+    stationary,
+    with_autocovariance,
+)
 from sysid.estimation.covariance import Covariance
 from sysid.types import FloatArray
 
-# White noise added to the model, as a share of the variance: residuals that went through a
-# low-pass filter have an autocovariance that is singular but for rounding.
-_WHITE_SHARE = 1e-5
 _SAMPLES_PER_ORDER = 4
 _CORRECTION_STEPS = 2
 _HALVINGS = 12
-# The first damping tried, as a share of the least distance from a unit root.
-_LEAST_DAMPING = 1.0 / 16.0
 # Below this share of the variance, what the fit took out is taken to be white.
 _NEGLIGIBLE = 3e-3
 # Entries of an orthonormal basis that are zero but for rounding.
 _ZERO = 1e-12
-
-
-def runs_of(count: int, groups: NDArray[np.intp] | None) -> list[slice]:
-    """Rows of each run; `groups` (n,) numbers the run that each row belongs to."""
-    if groups is None:
-        return [slice(0, count)]
-    bounds = [0, *(np.flatnonzero(np.diff(groups)) + 1).tolist(), count]
-    return [slice(a, b) for a, b in itertools.pairwise(bounds)]
-
-
-@dataclass(frozen=True)
-class Autoregression:
-    """e[t] = sum_j coefficients[j - 1] e[t - j] + white noise of variance `innovation`.
-
-    `start` (k + 1,) is its autocovariance at lags 0 to k, the order.
-    """
-
-    coefficients: FloatArray
-    innovation: float
-    start: FloatArray
-
-    @property
-    def variance(self) -> float:
-        return float(self.start[0])
-
-    def independent_samples(self, lengths: Sequence[int]) -> float:
-        """As many as say as much of a mean as runs of these lengths do; at most their sum."""
-        gamma = self.autocovariance(max(lengths))
-        lags = np.arange(len(gamma))
-        sums = [float(2.0 * np.maximum(n - lags, 0) @ gamma) - n * gamma[0] for n in lengths]
-        count = sum(lengths)
-        return float(count * min(count * self.variance / max(sum(sums), 1e-300), 1.0))
-
-    @property
-    def long_run_variance(self) -> float:
-        """Sum of the autocovariance over all lags, both ways."""
-        return self.innovation / (1.0 - float(np.sum(self.coefficients))) ** 2
-
-    def autocovariance(self, count: int) -> FloatArray:
-        """At lags 0 to count - 1, (count,)."""
-        from scipy.signal import lfilter, lfiltic
-
-        order = len(self.coefficients)
-        if order == 0 or count <= order + 1:
-            return np.pad(self.start, (0, max(count - order - 1, 0)))[:count]
-        whitening = np.concatenate([[1.0], -self.coefficients])
-        state = lfiltic([1.0], whitening, self.start[:0:-1])
-        rest, _ = lfilter([1.0], whitening, np.zeros(count - order - 1), zi=state)
-        return np.concatenate([self.start, rest])
-
-    def sensitivity(self, size: int) -> FloatArray:
-        """(k, size // 2 + 1): change of the spectrum's logarithm with each coefficient."""
-        order = len(self.coefficients)
-        angles = np.outer(np.arange(1, order + 1), np.arange(size // 2 + 1))
-        delays = np.exp(-2j * np.pi / size * angles)
-        return np.asarray(2.0 * (delays / (1.0 - self.coefficients @ delays)).real)
-
-
-def autoregression(residuals: Sequence[FloatArray], most: int) -> Autoregression:
-    """The errors that runs' residuals, each (n,), show; no correction for what a fit took.
-
-    The order is at most `most`, by AIC.
-    """
-    joined = np.concatenate(list(residuals))
-    ends = np.cumsum([0, *(len(r) for r in residuals)]).tolist()
-    runs = [slice(a, b) for a, b in itertools.pairwise(ends)]
-    model, variance = _shown_by(joined, runs, most)
-    return model or Autoregression(np.zeros(0), variance, np.array([variance]))
 
 
 def error_model(
@@ -114,11 +46,11 @@ def error_model(
     runs = runs_of(count, groups)
     longest = max(run.stop - run.start for run in runs)
     most = min(int(10.0 * math.log10(max(count, 1))), (count - columns) // _SAMPLES_PER_ORDER)
-    model, variance = _shown_by(residuals, runs, min(most, longest - 1))
+    model, variance = shown_by(residuals, runs, min(most, longest - 1))
     scale = count / max(count - columns, 1)
-    cap = _cap(count)
+    cap = largest_reflection(count)
     if model is None or len(model.coefficients) == 0:
-        return Autoregression(np.zeros(0), scale * variance, np.array([scale * variance]))
+        return Autoregression.white(scale * variance)
     shown = model.start
     peak = max(float(_spectrum(model, longest)[0].max()), model.variance)
     if columns * peak < _NEGLIGIBLE * count * model.variance:
@@ -199,90 +131,6 @@ def _share_of(
     return matrix, change
 
 
-def _shown_by(
-    residuals: FloatArray, runs: Sequence[slice], most: int
-) -> tuple[Autoregression | None, float]:
-    """As runs of residuals (n,) show it, damped where need be, and their mean square.
-
-    None for residuals that are all zero.
-    """
-    reflections, variance = _burg(residuals, runs, most)
-    shown = autocovariance_of(reflections, variance)
-    shown[0] *= 1.0 + (_WHITE_SHARE if len(reflections) else 0.0)
-    return _damped(shown, _cap(len(residuals))), variance
-
-
-def _cap(count: int) -> float:
-    """The largest reflection coefficient that so many samples can tell from 1."""
-    return 1.0 - 1.0 / max(count, 2)
-
-
-def _burg(residuals: FloatArray, runs: Sequence[slice], most: int) -> tuple[FloatArray, float]:
-    """Reflection coefficients (k,) and the mean square; the order has the least AIC."""
-    count = len(residuals)
-    place = np.concatenate([np.arange(run.stop - run.start) for run in runs])
-    ahead, behind = residuals[1:], residuals[:-1]
-    variance = float(residuals @ residuals) / count
-    found: list[float] = []
-    criteria = [0.0]
-    for order in range(1, most + 1):
-        within = place[order:] >= order
-        x, y = np.where(within, ahead, 0.0), np.where(within, behind, 0.0)
-        power = float(x @ x + y @ y)
-        if not power > 1e-12 * variance:
-            break
-        found.append(2.0 * float(x @ y) / power)
-        gain = math.log(max(1.0 - found[-1] ** 2, 1e-300))
-        # Short runs have few pairs this far apart, and only these speak for a higher order.
-        criteria.append(criteria[-1] + int(np.count_nonzero(within)) * gain + 2.0)
-        ahead, behind = (ahead - found[-1] * behind)[1:], (behind - found[-1] * ahead)[:-1]
-    return np.array(found[: int(np.argmin(criteria))]), variance
-
-
-def autocovariance_of(reflections: FloatArray, variance: float) -> FloatArray:
-    """At lags 0 to k, (k + 1,), by the recursion of Levinson and Durbin."""
-    gamma, a, innovation = [variance], np.zeros(0), variance
-    for reflection in reflections:
-        gamma.append(float(a @ np.array(gamma[:0:-1])) + float(reflection) * innovation)
-        a = np.append(a - reflection * a[::-1], reflection)
-        innovation *= 1.0 - float(reflection) ** 2
-    return np.array(gamma)
-
-
-def _solved(gamma: FloatArray, cap: float) -> Autoregression | None:
-    """The autoregression with this autocovariance (k + 1,); None where there is none.
-
-    A reflection coefficient beyond `cap`, or next to no innovation, is none either.
-    """
-    a, innovation = np.zeros(0), float(gamma[0])
-    if not innovation > 0.0:
-        return None
-    for order in range(1, len(gamma)):
-        reflection = float(gamma[order] - a @ gamma[order - 1 : 0 : -1]) / innovation
-        if not abs(reflection) < cap:
-            return None
-        a = np.append(a - reflection * a[::-1], reflection)
-        innovation *= 1.0 - reflection**2
-    if innovation < 0.3 * _WHITE_SHARE * gamma[0]:
-        return None
-    return Autoregression(a, innovation, gamma)
-
-
-def _damped(gamma: FloatArray, cap: float) -> Autoregression | None:
-    """As `_solved`, where need be with the correlations damped, g[k] c^k: c moves every pole.
-
-    Smooth residuals exceed `cap` at the first lag already. White noise in their place would be
-    the worst choice of all. None for residuals that are all zero.
-    """
-    lags, damping = np.arange(len(gamma)), 0.0
-    while damping < 1.0:
-        model = _solved(gamma * (1.0 - damping) ** lags, cap)
-        if model is not None:
-            return model
-        damping = max(2.0 * damping, _LEAST_DAMPING * (1.0 - cap))
-    return None
-
-
 def _freed(
     model: Autoregression,
     shown: FloatArray,
@@ -302,7 +150,7 @@ def _freed(
         scale = shown[0] / expected[0]
         wanted = scale * found.start + (shown - scale * expected)
         for halving in range(_HALVINGS):
-            trial = _solved(shown + (wanted - shown) * 0.5**halving, cap)
+            trial = with_autocovariance(shown + (wanted - shown) * 0.5**halving, cap)
             if trial is not None:
                 found = trial
                 break
@@ -347,25 +195,7 @@ def _persistent(model: Autoregression, count: int, cap: float) -> Autoregression
     if not total > 0.0:
         return model
     scale = min(total * (1.0 + 2.0 / count), max(cap, total)) / total
-    a = scale * model.coefficients
-    reflections = reflections_of(a)
-    if not np.all(np.abs(reflections) < 1.0):
-        return model
-    variance = model.innovation / float(np.prod(1.0 - reflections**2))
-    return Autoregression(a, model.innovation, autocovariance_of(reflections, variance))
-
-
-def reflections_of(coefficients: FloatArray) -> FloatArray:
-    """(k,), by stepping the order down; beyond 1 where there is no stationary model."""
-    found: list[float] = []
-    a = coefficients
-    while len(a):
-        last = float(a[-1])
-        found.append(last)
-        if abs(last) >= 1.0:
-            break
-        a = (a[:-1] + last * a[:-1][::-1]) / (1.0 - last**2)
-    return np.array(found[::-1])
+    return stationary(scale * model.coefficients, model.innovation) or model
 
 
 def _orthonormal(regressors: FloatArray) -> FloatArray:

@@ -16,14 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.estimation.autocovariance import (
-    Autoregression,
-    autocovariance_of,
-    error_model,
-    reflections_of,
-    runs_of,
-    spectra,
-)
+from sysid.estimation.autocovariance import error_model, spectra
+from sysid.estimation.autoregression import Autoregression, runs_of, stationary
 from sysid.types import FloatArray
 
 # Columns that the others explain but for this share of their length add nothing.
@@ -122,14 +116,14 @@ def _variance_of_share(
     gained, left = _pairs(added, runs), -_pairs(basis, runs)
     left[0] += count
     step = _STEP * min(1.0, abs(1.0 - float(np.sum(model.coefficients))))
-    around = _stationary(model, model.coefficients)
+    around = stationary(model.coefficients, model.innovation)
     if around is None or not step > 0.0:
         return math.inf
     here = around.autocovariance(len(left))
     relative = np.zeros(len(model.coefficients))
     for k, shift in enumerate(step * np.eye(len(relative))):
         # Backwards, away from the unit root.
-        beside = _stationary(model, model.coefficients - shift)
+        beside = stationary(model.coefficients - shift, model.innovation)
         if beside is None:
             return math.inf
         change = (here - beside.autocovariance(len(left))) / step
@@ -155,20 +149,11 @@ def _upper(model: Autoregression, count: int) -> Autoregression:
     raised = _UPPER * math.sqrt(max(float(np.sum(_scatter(model, count))), 0.0)) / total
     raised = min(raised, max(1.0 - 1.0 / count - total, 0.0) / total)
     for halving in range(_HALVINGS):
-        found = _stationary(model, model.coefficients * (1.0 + raised * 0.5**halving))
+        raised_by = 1.0 + raised * 0.5**halving
+        found = stationary(model.coefficients * raised_by, model.innovation)
         if found is not None:
             return found
     return model
-
-
-def _stationary(model: Autoregression, coefficients: FloatArray) -> Autoregression | None:
-    """The same innovations with other coefficients (k,); None where not stationary."""
-    reflections = reflections_of(coefficients)
-    if len(reflections) < len(coefficients) or not np.all(np.abs(reflections) < 1.0):
-        return None
-    variance = model.innovation / float(np.prod(1.0 - reflections**2))
-    start = autocovariance_of(reflections, variance)
-    return Autoregression(coefficients, model.innovation, start)
 
 
 def _pairs(columns: FloatArray, runs: Sequence[slice]) -> FloatArray:

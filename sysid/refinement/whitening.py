@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.estimation.autocovariance import Autoregression, autoregression
+from sysid.estimation.autoregression import Autoregression, autoregression
 from sysid.types import FloatArray
 
 # Innovations below this share of the sensor's noise would be believed too much.

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.estimation.autoregression import Autoregression, burg
 from sysid.types import FloatArray, IntArray
 
 ALARM_RATE = 0.05
@@ -191,10 +192,8 @@ def cross_correlation_test(
     if len(e) < MIN_SAMPLES or not moving or np.var(e) <= _constant_variance(e):
         return {}
     lags = spread_lags(len(e)) if lags is None else np.asarray(lags, dtype=np.intp)
-    coefficients = autoregressive_filter(e, max_order)
-    order = len(coefficients) - 1
-    e = _filtered(e, coefficients)
-    family = _Family.of(e, [_filtered(u, coefficients) for u in moving.values()], lags)
+    e, white, order = prewhitened(e, [*moving.values()], max_order)
+    family = _Family.of(e, white, lags)
     if not family.between.any():
         return {}
     largest = family.largest_of_noise(seed)
@@ -221,46 +220,21 @@ def spread_lags(n: int) -> IntArray:
     return np.unique(np.round(np.geomspace(1, n // 10, _CROSS_LAGS)).astype(np.intp) - 1)
 
 
-def autoregressive_filter(values: FloatArray, max_order: int = MAX_AR_ORDER) -> FloatArray:
-    """(p + 1,) coefficients, the first 1, of the filter that whitens a sequence (n,).
+def prewhitened(
+    residual: FloatArray, inputs: Sequence[FloatArray], max_order: int = MAX_AR_ORDER
+) -> tuple[FloatArray, list[FloatArray], int]:
+    """A residual and inputs, (n,) each, through the filter that whitens the residual, its order p.
 
-    Burg's method, which stays stable close to the unit circle, up to order n/10 at most;
-    the order is the one of least AIC, which unlike BIC grows with the samples where the
-    colour is not autoregressive, as that of drift under sensor noise.
+    The mean is removed first, and the rows that the start affects, (n - p,) are left. An
+    autoregression of order up to n/10 at most, undamped: drift under sensor noise needs all of it.
     """
-    x = np.asarray(values, dtype=float) - np.mean(values)
-    n = len(x)
-    coefficients = np.ones(1)
-    power = float(x @ x) / n
-    best, least = coefficients, math.log(power)
-    forward, backward = x[1:], x[:-1]
-    for order in range(1, min(max_order, n // 10) + 1):
-        norm = float(forward @ forward + backward @ backward)
-        if norm <= 0.0:
-            break
-        reflection = -2.0 * float(forward @ backward) / norm
-        extended = np.append(coefficients, 0.0)
-        coefficients = extended + reflection * extended[::-1]
-        power *= 1.0 - reflection**2
-        if power <= 0.0:
-            return coefficients
-        criterion = math.log(power) + 2.0 * order / n
-        if criterion < least:
-            best, least = coefficients, criterion
-        forward, backward = (
-            (forward + reflection * backward)[1:],
-            (backward + reflection * forward)[:-1],
-        )
-    return best
-
-
-def _filtered(values: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """A(q) x without the rows affected by the start; the mean is removed first."""
-    from scipy.signal import lfilter
-
-    x = np.asarray(values, dtype=float) - np.mean(values)
-    order = len(coefficients) - 1
-    return x if order == 0 else np.asarray(lfilter(coefficients, 1.0, x)[order:], dtype=float)
+    columns = np.column_stack([residual, *inputs])
+    columns -= columns.mean(axis=0)
+    n = len(columns)
+    reflections, variance = burg(columns[:, 0], [slice(0, n)], min(max_order, n // 10))
+    model = Autoregression.of_reflections(reflections, variance)
+    own, *others = model.innovations(columns)[len(reflections) :].T
+    return own, others, len(reflections)
 
 
 @dataclass(frozen=True)
@@ -318,10 +292,10 @@ __all__ = [
     "ALARM_RATE",
     "CorrelationTest",
     "autocovariance",
-    "autoregressive_filter",
     "cross_correlation_test",
     "fit_percentage",
     "max_error",
+    "prewhitened",
     "rmse",
     "spread_lags",
     "whiteness_test",

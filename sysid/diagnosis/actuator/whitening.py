@@ -25,6 +25,12 @@ from sysid.diagnosis.actuator.equation_error import (
     equation_error,
 )
 from sysid.diagnosis.actuator.samples import Rows, Traces, Windows, windows
+from sysid.estimation.autoregression import (
+    Autoregression,
+    damped,
+    largest_reflection,
+    runs_of,
+)
 from sysid.io.channels import SIDES
 from sysid.parallel import spend
 from sysid.plant.effects.entry import CatalogueEffect
@@ -262,51 +268,11 @@ def _weighted_median(rows: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def _whitening(covariance: FloatArray, view: Windows) -> Any:
-    """Sparse (rows, rows): one-step prediction errors over the spread of each.
-
-    The first rows of a stretch are predicted from the few before them (Levinson, Durbin).
-    """
-    from scipy.sparse import csr_array
-
-    predictors = _levinson(covariance)
-    n = len(view)
-    place = np.arange(n, dtype=np.int32)
-    starts = np.concatenate(([0], np.flatnonzero(np.diff(view.stretch)) + 1)) if n else place
-    lengths = np.diff(np.concatenate((starts, [n])))
-    depth = np.minimum(place - np.repeat(starts, lengths), ORDER) if n else place
-    rows, columns, data = [], [], []
-    for order, (coefficients, variance) in enumerate(predictors):
-        mine = np.flatnonzero(depth == order).astype(np.int32)
-        scale = 1.0 / np.sqrt(variance)
-        rows.append(mine)
-        columns.append(mine)
-        data.append(np.full(len(mine), scale))
-        for lag, coefficient in enumerate(coefficients, start=1):
-            rows.append(mine)
-            columns.append(mine - lag)
-            data.append(np.full(len(mine), -coefficient * scale))
-    return csr_array(
-        (np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)
-    )
-
-
-def _levinson(covariance: FloatArray) -> list[tuple[FloatArray, float]]:
-    """Predictors of order 0 to ORDER: coefficients of the last values, and error variance."""
-    r = covariance.copy()
-    r[0] *= 1.0 + _RIDGE
-    variance = float(r[0])
-    a = np.zeros(0)
-    found = [(a, variance)]
-    for order in range(1, ORDER + 1):
-        k = (
-            float(r[order] - a @ r[order - 1 : 0 : -1]) / variance
-            if order > 1
-            else float(r[1]) / variance
-        )
-        a = np.concatenate((a - k * a[::-1], [k]))
-        variance = max(variance * (1.0 - k * k), 1e-3 * float(r[0]))
-        found.append((a, variance))
-    return found
+    """Sparse (rows, rows): each stretch's one-step prediction errors over their spread."""
+    shown = covariance.copy()
+    shown[0] *= 1.0 + _RIDGE
+    model = damped(shown, largest_reflection(len(view))) or Autoregression.white(shown[0])
+    return model.whitening_matrix(runs_of(len(view), view.stretch) if len(view) else [])
 
 
 def friction_scatter(frame: Frame, rest: FloatArray) -> float:
