@@ -31,6 +31,7 @@ sys.path.insert(0, str(REPOSITORY))
 
 import sysid as si  # noqa: E402
 from benchmarks.rigs import random_runs  # noqa: E402
+from sysid.estimation.autoregression import Autoregression  # noqa: E402
 from sysid.plant.ports import Model  # noqa: E402
 from sysid.plant.preparation import open_intervals  # noqa: E402
 from sysid.plant.simulator import simulate  # noqa: E402
@@ -38,7 +39,6 @@ from sysid.refinement.estimation import FrictionScatter, estimate  # noqa: E402
 from sysid.refinement.problem import Problem  # noqa: E402
 from sysid.refinement.runs import Run  # noqa: E402
 from sysid.refinement.unknowns import Unknown  # noqa: E402
-from sysid.refinement.whitening import Whitening  # noqa: E402
 
 # --- coverage -----------------------------------------------------------------------------------
 
@@ -199,7 +199,7 @@ def converges(seed: int, off: float) -> tuple[bool, float, int]:
     signs = np.random.default_rng([seed, 3]).choice([-1.0, 1.0], len(NUMBERS))
     unknowns = tuple(unknown(model, n, off * s) for n, s in zip(NUMBERS, signs, strict=True))
     started = Model(model.parameters.replace(**{u.name: u.value for u in unknowns}), model.effects)
-    white = tuple(tuple(Whitening.white(float(n)) for n in run.noise) for run in runs)
+    white = tuple(tuple(Autoregression.white(float(n) ** 2) for n in run.noise) for run in runs)
     scatter = FrictionScatter(0.02, 0.02, 5.0)
     problem = Problem(tuple(runs), unknowns, started, "theta_rad", white, scatter.pair, LOGS)
     found = estimate(problem, scatter)

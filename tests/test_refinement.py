@@ -6,10 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
 from scipy.optimize import least_squares
 
 from benchmarks.refinement import rig_runs, unknown
 from sysid.errors import InputError
+from sysid.estimation.autoregression import Autoregression, autoregression, stationary
 from sysid.parallel import OutOfBudgetError, limited
 from sysid.plant.effects.chamber import TubeLag
 from sysid.plant.effects.sensor import PressureLag
@@ -25,7 +27,6 @@ from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
 from sysid.refinement.solver import Solution, solve
 from sysid.refinement.unknowns import MOST_FACTOR, Unknown, chosen, model_at, numbers_of
-from sysid.refinement.whitening import Whitening
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import Segment
 from sysid.validation.start_states import InitialState
@@ -46,7 +47,7 @@ def simulated() -> tuple[list[Run], Model]:
 def problem_of(runs: list[Run], model: Model) -> Problem:
     unknowns = tuple(unknown(model, n, off) for n, off in zip(NAMES, OFF, strict=True))
     started = model_at(model, unknowns, np.array([u.value for u in unknowns]))
-    white = tuple(tuple(Whitening.white(float(n)) for n in run.noise) for run in runs)
+    white = tuple(tuple(Autoregression.white(float(n) ** 2) for n in run.noise) for run in runs)
     return Problem(tuple(runs), unknowns, started, "theta_rad", white, SCATTER.pair, LOGS)
 
 
@@ -234,7 +235,7 @@ def test_a_scan_finds_static_friction_that_has_no_slope() -> None:
     measured = np.array([one.position, one.pressure_a, one.pressure_b])
     run = Run(0, "ramp", still, measured, np.array([1e-5, 1e-9, 1.0, 1.0]), first.noise)
     started = Model(model.parameters.replace(static_effort=0.9 * effort))
-    white = (tuple(Whitening.white(float(x)) for x in run.noise),)
+    white = (tuple(Autoregression.white(float(x) ** 2) for x in run.noise),)
     problem = Problem(
         (run,), (unknown(started, "viscous", 0.0),), started, "theta_rad", white, SCATTER.pair, 1
     )
@@ -306,10 +307,24 @@ def test_names_choose_and_an_unknown_one_is_refused(
 
 def test_a_run_shorter_than_the_whitening_has_its_first_rows_variance() -> None:
     """A run at rest is one reading."""
-    white = Whitening(np.array([0.5, 0.2]), 1.0)
-    long = white(np.ones((5, 1)))
-    np.testing.assert_array_equal(white(np.ones((1, 1))), long[:1])
-    assert white(np.ones((0, 1))).shape == (0, 1)
+    own = stationary(np.array([0.5, 0.2]), 1.0)
+    assert own is not None
+    long = own.innovations(np.ones((5, 1)))
+    np.testing.assert_array_equal(own.innovations(np.ones((1, 1))), long[:1])
+    assert long[0, 0] == pytest.approx(1.0 / np.sqrt(own.variance))
+    assert own.innovations(np.ones((0, 1))).shape == (0, 1)
+
+
+def test_innovations_are_white_from_the_first_row_on() -> None:
+    """Through the whitening the covariance of a run's rows is the unit matrix."""
+    own = stationary(np.array([1.4, -0.6]), 0.04)
+    assert own is not None
+    white = own.innovations(np.linalg.cholesky(toeplitz(own.autocovariance(12))))
+    np.testing.assert_allclose(white @ white.T, np.eye(12), atol=1e-10)
+    matrix = own.whitening_matrix([slice(0, 5), slice(5, 12)])
+    rows = np.random.default_rng(3).standard_normal((12, 2))
+    apart = [own.innovations(rows[:5]), own.innovations(rows[5:])]
+    np.testing.assert_allclose(matrix @ rows, np.concatenate(apart), atol=1e-12)
 
 
 def test_whitening_leaves_innovations() -> None:
@@ -318,8 +333,8 @@ def test_whitening_leaves_innovations() -> None:
     errors = np.zeros_like(noise)
     for i in range(1, len(noise)):
         errors[i] = 0.8 * errors[i - 1] + noise[i]
-    own = Whitening.of([errors], 0.1, 4)
-    white = own(errors[:, None])[:, 0]
+    own = autoregression([errors], 4)
+    white = own.innovations(errors[:, None])[:, 0]
     assert own.std == pytest.approx(1.0, rel=0.03)
     assert abs(float(white[1:] @ white[:-1]) / float(white @ white)) < 0.03
 
@@ -328,11 +343,11 @@ def test_slow_errors_of_what_a_model_lacks_are_not_taken_for_white_noise() -> No
     """Segments that drift off by a polynomial: each row says next to nothing of its own."""
     rng, x = np.random.default_rng(2), np.linspace(0.0, 1.0, 1000)
     drifts = [np.polynomial.Polynomial(rng.standard_normal(4))(x) for _ in range(12)]
-    own = Whitening.of(drifts, 1e-5, 4)
-    white = np.concatenate([own(drift[:, None])[:, 0] for drift in drifts])
+    own = autoregression(drifts, 4)
+    white = np.concatenate([own.innovations(drift[:, None])[:, 0] for drift in drifts])
     assert len(own.coefficients) and own.std < 0.05
     # The information that they are given is that of about as many readings as there are drifts.
-    mean = own(np.ones((1000, 1)))
+    mean = own.innovations(np.ones((1000, 1)))
     information = len(drifts) * float(mean[:, 0] @ mean[:, 0])
     assert information < 30.0 * len(drifts)
     assert float(white @ white) < 2.0 * len(white)

@@ -15,6 +15,7 @@ from test_valve_discrete import make_rig
 
 from benchmarks.refinement import rig_runs
 from benchmarks.refinement import unknown as unknown_of
+from sysid.estimation.autoregression import Autoregression
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, FittedValves, Friction, Parts
 from sysid.parameters.refinement import Refinement
@@ -23,7 +24,6 @@ from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.prior import prior_factor
 from sysid.refinement.problem import Problem
 from sysid.refinement.unknowns import Unknown, model_at, unknowns_of
-from sysid.refinement.whitening import Whitening
 from sysid.types import FloatArray
 
 
@@ -209,7 +209,7 @@ def estimated(r: float) -> Estimated:
         for name, off in zip(FRICTIONS, OFF, strict=True)
     )
     started = model_at(model, unknowns, np.array([u.value for u in unknowns]))
-    white = tuple(tuple(Whitening.white(float(n)) for n in run.noise) for run in runs)
+    white = tuple(tuple(Autoregression.white(float(n) ** 2) for n in run.noise) for run in runs)
     problem = Problem(tuple(runs), unknowns, started, "theta_rad", white, SCATTER.pair, 3)
     return estimate(problem, SCATTER)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
+from sysid.estimation.autoregression import Autoregression
 from sysid.plant.base import PARAMETER_NAMES, Parameters
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs, ValveCommand
@@ -16,7 +17,6 @@ from sysid.refinement.estimation import FrictionScatter, estimate
 from sysid.refinement.problem import Problem
 from sysid.refinement.runs import Run
 from sysid.refinement.unknowns import Unknown
-from sysid.refinement.whitening import Whitening
 
 
 def main() -> None:
@@ -37,7 +37,7 @@ def main() -> None:
             Unknown(name, (0, name), value, np.nan, "", 0.0, np.inf, value, "valve", None, False)
         )
     scatter = FrictionScatter(0.02, 0.02, 5.0)
-    white = (tuple(Whitening.white(float(n)) for n in noise),) * len(runs)
+    white = (tuple(Autoregression.white(float(n) ** 2) for n in noise),) * len(runs)
     tests = int(job["test"].max()) + 1
     problem = Problem(tuple(runs), tuple(unknowns), model, "theta_rad", white, scatter.pair, tests)
     found = estimate(problem, scatter)

@@ -63,6 +63,8 @@ class Autoregression:
 
     def with_innovation(self, least: float) -> Autoregression:
         """The same colour, enlarged where the innovations' variance is below the `least`."""
+        if self.innovation == 0.0:
+            return Autoregression.white(least)
         scale = max(least / self.innovation, 1.0)
         return Autoregression(self.coefficients, scale * self.innovation, scale * self.start)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.estimation.autoregression import Autoregression
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
 from sysid.plant.ports import Model
@@ -15,7 +16,6 @@ from sysid.plant.preparation import Inputs, ValveCommand
 from sysid.refinement.information import ProbedProblem, information_of
 from sysid.refinement.problem import SLIDING
 from sysid.refinement.runs import Run
-from sysid.refinement.whitening import Whitening
 from sysid.types import FloatArray
 
 _TESTS = (6, 12)
@@ -105,7 +105,7 @@ def _fillings(problem: ProbedProblem, rig: Rig, noise: FloatArray, side: str) ->
         runs=(Run(0, f"valve-discrete {side}", inputs, shown, start_std, noise),),
         tests=1,
         model=model,
-        whitening=(tuple(Whitening.white(float(n)) for n in noise),),
+        whitening=(tuple(Autoregression.white(float(n) ** 2) for n in noise),),
     )
     found = information_of(held, held.linearised(held.first_point()))
     text = f"valve {side.upper()}, {_FILLINGS} fillings and exhausts"

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.estimation.autoregression import Autoregression, autoregression
 from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
 from sysid.refinement.solver import Solution, solve
-from sysid.refinement.whitening import Whitening
 from sysid.types import BoolArray, FloatArray, Progress, no_progress
 
 _ROUNDS = 5
@@ -29,6 +29,8 @@ NOT_FOLLOWED = 3.0
 # Friction that a scan moves by less (units of the scatter) is where it was.
 _SAME = 0.15
 _MOST_ORDER = 4
+# Innovations below this share of the sensor's noise would be believed too much.
+_LEAST_SHARE = 0.3
 # An encoder resolves more than a simulation in steps of 1 ms does (`benchmarks/simulation.py`).
 _FINE_STEP = 5e-4
 # Flows are found to some 1e-6 of their values, and the simulation has to be as exact.
@@ -231,7 +233,9 @@ def _final(
     return final, start, left_out, found
 
 
-def whitening_of(runs: Sequence[Run], residuals: Sequence[FloatArray]) -> tuple[Whitening, ...]:
+def whitening_of(
+    runs: Sequence[Run], residuals: Sequence[FloatArray]
+) -> tuple[Autoregression, ...]:
     """Of each channel, from the runs' residuals (3, n); their noise where there are none."""
     found = []
     for channel, floor in enumerate(np.nanmedian([run.noise for run in runs], axis=0)):
@@ -241,9 +245,9 @@ def whitening_of(runs: Sequence[Run], residuals: Sequence[FloatArray]) -> tuple[
             if not np.isnan(r[channel]).any()
         ]
         found.append(
-            Whitening.of(logged, float(floor), _MOST_ORDER)
+            autoregression(logged, _MOST_ORDER).with_innovation((_LEAST_SHARE * floor) ** 2)
             if logged
-            else Whitening.white(float(floor))
+            else Autoregression.white(float(floor) ** 2)
         )
     return tuple(found)
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.errors import input_error
+from sysid.estimation.autoregression import Autoregression
 from sysid.io.rig import Rig
 from sysid.plant.ports import Model
 from sysid.refinement.bench_candidates import bench_candidates
@@ -22,7 +23,6 @@ from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.refine import SEGMENT_S
 from sysid.refinement.runs import Run, runs_of
 from sysid.refinement.unknowns import Unknown
-from sysid.refinement.whitening import Whitening
 from sysid.types import FloatArray
 from sysid.validation.motion_tests import MotionTest, prepare
 
@@ -44,10 +44,10 @@ class AdviceSetting:
     scatter: tuple[float, float]
     refined: Estimated | None = None
 
-    def errors_of(self, run: Run) -> tuple[Whitening, ...]:
+    def errors_of(self, run: Run) -> tuple[Autoregression, ...]:
         """What a run's errors are like, by channel: white noise, where nothing else is known."""
         if self.refined is None:
-            return tuple(Whitening.white(float(n)) for n in run.noise)
+            return tuple(Autoregression.white(float(n) ** 2) for n in run.noise)
         return self.refined.problem.whitening[0]
 
     @property

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.estimation.autoregression import Autoregression
 from sysid.parallel import spend
 from sysid.plant.differences import simulate_differences
 from sysid.plant.ports import Model, overrides
@@ -22,7 +23,6 @@ from sysid.refinement.factors import triangular
 from sysid.refinement.prior import prior_factor
 from sysid.refinement.runs import STATES, Run
 from sysid.refinement.unknowns import Unknown, model_at
-from sysid.refinement.whitening import Whitening
 from sysid.types import BoolArray, FloatArray, IntArray
 from sysid.validation.motion_tests import CHAMBER_PRESSURES
 from sysid.validation.simulation import after_run_ups
@@ -106,7 +106,7 @@ class Problem:
     unknowns: tuple[Unknown, ...]
     model: Model
     position: str
-    whitening: tuple[tuple[Whitening, ...], ...]
+    whitening: tuple[tuple[Autoregression, ...], ...]
     scatter: tuple[float, float]
     tests: int
     robust: bool = True
@@ -348,7 +348,7 @@ class Problem:
             if np.isnan(errors.residual[channel]).any():
                 continue
             columns = np.vstack([errors.slopes[:, channel], errors.residual[None, channel]])
-            yield whitening(self.runs[number].independent(channel, columns.T))
+            yield whitening.innovations(self.runs[number].independent(channel, columns.T))
 
     def friction_misfit(self, point: Iterate) -> FloatArray:
         """(tests, 2): how far each test's friction is from the model's, in units of the scatter."""

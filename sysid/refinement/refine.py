@@ -22,6 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from sysid.blocks.numbers import ascii_text
 from sysid.errors import InputError, NotIdentifiedError, SimulationError, input_error
+from sysid.estimation.autoregression import Autoregression
 from sysid.estimation.linear import Estimate, t_quantile
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.io.logs import Trial
@@ -54,7 +55,6 @@ from sysid.refinement.unknowns import (
     without_own_data,
 )
 from sysid.refinement.updating import updated
-from sysid.refinement.whitening import Whitening
 from sysid.refinement.whole_tests import correlation, rmse, whole_residuals
 from sysid.types import FloatArray, Progress, no_progress
 from sysid.validation.effort_balance import effort_rmse
@@ -119,7 +119,7 @@ def refine(
             "than a second, away from the end stops"
         )
     scatter = bench_scatter(bundle)
-    white = tuple(tuple(Whitening.white(float(n)) for n in run.noise) for run in runs)
+    white = tuple(tuple(Autoregression.white(float(n) ** 2) for n in run.noise) for run in runs)
     problem = Problem(tuple(runs), unknowns, model, position, white, scatter.pair, len(tests))
     progress(f"estimating {len(unknowns)} parameters on {len(runs)} segments")
     found = _estimated(problem, scatter, tests, robust, progress, by_differences)
