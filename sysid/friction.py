@@ -26,12 +26,10 @@ from sysid.identification.friction.combinations import (
 from sysid.identification.friction.effort import (
     KINDS,
     MOTION,
-    ROTARY,
     SLIDING,
     STATIC,
     EvenTrial,
     TrialUse,
-    Units,
     against_motion,
     by_reason,
     classify,
@@ -40,7 +38,6 @@ from sysid.identification.friction.effort import (
     pause_line,
     pushed_along,
     titles,
-    units_of,
 )
 from sysid.identification.friction.motion import (
     HARDLY_MOVES,
@@ -66,13 +63,13 @@ from sysid.identification.friction.static import (
 from sysid.identification.friction.steady_stretch import levels_of_tests, sliding_points
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.logs import Trial, any_contradiction, with_channels
+from sysid.io.motion import MotionUnits
 from sysid.io.rig import Rig
 from sysid.parallel import Failure, error_of, on_its_own
 from sysid.signals import DEFAULT_CUTOFF_HZ
 
 __all__ = [
     "KINDS",
-    "ROTARY",
     "Clusters",
     "FrictionResult",
     "MotionFriction",
@@ -81,7 +78,6 @@ __all__ = [
     "SlidingPoints",
     "StaticFriction",
     "TrialUse",
-    "Units",
     "classify_trial",
     "cluster_test",
     "fit_friction",
@@ -106,7 +102,7 @@ class _Fit:
     """A fit in progress: the trials by kind, the notices, and the reasons for failures."""
 
     rig: Rig
-    units: Units
+    units: MotionUnits
     cutoff_hz: float
     by_kind: dict[str, list[EvenTrial]]
     uses: list[TrialUse] = field(default_factory=list)
@@ -189,7 +185,8 @@ def _reversed(
     name, best = ranked[0], found[ranked[0]]
     likely = [n for n in ranked if _alike(found[n], best)]
     mend = next(t.reversed_map(name) for t in trials if name in t)
-    numbers = ", ".join(f"{n} = {e.value:.3g} {e.unit}" for n, e in best.of_sliding().items())
+    sliding = rig.units.keyed(best.of_sliding())
+    numbers = ", ".join(f"{n} = {e.value:.3g} {e.unit}" for n, e in sliding.items())
     return (
         f"the sign of {' or of '.join(likely)} is reversed: with the other sign the fit is good"
         f'{f" ({numbers})" if numbers else ""}; give --map "{mend}"'
@@ -251,13 +248,13 @@ def _refutes(motion: MotionFriction, sliding: SlidingFriction) -> bool:
     if all(e.identified for e in own):
         return own[0].interval[0] > 0.0 and own[1].interval[1] > 0.0
     # Of both only a sum is known; the offset's is of either sign.
-    sums = (c.estimate for c in motion.combinations if any("coulomb" in name for name in c.of))
+    sums = (c.estimate for c in motion.combinations if "coulomb" in c.terms)
     return any(e.interval[0] > 0.0 for e in sums)
 
 
 def _set_aside(fit: _Fit, sliding: SlidingFriction) -> None:
     """Constant-effort tests left out, for what their own law is."""
-    named = {fit.units.coulomb: sliding.coulomb, fit.units.viscous: sliding.viscous}
+    named = fit.units.keyed({"coulomb": sliding.coulomb, "viscous": sliding.viscous})
     wrong = " and ".join(
         f"{name} = {e.value:.3g} {e.unit}"
         for name, e in named.items()
@@ -287,7 +284,7 @@ def _prepared(
             "give a frequency above 0, or omit it",
         )
     highest = DEFAULT_CUTOFF_HZ if cutoff_hz is None else cutoff_hz
-    fit = _Fit(rig, units_of(rig), highest, {name: [] for name in KINDS})
+    fit = _Fit(rig, rig.units, highest, {name: [] for name in KINDS})
     fit.is_forced = isinstance(kind, str)
     fit.contradicted = any_contradiction(trials)
     declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
@@ -501,26 +498,23 @@ class _Moving:
     fit: SlidingFriction | MotionFriction | None
     sums: tuple[Combination, ...] = ()
 
-    def parameters(self, u: Units, reason: str = "") -> dict[str, Estimate]:
+    def parameters(self, u: MotionUnits, reason: str = "") -> dict[str, Estimate]:
         """Coulomb and viscous friction, and the offset where the tests tell of it."""
-        units = {u.coulomb: u.effort, u.viscous: u.viscous_unit, u.offset: u.effort}
-        own = {}
-        if self.fit is not None:
-            own = {u.coulomb: self.fit.coulomb, u.viscous: self.fit.viscous}
-            own[u.offset] = self.fit.offset
-        in_sums = {name for c in self.sums for name in c.of}
+        names = ("coulomb", "viscous", "offset")
+        own = {} if self.fit is None else {name: getattr(self.fit, name) for name in names}
+        in_sums = {name for c in self.sums for name in c.terms}
         return {
-            name: unidentified(name, unit, self.sums, reason)
+            name: unidentified(name, u.unit(name), self.sums, reason)
             if name in in_sums or name not in own
             else own[name]
-            for name, unit in units.items()
-            if name != u.offset or name in own or name in in_sums
+            for name in names
+            if name != "offset" or name in own or name in in_sums
         }
 
-    def found(self, u: Units) -> int:
+    def found(self, u: MotionUnits) -> int:
         """How many of Coulomb and viscous friction are identified."""
         own = self.parameters(u)
-        return sum(own[name].identified for name in (u.coulomb, u.viscous))
+        return sum(own[name].identified for name in ("coulomb", "viscous"))
 
 
 def _chosen(fit: _Fit, sliding: SlidingFriction | None, motion: MotionFriction | None) -> _Moving:
@@ -544,20 +538,20 @@ def _result(
     chosen = _chosen(fit, sliding, motion)
     reason = fit.reasons.get(SLIDING) or fit.reasons.get(MOTION) or _WANTED[SLIDING]
     parameters = {
-        u.static: Estimate.unidentified(u.effort, fit.reasons.get(STATIC, _WANTED[STATIC]))
+        "static": Estimate.unidentified(u.effort, fit.reasons.get(STATIC, _WANTED[STATIC]))
         if static is None
         else static.estimate
     }
     parameters |= chosen.parameters(u, reason)
     if motion is not None and motion.inertia is not None:
-        parameters[u.inertia] = motion.inertia
+        parameters["inertia"] = motion.inertia
     elif estimate_inertia:
         reason = fit.reasons.get(MOTION, _WANTED[MOTION])
-        parameters[u.inertia] = Estimate.unidentified(u.inertia_unit, reason)
+        parameters["inertia"] = Estimate.unidentified(u.inertia_unit, reason)
     checked = chosen.kind == SLIDING and motion is not None
     cross_check = _Moving(MOTION, motion).parameters(u) if checked else {}
     _say_what_lacks(fit, chosen)
-    _compare(parameters, cross_check, fit.notices)
+    _compare(parameters, cross_check, u, fit.notices)
     _order(parameters, u, fit.notices)
     return FrictionResult(
         units=u,
@@ -605,7 +599,10 @@ def _most_effort(rig: Rig) -> float:
 
 
 def _compare(
-    parameters: dict[str, Estimate], cross_check: dict[str, Estimate], notices: list[str]
+    parameters: dict[str, Estimate],
+    cross_check: dict[str, Estimate],
+    u: MotionUnits,
+    notices: list[str],
 ) -> None:
     """Add notices of which tests give the value, and where the others disagree."""
     if not cross_check:
@@ -621,14 +618,14 @@ def _compare(
         error = math.hypot(mine.std, check.std)
         if abs(mine.value - check.value) > DISAGREEMENT * error:
             notices.append(
-                f"{name}: constant-effort tests give {mine.value:.4g} {mine.unit}, motion "
+                f"{u.key(name)}: constant-effort tests give {mine.value:.4g} {mine.unit}, motion "
                 f"{check.value:.4g}, apart by {abs(mine.value - check.value) / error:.1f} standard "
                 "errors: Coulomb and viscous friction alone do not describe both"
             )
 
 
-def _order(parameters: dict[str, Estimate], u: Units, notices: list[str]) -> None:
-    static, coulomb = parameters[u.static], parameters[u.coulomb]
+def _order(parameters: dict[str, Estimate], u: MotionUnits, notices: list[str]) -> None:
+    static, coulomb = parameters["static"], parameters["coulomb"]
     apart = static.interval[1] < coulomb.interval[0]
     if static.identified and coulomb.identified and apart:
         notices.append(
@@ -643,13 +640,12 @@ def friction_rmse(result: FrictionResult, trials: Sequence[Trial], rig: Rig) -> 
     Both sides filtered as in the fit. Raises NotIdentifiedError where the result lacks
     Coulomb, viscous friction or an inertia (its own, or the rig file's).
     """
-    u = result.units
-    inertia = result.parameters[u.inertia].value if u.inertia in result.parameters else None
-    inertia = rig.total_inertia() if inertia is None else inertia
-    coulomb, viscous = result[u.coulomb], result[u.viscous]
+    own = result.parameters
+    inertia = own["inertia"].value if "inertia" in own else rig.total_inertia()
+    coulomb, viscous = own["coulomb"], own["viscous"]
     if inertia is None or not (coulomb.identified and viscous.identified):
         raise NotIdentifiedError(f"the effort in motion: {_WANTED[MOTION]}")
-    offset = result.parameters.get(u.offset)
+    offset = own.get("offset")
     constant = offset.value if offset is not None and offset.identified else 0.0
     even = [even_trial(trial, rig, []) for trial in trials]
     return effort_rmse(even, coulomb.value, viscous.value, constant, inertia, result.cutoff_hz)

@@ -22,8 +22,8 @@ from sysid.errors import InputError
 from sysid.estimation.covariance import JointCovariance, correlation_of, shrunk
 from sysid.estimation.linear import Estimate
 from sysid.friction import SlidingPoints, fit_friction, fit_sliding
-from sysid.identification.friction.effort import ROTARY
 from sysid.io.logs import Trial
+from sysid.io.motion import ROTARY
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Correlation, FittedValves, Friction, Parts, Valve, read_bundle
 from sysid.parameters.correlation import CorrelatedPart

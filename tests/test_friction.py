@@ -39,9 +39,10 @@ from sysid.friction import (
     friction_rmse,
     static_summary,
 )
-from sysid.identification.friction.effort import ROTARY, even_trial
+from sysid.identification.friction.effort import even_trial
 from sysid.identification.friction.static import find_onset
 from sysid.io.logs import Trial
+from sysid.io.motion import ROTARY
 from sysid.io.rig import Rig, rig_from_content
 from sysid.io.rig_sections import Air
 from sysid.parameters import Friction
@@ -359,8 +360,8 @@ def test_motion_gives_friction_and_inertia() -> None:
 
 def test_motion_with_the_rigs_inertia_leaves_it_alone() -> None:
     result = fit_friction([swing()], RIG)
-    assert "inertia_kg_m2" not in result.parameters
-    assert "inertia_kg_m2" in fit_friction([swing()], BARE).parameters
+    assert "inertia" not in result.parameters
+    assert "inertia" in fit_friction([swing()], BARE).parameters
 
 
 def paused(test: Trial, start: float, stop: float) -> Trial:
@@ -459,7 +460,7 @@ def test_both_kinds_of_test_say_which_gives_the_value() -> None:
     swings = [swing(phase=0.3 * k) for k in range(3)]
     result = fit_friction([*sliding, *swings], RIG)
     assert result.source == "friction-sliding"
-    assert result.cross_check["coulomb_nm"].value == pytest.approx(0.208, rel=0.005)
+    assert result.cross_check["coulomb"].value == pytest.approx(0.208, rel=0.005)
     assert any("cross-check" in line for line in result.remarks)
     assert any("constant-effort tests" in n for n in result.notices)
 

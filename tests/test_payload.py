@@ -97,7 +97,7 @@ def test_inertia_from_motion_is_without_it(
         entry = next(e for e in campaign.logs if e.kind == "motion-motor")
         trials = campaign.read(entry).trials
         fit = fit_friction(trials, campaign.rig, kind="motion", estimate_inertia=True)
-        inertia = fit[fit.units.inertia]
+        inertia = fit.parameters["inertia"]
         assert abs(inertia.value - campaign.rig.payload_inertia() - truth) < 3.0 * inertia.std
 
 

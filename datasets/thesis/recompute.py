@@ -23,7 +23,7 @@ from sysid.friction import (
     fit_sliding,
     static_summary,
 )
-from sysid.identification.friction.effort import ROTARY
+from sysid.io.motion import ROTARY
 from sysid.plant.base import exhaust_jump, filling_jump
 
 FOLDER = Path(__file__).resolve().parent

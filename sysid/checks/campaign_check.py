@@ -251,7 +251,7 @@ def _test_for(name: str, rig: Rig) -> tuple[set[str], str]:
     """The kinds of test that identify a parameter, and the test in words."""
     moving = {"friction-motion", *MOTION_KINDS}
     if name == "static friction":
-        effort = "force" if rig.is_linear else "torque"
+        effort = rig.units.word
         return {"friction-static"}, f"a friction-static test: {effort} ramped slowly from zero"
     if name in ("Coulomb friction", "viscous friction"):
         test = "friction-sliding tests at two levels of the effort, or a friction-motion test"

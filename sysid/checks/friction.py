@@ -13,12 +13,11 @@ from sysid.identification.friction.effort import (
     MOTION,
     SLIDING,
     STATIC,
-    Units,
     balances,
-    units_of,
 )
 from sysid.io.campaign import FRICTION_KINDS, FRICTION_POINTS, MOTION_KINDS
 from sysid.io.logs import Trial
+from sysid.io.motion import MotionUnits
 from sysid.io.rig import Rig
 
 _MOVING = "needs friction-sliding or friction-motion tests in both directions"
@@ -42,7 +41,7 @@ def friction_identified(
     `declared` is the kind that a campaign gives the log, whose fit then takes it so; the inertia is
     what a fit would give that estimates it.
     """
-    u = units_of(rig)
+    u = rig.units
     unbalanced = not any(
         rig.effort_channel in t or rig.air_alone_drives(t.channels) for t in trials
     )
@@ -76,7 +75,7 @@ def _each(
     rig: Rig, declared: str | None, fitted: Callable[..., tuple[dict[str, Estimate], str]]
 ) -> Iterator[Identification]:
     """What the fits with and without an inertia to estimate give of each parameter."""
-    u = units_of(rig)
+    u = rig.units
     found, why = fitted(estimate_inertia=False)
     for parameter, name in _names(u).items():
         if declared != FRICTION_POINTS or name in found or not found:
@@ -85,15 +84,15 @@ def _each(
         return  # Readings of a steady motion, or of breakaway, are of nothing else.
     if rig.total_inertia() is not None:
         found, why = fitted(estimate_inertia=True)
-    yield _identification("inertia", found, u.inertia, why)
+    yield _identification("inertia", found, "inertia", why)
 
 
-def _names(u: Units) -> dict[str, str]:
+def _names(u: MotionUnits) -> dict[str, str]:
     return {
-        "static friction": u.static,
-        "Coulomb friction": u.coulomb,
-        "viscous friction": u.viscous,
-        "force offset" if u.effort == "N" else "torque offset": u.offset,
+        "static friction": "static",
+        "Coulomb friction": "coulomb",
+        "viscous friction": "viscous",
+        f"{u.word} offset": "offset",
     }
 
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sysid.blocks.figures import Picture
-from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number
+from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, unit
 from sysid.blocks.sections import Block, FigureGroup, Lines, Section
 from sysid.blocks.tables import Table, table
 from sysid.document import svg
 from sysid.document.svg import COLOUR
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, t_quantile
+from sysid.io.motion import MotionUnits
 from sysid.parameters import Friction, Unread
 from sysid.parameters.friction import StaticAtPosition, TestUse
 from sysid.types import FloatArray
@@ -37,25 +37,8 @@ _PARAMETER_COLUMNS = ("Parameter", "Value", "Std. error", "95 % interval", "Unit
 _DIRECTIONS = ((1.0, "forwards", "o", "model"), (-1.0, "backwards", "s", "second"))
 
 
-@dataclass(frozen=True)
-class _Units:
-    """Names and units of a rotary or a linear rig."""
-
-    effort: str
-    position: str
-    speed: str
-    effort_name: str
-
-    @classmethod
-    def of(cls, linear: bool) -> _Units:
-        if linear:
-            return cls("N", "m", "m/s", "force")
-        return cls("N·m", "rad", "rad/s", "torque")
-
-
-def friction_section(friction: Friction, linear: bool) -> Section:
+def friction_section(friction: Friction, units: MotionUnits) -> Section:
     """From the bundle's `friction`."""
-    units = _Units.of(linear)
     blocks: list[Block] = [
         parameters_table("Friction parameters", friction.estimates(), _parameter_name)
     ]
@@ -114,15 +97,16 @@ def _cross_check(friction: Friction) -> list[Block]:
     return [parameters_table(caption, check, _parameter_name)]
 
 
-def _position_table(friction: Friction, units: _Units) -> list[Block]:
+def _position_table(friction: Friction, units: MotionUnits) -> list[Block]:
     rows = [
         (fixed(row.position, 3), str(row.tests or MISSING), *estimate_cells(row.static)[:3])
         for row in friction.positions()
     ]
     if not rows:
         return []
+    effort_unit = unit(units.effort)
     columns = (f"Position ({units.position})", "Tests", "Mean", "Std. error", "95 % interval")
-    return [table(f"Static friction by position ({units.effort})", columns, rows)]
+    return [table(f"Static friction by position ({effort_unit})", columns, rows)]
 
 
 def _left_out(friction: Friction) -> list[Block]:
@@ -135,7 +119,7 @@ def _left_out(friction: Friction) -> list[Block]:
 # --- figures ---------------------------------------------------------------------------
 
 
-def _figures(friction: Friction, units: _Units) -> list[Picture]:
+def _figures(friction: Friction, units: MotionUnits) -> list[Picture]:
     figures = []
     sliding, static = friction.used("friction-sliding"), friction.used("friction-static")
     if sliding and friction.coulomb is not None and friction.coulomb.identified:
@@ -145,13 +129,14 @@ def _figures(friction: Friction, units: _Units) -> list[Picture]:
     return figures
 
 
-def _sliding_figure(trials: Sequence[TestUse], friction: Friction, units: _Units) -> Picture:
+def _sliding_figure(trials: Sequence[TestUse], friction: Friction, units: MotionUnits) -> Picture:
     speed, effort = _readings(trials, "speed"), _readings(trials, "friction")
+    effort_unit = unit(units.effort)
     law = (friction.coulomb, friction.viscous, friction.offset)
     values = [e.value if e is not None and e.identified else 0.0 for e in law]
     figure, ax = svg.panel("Friction over speed")
     grid = np.linspace(0.0, 1.06 * float(np.abs(speed).max()), 60)
-    spread = _jackknife(trials)
+    spread = _jackknife(trials, units)
     for way, name, marker, role in _DIRECTIONS:
         rows = np.sign(speed) == way
         if not rows.any():
@@ -168,14 +153,14 @@ def _sliding_figure(trials: Sequence[TestUse], friction: Friction, units: _Units
             markersize=3.5, markerfacecolor="none", label=name,
         )  # fmt: skip
     ax.set_xlabel(f"Speed ({units.speed})")
-    ax.set_ylabel(f"Friction {units.effort_name} ({units.effort})")
+    ax.set_ylabel(f"Friction {units.word} ({effort_unit})")
     svg.legend(ax, loc="upper left")
     description = (
         f"Friction of {len(trials)} constant-effort tests, {number(float(np.abs(effort).min()))} "
-        f"to {number(float(np.abs(effort).max()))} {units.effort}, at speeds from "
+        f"to {number(float(np.abs(effort).max()))} {effort_unit}, at speeds from "
         f"{number(float(np.abs(speed).min()))} to {number(float(np.abs(speed).max()))} "
-        f"{units.speed}. The fitted line starts at {number(values[0])} {units.effort} and rises "
-        f"by {number(values[1])} {units.effort} per {units.speed}."
+        f"{units.speed}. The fitted line starts at {number(values[0])} {effort_unit} "
+        f"and rises by {number(values[1])} {effort_unit} per {units.speed}."
     )
     return svg.to_figure(figure, "fig-sliding", "Friction over speed", description)
 
@@ -199,15 +184,15 @@ def _points(trials: Sequence[TestUse]) -> SlidingPoints:
     return SlidingPoints(labels, np.sign(speed), set_effort, effort, speed)
 
 
-def _jackknife(trials: Sequence[TestUse]) -> FloatArray | None:
+def _jackknife(trials: Sequence[TestUse], units: MotionUnits) -> FloatArray | None:
     """Covariance (3, 3) of Coulomb, viscous, offset: the fit again without each test."""
-    from sysid.friction import ROTARY, fit_sliding
+    from sysid.friction import fit_sliding
 
     found = []
     for left_out in range(len(trials)):
         kept = [t for i, t in enumerate(trials) if i != left_out]
         try:
-            fit = fit_sliding(_points(kept), ROTARY)
+            fit = fit_sliding(_points(kept), units)
         except NotIdentifiedError:
             return None
         offset = fit.offset.value if fit.offset.identified else 0.0
@@ -227,9 +212,9 @@ def _half_width(spread: FloatArray, speed: FloatArray, way: float, tests: int) -
     return np.asarray(half, dtype=float)
 
 
-def _static_figure(trials: Sequence[TestUse], friction: Friction, units: _Units) -> Picture:
+def _static_figure(trials: Sequence[TestUse], friction: Friction, units: MotionUnits) -> Picture:
     place, way = _readings(trials, "position"), _readings(trials, "direction")
-    effort = np.abs(_readings(trials, "breakaway"))
+    effort, effort_unit = np.abs(_readings(trials, "breakaway")), unit(units.effort)
     figure, ax = svg.panel("Breakaway by position")
     for direction, name, marker, role in _DIRECTIONS:
         rows = way == direction
@@ -243,13 +228,13 @@ def _static_figure(trials: Sequence[TestUse], friction: Friction, units: _Units)
     span = max(float(np.ptp(place)), 1e-9)
     ax.set_xlim(float(place.min()) - 0.12 * span, float(place.max()) + 0.12 * span)
     ax.set_xlabel(f"Starting position ({units.position})")
-    ax.set_ylabel(f"Breakaway {units.effort_name} ({units.effort})")
+    ax.set_ylabel(f"Breakaway {units.word} ({effort_unit})")
     ax.margins(y=0.25)
     svg.legend(ax, loc="upper right", ncols=2)
     description = (
-        f"Breakaway {units.effort_name} of {len(trials)} ramps from "
+        f"Breakaway {units.word} of {len(trials)} ramps from "
         f"{len(friction.positions())} positions, between "
-        f"{number(float(effort.min()))} and {number(float(effort.max()))} {units.effort}."
+        f"{number(float(effort.min()))} and {number(float(effort.max()))} {effort_unit}."
     )
     return svg.to_figure(figure, "fig-static", "Breakaway by position", description)
 

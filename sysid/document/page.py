@@ -100,7 +100,7 @@ def _judged(
 def _check_units(campaign: Campaign, bundle: Bundle) -> None:
     """The page's units are those of the campaign's rig; the bundle's numbers have to have them."""
     if bundle.is_linear != campaign.rig.is_linear:
-        kinds = ["linear" if one else "rotary" for one in (bundle.is_linear, not bundle.is_linear)]
+        kinds = [bundle.units.motion, bundle.units.other.motion]
         raise input_error(
             campaign.path,
             f"is of a {kinds[1]} rig, {bundle.source} of a {kinds[0]} one",
@@ -174,7 +174,7 @@ def _parts(
         from sysid.document.friction import friction_section
 
         part = bundle.friction
-        return None if part is None else friction_section(part, campaign.rig.is_linear)
+        return None if part is None else friction_section(part, campaign.rig.units)
 
     def discrete() -> Section | None:
         from sysid.document.valves import discrete_section

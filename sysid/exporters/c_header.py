@@ -19,6 +19,7 @@ from sysid.exporters.c_surfaces import macro, slots, surfaces
 from sysid.exporters.c_text import Names, comment_text, constant, has, names, real
 from sysid.exporters.flat import Flat, NumberTable, gravity_name, inertia_name, values
 from sysid.io.channels import SIDES
+from sysid.io.motion import FRICTION
 from sysid.parameters import Bundle, assumptions
 from sysid.plant.effects.entry import CatalogueEffect
 
@@ -307,11 +308,6 @@ def _laws(flat: Flat, n: Names) -> Sequence[_Law]:
     return laws
 
 
-def _effort(flat: Flat) -> tuple[str, str, str]:
-    """Word, suffix and unit of effort."""
-    return ("force", "n", "N") if flat.rig.is_linear else ("torque", "nm", "Nm")
-
-
 def _motion(flat: Flat) -> tuple[str, str, str]:
     """C names of position and velocity, and their units."""
     if flat.rig.is_linear:
@@ -320,7 +316,7 @@ def _motion(flat: Flat) -> tuple[str, str, str]:
 
 
 def _cylinder(flat: Flat, n: Names) -> _Law:
-    word, _, unit = _effort(flat)
+    word, unit = flat.rig.units.word, flat.rig.units.effort
     p = n.lower
     needs = ("area_a_m2", "area_b_m2", "pitch_radius_m", "atmospheric_pressure_pa")
     text = f"""\
@@ -336,7 +332,7 @@ static inline {real(n)} {p}cylinder_{word}({real(n)} pressure_a_pa, {real(n)} pr
 
 
 def _gravity(flat: Flat, n: Names) -> _Law:
-    word, _, unit = _effort(flat)
+    word, unit = flat.rig.units.word, flat.rig.units.effort
     position, _, _ = _motion(flat)
     name, _ = gravity_name(flat.rig)
     if flat.rig.is_linear:
@@ -354,12 +350,11 @@ static inline {real(n)} {n.lower}gravity_{word}({real(n)} {position})
 
 
 def _friction(flat: Flat, n: Names) -> Iterable[_Law]:
-    word, suffix, unit = _effort(flat)
+    u = flat.rig.units
+    word, suffix, unit = u.word, u.suffix, u.effort
     _, velocity, _ = _motion(flat)
     p = n.lower
-    static, coulomb = f"friction_static_{suffix}", f"friction_coulomb_{suffix}"
-    slope = "n_s_per_m" if flat.rig.is_linear else "nm_s_per_rad"
-    viscous = f"friction_viscous_{slope}"
+    static, coulomb, viscous = (f"friction_{u.key(name)}" for name in FRICTION)
     sliding = f"""\
 /* Friction while moving, {unit} (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
 static inline {real(n)} {p}sliding_friction_{word}({real(n)} {velocity})
@@ -387,9 +382,9 @@ static inline {real(n)} {p}friction_{word}({real(n)} {velocity}, {real(n)} appli
 
 
 def _motor(flat: Flat, n: Names) -> _Law:
-    word, suffix, unit = _effort(flat)
-    p = n.lower
-    gain, limit = f"{word}_per_volt_{suffix}", f"max_{word}_{suffix}"
+    u, p = flat.rig.units, n.lower
+    word, unit = u.word, u.effort
+    gain, limit = u.effort_per_volt, u.max_effort
     if flat.constants[limit].value is None:
         within, body = "no limit is declared", f"return volts * {p}{gain};"
     else:

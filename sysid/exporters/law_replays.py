@@ -26,7 +26,7 @@ def law_replays(flat: Flat, constants: NumberTable, features: Collection[str]) -
 
 
 def _mechanics(flat: Flat, p: Parameters) -> Iterator[tuple[str, Replay]]:
-    word = "force" if flat.rig.is_linear else "torque"
+    word = flat.rig.units.word
     pressures = ("pressure", "pressure")
 
     def cylinder(a: Any, b: Any) -> Any:

@@ -283,7 +283,7 @@ def _holds_surface(bundle: Bundle) -> bool:
 def _check_comparable(bundles: Sequence[Bundle], names: Sequence[str]) -> None:
     for name, bundle in zip(names[1:], bundles[1:], strict=True):
         if bundle.is_linear != bundles[0].is_linear:
-            kinds = ["linear" if b.is_linear else "rotary" for b in (bundle, bundles[0])]
+            kinds = [b.units.motion for b in (bundle, bundles[0])]
             raise input_error(
                 name,
                 f"is of a {kinds[0]} rig, {names[0]} of a {kinds[1]} one: their units differ",

@@ -158,7 +158,7 @@ def _volts_as_effort(rig: Rig) -> Rig:
 
     Without cylinder and inertia, whose efforts cannot be added to volts.
     """
-    key = "force_per_volt_n" if rig.is_linear else "torque_per_volt_nm"
+    key = rig.units.effort_per_volt
     motor = Motor.from_table({key: 1.0}, SOURCE)
     assumed = (*rig.assumed, f"motor.{key}")
     return dataclasses.replace(rig, motor=motor, cylinder=None, inertia=None, assumed=assumed)

@@ -352,18 +352,17 @@ def _convert_position(reading: LogReading) -> None:
     rig, columns = reading.rig, reading.columns
     check_motion(reading.where, columns, rig)
     target = rig.position_channel
-    other = "theta_rad" if rig.is_linear else "position_m"
+    other = rig.units.other.position_channel
     if other in columns:
-        motion = "rotary" if rig.is_linear else "linear"
         raise input_error(
             reading.where,
             f"holds {other}, but {rig.source} describes a {rig.motion} rig",
-            f'set [rig] motion = "{motion}" there, or map {target}',
+            f'set [rig] motion = "{rig.units.other.motion}" there, or map {target}',
         )
     counts = columns.pop("encoder_counts", None)
     if counts is None or target in columns:
         return
-    key = "encoder_counts_per_m" if rig.is_linear else "encoder_counts_per_rev"
+    key = rig.units.encoder_counts
     per_unit = getattr(rig.sensors, key)
     if per_unit is None:
         raise input_error(
@@ -371,7 +370,7 @@ def _convert_position(reading: LogReading) -> None:
             f"[sensors] {key} is missing, but {reading.where} holds encoder_counts",
             f"add {key} = ... under [sensors]",
         )
-    scale = (1.0 if rig.is_linear else 2 * math.pi) / per_unit
+    scale = rig.units.turn / per_unit
     columns[target] = (counts - rig.sensors.encoder_zero_counts) * scale
     reading.origin[target] = "encoder_counts"
 
@@ -401,7 +400,7 @@ def _use_speed(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | 
 def _convert_motor(reading: LogReading) -> None:
     rig, columns = reading.rig, reading.columns
     target = rig.effort_channel
-    other = "motor_torque_nm" if rig.is_linear else "motor_force_n"
+    other = rig.units.other.effort_channel
     if other in columns:
         raise input_error(
             reading.where,
@@ -411,7 +410,7 @@ def _convert_motor(reading: LogReading) -> None:
     volts = columns.pop("motor_volts", None)
     if volts is not None and target not in columns:
         if rig.effort_per_volt is None:
-            key = "force_per_volt_n" if rig.is_linear else "torque_per_volt_nm"
+            key = rig.units.effort_per_volt
             raise input_error(
                 rig.source,
                 f"[motor] {key} is missing, but {reading.where} holds motor_volts",

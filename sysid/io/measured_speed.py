@@ -45,11 +45,10 @@ def check_motion(where: str, present: Iterable[str], rig: Rig) -> None:
     other = velocity_channel(rig)
     for name in VELOCITY_CHANNELS.values():
         if name in present and name != other:
-            motion = "rotary" if rig.is_linear else "linear"
             raise input_error(
                 where,
                 f"holds {name}, but {rig.source} describes a {rig.motion} rig",
-                f'set [rig] motion = "{motion}" there, or map {other}',
+                f'set [rig] motion = "{rig.units.other.motion}" there, or map {other}',
             )
 
 

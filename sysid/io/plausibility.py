@@ -162,7 +162,7 @@ def _beyond_stops(where: str, target: str, column: str, values: FloatArray, rig:
     if rig.travel is None:
         return None
     low, high = float(np.min(values)), float(np.max(values))
-    unit, si = ("mm", "m") if rig.is_linear else ("deg", "rad")
+    unit, si = "mm" if rig.is_linear else "deg", rig.units.position
     if high - low <= 1.15 * rig.travel < 1.5 * rig.travel < max(-low, high):
         raise input_error(
             where,
@@ -214,7 +214,7 @@ def check_resolution(where: str, target: str, values: FloatArray, rig: Rig) -> s
     # A file with few decimals has a step of its own.
     if step == 0.0 or abs(ratio - 1.0) < _SAME_STEP or _is_decimal(step):
         return None
-    si = "m" if rig.is_linear else "rad"
+    si = rig.units.position
     return (
         f"{where}: {target} is resolved in steps of {step:.4g} {si}, the encoder declared in the "
         f"rig file in {1.0 / per_unit:.4g} {si}: {target} is scaled by {ratio:.3g} (a diameter for "
@@ -230,10 +230,8 @@ def _is_decimal(step: float) -> bool:
 
 def _counts_per_unit(rig: Rig) -> float | None:
     """The encoder's counts per rad or m as declared."""
-    if rig.is_linear:
-        return rig.sensors.encoder_counts_per_m
-    per_turn = rig.sensors.encoder_counts_per_rev
-    return None if per_turn is None else per_turn / (2.0 * math.pi)
+    counts = getattr(rig.sensors, rig.units.encoder_counts)
+    return None if counts is None else counts / rig.units.turn
 
 
 def _check_step(where: str, target: str, column: str, step: float | None, rig: Rig) -> None:
@@ -242,7 +240,7 @@ def _check_step(where: str, target: str, column: str, step: float | None, rig: R
     if per_unit is None or not step:
         return
     units = _LINEAR_STEPS if rig.is_linear else _ROTARY_STEPS
-    si = "m" if rig.is_linear else "rad"
+    si = rig.units.position
     for unit, factor in units.items():
         if abs(step * per_unit / factor - 1.0) < 0.02:
             raise input_error(

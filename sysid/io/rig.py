@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import math
 import tomllib
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.declaration import TomlSection
 from sysid.io.file_kinds import PARQUET_SUFFIXES, is_bag
 from sysid.io.files import note_input
+from sysid.io.motion import MotionUnits, units_of
 from sysid.io.rig_file import RIG_TABLES, RigFile, RigHead
 from sysid.io.rig_sections import (
     Air,
@@ -104,6 +104,11 @@ class Rig:
         return self.motion == "linear"
 
     @property
+    def units(self) -> MotionUnits:
+        """What its quantities are measured in, and what files call them."""
+        return units_of(self.is_linear)
+
+    @property
     def is_vertical(self) -> bool:
         """Whether gravity acts."""
         return self.orientation == "vertical"
@@ -111,33 +116,28 @@ class Rig:
     @property
     def position_channel(self) -> str:
         """`position_m` on a linear rig, else `theta_rad`."""
-        return "position_m" if self.is_linear else "theta_rad"
+        return self.units.position_channel
 
     @property
     def encoder_step(self) -> float | None:
         """An encoder's count, rad or m; None where its number of counts is not declared."""
-        sensors = self.sensors
-        counts = sensors.encoder_counts_per_m if self.is_linear else sensors.encoder_counts_per_rev
-        return None if counts is None else (1.0 if self.is_linear else 2.0 * math.pi) / counts
+        counts = getattr(self.sensors, self.units.encoder_counts)
+        return None if counts is None else self.units.turn / counts
 
     @property
     def effort_channel(self) -> str:
         """`motor_force_n` on a linear rig, else `motor_torque_nm`."""
-        return "motor_force_n" if self.is_linear else "motor_torque_nm"
+        return self.units.effort_channel
 
     @property
     def max_effort(self) -> float | None:
         """The motor's declared limit at the output, N or Nm; None if not declared."""
-        if self.motor is None:
-            return None
-        return self.motor.max_force_n if self.is_linear else self.motor.max_torque_nm
+        return None if self.motor is None else getattr(self.motor, self.units.max_effort)
 
     @property
     def effort_per_volt(self) -> float | None:
         """Motor effort per volt of command, N/V or Nm/V; None if not declared."""
-        if self.motor is None:
-            return None
-        return self.motor.force_per_volt_n if self.is_linear else self.motor.torque_per_volt_nm
+        return None if self.motor is None else getattr(self.motor, self.units.effort_per_volt)
 
     @property
     def travel(self) -> float | None:
@@ -475,8 +475,8 @@ def require_inertia(rig: Rig) -> float:
     """Total inertia (kg m2, or kg), or an InputError that names the key to add."""
     value = rig.total_inertia()
     if value is None:
-        key = "mass_kg" if rig.is_linear else "equivalent_kg_m2"
-        raise input_error(rig.source, f"[inertia] {key} is missing", "add it to the rig file")
+        key = f"[inertia] {rig.units.rig_inertia}"
+        raise input_error(rig.source, f"{key} is missing", "add it to the rig file")
     return value
 
 

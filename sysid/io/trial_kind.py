@@ -43,7 +43,7 @@ def away_from_ends(trials: Sequence[Trial], rig: Rig) -> str | None:
     away = [place for place in places if abs(place) < _NEAR_AN_END * 0.5 * travel]
     if not away:
         return None
-    unit = "m" if rig.is_linear else "rad"
+    unit = rig.units.position
     return (
         f"the piston is held at {away[0]:.4g} {unit} in {len(away)} of {len(trials)} tests, away "
         f"from both ends ({0.5 * travel:.4g} {unit} from the middle): if it stood at one, "

@@ -7,6 +7,7 @@ from typing import Literal, Self
 
 from pydantic import ConfigDict, Field, JsonValue, PrivateAttr
 
+from sysid.io.motion import MotionUnits, units_of
 from sysid.io.rig import Rig, rig_from_content
 from sysid.parameters.base import Absent, Part
 from sysid.parameters.component import ComponentRecord
@@ -89,6 +90,11 @@ class BundleContent(Part):
         """Whether its rig is declared linear."""
         head = self.rig_content.get("rig")
         return isinstance(head, dict) and head.get("motion") == "linear"
+
+    @property
+    def units(self) -> MotionUnits:
+        """What its quantities are measured in, and what its keys are called."""
+        return units_of(self.is_linear)
 
     def valve(self, side: str) -> Valve:
         """The valve of a side ("a" or "b")."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Any, Self
 
 import numpy as np
@@ -25,13 +25,16 @@ class Correlation(Part):
     matrix: list[list[Number]]
 
     @classmethod
-    def of(cls, joint: JointCovariance, known: Collection[str]) -> Correlation | None:
-        """Of those in `known`; None with fewer than two of them."""
+    def of(
+        cls, joint: JointCovariance, known: Collection[str], keys: Mapping[str, str] | None = None
+    ) -> Correlation | None:
+        """Of those in `known`, under their `keys` (None: their names); None with fewer than two."""
         names, matrix = joint.correlation(known)
         if len(names) < 2:
             return None
         # Adding 0 makes a rounded -0 one of 0.
-        return cls(names=list(names), matrix=(np.round(matrix, _DECIMALS) + 0.0).tolist())
+        called = [name if keys is None else keys[name] for name in names]
+        return cls(names=called, matrix=(np.round(matrix, _DECIMALS) + 0.0).tolist())
 
     @model_validator(mode="after")
     def _is_one(self) -> Self:

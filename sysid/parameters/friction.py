@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import ConfigDict, Field, JsonValue
 
 from sysid.estimation.linear import Estimate
+from sysid.io.motion import LINEAR, ROTARY, MotionUnits
 from sysid.parameters.base import Absent, Lenient, Number, Part
 from sysid.parameters.correlation import CorrelatedPart
 from sysid.parameters.quality import QualityByName
@@ -126,34 +127,40 @@ class Friction(CorrelatedPart):
         return {row.expression: row for row in rows}
 
     @property
-    def is_linear(self) -> bool:
-        """Whether it is in N and m."""
-        return self.static_n is not None
+    def units(self) -> MotionUnits:
+        """Those of its keys."""
+        held = (getattr(self, key) for key in LINEAR.keys.values())
+        return LINEAR if any(one is not None for one in held) else ROTARY
+
+    def parameter(self, name: str) -> Estimate | None:
+        """A parameter by its name, `coulomb` for example; None without it."""
+        found: Estimate | None = getattr(self, self.units.key(name))
+        return found
 
     @property
     def static(self) -> Estimate | None:
         """Static friction, Nm or N."""
-        return self.static_n if self.is_linear else self.static_nm
+        return self.parameter("static")
 
     @property
     def coulomb(self) -> Estimate | None:
         """Coulomb friction, Nm or N."""
-        return self.coulomb_n if self.is_linear else self.coulomb_nm
+        return self.parameter("coulomb")
 
     @property
     def viscous(self) -> Estimate | None:
         """Viscous friction, Nm s/rad or N s/m."""
-        return self.viscous_n_s_per_m if self.is_linear else self.viscous_nm_s_per_rad
+        return self.parameter("viscous")
 
     @property
     def offset(self) -> Estimate | None:
         """Constant effort that the friction tests show, Nm or N."""
-        return self.offset_n if self.is_linear else self.offset_nm
+        return self.parameter("offset")
 
     @property
     def inertia(self) -> Estimate | None:
         """The inertia (kg m2) or mass (kg), where the tests gave it."""
-        return self.mass_kg if self.is_linear else self.inertia_kg_m2
+        return self.parameter("inertia")
 
 
 __all__ = ["CombinationRecord", "FTestRecord", "Friction", "StaticAtPosition", "TestUse"]

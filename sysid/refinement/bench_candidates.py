@@ -70,7 +70,7 @@ def _sliding(problem: ProbedProblem, rig: Rig) -> Iterator[BenchCandidate]:
     rows /= (problem.scatter[0] * (c + b * speeds))[:, None]
     if not rows.any():
         return
-    unit = "m/s" if rig.is_linear else "rad/s"
+    unit = rig.units.speed
     at = ", ".join(f"{s:.2g}" for s in speeds)
     for count in _TESTS:
         times = count / len(speeds)

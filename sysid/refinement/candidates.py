@@ -98,7 +98,7 @@ class _Stage:
 
     @property
     def unit(self) -> str:
-        return "N" if self.rig.is_linear else "Nm"
+        return self.rig.units.effort
 
     @property
     def most_effort(self) -> float:

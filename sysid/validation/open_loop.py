@@ -147,8 +147,7 @@ def _offset(bundle: Bundle, rig: Rig) -> list[str]:
     friction = bundle.friction
     if friction is None:
         return []
-    unit = "N" if rig.is_linear else "Nm"
-    offset = friction.offset_n if rig.is_linear else friction.offset_nm
+    unit, offset = rig.units.effort, friction.offset
     if offset is None or not all(map(math.isfinite, offset.interval)) or offset.holds(0.0):
         return []
     return [

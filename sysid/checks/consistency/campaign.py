@@ -188,7 +188,7 @@ def _energy(name: str, rig: Rig) -> str:
 def _inertia(rig: Rig) -> SharedQuantity:
     return SharedQuantity(
         "the inertia that is moved",
-        "kg" if rig.is_linear else "kg m2",
+        rig.units.inertia_unit,
         1.6,
         f"the log's time base wrong by {{time}}, as where rows are left out; the unit of "
         f"{rig.position_channel} wrong by {{inverse}}",
@@ -218,7 +218,7 @@ def _breakaway(trials: Sequence[Trial], name: str, rig: Rig) -> Iterator[Reading
 def _static_quantity(rig: Rig) -> SharedQuantity:
     return SharedQuantity(
         _STATIC,
-        "N" if rig.is_linear else "Nm",
+        rig.units.effort,
         1.6,
         f"the unit or gain of {rig.effort_channel}, wrong by {{ratio}}",
         "position-dependent-friction, friction that grows at rest",
@@ -241,12 +241,10 @@ def _below_coulomb(
 
 
 def _friction_quantity(part: str, rig: Rig) -> SharedQuantity:
-    effort = "N" if rig.is_linear else "Nm"
-    per_speed = "N s/m" if rig.is_linear else "Nm s/rad"
     if part == "coulomb":
         return SharedQuantity(
             _COULOMB,
-            effort,
+            rig.units.effort,
             1.6,
             f"the unit or gain of {rig.effort_channel}, wrong by {{ratio}}",
             "stribeck-friction, position-dependent-friction, presliding"
@@ -254,7 +252,7 @@ def _friction_quantity(part: str, rig: Rig) -> SharedQuantity:
         )
     return SharedQuantity(
         "viscous friction",
-        per_speed,
+        rig.units.viscous_unit,
         3.0,
         f"its time base wrong by {{time}}, as where rows are left out; the unit of "
         f"{rig.position_channel} by {{inverse}} or of {rig.effort_channel} by {{ratio}}",

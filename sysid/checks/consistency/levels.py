@@ -78,7 +78,7 @@ def sliding_friction(found: FrictionResult | None) -> dict[str, Estimate]:
     """Coulomb and viscous friction of a fit by these names, where both are identified."""
     if found is None:
         return {}
-    pairs = {"coulomb": found[found.units.coulomb], "viscous": found[found.units.viscous]}
+    pairs = {name: found.parameters[name] for name in ("coulomb", "viscous")}
     return pairs if all(_usable(e) for e in pairs.values()) else {}
 
 
@@ -93,7 +93,7 @@ def breakaway(trials: Sequence[Trial], rig: Rig) -> Estimate | None:
         found = fit_friction(trials, rig, kind="static")
     except SysidError:
         return None
-    estimate = found[found.units.static]
+    estimate = found.parameters["static"]
     return estimate if _usable(estimate) else None
 
 

@@ -94,7 +94,7 @@ def _exchanged(trial: Trial) -> Trial:
 
 def _read(fit: FrictionResult) -> tuple[Estimate, float] | None:
     """Offset and Coulomb friction."""
-    offset, coulomb = fit[fit.units.offset], fit[fit.units.coulomb]
+    offset, coulomb = fit.parameters["offset"], fit.parameters["coulomb"]
     is_known = offset.identified and coulomb.identified and coulomb.value > 0.0
     return (offset, coulomb.value) if is_known else None
 

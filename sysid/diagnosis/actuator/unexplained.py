@@ -95,7 +95,7 @@ def remainders(found: Loop, rig: Rig) -> tuple[Remainder, ...]:
         tests = np.unique(view.run)
         folds = [tests[k::_FOLDS].tolist() for k in range(min(_FOLDS, len(tests)))]
         noise = math.sqrt(float(found.colour.covariance[channel][0]))
-        unit = _RATE if channel != EFFORT else ("N" if rig.is_linear else "Nm")
+        unit = _RATE if channel != EFFORT else rig.units.effort
         name = log_channel(channel, rig)
         rests.append(remainder(table, None, folds if len(folds) > 1 else [], noise, name, unit))
     return tuple(rest for rest in rests if rest is not None)

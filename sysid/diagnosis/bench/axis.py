@@ -24,7 +24,7 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
-from sysid.identification.friction.effort import MOTION, EvenTrial, even_trial, units_of
+from sysid.identification.friction.effort import MOTION, EvenTrial, even_trial
 from sysid.identification.friction.motion_samples import tells_speeds
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -68,7 +68,7 @@ class Axis(Component):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channel", self.rig.effort_channel)
-        object.__setattr__(self, "unit", units_of(self.rig).effort)
+        object.__setattr__(self, "unit", self.rig.units.effort)
 
     @property
     def tests(self) -> tuple[str, ...]:
@@ -80,20 +80,20 @@ class Axis(Component):
         return float(np.ptp(np.concatenate(places)))
 
     def parameters(self) -> list[Parameter]:
-        u = units_of(self.rig)
+        u = self.rig.units
         effort = float(np.mean([np.mean(np.abs(c.point.motor)) for c in self.cases]))
         speed = float(np.mean([np.mean(np.abs(c.point.velocity)) for c in self.cases]))
         found = [
-            Parameter(u.coulomb, 0.3 * effort, u.effort, 0.0, scale=effort),
+            Parameter(u.key("coulomb"), 0.3 * effort, u.effort, 0.0, scale=effort),
         ]
         if self.has_speeds:
             steep = effort / speed
-            found.append(Parameter(u.viscous, 0.1 * steep, u.viscous_unit, 0.0, scale=steep))
-            found.append(Parameter(u.offset, 0.0, u.effort, scale=effort))
+            found.append(Parameter(u.key("viscous"), 0.1 * steep, u.viscous_unit, 0.0, scale=steep))
+            found.append(Parameter(u.key("offset"), 0.0, u.effort, scale=effort))
         if self.rig.total_inertia() is None:
             steep = float(np.mean([np.std(c.acceleration) for c in self.cases]))
             start = 0.1 * effort / steep if steep > 0.0 else 1.0
-            found.append(Parameter(u.inertia, start, u.inertia_unit, 0.0))
+            found.append(Parameter(u.key("inertia"), start, u.inertia_unit, 0.0))
         return found
 
     def effects(
@@ -159,14 +159,14 @@ class Axis(Component):
         return effort_gap(case, self._model(law))
 
     def _model(self, law: Law) -> Model:
-        u = units_of(self.rig)
+        u = self.rig.units
         values = law.values
-        inertia = values.get(u.inertia, self.rig.total_inertia())
+        inertia = values.get(u.key("inertia"), self.rig.total_inertia())
         parameters = bare_parameters(self.rig).replace(
-            coulomb_effort=values[u.coulomb],
-            viscous=values.get(u.viscous, 0.0),
+            coulomb_effort=values[u.key("coulomb")],
+            viscous=values.get(u.key("viscous"), 0.0),
             # A friction bundle counts it against the motion, the model along it.
-            offset=-values.get(u.offset, 0.0),
+            offset=-values.get(u.key("offset"), 0.0),
             inertia=inertia,
         )
         return Model(parameters, law.effects)
@@ -212,15 +212,15 @@ class Axis(Component):
         return Parts(friction=Friction.model_validate({**estimates, **sums, **judged}))
 
     def law_of(self, bundle: Bundle) -> Law:
-        u = units_of(self.rig)
+        u = self.rig.units
         tests = "friction-motion or friction-sliding tests"
         names = [p.name for p in self.parameters()]
-        assumed = {u.offset: 0.0} if u.offset in names else {}
+        assumed = {u.key("offset"): 0.0} if u.key("offset") in names else {}
         if not self.has_speeds and bundle.friction is not None:
             # At one speed the law's Coulomb friction is all friction at that speed.
             for one in bundle.friction.sums().values():
-                if one.of == [u.coulomb, u.viscous]:
-                    assumed[u.coulomb] = one.estimate.value
+                if one.of == [u.key("coulomb"), u.key("viscous")]:
+                    assumed[u.key("coulomb")] = one.estimate.value
         return law_held("friction", bundle.friction, names, tests, **assumed)
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:

@@ -23,8 +23,8 @@ from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
-from sysid.identification.friction.effort import Units, units_of
 from sysid.io.logs import Trial
+from sysid.io.motion import FRICTION, MotionUnits
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Friction, Parts
 from sysid.parameters.quality import quality_field
@@ -53,7 +53,7 @@ class FrictionPoints(Component):
     """
 
     base_parameters: Parameters
-    units: Units
+    units: MotionUnits
     labels: tuple[str, ...]
     angle: FloatArray
     velocity: FloatArray
@@ -91,12 +91,12 @@ class FrictionPoints(Component):
         u, effort, speed = self.units, np.abs(self.torque), np.abs(self.velocity)
         size = float(effort.mean())
         if self.is_breakaway:
-            return [Parameter(u.static, size, u.effort, 0.0, scale=size)]
+            return [Parameter(u.key("static"), size, u.effort, 0.0, scale=size)]
         centred = effort - size
         if len(np.unique(effort)) < 2:
             raise NotIdentifiedError(
-                f"{u.coulomb} and {u.viscous} are not identified: all readings are at "
-                f"{size:g} {u.effort}; take some at another torque"
+                f"{u.key('coulomb')} and {u.key('viscous')} are not identified: all readings are "
+                f"at {size:g} {u.effort}; take some at another torque"
             )
         mean = float(speed.mean())
         rise = float(centred @ speed)
@@ -104,8 +104,8 @@ class FrictionPoints(Component):
         # A start from which the fit can move: a law that holds the axis at rest has no slope.
         slope = slope if slope * mean < size else 0.5 * size / mean
         return [
-            Parameter(u.coulomb, size - slope * mean, u.effort, 0.0, scale=size),
-            Parameter(u.viscous, slope, u.viscous_unit, 0.0, scale=size / mean),
+            Parameter(u.key("coulomb"), size - slope * mean, u.effort, 0.0, scale=size),
+            Parameter(u.key("viscous"), slope, u.viscous_unit, 0.0, scale=size / mean),
         ]
 
     @property
@@ -166,12 +166,12 @@ class FrictionPoints(Component):
         """
         zero = np.zeros_like(velocity)
         if self.is_breakaway:
-            static = self._value(law, self.units.static)
+            static = self._value(law, "static")
             parameters = self.base_parameters.replace(static_effort=static, coulomb_effort=static)
         else:
             parameters = self.base_parameters.replace(
-                coulomb_effort=self._value(law, self.units.coulomb),
-                viscous=self._value(law, self.units.viscous),
+                coulomb_effort=self._value(law, "coulomb"),
+                viscous=self._value(law, "viscous"),
             )
         ambient = zero + parameters.atmosphere
         point = Point(
@@ -193,13 +193,14 @@ class FrictionPoints(Component):
         return np.asarray(model.through("friction_effort", held * direction, point))
 
     def _value(self, law: Law, name: str) -> float:
-        if name not in law.values:
+        key = self.units.key(name)
+        if key not in law.values:
             what = "breakaway" if self.is_breakaway else "sliding"
             raise NotIdentifiedError(
-                f"{name} is not identified: the readings to predict are of {what}, the fitted "
+                f"{key} is not identified: the readings to predict are of {what}, the fitted "
                 f"ones are not; fit {what} readings too, in a separate campaign"
             )
-        return law.values[name]
+        return law.values[key]
 
     def _speed(self, law: Law, rows: IntArray) -> FloatArray:
         """Velocity, rad/s, at which friction is as large as the torque set; (rows,).
@@ -257,13 +258,13 @@ class FrictionPoints(Component):
         return math.sqrt(0.5 * float(np.mean(steps**2))) if len(steps) else math.nan
 
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
-        u = self.units
-        units = {u.static: u.effort, u.coulomb: u.effort, u.viscous: u.viscous_unit}
         wanted = "steady motion" if self.is_breakaway else "breakaway"
         reason = f"no reading shows it; {wanted} readings in a separate campaign would identify it"
-        found = {
-            n: estimates.get(n, Estimate.unidentified(unit, reason)) for n, unit in units.items()
+        unread = {
+            self.units.key(name): Estimate.unidentified(self.units.unit(name), reason)
+            for name in FRICTION
         }
+        found = {key: estimates.get(key, absent) for key, absent in unread.items()}
         judged = quality_field(quality, KIND)
         return Parts(friction=Friction.model_validate({**found, **judged}))
 
@@ -298,7 +299,7 @@ def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
     channel = rig.position_channel
     return FrictionPoints(
         base_parameters=bare_parameters(rig),
-        units=units_of(rig),
+        units=rig.units,
         labels=tuple(t.title for t in trials for _ in range(len(t))),
         angle=np.concatenate([t[channel] if channel in t else np.zeros(len(t)) for t in trials]),
         velocity=velocity,

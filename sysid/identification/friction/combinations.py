@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sysid.estimation.linear import Estimate, LinearFit, linear_fit
-from sysid.identification.friction.effort import Units
+from sysid.io.motion import MotionUnits
 from sysid.types import FloatArray
 
 OTHER_DIRECTION = (
@@ -27,14 +27,20 @@ OTHER_SPEED = (
 class Combination:
     """A sum of parameters that the tests identify though not its parts.
 
-    `of` are the parameters' names in a bundle, `coefficients` their factors in the sum; `test`
-    is the test that would separate them.
+    `terms` are the parameters' names, `coefficients` their factors in the sum; `test` is the test
+    that would separate them.
     """
 
-    of: tuple[str, ...]
+    terms: tuple[str, ...]
     coefficients: tuple[float, ...]
     estimate: Estimate
     test: str
+    units: MotionUnits
+
+    @property
+    def of(self) -> tuple[str, ...]:
+        """The parameters' keys in a bundle."""
+        return tuple(self.units.key(name) for name in self.terms)
 
     @property
     def expression(self) -> str:
@@ -91,7 +97,7 @@ class Separation:
 
 
 def combined(
-    estimates: Sequence[Estimate], slope: tuple[float, float], shape: Separation, units: Units
+    estimates: Sequence[Estimate], slope: tuple[float, float], shape: Separation, units: MotionUnits
 ) -> tuple[Combination, ...]:
     """The combinations that a fit of reduced columns gives.
 
@@ -99,20 +105,20 @@ def combined(
     alone; `slope` is the fit of the speed on the same columns (its factor of viscous friction
     in each sum), ignored where there are several speeds.
     """
-    rows: list[dict[str, float]] = [{units.coulomb: 1.0}, {units.offset: 1.0}]
+    rows: list[dict[str, float]] = [{"coulomb": 1.0}, {"offset": 1.0}]
     if not shape.both:
-        rows = [{units.coulomb: 1.0, units.offset: shape.way}]
+        rows = [{"coulomb": 1.0, "offset": shape.way}]
     found = []
     for own, estimate, factor in zip(rows, estimates, slope, strict=False):
-        terms = own if shape.speeds else {**own, units.viscous: factor}
+        terms = own if shape.speeds else {**own, "viscous": factor}
         if len(terms) > 1:
-            sums = Combination(tuple(terms), tuple(terms.values()), estimate, shape.test)
+            sums = Combination(tuple(terms), tuple(terms.values()), estimate, shape.test, units)
             found.append(sums)
     return tuple(found)
 
 
 def mean_friction(
-    friction: FloatArray, speed: FloatArray, way: FloatArray, units: Units
+    friction: FloatArray, speed: FloatArray, way: FloatArray, units: MotionUnits
 ) -> tuple[Combination, ...]:
     """The combinations of trials at one level of the effort, from their mean friction (signed),
     mean speed (signed) and direction, (n,) each."""
@@ -137,7 +143,7 @@ def unidentified(
     name: str, unit: str, combinations: Sequence[Combination], otherwise: str
 ) -> Estimate:
     """A parameter that is only part of sums, with the test that would separate it; else why."""
-    own = next((c for c in combinations if name in c.of), None)
+    own = next((c for c in combinations if name in c.terms), None)
     return Estimate.unidentified(unit, otherwise if own is None else own.reason)
 
 

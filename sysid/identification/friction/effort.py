@@ -38,52 +38,6 @@ _PUSHED = 0.3  # correlation of speed and push
 
 
 @dataclass(frozen=True)
-class Units:
-    """Names and units of a rig's friction parameters."""
-
-    effort: str
-    position: str
-    speed: str
-    static: str
-    coulomb: str
-    viscous: str
-    viscous_unit: str
-    offset: str
-    inertia: str
-    inertia_unit: str
-
-
-ROTARY = Units(
-    "Nm",
-    "rad",
-    "rad/s",
-    "static_nm",
-    "coulomb_nm",
-    "viscous_nm_s_per_rad",
-    "Nm s/rad",
-    "offset_nm",
-    "inertia_kg_m2",
-    "kg m2",
-)
-LINEAR = Units(
-    "N",
-    "m",
-    "m/s",
-    "static_n",
-    "coulomb_n",
-    "viscous_n_s_per_m",
-    "N s/m",
-    "offset_n",
-    "mass_kg",
-    "kg",
-)
-
-
-def units_of(rig: Rig) -> Units:
-    return LINEAR if rig.is_linear else ROTARY
-
-
-@dataclass(frozen=True)
 class EvenTrial:
     """One trial on an even time grid, all arrays (n,).
 

@@ -26,7 +26,7 @@ from sysid.identification.friction.combinations import (
     combined,
     unidentified,
 )
-from sysid.identification.friction.effort import MIN_SAMPLES, MOTION, EvenTrial, TrialUse, Units
+from sysid.identification.friction.effort import MIN_SAMPLES, MOTION, EvenTrial, TrialUse
 from sysid.identification.friction.low_speed import SlidingLimits, bins_of_speed, sliding_only
 from sysid.identification.friction.motion_regression import (
     MOST_NOISE,
@@ -40,6 +40,7 @@ from sysid.identification.friction.motion_samples import (
     A_LENGTH,
     COULOMB,
     INERTIA,
+    NAMES,
     OFFSET,
     VISCOUS,
     MotionSamples,
@@ -47,6 +48,7 @@ from sysid.identification.friction.motion_samples import (
     motion_samples,
     tells_speeds,
 )
+from sysid.io.motion import MotionUnits
 from sysid.types import FloatArray
 
 MIN_TRIALS_APART = 3
@@ -140,7 +142,7 @@ def _why_few(trial: EvenTrial, chosen: MotionSamples, cutoff_hz: float) -> str:
 
 
 def fit_motion(
-    samples: Sequence[MotionSamples], inertia: float | None, units: Units
+    samples: Sequence[MotionSamples], inertia: float | None, units: MotionUnits
 ) -> MotionFriction:
     """Coulomb, viscous, offset, and the inertia unless it is given (kg m2, or kg).
 
@@ -344,11 +346,10 @@ def _finished(
     apart: bool,
     found: _Found,
     limits: SlidingLimits,
-    units: Units,
+    units: MotionUnits,
 ) -> MotionFriction:
-    all_units = (units.effort, units.viscous_unit, units.effort, units.inertia_unit)
     by_column = {
-        column: Estimate.symmetric(float(value), float(std), all_units[column], float(dof))
+        column: Estimate.symmetric(float(value), float(std), units.unit(NAMES[column]), float(dof))
         for column, value, std, dof in zip(
             model.columns, found.values, found.stds, found.dofs, strict=True
         )
@@ -361,15 +362,16 @@ def _finished(
     rmse, count = _rmse(samples, full)
     effort = np.concatenate([model.balanced(s) for s in samples])
 
-    def estimate(column: int, name: str) -> Estimate:
-        if column in by_column and not any(name in c.of for c in sums):
+    def estimate(column: int) -> Estimate:
+        name = NAMES[column]
+        if column in by_column and not any(name in c.terms for c in sums):
             return by_column[column]
-        return unidentified(name, all_units[column], sums, "")
+        return unidentified(name, units.unit(name), sums, "")
 
     return MotionFriction(
-        estimate(COULOMB, units.coulomb),
-        estimate(VISCOUS, units.viscous),
-        estimate(OFFSET, units.offset),
+        estimate(COULOMB),
+        estimate(VISCOUS),
+        estimate(OFFSET),
         _inertia(model, by_column, units),
         rmse,
         count,
@@ -383,7 +385,7 @@ def _finished(
             _quality(samples, effort, full, model, units),
             left_out=_left_out(samples, given, full, model),
         ),
-        _joint(model, found, units),
+        _joint(model, found),
     )
 
 
@@ -392,7 +394,7 @@ def _quality(
     effort: FloatArray,
     full: FloatArray,
     model: _Model,
-    units: Units,
+    units: MotionUnits,
 ) -> FitQuality:
     """Of the effort (n,) that friction (and an estimated inertia) balances; `full` (4,)."""
     left = [s.effort - s.regressors @ full for s in samples]
@@ -423,13 +425,12 @@ def _left_out(
     return (replace(out, rmse=_rmse(given, full)[0], spread=around),)
 
 
-def _joint(model: _Model, found: _Found, units: Units) -> JointCovariance:
-    """Of what is fitted, by its names in a bundle."""
-    names = (units.coulomb, units.viscous, units.offset, units.inertia)
-    return JointCovariance(tuple(names[column] for column in model.columns), found.matrix)
+def _joint(model: _Model, found: _Found) -> JointCovariance:
+    """Of what is fitted."""
+    return JointCovariance(tuple(NAMES[column] for column in model.columns), found.matrix)
 
 
-def _inertia(model: _Model, by_column: dict[int, Estimate], units: Units) -> Estimate | None:
+def _inertia(model: _Model, by_column: dict[int, Estimate], units: MotionUnits) -> Estimate | None:
     if model.unmoved:
         return Estimate.unidentified(
             units.inertia_unit,
@@ -438,7 +439,9 @@ def _inertia(model: _Model, by_column: dict[int, Estimate], units: Units) -> Est
     return by_column.get(INERTIA)
 
 
-def _notices(apart: bool, model: _Model, limits: SlidingLimits, units: Units) -> tuple[str, ...]:
+def _notices(
+    apart: bool, model: _Model, limits: SlidingLimits, units: MotionUnits
+) -> tuple[str, ...]:
     found = [text] if (text := limits.text(units.position, units.speed)) else []
     if not apart:
         found.append(

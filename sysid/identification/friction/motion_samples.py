@@ -30,6 +30,8 @@ _REST_SHARE = 0.5
 _LEAST_SPAN = 1.5
 # Correlation of speed and load beyond which the two cannot be distinguished.
 _TIED = 0.6
+NAMES = ("coulomb", "viscous", "offset", "inertia")
+"""The parameters whose columns the regressors are."""
 COULOMB, VISCOUS, OFFSET, INERTIA = range(4)
 
 RULE = (

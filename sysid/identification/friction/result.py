@@ -30,7 +30,6 @@ from sysid.identification.friction.effort import (
     SLIDING,
     STATIC,
     TrialUse,
-    Units,
     left_out_lines,
     tests_left_out,
 )
@@ -39,6 +38,7 @@ from sysid.identification.friction.motion import MotionFriction
 from sysid.identification.friction.motion_samples import RULE
 from sysid.identification.friction.sliding import SlidingFriction, missed_by
 from sysid.identification.friction.static import CRITERION, StaticFriction, breakaway_of
+from sysid.io.motion import MotionUnits
 from sysid.parameters import Correlation, Friction, Parts
 from sysid.parameters.quality import records_of
 from sysid.types import FloatArray
@@ -59,18 +59,18 @@ _AT_LIMIT = 0.01
 class FrictionResult(NamedEstimates, Shown):
     """Friction parameters by their names in the bundle, and the evidence for them.
 
-    `parameters` holds `static_nm`, `coulomb_nm`, `viscous_nm_s_per_rad`, `offset_nm` and,
-    where estimated, `inertia_kg_m2` (linear: `static_n`, `coulomb_n`, `viscous_n_s_per_m`,
-    `offset_n`, `mass_kg`); one that the tests do not identify gives the reason. Coulomb and
-    viscous friction come from `source` (the constant-effort tests where these identify them);
-    `cross_check` holds the estimates of the other kind of test, `combinations` the sums that
-    are identified where their parts are not. `trials` gives the outcome of every test.
-    `most_effort` is what the rig's motor and cylinder can give, `motor_limit` the motor alone,
-    N or Nm. `contradicted`: whether a log contradicts the rig file. `reversed_sign`: which
-    channel's sign is reversed, where the fit with the other sign is good; else empty.
+    `parameters` holds `static`, `coulomb`, `viscous`, `offset` and, where estimated, `inertia`; as
+    items and attributes they have their keys in a bundle (`coulomb_nm`, linear: `coulomb_n`). One
+    that the tests do not identify gives the reason. Coulomb and viscous friction come from `source`
+    (the constant-effort tests where these identify them); `cross_check` holds the estimates of the
+    other kind of test, `combinations` the sums that are identified where their parts are not.
+    `trials` gives the outcome of every test. `most_effort` is what the rig's motor and cylinder can
+    give, `motor_limit` the motor alone, N or Nm. `contradicted`: whether a log contradicts the rig
+    file. `reversed_sign`: which channel's sign is reversed, where the fit with the other sign is
+    good; else empty.
     """
 
-    units: Units
+    units: MotionUnits
     parameters: dict[str, Estimate]
     source: str
     static: StaticFriction | None
@@ -118,7 +118,7 @@ class FrictionResult(NamedEstimates, Shown):
         for name, estimate in self.cross_check.items():
             if estimate.identified:
                 lines.append(
-                    f"cross-check, from motion: {name} {estimate.value:.4g} +- "
+                    f"cross-check, from motion: {self.units.key(name)} {estimate.value:.4g} +- "
                     f"{estimate.std:.2g} {estimate.unit}"
                 )
         for k, v in self._rmse():
@@ -182,15 +182,15 @@ class FrictionResult(NamedEstimates, Shown):
         """The same by the kind of test that says so."""
         u = self.units
         found: dict[str, list[str]] = {kind: [] for kind in KINDS}
-        for name, kind in ((u.static, STATIC), (u.coulomb, self.source), (u.viscous, self.source)):
-            e = self.parameters[name]
+        for name, kind in (("static", STATIC), ("coulomb", self.source), ("viscous", self.source)):
+            e, key = self.parameters[name], u.key(name)
             if e.identified and e.interval[1] < 0.0:
                 found[kind].append(
-                    f"{name} is {e.value:.3g} {e.unit}, below zero beyond its interval"
+                    f"{key} is {e.value:.3g} {e.unit}, below zero beyond its interval"
                 )
-            if e.identified and name != u.viscous and e.value > self.most_effort:
+            if e.identified and name != "viscous" and e.value > self.most_effort:
                 found[kind].append(
-                    f"{name} is {e.value:.3g} {e.unit}, but motor and cylinder together give at "
+                    f"{key} is {e.value:.3g} {e.unit}, but motor and cylinder together give at "
                     f"most {self.most_effort:.3g} {u.effort}"
                 )
         found[STATIC] += self._start_up()
@@ -203,7 +203,7 @@ class FrictionResult(NamedEstimates, Shown):
             f"{c.expression} is {c.estimate.value:.3g} {c.estimate.unit}, below zero beyond its "
             "interval"
             for c in self.combinations
-            if u.offset not in c.of and c.estimate.interval[1] < 0.0
+            if "offset" not in c.terms and c.estimate.interval[1] < 0.0
         ]
         # In one direction the effort need not vary with the motion.
         told = self.motion is not None and self.motion.both_ways
@@ -218,13 +218,14 @@ class FrictionResult(NamedEstimates, Shown):
     def _start_up(self) -> list[str]:
         """Breakaway at the motor's limit, or out of all proportion to sliding friction."""
         u = self.units
-        static, coulomb = self.parameters[u.static], self.parameters[u.coulomb]
+        static, coulomb = self.parameters["static"], self.parameters["coulomb"]
+        key = u.key("static")
         if self.static is not None and static.identified:
             scatter = self.static.repeatability
             off = abs(static.value - self.motor_limit)
             if max(off, scatter) < _AT_LIMIT * self.motor_limit < math.inf:
                 return [
-                    f"{u.static} is the motor's declared limit, {self.motor_limit:.3g} {u.effort}, "
+                    f"{key} is the motor's declared limit, {self.motor_limit:.3g} {u.effort}, "
                     f"in every test ({static.value / max(scatter, 1e-12):.0f} times its scatter): "
                     "the logged effort goes beyond that limit"
                 ]
@@ -233,8 +234,8 @@ class FrictionResult(NamedEstimates, Shown):
             return []
         most = coulomb.interval[1]
         return [
-            f"{u.static} is {static.value:.3g} {u.effort}, {static.value / most:.0f} times what "
-            f"{u.coulomb} is at most, {most:.3g} {u.effort}"
+            f"{key} is {static.value:.3g} {u.effort}, {static.value / most:.0f} times what "
+            f"{u.key('coulomb')} is at most, {most:.3g} {u.effort}"
         ]
 
     def _unsteady(self) -> list[str]:
@@ -265,17 +266,15 @@ class FrictionResult(NamedEstimates, Shown):
 
     def _of_coulomb(self) -> list[Estimate]:
         """Coulomb friction, or the sums that hold it, as far as they are identified."""
-        u = self.units
-        own = self.parameters[u.coulomb]
-        sums = [c.estimate for c in self.combinations if {u.coulomb} <= {*c.of} - {u.viscous}]
+        own = self.parameters["coulomb"]
+        sums = [c.estimate for c in self.combinations if "coulomb" in c.terms]
         return [e for e in (own, *sums) if e.identified]
 
     @property
     def is_beyond_doubt(self) -> bool:
         """Whether all that was fitted is good or usable, and friction is above zero beyond its
         interval: what a log that is broken otherwise does not show by chance."""
-        u = self.units
-        static, viscous = self.parameters[u.static], self.parameters[u.viscous]
+        static, viscous = self.parameters["static"], self.parameters["viscous"]
         told = self._of_coulomb() if viscous.identified else []
         if self.source == STATIC:
             told = [static] if static.identified else []
@@ -294,7 +293,7 @@ class FrictionResult(NamedEstimates, Shown):
         if self.contradicted:
             return f"{CONTRADICTED}, as the first notice says: correct that first"
         lacks = "name the logs in a campaign, and `sysid diagnose` tells what the law lacks"
-        viscous = self.parameters[self.units.viscous]
+        viscous = self.parameters["viscous"]
         falls = viscous.identified and viscous.interval[1] < 0.0
         # An effort that drives nothing leaves no Coulomb friction either.
         slides = any(e.interval[0] > 0.0 for e in self._of_coulomb())
@@ -312,7 +311,7 @@ class FrictionResult(NamedEstimates, Shown):
     @property
     def why_no_sliding(self) -> str:
         """Why Coulomb or viscous friction is not identified; empty where both are."""
-        own = (self.parameters[name] for name in (self.units.coulomb, self.units.viscous))
+        own = (self.parameters[name] for name in ("coulomb", "viscous"))
         return next((e.reason or "" for e in own if not e.identified), "")
 
     @property
@@ -322,7 +321,7 @@ class FrictionResult(NamedEstimates, Shown):
 
     def of_sliding(self) -> dict[str, Estimate]:
         """Coulomb and viscous friction by name, as far as they are identified."""
-        own = (self.units.coulomb, self.units.viscous)
+        own = ("coulomb", "viscous")
         return {name: self.parameters[name] for name in own if self.parameters[name].identified}
 
     @property
@@ -344,14 +343,15 @@ class FrictionResult(NamedEstimates, Shown):
         fit = {SLIDING: self.sliding, MOTION: self.motion}.get(self.source)
         if fit is None or fit.joint is None:
             return None
-        return Correlation.of(fit.joint, [k for k, e in self.parameters.items() if e.identified])
+        known = [name for name, e in self.parameters.items() if e.identified]
+        return Correlation.of(fit.joint, known, self.units.keys)
 
     def part(self) -> Parts:
         """The bundle's `friction` (`spec/bundle.md`), with the supporting tables."""
-        table: dict[str, Any] = dict(self.parameters)
+        table: dict[str, Any] = self.by_name()
         table["source"] = self.source
-        table[f"rmse_{self.units.effort.lower()}"] = self.rmse
-        table["cross_check"] = dict(self.cross_check)
+        table[f"rmse_{self.units.suffix}"] = self.rmse
+        table["cross_check"] = self.units.keyed(self.cross_check)
         if self.combinations:
             table["combinations"] = [c.to_json() for c in self.combinations]
         if (correlation := self.correlation) is not None:
@@ -376,8 +376,8 @@ class FrictionResult(NamedEstimates, Shown):
         return Parts(friction=Friction(**table))
 
     def by_name(self) -> dict[str, Estimate]:
-        """The parameters."""
-        return self.parameters
+        """The parameters by their keys in a bundle."""
+        return self.units.keyed(self.parameters)
 
     def headline(self) -> str:
         """The number of tests."""
@@ -386,14 +386,14 @@ class FrictionResult(NamedEstimates, Shown):
 
     def records(self) -> list[dict[str, Any]]:
         """One record per parameter: value, std, limits of the 95 % interval, unit."""
-        return estimate_records(self.parameters)
+        return estimate_records(self.by_name())
 
     def tables(self) -> Iterable[Table]:
         """The parameters, and their estimates from motion where both kinds of test were made."""
-        yield estimate_table("", self.parameters)
+        yield estimate_table("", self.by_name())
         sums = {c.expression: c.estimate for c in self.combinations}
         yield estimate_table("Identified only together", sums)
-        yield estimate_table("Cross-check, from motion", self.cross_check)
+        yield estimate_table("Cross-check, from motion", self.units.keyed(self.cross_check))
         yield quality_table(self.quality)
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -413,25 +413,25 @@ class FrictionResult(NamedEstimates, Shown):
             if rows.any():
                 (line,) = ax.plot(np.abs(speed[rows]), np.abs(effort[rows]), "o", label=name)
                 grid = np.linspace(0.0, float(np.abs(speed).max()))
-                law = self[u.coulomb].value + self[u.viscous].value * grid
+                law = self.parameters["coulomb"].value + self.parameters["viscous"].value * grid
                 ax.plot(grid, law + way * self._offset(), color=line.get_color())
-        ax.set_xlabel(f"speed ({'m/s' if u.effort == 'N' else 'rad/s'})")
+        ax.set_xlabel(f"speed ({u.speed})")
         ax.set_ylabel(f"friction ({u.effort})")
         legend(ax)
         return ax
 
     def _offset(self) -> float:
         """The offset of the constant-effort tests, 0 where there is none."""
-        offset = self.parameters.get(self.units.offset)
+        offset = self.parameters.get("offset")
         return offset.value if offset is not None and offset.identified else 0.0
 
     def _plot_parameters(self, ax: Axes) -> Axes:
-        known = [(name, e) for name, e in self.parameters.items() if e.identified]
+        known = [(key, e) for key, e in self.by_name().items() if e.identified]
         for place, (_, e) in enumerate(known):
             below, above = e.value - e.interval[0], e.interval[1] - e.value
             limits = [[x if math.isfinite(x) else 0.0] for x in (below, above)]
             ax.errorbar([place], [e.value], yerr=limits, fmt="o", capsize=4)
-        ax.set_xticks(range(len(known)), [f"{name}\n({e.unit})" for name, e in known])
+        ax.set_xticks(range(len(known)), [f"{key}\n({e.unit})" for key, e in known])
         return ax
 
 

@@ -36,7 +36,8 @@ from sysid.estimation.linear import (
 )
 from sysid.estimation.quality import FitQuality, repeated_scatter, repeats_lack_of_fit
 from sysid.identification.friction.clusters import Clusters, find_clusters
-from sysid.identification.friction.effort import TrialUse, Units
+from sysid.identification.friction.effort import TrialUse
+from sysid.io.motion import MotionUnits
 from sysid.types import FloatArray
 
 LEVEL_GAP = 0.03  # relative: set efforts closer than this are one level
@@ -123,7 +124,7 @@ def levels_of(set_effort: FloatArray) -> NDArray[np.intp]:
     return level
 
 
-def fit_sliding(points: SlidingPoints, units: Units) -> SlidingFriction:
+def fit_sliding(points: SlidingPoints, units: MotionUnits) -> SlidingFriction:
     """Regression over trials, or the mean of their own laws where they have them.
 
     Raises NotIdentifiedError where all ran at one level.
@@ -156,12 +157,12 @@ def fit_sliding(points: SlidingPoints, units: Units) -> SlidingFriction:
             "trials; give constant-effort trials at levels farther apart"
         )
     estimates = (coulomb, viscous, offset)
-    joint = _joint(ratios.covariance(len(names)), units)
+    joint = _joint(ratios.covariance(len(names)))
     return _finished(points, estimates, p_value, units, ratios.grouped, LEVELS, joint)
 
 
 def _fit_laws(
-    points: SlidingPoints, intercepts: FloatArray, slopes: FloatArray, units: Units
+    points: SlidingPoints, intercepts: FloatArray, slopes: FloatArray, units: MotionUnits
 ) -> SlidingFriction:
     """Mean of the trials' own laws, with errors from their scatter."""
     both = len(np.unique(points.direction)) == 2
@@ -180,7 +181,7 @@ def _fit_laws(
         offset = Estimate.symmetric(value, std, units.effort, fit.dof)
         p_value = t_p_value(value / std, fit.dof) if std > 0.0 else 1.0
     viscous = mean_estimate(slopes, units.viscous_unit)
-    joint = _joint(_covariance_of_laws(fit, slopes, points.direction), units)
+    joint = _joint(_covariance_of_laws(fit, slopes, points.direction))
     return _finished(points, (coulomb, viscous, offset), p_value, units, True, WITHIN, joint)
 
 
@@ -200,13 +201,12 @@ def _covariance_of_laws(fit: LinearFit, slopes: FloatArray, way: FloatArray) -> 
     return np.asarray(influence @ influence.T * scatter[np.ix_(kind, kind)])
 
 
-def _joint(matrix: FloatArray, units: Units) -> JointCovariance:
+def _joint(matrix: FloatArray) -> JointCovariance:
     """Of Coulomb, viscous friction and, where it is estimated, the offset."""
-    names = (units.coulomb, units.viscous, units.offset)
-    return JointCovariance(names[: len(matrix)], matrix)
+    return JointCovariance(("coulomb", "viscous", "offset")[: len(matrix)], matrix)
 
 
-def _offset_unknown(units: Units) -> Estimate:
+def _offset_unknown(units: MotionUnits) -> Estimate:
     """The offset of trials in one direction only."""
     return Estimate.unidentified(
         units.effort,
@@ -219,7 +219,7 @@ def _finished(
     points: SlidingPoints,
     estimates: tuple[Estimate, Estimate, Estimate],
     offset_p_value: float | None,
-    units: Units,
+    units: MotionUnits,
     grouped: bool,
     method: str,
     joint: JointCovariance,
@@ -253,7 +253,11 @@ def _finished(
 
 
 def _quality(
-    points: SlidingPoints, residual: FloatArray, curved: FTest | None, both: bool, units: Units
+    points: SlidingPoints,
+    residual: FloatArray,
+    curved: FTest | None,
+    both: bool,
+    units: MotionUnits,
 ) -> FitQuality:
     cells = 2 * levels_of(points.set_effort) + (points.direction > 0.0)
     return FitQuality.of(
@@ -298,7 +302,7 @@ def _notices(
     p_value: float | None,
     clusters: Sequence[Clusters],
     curved: FTest | None,
-    units: Units,
+    units: MotionUnits,
 ) -> tuple[str, ...]:
     notices = [cluster.text for cluster in clusters]
     if curved is not None and curved.p_value < CURVED:

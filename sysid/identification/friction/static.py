@@ -25,7 +25,8 @@ from sysid.estimation.linear import (
     t_quantile,
 )
 from sysid.estimation.quality import FitQuality, repeats_lack_of_fit
-from sysid.identification.friction.effort import STATIC, EvenTrial, TrialUse, Units, titles
+from sysid.identification.friction.effort import STATIC, EvenTrial, TrialUse, titles
+from sysid.io.motion import MotionUnits
 from sysid.types import FloatArray
 
 TRAVEL_SHARE = 1e-3  # of the stroke: motion beyond it is more than presliding
@@ -116,7 +117,7 @@ class StaticFriction:
 
 
 def fit_static(
-    trials: Sequence[EvenTrial], units: Units, notices: list[str]
+    trials: Sequence[EvenTrial], units: MotionUnits, notices: list[str]
 ) -> tuple[StaticFriction | None, list[TrialUse]]:
     """Static friction from ramps; None where none of them moved."""
     uses = [breakaway(trial, units) for trial in trials]
@@ -141,7 +142,7 @@ def fit_static(
     return static_summary(values, starts, places, directions, units.effort), uses
 
 
-def breakaway(trial: EvenTrial, units: Units) -> TrialUse:
+def breakaway(trial: EvenTrial, units: MotionUnits) -> TrialUse:
     """One ramp's breakaway effort, signed, in `values`; or why it is left out."""
     use = TrialUse(trial.label, trial.source, STATIC)
     found = find_onset(trial)

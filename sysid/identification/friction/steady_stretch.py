@@ -16,13 +16,13 @@ from sysid.identification.friction.effort import (
     SLIDING,
     EvenTrial,
     TrialUse,
-    Units,
     constant_run,
     level_tolerance,
     titles,
 )
 from sysid.identification.friction.sliding import SlidingPoints
 from sysid.identification.friction.within_trial import trial_law
+from sysid.io.motion import MotionUnits
 from sysid.types import FloatArray
 
 STEADY = 0.05  # an interval is steady while its blocks stay within this share of its speed
@@ -179,7 +179,7 @@ def momentum_balance(
 
 
 def sliding_points(
-    trials: Sequence[EvenTrial], inertia: float | None, units: Units, notices: list[str]
+    trials: Sequence[EvenTrial], inertia: float | None, units: MotionUnits, notices: list[str]
 ) -> tuple[SlidingPoints | None, list[TrialUse]]:
     """One point per trial; trials that stall or are unusable are left out, with a notice.
 

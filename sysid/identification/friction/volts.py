@@ -7,13 +7,7 @@ from typing import Any
 from sysid.estimation.linear import Estimate
 from sysid.parameters import Friction, Parts
 
-_STATIC = ("static_nm", "static_n")
-_PER = {
-    "viscous_nm_s_per_rad": "V s/rad",
-    "viscous_n_s_per_m": "V s/m",
-    "inertia_kg_m2": "V s2/rad",
-    "mass_kg": "V s2/m",
-}
+_PER = {"viscous": "V s/{position}", "inertia": "V s2/{position}"}
 
 
 def friction_in_volts(parts: Parts, *, has_pressures: bool) -> Parts:
@@ -25,19 +19,19 @@ def friction_in_volts(parts: Parts, *, has_pressures: bool) -> Parts:
     """
     friction = parts.friction
     assert friction is not None
-    key = "force_per_volt_n" if friction.is_linear else "torque_per_volt_nm"
-    effort = "force" if friction.is_linear else "torque"
-    fix = f"volts were logged, and [motor] {key} is not declared"
+    units = friction.units
+    fix = f"volts were logged, and [motor] {units.effort_per_volt} is not declared"
     found: dict[str, Any] = {"source": friction.source}
-    for name, estimate in friction.estimates().items():
+    for key, estimate in friction.estimates().items():
         if not estimate.identified:
-            found[name] = estimate
+            found[key] = estimate
             continue
-        low, high = estimate.interval
-        said = f"{estimate.value:.4g} ({low:.4g} to {high:.4g}) {_PER.get(name, 'V')}"
-        if has_pressures and name not in _STATIC:
-            said = f"the chambers' {effort} in motion has no volts"
-        found[name] = Estimate.unidentified(estimate.unit, f"{said}; {fix}")
+        (name,), (low, high) = units.named([key]), estimate.interval
+        per = _PER.get(name, "V").format(position=units.position)
+        said = f"{estimate.value:.4g} ({low:.4g} to {high:.4g}) {per}"
+        if has_pressures and name != "static":
+            said = f"the chambers' {units.word} in motion has no volts"
+        found[key] = Estimate.unidentified(estimate.unit, f"{said}; {fix}")
     return Parts(friction=Friction(**found))
 
 

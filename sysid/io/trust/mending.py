@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, SIDES
+from sysid.io.motion import LINEAR, units_of
 from sysid.io.trust.jumps import Jump, Resolution, resolution_of, without_jumps
 from sysid.io.trust.slow import RESOLVED_STEP, WANTED_ROWS, largest_step, rows_per_reversal
 from sysid.io.trust.stale import Staleness, fresh_readings, staleness
@@ -164,8 +165,8 @@ def _resolution(recording: Recording) -> Resolution:
 
 def _jumps_line(recording: Recording, found: Sequence[tuple[int, Jump]]) -> str:
     """What a notice says of all jumps of a file."""
-    is_linear = recording.position == "position_m"
-    si, small = ("m", "mm") if is_linear else ("rad", "mrad")
+    si = units_of(recording.position == LINEAR.position_channel).position
+    small = f"m{si}"
     lines = []
     for test, jump in found[:_NAMED]:
         usual = f"{jump.usual_speed:.3g} {si}/s" if jump.usual_speed else "rests"
