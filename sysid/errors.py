@@ -6,6 +6,7 @@ All are turned into one line and an exit code by `sysid.commands.app`.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 # Characters of a file's value, of a word, of a place and of a whole part that a line shows.
@@ -81,6 +82,13 @@ def shortened(text: str, longest: int = _LONGEST_VALUE) -> str:
     """`text`, without its middle where it is longer than that many characters."""
     tail = longest // 4
     return text if len(text) <= longest else f"{text[: longest - tail - 3]}...{text[-tail:]}"
+
+
+def some_of(names: Sequence[str], most: int, *, counted: bool = True) -> str:
+    """The first of `names`, as a list; with how many more there are, or only that there are."""
+    more = len(names) - most
+    end = "" if more <= 0 else f" and {more} more" if counted else " ..."
+    return ", ".join(names[:most]) + end
 
 
 def one_line(text: str) -> str:

@@ -51,7 +51,7 @@ from sysid.io.logs import read_log
 
 
 def table_of(path: Path) -> ForeignTable:
-    return read_any(path, "a file", ReadOptions())
+    return read_any(path, "a file", ReadOptions()).table
 
 
 def without_time(pressure: str, angle: str) -> list[str]:

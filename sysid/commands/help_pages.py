@@ -37,7 +37,10 @@ PAGES = {
 
 # They raise for whoever calls them.
 _HELPERS = ("sysid.errors", "sysid.io.samples", "sysid.io.user_code")
-_SHARED = ("check_each_once", "open_input", "read_bytes", "read_toml", "reject_misspelt", "require")
+_SHARED = (
+    *("check_each_once", "damaged", "open_input", "read_as", "read_bytes", "read_toml"),
+    *("reject_misspelt", "require"),
+)
 
 
 def page_for(error: BaseException) -> str:

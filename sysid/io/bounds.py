@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -25,7 +26,8 @@ VARIABLE = "SYSID_MAX_CELLS"
 BYTES_EACH = 25
 # A column costs about as much as a thousand cells, in time and in memory.
 MOST_COLUMNS = MOST_CELLS // 1000
-_CHUNK = 1 << 20
+MOST_DEPTH = 12
+"""Structures, records and messages that are nested deeper hold no table."""
 _IS_BLANK = np.isin(np.arange(256), list(b" \t"))
 _SEPARATORS = list(b",;|\t")
 # All at which `str.splitlines` ends a line; U+0085, U+2028 and U+2029 by their last byte.
@@ -51,6 +53,11 @@ def most_cells() -> int:
 def most_bytes() -> int:
     """Bytes of the longest file that is read: every cell in decimal digits."""
     return BYTES_EACH * most_cells()
+
+
+def chunks(file: BinaryIO, size: int = 1 << 20) -> Iterator[bytes]:
+    """The rest of an open file, so many bytes at a time."""
+    return iter(lambda: file.read(size), b"")
 
 
 @dataclass
@@ -124,7 +131,7 @@ def check_text(path: Path, file: BinaryIO) -> None:
     is_long = file.seek(0, os.SEEK_END) - start > most_cells()
     counted = TextCells(path)
     file.seek(start)
-    while chunk := file.read(_CHUNK):
+    for chunk in chunks(file):
         counted.add_to_line(chunk)
         if is_long:
             counted.add(chunk)
@@ -165,6 +172,7 @@ __all__ = [
     "BYTES_EACH",
     "MOST_CELLS",
     "MOST_COLUMNS",
+    "MOST_DEPTH",
     "VARIABLE",
     "Cells",
     "TextCells",
@@ -173,6 +181,7 @@ __all__ = [
     "check_length",
     "check_rectangle",
     "check_text",
+    "chunks",
     "most_bytes",
     "most_cells",
     "too_long",

@@ -7,15 +7,14 @@ checked and written. The options of the command line may also be given in a TOML
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.errors import input_error, one_line, shortened
-from sysid.io.file_kinds import FOREIGN_SUFFIXES, is_bag
-from sysid.io.foreign import ForeignTable, read_bag, read_foreign
+from sysid.errors import input_error, one_line, shortened, some_of
+from sysid.io.file_kinds import FOREIGN_SUFFIXES
+from sysid.io.foreign import ForeignFile, ForeignTable, read_any
 from sysid.io.foreign.recipe import Recipe, extended, read_recipe
 from sysid.io.foreign_columns import log_columns, unused_columns, with_atmosphere
 from sysid.io.joining import TimedColumns, joined
@@ -30,7 +29,8 @@ from sysid.io.reshaping import (
     reshaped,
     unwrapped,
 )
-from sysid.io.tables import comments_in, open_input, sha256_of, write_table
+from sysid.io.rig import name_meant
+from sysid.io.tables import write_table
 from sysid.io.units import (
     CANONICAL_UNITS,
     TEST_COLUMN,
@@ -41,9 +41,6 @@ from sysid.io.units import (
 
 if TYPE_CHECKING:
     import pandas as pd
-
-# How alike a name and the one meant are, as `difflib` counts: one letter of six differs, or less.
-_MISSPELT = 0.8
 
 
 @dataclass(frozen=True)
@@ -148,27 +145,15 @@ def convert(
         rows,
         fill,
     )
-    if len(paths) > 1 and (TEST_COLUMN in recipe.maps or TEST_COLUMN in recipe.constants):
-        raise input_error(
-            "convert", "several files are several tests, but `test` is given too", "omit it"
-        )
     held = HELD_COLUMNS if own is None else own.held
     recipe = replace(with_atmosphere(recipe, paths), held=held)
-    files = []
-    for path, label in zip(paths, _labels(paths), strict=True):
-        if path.exists() and output.exists() and path.samefile(output):
-            raise input_error(output, "is the file to be converted", "choose another with -o")
-        files.append(_ForeignFile.read(path, "a file to convert", recipe).mapped(recipe, label))
-    notices = [*recipe.notices, *(notice for file in files for notice in file.notices)]
     how = Reshaping(unwrap, read_trim(trim), resample_s, held)
+    files = _files_of_tests(paths, output, recipe)
+    notices = [*recipe.notices, *(notice for file in files for notice in file.notices)]
     whole = _joined([file.frame for file in files], paths)
     joined_lines: list[str] = []
     if join:
-        if len(paths) > 1:
-            raise input_error(
-                "--join", "several files are several tests", "convert them one by one"
-            )
-        others = _others(join, recipe, parse_map(join_maps, "--join-map", units))
+        others = _others(paths, join, recipe, parse_map(join_maps, "--join-map", units))
         first = files[0].timed(unwrap, held)
         further = [other.timed(unwrap, held, join_shift_s) for other in others]
         whole, notice = joined(first, further, recipe.fill)
@@ -212,53 +197,54 @@ class _MappedFile:
         return TimedColumns(self.source.path, frame, self.origin, shift_s, held)
 
 
-@dataclass(frozen=True)
-class _ForeignFile:
-    """A foreign file (a ROS 2 bag: a folder) as read, its SHA-256 (a folder's: of its files one
-    after the other), and its comments, if `write_table` wrote it."""
+def _read(path: Path, what: str, recipe: Recipe) -> ForeignFile:
+    wanted = tuple(entry.column for entry in recipe.maps.values())
+    return read_any(path, what, replace(recipe.read, names=wanted))
 
-    path: Path
-    table: ForeignTable
-    sha256: str
-    comments: tuple[str, ...]
 
-    @classmethod
-    def read(cls, path: Path, what: str, recipe: Recipe) -> _ForeignFile:
-        if is_bag(path):
-            return cls(path, *read_bag(path), ())
-        with open_input(path, what) as file:
-            wanted = tuple(entry.column for entry in recipe.maps.values())
-            table = read_foreign(path, file, replace(recipe.read, names=wanted))
-            return cls(path, table, sha256_of(file), comments_in(file))
+def _mapped(file: ForeignFile, recipe: Recipe, label: str | None = None) -> _MappedFile:
+    """Its columns in the log format; `label` is its test's among several files."""
+    table = file.table
+    return _MappedFile(
+        log_columns(table, recipe, label),
+        table.origin,
+        ForeignSource(str(file.path), table.format, file.sha256),
+        tuple(table.notices),
+        tuple(unused_columns(table, recipe)),
+        # A log that is converted once more keeps what is known of its samples.
+        (*lines_between(file.comments), *table.shape),
+    )
 
-    def mapped(self, recipe: Recipe, label: str | None = None) -> _MappedFile:
-        """Its columns in the log format; `label` is its test's among several files."""
-        table = self.table
-        frame = log_columns(table, recipe, label)
-        return _MappedFile(
-            frame,
-            table.origin,
-            ForeignSource(str(self.path), table.format, self.sha256),
-            tuple(table.notices),
-            tuple(unused_columns(table, recipe)),
-            # A log that is converted once more keeps what is known of its samples.
-            (*lines_between(self.comments), *table.shape),
+
+def _files_of_tests(paths: Sequence[Path], output: Path, recipe: Recipe) -> list[_MappedFile]:
+    """The files to be converted, of which several are several tests."""
+    if len(paths) > 1 and (TEST_COLUMN in recipe.maps or TEST_COLUMN in recipe.constants):
+        raise input_error(
+            "convert", "several files are several tests, but `test` is given too", "omit it"
         )
+    found = []
+    for path, label in zip(paths, _labels(paths), strict=True):
+        if path.exists() and output.exists() and path.samefile(output):
+            raise input_error(output, "is the file to be converted", "choose another with -o")
+        found.append(_mapped(_read(path, "a file to convert", recipe), recipe, label))
+    return found
 
 
 def _others(
-    paths: Sequence[Path], recipe: Recipe, maps: Mapping[str, ColumnMap]
+    tests: Sequence[Path], paths: Sequence[Path], recipe: Recipe, maps: Mapping[str, ColumnMap]
 ) -> list[_MappedFile]:
-    """The files to be joined: each with the maps whose columns it has."""
+    """The files to be joined to the one of `tests`: each with the maps whose columns it has."""
+    if len(tests) > 1:
+        raise input_error("--join", "several files are several tests", "convert them one by one")
     found, used = [], set()
     for path in paths:
-        file = _ForeignFile.read(path, "a file to join", replace(recipe, maps=maps))
+        file = _read(path, "a file to join", replace(recipe, maps=maps))
         own = {t: m for t, m in maps.items() if has_column(list(file.table.columns), m)}
         used |= set(own)
         plain = replace(recipe, maps=own, constants={}, rows=(), period_s=None, notices=())
         plain = with_atmosphere(plain, [path])
         _check_joinable(file.table, own, recipe.units)
-        mapped = file.mapped(plain)
+        mapped = _mapped(file, plain)
         said = [f"map: {entry} (joined)" for entry in own.values()]
         if any(entry.gauge for entry in own.values()) and plain.atmosphere_pa is not None:
             said.append(f"map: atmosphere {plain.atmosphere_pa:g} Pa (joined)")
@@ -320,10 +306,10 @@ def _joined(frames: Sequence[pd.DataFrame], paths: Sequence[Path]) -> pd.DataFra
 def _left_out(names: Sequence[str], lacking: Sequence[str]) -> str:
     """The notice of what is not mapped; with the log format's name that one may be meant for."""
     shown = []
-    for name in names[:30]:
-        close = difflib.get_close_matches(name, lacking, 1, _MISSPELT)
-        shown.append(shortened(name) + (f" (did you mean {close[0]}?)" if close else ""))
-    return f"left out, not mapped: {', '.join(shown)}{' ...' if len(names) > 30 else ''}"
+    for name in names[:31]:
+        meant = name_meant(name, lacking)
+        shown.append(shortened(name) + (f" (did you mean {meant}?)" if meant else ""))
+    return f"left out, not mapped: {some_of(shown, 30, counted=False)}"
 
 
 def _write(

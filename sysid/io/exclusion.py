@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.errors import InputError, input_error, shortened
+from sysid.errors import InputError, input_error, shortened, some_of
 from sysid.io.channels import DUTIES
 from sysid.io.rig import Rig, reject_misspelt
 from sysid.io.tables import LogTable
@@ -29,7 +29,6 @@ _KEYS = ("test", "from_s", "to_s", "why")
 _SPAN = re.compile(r"(?P<test>.*)@(?P<span>[^@]*)", re.DOTALL)
 _MEND_TABLE = 'write exclude = ["7", {test = "12", from_s = 3.0, to_s = 4.5, why = "..."}]'
 _MEND_OPTION = f"write {OPTION} 12 or {OPTION} 12@3:4.5 (s since the test's first row)"
-_LISTED = 20
 # A row starts a PWM period if it lies as near to its start as decimal times do, of a row's period.
 _AT_A_START = 1e-3
 # Times its usual step that a running clock goes on from row to row.
@@ -214,8 +213,7 @@ def no_such_test(exclusion: Exclusion, where: str, labels: Sequence[str]) -> Inp
     if list(labels) == [""]:
         mend = 'the file is one test without a label: write @FROM:TO, or test = ""'
     else:
-        more = f" and {len(labels) - _LISTED} more" if len(labels) > _LISTED else ""
-        mend = f"its tests are {', '.join(labels[:_LISTED])}{more}"
+        mend = f"its tests are {some_of(labels, 20)}"
     name = f"test {exclusion.test!r}" if exclusion.test else "a test without a label"
     return input_error(exclusion.given, f"{where} holds no {name[:80]}", mend)
 
@@ -507,7 +505,7 @@ def _in_no_log(
         i, own = named[0] if named else (0, one)
         return no_such_test(own, next(iter(logs[i][0])), logs[i][1])
     told = "; ".join(
-        f"{next(iter(names))}: {', '.join(labels[:_LISTED]) or '-'}" for names, labels in logs[:5]
+        f"{next(iter(names))}: {', '.join(labels[:20]) or '-'}" for names, labels in logs[:5]
     )
     more = " ..." if len(logs) > 5 else ""
     return input_error(one.given, f"no log holds a test {one.test!r}", f"tests are {told}{more}")

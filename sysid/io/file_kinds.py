@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -39,7 +41,8 @@ _ROS_2 = FileKind("a SQLite database (a ROS 2 bag?)", "rosbag")
 _TDMS = FileKind("a TDMS file (LabVIEW)", "tdms")
 _ULOG = FileKind("a PX4 log (ULog)", "ulog")
 
-PARQUET_HEAD = b"PAR1"
+NUMPY_HEAD, PARQUET_HEAD = b"\x93NUMPY", b"PAR1"
+SQLITE_HEAD = b"SQLite format 3\0"
 _HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
 _SIGNATURES = (
     (b"TDSm", _TDMS),
@@ -49,9 +52,9 @@ _SIGNATURES = (
     (b"UnFinMF ", _MDF),
     (b"\x89MCAP", _MCAP),
     (b"#ROSBAG V", _ROS_1),
-    (b"SQLite format 3\0", _ROS_2),
+    (SQLITE_HEAD, _ROS_2),
     (b"ULog\x01\x12\x35", _ULOG),
-    (b"\x93NUMPY", _ARRAY),
+    (NUMPY_HEAD, _ARRAY),
     (_HDF5_HEAD, _HDF5),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", OLD_EXCEL),
     (b"\x1f\x8b", GZIP),
@@ -79,6 +82,34 @@ FOREIGN_SUFFIXES = (*_BY_SUFFIX, *_JSON_SUFFIXES)
 PARQUET_SUFFIXES = (".parquet", ".pq")
 _JSON_HEAD = re.compile(rb"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 _BUNDLE = b'"schema": "sysid-bundle/'
+
+
+def damaged(
+    path: Path,
+    what: str,
+    error: BaseException | str,
+    mend: str = "copy it again from where it was recorded",
+) -> InputError:
+    """The error for a file that its own library cannot read."""
+    reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
+    return input_error(path, f"is damaged or not {what} ({reason})", mend)
+
+
+@contextmanager
+def read_as(
+    path: Path, what: str, mend: str = "", passing: type[Exception] = InputError
+) -> Iterator[None]:
+    """Whatever a format's library raises in the block means that the file is `damaged`.
+
+    Libraries pass on what numpy, struct, zlib and their other codecs raise. InputError passes, and
+    so do `passing` and what says that a library is not installed.
+    """
+    try:
+        yield
+    except (InputError, ModuleNotFoundError, passing):
+        raise
+    except Exception as error:
+        raise damaged(path, what, error, *filter(None, [mend])) from None
 
 
 def kind_by_content(path: Path, file: BinaryIO) -> FileKind | None:
@@ -180,13 +211,17 @@ __all__ = [
     "FOREIGN_SUFFIXES",
     "GZIP",
     "HEAD_BYTES",
+    "NUMPY_HEAD",
     "OLD_EXCEL",
     "PARQUET_HEAD",
     "PARQUET_SUFFIXES",
+    "SQLITE_HEAD",
     "FileKind",
+    "damaged",
     "is_bag",
     "kind_by_content",
     "kind_by_name",
+    "read_as",
     "reject_bag",
     "reject_foreign",
 ]

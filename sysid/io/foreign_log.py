@@ -15,25 +15,16 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from sysid.errors import InputError, shortened
+from sysid.errors import InputError, shortened, some_of
 from sysid.io.file_kinds import FOREIGN_SUFFIXES, PARQUET_HEAD, PARQUET_SUFFIXES, is_bag
-from sysid.io.foreign import ForeignTable, ReadOptions, read_bag, read_foreign
+from sysid.io.foreign import ReadOptions, read_any
 from sysid.io.foreign.recipe import Recipe
 from sysid.io.foreign_columns import log_columns, unused_columns
 from sysid.io.reshaping import HELD_COLUMNS
-from sysid.io.tables import (
-    LogTable,
-    comments_in,
-    is_number,
-    open_input,
-    sha256_of,
-)
+from sysid.io.tables import HEAD_BYTES, LogTable, is_number, open_input
 from sysid.io.units import ColumnMap
 
-_HEAD_BYTES = 1 << 16
 _MARKS = (b"\xff\xfe", b"\xfe\xff")
-# Of unknown columns, by name.
-_LISTED = 30
 # Options that commands which read logs do not have.
 _OF_CONVERT = re.compile(
     r"--(decimal|thousands|delimiter|sheet|period|no-header|header|set|fill|rows|transpose"
@@ -50,7 +41,7 @@ def is_in_log_format(path: Path, maps: Mapping[str, ColumnMap], names: Collectio
     if path.suffix.lower() in FOREIGN_SUFFIXES or is_bag(path):
         return False
     with open_input(path, "a log") as file:
-        head = file.read(_HEAD_BYTES)
+        head = file.read(HEAD_BYTES)
     if head.startswith(PARQUET_HEAD) or path.suffix.lower() in (*PARQUET_SUFFIXES, ".toml"):
         return True
     if b"\0" in head or head.startswith(_MARKS):
@@ -74,23 +65,17 @@ def is_in_log_format(path: Path, maps: Mapping[str, ColumnMap], names: Collectio
 def foreign_log(path: Path, maps: Mapping[str, ColumnMap]) -> LogTable:
     """A lab's own file, read to be mapped by `maps`, as a table to be brought `in_log_format`.
 
-    Its header is the file's own, its frame empty. Raises InputError as `read_foreign` does.
+    Its header is the file's own, its frame empty. Raises InputError as `read_any` does.
     """
     import pandas as pd
 
     with _converted_first():
-        table, digest, comments = _read(path, tuple(entry.column for entry in maps.values()))
-    header = tuple(table.columns)
-    return LogTable(path, digest, header, pd.DataFrame(), None, comments=comments, foreign=table)
-
-
-def _read(path: Path, names: tuple[str, ...]) -> tuple[ForeignTable, str, tuple[str, ...]]:
-    """The file, found by these names of its columns, its SHA-256 and its comments."""
-    if is_bag(path):
-        return *read_bag(path), ()
-    with open_input(path, "a log") as file:
-        table = read_foreign(path, file, ReadOptions(names=names))
-        return table, sha256_of(file), comments_in(file)
+        wanted = tuple(entry.column for entry in maps.values())
+        file = read_any(path, "a log", ReadOptions(names=wanted))
+    header, none = tuple(file.table.columns), pd.DataFrame()
+    return LogTable(
+        path, file.sha256, header, none, None, comments=file.comments, foreign=file.table
+    )
 
 
 def in_log_format(
@@ -137,8 +122,7 @@ def in_log_format(
 
 def unknown_line(path: Path, names: Sequence[str]) -> str:
     """The notice of columns that nobody knows."""
-    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return f"{path}: ignored, unknown: {', '.join(map(shortened, names[:_LISTED]))}{more}"
+    return f"{path}: ignored, unknown: {some_of([*map(shortened, names)], 30)}"
 
 
 @contextmanager

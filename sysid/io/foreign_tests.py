@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.errors import some_of
 from sysid.io.foreign import ForeignTable
 from sysid.io.time_breaks import TimeWraps, time_breaks, wraps_of, wraps_of_seconds
 from sysid.types import BoolArray, FloatArray, IntArray
-
-# Of the places where something happens, those that a notice lists.
-_LISTED = 5
 
 
 @dataclass
@@ -143,9 +141,7 @@ def _parts(starts: IntArray, rows: int) -> list[tuple[int, int]]:
 
 def _listed(table: ForeignTable, rows: Any) -> str:
     """The places of the file's rows: "in line 7, line 15"."""
-    places = [table.place(int(row)) for row in list(rows)[:_LISTED]]
-    more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
-    return f"in {', '.join(places)}{more}"
+    return f"in {some_of([table.place(int(row)) for row in rows], 5)}"
 
 
 __all__ = [

@@ -67,7 +67,7 @@ def channels_of(
     """
     base = ReadOptions() if spec_file is None else read_recipe(spec_file).read
     options = with_reading(base, reading)
-    return [_listing(path, read_any(path, "a file to list", options)) for path in paths]
+    return [_listing(path, read_any(path, "a file to list", options).table) for path in paths]
 
 
 def _listing(path: Path, table: ForeignTable) -> Listing:

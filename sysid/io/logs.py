@@ -48,8 +48,6 @@ _SELDOM_NEEDED = (
 )
 # Columns of a file that become a channel of another name.
 _CONVERTED = ("motor_volts", "encoder_counts")
-# Of tests, by their labels.
-_LISTED = 30
 # Consecutive rows of a second sampling period from which a test counts as mixed.
 _MIXED_RUN = 10
 _MIXED_DEVIATION = 0.25
@@ -276,7 +274,7 @@ def absent_rows(
     absent = np.zeros(len(empty), dtype=bool)
     for _, rows in tests:
         absent[rows] = True
-    where = "" if absent.all() else f" in test {', '.join(label for label, _ in tests[:_LISTED])}"
+    where = "" if absent.all() else f" in test {', '.join(label for label, _ in tests[:30])}"
     reading.notices.append(f"{reading.where}: {column} is empty{where}: taken as absent")
     return absent
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import tomllib
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -354,17 +354,20 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
         raise input_error(path, f"holds an unusable number: {error}", "shorten it") from None
 
 
+def name_meant(name: str, known: Sequence[str]) -> str | None:
+    """The known name that one letter of six, or fewer, makes of another; None where none is so."""
+    return next(iter(difflib.get_close_matches(name, known, 1, 0.8)), None)
+
+
 def reject_misspelt(given: Any, known: Any, where: str, source: str) -> list[str]:
     """Notices for unknown keys; an InputError for one close to a known key."""
     notices = []
     for key in given:
         if key in known:
             continue
-        close = difflib.get_close_matches(key, [k for k in known if k not in given], 1, 0.8)
-        if close:
-            raise input_error(
-                source, f"{where}{key} is not a key", f"did you mean {where}{close[0]}?"
-            )
+        meant = name_meant(key, [k for k in known if k not in given])
+        if meant is not None:
+            raise input_error(source, f"{where}{key} is not a key", f"did you mean {where}{meant}?")
         notices.append(f"{source}: {where}{key} is unknown and is ignored")
     return notices
 
@@ -501,6 +504,7 @@ __all__ = [
     "constant_in",
     "differing_sections",
     "find_rig_file",
+    "name_meant",
     "nearest_rig_file",
     "read_rig",
     "read_toml",

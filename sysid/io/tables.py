@@ -31,11 +31,13 @@ from sysid.io.bounds import (
     check_length,
     check_rectangle,
     check_text,
+    chunks,
 )
 from sysid.io.file_kinds import (
     FOREIGN_SUFFIXES,
     PARQUET_HEAD,
     PARQUET_SUFFIXES,
+    read_as,
     reject_bag,
     reject_foreign,
 )
@@ -49,8 +51,7 @@ if TYPE_CHECKING:
 
 _NOTED = b"sysid.comments"
 # Comments stand at the head of a file.
-_HEAD_BYTES = 1 << 16
-_CHUNK = 1 << 20
+HEAD_BYTES = 1 << 16
 _NOT_A_NUMBER = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-nan", "#N/A"]
 
 
@@ -238,7 +239,7 @@ def _opened(path: Path) -> BinaryIO:
 def _kept(path: Path, pipe: BinaryIO) -> BinaryIO:
     """What comes from a pipe, in memory; InputError beyond the bounds."""
     kept, counted = io.BytesIO(), TextCells(path)
-    while chunk := pipe.read(_CHUNK):
+    for chunk in chunks(pipe):
         counted.add(chunk)
         kept.write(chunk)
         check_length(path, kept.tell())
@@ -255,7 +256,7 @@ def _state(file: BinaryIO) -> tuple[int, int]:
 
 
 def _is_blank(file: BinaryIO) -> bool:
-    return all(chunk.isspace() for chunk in iter(lambda: file.read(_CHUNK), b""))
+    return all(map(bytes.isspace, chunks(file)))
 
 
 def require_log(path: Path) -> None:
@@ -321,7 +322,7 @@ def _chosen(header: Sequence[str], wanted: Collection[str]) -> list[str]:
 
 
 def _read_parquet(path: Path, file: BinaryIO, wanted: Collection[str]) -> LogTable:
-    try:
+    with read_as(path, "Parquet", "write it again, or save it as CSV"):
         content = ParquetColumns.of(path, file)
         header = tuple(content.schema.names)
         _reject_doubled(path, header, "the schema", wanted)
@@ -333,13 +334,6 @@ def _read_parquet(path: Path, file: BinaryIO, wanted: Collection[str]) -> LogTab
         for name in frame.select_dtypes("category"):
             frame[name] = frame[name].astype(object)
         comments = _comments_of(content.schema.metadata)
-    except InputError:
-        raise
-    except Exception as error:  # pyarrow passes on what its decoders of metadata raise
-        first = (str(error).splitlines() or [type(error).__name__])[0][:120]
-        raise input_error(
-            path, f"is damaged or not Parquet ({first})", "write it again, or save it as CSV"
-        ) from None
     digest = sha256_of(file)
     return LogTable(path, digest, header, frame.reset_index(drop=True), None, comments=comments)
 
@@ -349,7 +343,7 @@ def sha256_of(*files: BinaryIO) -> str:
     digest = hashlib.sha256()
     for file in files:
         file.seek(0)
-        while chunk := file.read(_CHUNK):
+        for chunk in chunks(file):
             digest.update(chunk)
     return digest.hexdigest()
 
@@ -357,7 +351,7 @@ def sha256_of(*files: BinaryIO) -> str:
 def comments_in(file: BinaryIO) -> tuple[str, ...]:
     """The comments of a file that `write_table` wrote; none of any other file."""
     file.seek(0)
-    head = file.read(_HEAD_BYTES)
+    head = file.read(HEAD_BYTES)
     if head.startswith(PARQUET_HEAD):
         import pyarrow.parquet as parquet
 
@@ -559,6 +553,7 @@ def is_number(text: str) -> bool:
 
 
 __all__ = [
+    "HEAD_BYTES",
     "LogTable",
     "comments_in",
     "is_number",

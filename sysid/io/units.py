@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sysid.errors import InputError, input_error
+from sysid.errors import InputError, input_error, some_of
 from sysid.io.sensor_range import SensorRange, ends_of, is_range, parse_range, range_text
 from sysid.io.unit_text import (
     check_unit,
@@ -488,7 +488,7 @@ def find_column(columns: Sequence[str], column_map: ColumnMap, where: str) -> in
             f"give one of #1 to #{len(columns)}",
         )
     close = difflib.get_close_matches(name, columns, 3, 0.6)
-    listed = ", ".join(close or columns[:20]) + (" ..." if len(columns) > 20 and not close else "")
+    listed = some_of(close or columns, 20, counted=False)
     raise input_error(
         where,
         f"has no column {name!r} (mapped to {column_map.target})",

@@ -11,22 +11,25 @@ import contextlib
 import csv
 import importlib
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, NoReturn
 
 from sysid.errors import input_error, shortened
+from sysid.io.bounds import chunks
 from sysid.io.file_kinds import (
     DAMAGED_ARCHIVE,
     GZIP,
     HEAD_BYTES,
     OLD_EXCEL,
     FileKind,
+    damaged,
     is_bag,
     kind_by_content,
     kind_by_name,
 )
-from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, damaged
-from sysid.io.tables import open_input, sha256_of
+from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes
+from sysid.io.tables import comments_in, open_input, sha256_of
 
 Reader = Callable[[Path, BinaryIO, ReadOptions], ForeignTable]
 
@@ -81,29 +84,37 @@ def digest_of(path: Path, what: str) -> str:
         return sha256_of(*(opened.enter_context(open_input(one, what)) for one in paths))
 
 
-def read_any(path: Path, what: str, options: ReadOptions) -> ForeignTable:
+@dataclass(frozen=True)
+class ForeignFile:
+    """A foreign file (a ROS 2 bag: a folder) as read, its SHA-256 (a folder's: of its files one
+    after the other), and its comments, if `sysid.io.tables.write_table` wrote it."""
+
+    path: Path
+    table: ForeignTable
+    sha256: str
+    comments: tuple[str, ...] = ()
+
+
+def read_any(path: Path, what: str, options: ReadOptions) -> ForeignFile:
     """A file, or a ROS 2 bag's folder, by its path; `what` it is, for the error without one.
 
     Raises InputError as `read_foreign` does, and where there is no such file.
     """
     if is_bag(path):
-        return read_bag(path)[0]
+        return _read_bag(path)
     with open_input(path, what) as file:
-        return read_foreign(path, file, options)
+        table = read_foreign(path, file, options)
+        return ForeignFile(path, table, sha256_of(file), comments_in(file))
 
 
-def read_bag(folder: Path) -> tuple[ForeignTable, str]:
-    """A ROS 2 bag, which is a folder, and the SHA-256 of its files one after the other.
-
-    Raises InputError as `read_foreign` does.
-    """
+def _read_bag(folder: Path) -> ForeignFile:
     from sysid.io.foreign import rosbag
 
     with _installed(folder, "rosbag"), contextlib.ExitStack() as opened:
         paths, packing = rosbag.bag_files(folder)
         files = [(path, opened.enter_context(open_input(path, "a bag's file"))) for path in paths]
         table = _with_columns(rosbag.read_files(folder, files, packing))
-        return table, sha256_of(*(file for _, file in files))
+        return ForeignFile(folder, table, sha256_of(*(file for _, file in files)))
 
 
 @contextlib.contextmanager
@@ -174,7 +185,7 @@ def _holds(file: BinaryIO, words: bytes) -> bool:
     """Whether a file holds these bytes."""
     file.seek(0)
     end = b""
-    while chunk := file.read(1 << 20):
+    for chunk in chunks(file):
         if words in end + chunk:
             return True
         end = chunk[-len(words) :]
@@ -189,11 +200,11 @@ def _looks_like_text(raw: bytes) -> bool:
 
 
 __all__ = [
+    "ForeignFile",
     "ForeignTable",
     "ReadOptions",
     "SampleTimes",
     "digest_of",
     "read_any",
-    "read_bag",
     "read_foreign",
 ]

@@ -11,11 +11,10 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.lib import format as npy
 
-from sysid.errors import InputError
 from sysid.io.bounds import Cells, check_columns
-from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
+from sysid.io.file_kinds import NUMPY_HEAD, read_as
+from sysid.io.foreign.table import ForeignTable, ReadOptions
 
-MAGIC = b"\x93NUMPY"
 _SUFFIX = ".npy"
 
 
@@ -27,10 +26,10 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     """
     table = ForeignTable(path, "numpy")
     cells = Cells(path)
-    is_one = file.read(len(MAGIC)) == MAGIC
+    is_one = file.read(len(NUMPY_HEAD)) == NUMPY_HEAD
     size = file.seek(0, os.SEEK_END)
     file.seek(0)
-    try:
+    with read_as(path, "a numpy file"):
         if is_one:
             _take(table, cells, "", file, size)
             return table
@@ -44,10 +43,6 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
                     continue
                 with archive.open(part) as packed:
                     _take(table, cells, name, packed, part.file_size)
-    except InputError:
-        raise
-    except Exception as error:  # numpy and zipfile pass on what zlib, struct and ast raise
-        raise damaged(path, "a numpy file", error) from None
     return table
 
 
@@ -83,4 +78,4 @@ def _add(table: ForeignTable, name: str, values: Any) -> None:
         table.add("#1", values)
 
 
-__all__ = ["MAGIC", "read"]
+__all__ = ["read"]

@@ -9,10 +9,11 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from sysid.errors import InputError, input_error
+from sysid.errors import input_error
+from sysid.io.file_kinds import read_as
 from sysid.io.foreign.heading import STAMP, find_header
 from sysid.io.foreign.stated_units import are_units, state_units
-from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged, take_names
+from sysid.io.foreign.table import ForeignTable, ReadOptions, take_names
 from sysid.io.foreign.text_layout import is_number
 from sysid.io.foreign.workbook_size import check_size
 from sysid.io.units import bare_name
@@ -23,15 +24,10 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     import pandas as pd
 
     sheets: dict[Any, Any] = {}
-    try:
+    with read_as(path, "an Excel workbook"), warnings.catch_warnings():
         check_size(path, file)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # openpyxl's, about styles and validation
-            sheets = pd.read_excel(file, sheet_name=None, header=None, engine="openpyxl")
-    except InputError:
-        raise
-    except Exception as error:  # openpyxl passes on what zipfile and its XML parser raise
-        raise damaged(path, "an Excel workbook", error) from None
+        warnings.simplefilter("ignore")  # openpyxl's, about styles and validation
+        sheets = pd.read_excel(file, sheet_name=None, header=None, engine="openpyxl")
     name, frame = _pick(path, sheets, options.sheet)
     table = ForeignTable(path, "Excel")
     others = [s for s, f in sheets.items() if s != name and len(f)]

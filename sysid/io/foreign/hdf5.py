@@ -19,14 +19,13 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.errors import InputError, input_error, shortened
-from sysid.io.bounds import MOST_COLUMNS, Cells, check_columns
+from sysid.errors import input_error, shortened
+from sysid.io.bounds import MOST_COLUMNS, MOST_DEPTH, Cells, check_columns
+from sysid.io.file_kinds import read_as
 from sysid.io.foreign.matlab_objects import only_objects, reason
-from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
+from sysid.io.foreign.table import ForeignTable, ReadOptions
 
-_MAX_DEPTH = 12
 _OUTSIDE = "save the data in one file (in MATLAB: load, then save)"
-_REFERENCE_BYTES = _NUMBER_BYTES = 8
 # Bytes of MATLAB's attributes, of its names, and of what filters add to a chunk, are fewer.
 _SHORT = 1024
 
@@ -42,23 +41,18 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
 
     head = file.read(16)
     table = ForeignTable(path, "MATLAB 7.3" if head.startswith(b"MATLAB 7.3") else "HDF5")
-    try:
-        with h5py.File(file, "r") as content:
-            found = _Objects(table, content)
-            found.look_through()
-            for name, node in found.wanted:
-                _check_packed(path, name, node)
-                if fields := _fields_of_numbers(node.dtype):
-                    _add_fields(table, name, node.fields(fields)[()])
-                else:
-                    table.add(name, np.asarray(node[()]).T)
-                unit = _attribute(node, b"units") or _attribute(node, b"unit")
-                if isinstance(unit, str) and unit.strip():
-                    _set_unit(table, name, unit.strip())
-    except InputError:
-        raise
-    except Exception as error:  # h5py raises OSError, KeyError, RuntimeError, ValueError ...
-        raise damaged(path, f"an HDF5 ({table.format}) file", error) from None
+    with read_as(path, f"an HDF5 ({table.format}) file"), h5py.File(file, "r") as content:
+        found = _Objects(table, content)
+        found.look_through()
+        for name, node in found.wanted:
+            _check_packed(path, name, node)
+            if fields := _fields_of_numbers(node.dtype):
+                _add_fields(table, name, node.fields(fields)[()])
+            else:
+                table.add(name, np.asarray(node[()]).T)
+            unit = _attribute(node, b"units") or _attribute(node, b"unit")
+            if isinstance(unit, str) and unit.strip():
+                _set_unit(table, name, unit.strip())
     if found.objects and not table.columns:
         raise only_objects(path, found.objects)
     return table
@@ -181,7 +175,7 @@ class _Objects:
             kind = str(_attribute(whole, b"MATLAB_class") or "")
             self.objects[full] = kind
             skipped[full] = reason(full, kind, self.table.path)
-        elif depth > _MAX_DEPTH:
+        elif depth > MOST_DEPTH:
             skipped[full] = "nested too deep"
         elif isinstance(node, h5py.h5g.GroupID):
             self._refuse_outside(node)
@@ -232,7 +226,7 @@ class _Objects:
             return
         self._count(full, node)
         _check_packed(self.table.path, full, node)
-        addresses = np.zeros(node.shape, dtype=f"V{_REFERENCE_BYTES}")
+        addresses = np.zeros(node.shape, dtype=f"V{h5py.h5t.STD_REF_OBJ.get_size()}")
         every = h5py.h5s.ALL
         # As addresses: an object for each of a cell's elements would be large.
         node.id.read(every, every, addresses, h5py.h5t.STD_REF_OBJ)
@@ -269,7 +263,7 @@ class _Objects:
 
 def _eighths(size: int) -> int:
     """Bytes as cells."""
-    return -(-size // _NUMBER_BYTES)
+    return -(-size // np.dtype(np.float64).itemsize)
 
 
 def _check_packed(path: Path, name: str, node: Any) -> None:

@@ -10,11 +10,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from sysid.errors import InputError, input_error
-from sysid.io.bounds import VARIABLE, check_columns, most_cells
+from sysid.io.bounds import MOST_DEPTH, VARIABLE, check_columns, most_cells
 from sysid.io.foreign.table import Column, ForeignTable, ReadOptions
 
 # By its first signs, whatever its name: an object with a key, or an array of objects or arrays.
-_MAX_DEPTH = 12
 # Of the bound of cells: a value of JSON takes several times a number's memory.
 _SHARE = 5
 _UNITS = ("unit", "units")
@@ -115,7 +114,7 @@ class _Walk:
         self._table.units = _also_without(within, self._table.units)
 
     def _visit(self, name: str, value: Any, depth: int) -> None:
-        if depth > _MAX_DEPTH:
+        if depth > MOST_DEPTH:
             self._table.skipped[name] = "nested too deep"
         elif isinstance(value, dict):
             self._object(name, value, depth)
@@ -236,7 +235,7 @@ def _also_without(prefix: str, named: dict[str, Any]) -> dict[str, Any]:
 
 def _flatten(cells: dict[str, Any], name: str, value: Any, depth: int) -> None:
     """An object's values by dots, an array's by their numbers from 0."""
-    if depth > _MAX_DEPTH:
+    if depth > MOST_DEPTH:
         return
     if isinstance(value, dict):
         for key, part in value.items():

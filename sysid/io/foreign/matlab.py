@@ -9,13 +9,11 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from sysid.errors import InputError
-from sysid.io.bounds import Cells
+from sysid.io.bounds import MOST_DEPTH, Cells
+from sysid.io.file_kinds import read_as
 from sysid.io.foreign.matlab_objects import only_objects, reason
 from sysid.io.foreign.matlab_size import check_size
-from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
-
-_MAX_DEPTH = 12
+from sysid.io.foreign.table import ForeignTable, ReadOptions
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -25,16 +23,11 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     Raises InputError where the file is damaged, or declares more cells than are read."""
     from scipy.io import loadmat
 
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            objects = _check_size(path, file)
-            file.seek(0)
-            content = loadmat(file, struct_as_record=True)
-    except InputError:
-        raise
-    except Exception as error:  # scipy passes on what numpy, struct and zlib raise
-        raise damaged(path, "a MATLAB file", error) from None
+    with read_as(path, "a MATLAB file"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        objects = _check_size(path, file)
+        file.seek(0)
+        content = loadmat(file, struct_as_record=True)
     table = ForeignTable(path, "MATLAB")
     for name, value in content.items():
         # An object of MATLAB has no name here: scipy calls it None.
@@ -66,7 +59,7 @@ def _walk(table: ForeignTable, name: str, value: Any, depth: int) -> None:
     from scipy.io.matlab import MatlabFunction, MatlabOpaque
 
     array = value.toarray() if hasattr(value, "toarray") else np.asarray(value)
-    if isinstance(value, MatlabOpaque | MatlabFunction) or depth > _MAX_DEPTH:
+    if isinstance(value, MatlabOpaque | MatlabFunction) or depth > MOST_DEPTH:
         table.skipped[name] = reason(name, _class_of(value), table.path)
     elif array.dtype.names:
         for index, element in enumerate(array.ravel(order="F")):

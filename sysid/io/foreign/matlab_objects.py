@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from sysid.errors import InputError, input_error
+from sysid.errors import InputError, input_error, some_of
 
 _NAME = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
 # Lines of MATLAB that save an object `{x}` as plain variables in `{file}`.
@@ -45,7 +45,7 @@ def only_objects(path: Path, objects: Mapping[str, str]) -> InputError:
     what = f"one MATLAB {kind or 'object'} ({name})"
     if len(objects) > 1:
         shown = [f"{each} ({kind})" for each, kind in objects.items()]
-        what = f"MATLAB objects only: {', '.join(shown[:6])}{' ...' if len(shown) > 6 else ''}"
+        what = f"MATLAB objects only: {some_of(shown, 6, counted=False)}"
     return input_error(
         path,
         f"holds {what}, which only MATLAB reads",

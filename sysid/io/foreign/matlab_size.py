@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from sysid.io.bounds import Cells, check_columns
-from sysid.io.foreign.table import damaged
+from sysid.io.file_kinds import damaged
 
 _HEAD_BYTES = 128
 _MATRIX, _COMPRESSED = 14, 15

@@ -10,17 +10,20 @@ import json
 import os
 import zlib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from sysid.errors import InputError, input_error
+from sysid.errors import input_error
+from sysid.io.bounds import MOST_DEPTH
+from sysid.io.file_kinds import read_as
 from sysid.io.foreign.messages import Messages
 from sysid.io.foreign.ros_types import Decoder, ros_decoder
 from sysid.io.foreign.table import ForeignTable, ReadOptions
 from sysid.io.foreign.unpacking import unpacked
 
 _MAGIC = b"\x89MCAP0\r\n"
-_MAX_DEPTH = 12
+_RECOVER = "run `mcap recover`, or copy it again from where it was recorded"
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -40,13 +43,12 @@ def read_into(table: ForeignTable, messages: Messages, path: Path, file: BinaryI
     """Add a file's messages, and to the table's notices and `skipped` what is not read."""
     from mcap.exceptions import EndOfFile
 
-    content = _Content(table, messages)
+    content = _Content(messages)
     before = len(messages)
     try:
-        for record in _records(path, file):
-            content.take(record)
-    except (InputError, ModuleNotFoundError):
-        raise
+        with read_as(path, "an MCAP file", _RECOVER, passing=EndOfFile):
+            for record in _records(path, file):
+                content.take(record)
     except EndOfFile:
         found = len(messages) - before
         if not found:
@@ -57,13 +59,6 @@ def read_into(table: ForeignTable, messages: Messages, path: Path, file: BinaryI
             f"{path}: it was cut off (the recorder was stopped): the {found:,} messages up to "
             "there are read"
         )
-    except Exception as error:  # the libraries pass on what struct, zlib and codecs raise
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
-        raise input_error(
-            path,
-            f"is damaged or not an MCAP file ({reason})",
-            "run `mcap recover`, or copy it again from where it was recorded",
-        ) from None
 
 
 class _Exactly:
@@ -111,8 +106,8 @@ def _records(path: Path, file: BinaryIO) -> Iterator[Any]:
 class _Content:
     """Takes the records of a file: schemas, channels, and messages as the channels encode them."""
 
-    def __init__(self, table: ForeignTable, messages: Messages) -> None:
-        self._table, self._messages = table, messages
+    def __init__(self, messages: Messages) -> None:
+        self._messages = messages
         self._schemas: dict[int, Any] = {}
         self._topics: dict[int, tuple[str, Decoder | None]] = {}
 
@@ -123,26 +118,17 @@ class _Content:
         if isinstance(record, Schema):
             self._schemas[record.id] = record
         elif isinstance(record, Channel):
-            self._topics.setdefault(record.id, (record.topic, self._decoder(record)))
+            if record.id not in self._topics:
+                make = partial(_decoder_of, record, self._schemas.get(record.schema_id))
+                decode = self._messages.decoder_of(record.topic, record.message_encoding, make)
+                self._topics[record.id] = record.topic, decode
         elif isinstance(record, Message):
             topic, decode = self._topics[record.channel_id]
             self._messages.decode(topic, decode, record.data, record.log_time)
 
-    def _decoder(self, channel: Any) -> Decoder | None:
-        """What decodes a channel's messages; None, and the reason in `skipped`, where nothing."""
-        schema = self._schemas.get(channel.schema_id)
-        try:
-            return _decoder_of(channel.message_encoding, schema)
-        except ModuleNotFoundError as error:
-            package = "protobuf" if channel.message_encoding == "protobuf" else str(error.name)
-            reason = f"its messages are {channel.message_encoding} (pip install {package})"
-        except Exception as error:  # parsers of definitions raise errors of their own
-            reason = f"its messages are not decoded ({' '.join(str(error).split())[:80]})"
-        self._table.skipped.setdefault(channel.topic, reason)
-        return None
 
-
-def _decoder_of(encoding: str, schema: Any) -> Decoder:
+def _decoder_of(channel: Any, schema: Any) -> Decoder:
+    encoding = channel.message_encoding
     if encoding == "json":
         return json.loads
     if encoding == "protobuf":
@@ -173,7 +159,7 @@ def _is_repeated(about: Any) -> bool:
 def _fields(message: Any, depth: int) -> dict[str, Any]:
     """A protobuf message's fields by name; those that are not set have their default."""
     found: dict[str, Any] = {}
-    if depth > _MAX_DEPTH:
+    if depth > MOST_DEPTH:
         return found
     for about in message.DESCRIPTOR.fields:
         value = getattr(message, about.name)

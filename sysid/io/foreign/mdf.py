@@ -15,9 +15,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from sysid.errors import InputError
+from sysid.errors import InputError, some_of
+from sysid.io.file_kinds import damaged
 from sysid.io.foreign.mdf_size import check_size
-from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
+from sysid.io.foreign.table import ForeignTable, ReadOptions
 
 # The synchronisation of a master channel with time, in both versions.
 _TIME = 1
@@ -92,8 +93,8 @@ def _take_all(table: ForeignTable, path: Path, file: BinaryIO) -> None:
                 _take(table, names[number, index], signal, clocked, lost)
     if lost:
         table.notices.append(
-            f"{path}: samples that the file marks as invalid are left out: {', '.join(lost[:8])}"
-            + (" ..." if len(lost) > 8 else "")
+            f"{path}: samples that the file marks as invalid are left out: "
+            + some_of(lost, 8, counted=False)
         )
 
 

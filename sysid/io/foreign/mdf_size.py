@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from sysid.io.bounds import Cells, check_columns
-from sysid.io.foreign.table import damaged
+from sysid.io.file_kinds import damaged
 from sysid.io.foreign.unpacking import unpacked
 
 _HEADER_AT = 64

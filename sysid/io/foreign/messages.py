@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.errors import input_error, shortened
-from sysid.io.bounds import Cells, check_columns
+from sysid.errors import input_error, shortened, some_of
+from sysid.io.bounds import MOST_DEPTH, Cells, check_columns
+from sysid.io.foreign.ros_types import Decoder
 from sysid.io.foreign.table import ForeignTable
 
 # Elements of an array that are columns; longer ones are images, scans, clouds of points.
 MOST_ELEMENTS = 1024
-_MAX_DEPTH = 12
 _STAMPS = ("header.stamp", "stamp", "timestamp")
 _LABELS = ("name", "names")
 _SECONDS = ({"sec", "nanosec"}, {"sec", "nsec"}, {"secs", "nsecs"}, {"seconds", "nanos"})
@@ -80,9 +80,19 @@ class Messages:
     def __len__(self) -> int:
         return sum(len(topic.logged) for topic in self._topics.values())
 
-    def decode(
-        self, topic: str, decoder: Callable[[bytes], Any] | None, data: bytes, logged_ns: int
-    ) -> None:
+    def decoder_of(self, topic: str, encoding: str, make: Callable[[], Decoder]) -> Decoder | None:
+        """What decodes a topic's messages; None, with the reason in `skipped`, without any."""
+        try:
+            return make()
+        except ModuleNotFoundError as error:
+            package = "protobuf" if encoding == "protobuf" else str(error.name)
+            reason = f"its messages are {encoding} (pip install {package})"
+        except Exception as error:  # parsers of definitions raise errors of their own
+            reason = f"its messages are not decoded ({_in_short(error)})"
+        self._table.skipped.setdefault(topic, reason)
+        return None
+
+    def decode(self, topic: str, decoder: Decoder | None, data: bytes, logged_ns: int) -> None:
         """Add a message by its bytes; nothing without a decoder.
 
         A topic whose first message does not fit its definition is left out: others of the file
@@ -93,7 +103,7 @@ class Messages:
         try:
             message = decoder(data)
         except Exception as error:  # decoders raise errors of their own
-            reason = " ".join(str(error).split())[:80]
+            reason = _in_short(error)
             if topic in self._topics:
                 raise ValueError(f"a message of topic {topic}: {reason}") from None
             self._left_out.add(topic)
@@ -183,7 +193,7 @@ class Messages:
         origin = min(int(times.min()) for times in clocks.values())
         self._set_origin(origin)
         for reason, names in told.items():
-            shown = ", ".join(map(shortened, names[:8])) + (" ..." if len(names) > 8 else "")
+            shown = some_of([*map(shortened, names)], 8, counted=False)
             self._table.notices.append(f"{self._table.path}: {reason}: {shown}")
         for name, topic in self._topics.items():
             self._give(name, topic, clocks[name], origin)
@@ -280,6 +290,10 @@ _BACK = "the clock is the time of logging, for header.stamp goes back"
 _ELSEWHERE = "the clock is the time of logging, for header.stamp counts on another clock"
 
 
+def _in_short(error: Exception) -> str:
+    return " ".join(str(error).split())[:80]
+
+
 def _stamps(topic: _Topic, logged: Times, begun: int, ended: int) -> tuple[Times | None, str]:
     """The stamps (n,) ns of a topic's messages, where they can be its clock, and the notice."""
     for name in _STAMPS:
@@ -329,7 +343,7 @@ def _leaves(name: str, value: Any, depth: int) -> Iterator[tuple[str, Any]]:
         items = value if isinstance(value, dict) else _attributes(value)
         if (time := _time(name, value, items)) is not None:
             yield name, time
-        elif depth < _MAX_DEPTH:
+        elif depth < MOST_DEPTH:
             for key, inner in items.items():
                 yield from _leaves(f"{name}.{key}" if name else str(key), inner, depth + 1)
     elif isinstance(value, bytes | bytearray | memoryview):
@@ -350,7 +364,7 @@ def _elements(name: str, values: Any, depth: int) -> Iterator[tuple[str, Any]]:
         yield name, tuple(values)
     elif len(values) > MOST_ELEMENTS:
         yield name, np.empty(len(values), dtype=np.bool_)
-    elif depth < _MAX_DEPTH:
+    elif depth < MOST_DEPTH:
         for index, value in enumerate(values):
             yield from _leaves(f"{name}[{index}]", value, depth + 1)
 

@@ -9,7 +9,7 @@ import os
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -18,17 +18,14 @@ from typing import Any, BinaryIO
 from urllib.parse import quote
 
 from sysid.errors import InputError, input_error
-from sysid.io.bounds import check_length
-from sysid.io.file_kinds import BAG_METADATA, BAG_SUFFIXES
+from sysid.io.bounds import check_length, chunks
+from sysid.io.file_kinds import BAG_METADATA, BAG_SUFFIXES, SQLITE_HEAD, damaged, read_as
 from sysid.io.foreign import mcap
 from sysid.io.foreign.messages import Messages
 from sysid.io.foreign.ros_types import Decoder, ros_decoder
-from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
+from sysid.io.foreign.table import ForeignTable, ReadOptions
 from sysid.io.foreign.unpacking import unpacked
 
-SQLITE = b"SQLite format 3\x00"
-_MOST_METADATA = 1 << 24
-_CHUNK = 1 << 20
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _TABLES = ("messages", "topics", "schema", "message_definitions", "metadata")
 
@@ -43,7 +40,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     table = ForeignTable(path, "ROS 1 bag" if is_first else "ROS 2 bag")
     messages = Messages(table)
     if is_first:
-        _read_first(table, messages, path, file)
+        _read_first(messages, path, file)
     else:
         _read_second(table, messages, path, file, None)
     messages.finish()
@@ -83,7 +80,7 @@ class _Open:
         pass
 
 
-def _read_first(table: ForeignTable, messages: Messages, path: Path, file: BinaryIO) -> None:
+def _read_first(messages: Messages, path: Path, file: BinaryIO) -> None:
     from rosbags.rosbag1 import Reader
 
     source: Any = _Kept(file)
@@ -93,38 +90,41 @@ def _read_first(table: ForeignTable, messages: Messages, path: Path, file: Binar
                 how = chunk.decompressor.__module__.partition(".")[0]
                 unpack = partial(_chunk, path, how if how in ("bz2", "_bz2", "lz4") else "")
                 bag.chunks[pos] = chunk._replace(decompressor=unpack)
-            decoders = {known.id: _decoder(table, known, is_cdr=False) for known in bag.connections}
-            read = [known for known in bag.connections if decoders[known.id] is not None]
-            for known, logged, data in bag.messages(read) if read else ():
-                messages.decode(known.topic, decoders[known.id], data, logged)
+            _take_all(messages, bag, is_cdr=False)
     except (InputError, ModuleNotFoundError):
         raise
     except Exception as error:  # rosbags passes on what struct, bz2, lz4 and asserts raise
+        again = f"run `rosbag reindex {path.name}`"
         if "not indexed" in str(error):
-            raise input_error(
-                path, "has no index (the recorder was stopped)", f"run `rosbag reindex {path.name}`"
-            ) from None
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
-        raise input_error(
-            path,
-            f"is damaged or not a ROS 1 bag ({reason})",
-            f"run `rosbag reindex {path.name}`, or copy it again from where it was recorded",
-        ) from None
+            raise input_error(path, "has no index (the recorder was stopped)", again) from None
+        mend = f"{again}, or copy it again from where it was recorded"
+        raise damaged(path, "a ROS 1 bag", error, mend) from None
+
+
+def _take_all(
+    messages: Messages,
+    bag: Any,
+    *,
+    is_cdr: bool,
+    unpack: Callable[[bytes], bytes] = lambda data: data,
+) -> None:
+    """Decode all messages of a bag of rosbags whose definitions are known."""
+    decoders = {
+        known.id: messages.decoder_of(known.topic, "ROS", partial(_decoder, known, is_cdr))
+        for known in bag.connections
+    }
+    read = [known for known in bag.connections if decoders[known.id] is not None]
+    for known, logged, data in bag.messages(read) if read else ():
+        messages.decode(known.topic, decoders[known.id], unpack(data), logged)
 
 
 def _chunk(path: Path, how: str, packed: bytes) -> bytes:
     return unpacked(path, "a chunk", packed, how.lstrip("_"), None)
 
 
-def _decoder(table: ForeignTable, known: Any, *, is_cdr: bool) -> Decoder | None:
-    """What decodes a topic's messages; None, and the reason in `skipped`, where nothing does."""
+def _decoder(known: Any, is_cdr: bool) -> Decoder:
     encoding = {1: "ros2msg", 2: "ros2idl"}.get(int(known.msgdef.format.value), "")
-    try:
-        return ros_decoder(known.msgtype, known.msgdef.data, encoding, is_cdr=is_cdr)
-    except Exception as error:  # parsers of definitions raise errors of their own
-        reason = f"its messages are not decoded ({' '.join(str(error).split())[:80]})"
-        table.skipped.setdefault(known.topic, reason)
-        return None
+    return ros_decoder(known.msgtype, known.msgdef.data, encoding, is_cdr=is_cdr)
 
 
 # --- ROS 2 ---------------------------------------------------------------------------------
@@ -142,29 +142,21 @@ def _read_second(
             f"{path}: {waiting.name} holds messages that are not in it yet: they are left out (to "
             f"put them in: sqlite3 {path.name} 'PRAGMA wal_checkpoint')"
         )
-    try:
-        with _named(path, file) as name:
-            _check_tables(path, name)
-            # The library makes a URI of the path.
-            bag = Sqlite3Reader(Path(quote(str(name))))
-            bag.open()
-            try:
-                decoders = {
-                    known.id: _decoder(table, known, is_cdr=True) for known in bag.connections
-                }
-                read = [known for known in bag.connections if decoders[known.id] is not None]
-                for known, logged, data in bag.messages(read) if read else ():
-                    # A message begins with its encapsulation, of which no packed one does.
-                    how = "zstd" if data[: len(_ZSTD)] == _ZSTD else packed
-                    if how is not None:
-                        data = unpacked(path, "a message", data, how, None)
-                    messages.decode(known.topic, decoders[known.id], data, logged)
-            finally:
-                bag.close()
-    except (InputError, ModuleNotFoundError):
-        raise
-    except Exception as error:  # apsw and rosbags raise errors of their own
-        raise damaged(path, "a ROS 2 bag", error) from None
+    with read_as(path, "a ROS 2 bag"), _named(path, file) as name:
+        _check_tables(path, name)
+        # The library makes a URI of the path.
+        bag = Sqlite3Reader(Path(quote(str(name))))
+        bag.open()
+        try:
+            _take_all(messages, bag, is_cdr=True, unpack=partial(_message, path, packed))
+        finally:
+            bag.close()
+
+
+def _message(path: Path, packed: str | None, data: bytes) -> bytes:
+    # A message begins with its encapsulation, of which no packed one does.
+    how = "zstd" if data[: len(_ZSTD)] == _ZSTD else packed
+    return data if how is None else unpacked(path, "a message", data, how, None)
 
 
 @contextmanager
@@ -212,7 +204,7 @@ def _plain(path: Path, packed: BinaryIO, packing: Packing) -> Iterator[BinaryIO]
     with tempfile.TemporaryFile() as plain:
         try:
             with zstandard.ZstdDecompressor().stream_reader(packed, closefd=False) as stream:
-                while chunk := stream.read(_CHUNK):
+                for chunk in chunks(stream):
                     check_length(path, plain.tell() + len(chunk))
                     plain.write(chunk)
         except zstandard.ZstdError as error:
@@ -238,7 +230,7 @@ def bag_files(folder: Path) -> tuple[list[Path], Packing]:
     if not about.is_file():
         return _files_in(folder), Packing()
     try:
-        if about.stat().st_size > _MOST_METADATA:
+        if about.stat().st_size > 1 << 24:
             raise ValueError("it is too long")
         from ruamel.yaml import YAML
 
@@ -274,9 +266,9 @@ def read_files(folder: Path, files: list[tuple[Path, BinaryIO]], packing: Packin
         )
     for path, packed in files:
         with _plain(path, packed, packing) as file:
-            head = file.read(len(SQLITE))
+            head = file.read(len(SQLITE_HEAD))
             file.seek(0)
-            if head == SQLITE:
+            if head == SQLITE_HEAD:
                 each = packing.how if packing.mode == "message" else None
                 _read_second(table, messages, path, file, each)
             else:

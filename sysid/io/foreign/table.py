@@ -246,14 +246,6 @@ def _shown(value: Any) -> str:
     return shortened(text)
 
 
-def damaged(path: Path, what: str, error: BaseException | str) -> InputError:
-    """The error for a file that its own library cannot read."""
-    reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
-    return input_error(
-        path, f"is damaged or not {what} ({reason})", "copy it again from where it was recorded"
-    )
-
-
 def take_names(table: ForeignTable, names: Sequence[str] | None, columns: Iterable[Column]) -> None:
     """Name the columns of a table: by its header, or #1, #2 ... without one.
 

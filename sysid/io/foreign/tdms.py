@@ -9,9 +9,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from sysid.errors import InputError, input_error
+from sysid.errors import input_error
 from sysid.io.bounds import Cells, check_columns
-from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, damaged
+from sysid.io.file_kinds import damaged, read_as
+from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes
 
 # A segment's lead-in: tag, flags, version, and the bytes up to the next segment.
 _TAG = b"TDSm"
@@ -28,7 +29,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
 
     table = ForeignTable(path, "TDMS")
     _check_segments(path, file)
-    try:
+    with read_as(path, "a TDMS file"):
         _check_size(path, nptdms.TdmsFile.read_metadata(file))
         file.seek(0)
         content = nptdms.TdmsFile.read(file)
@@ -36,10 +37,6 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
         for group in content.groups():
             for channel in group.channels():
                 _take(table, f"{group.name}/{channel.name}", channel)
-    except InputError:
-        raise
-    except Exception as error:  # npTDMS passes on what numpy and struct raise
-        raise damaged(path, "a TDMS file", error) from None
     if incomplete:
         raise input_error(
             path,

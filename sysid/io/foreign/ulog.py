@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import io
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from sysid.errors import InputError
-from sysid.io.bounds import Cells, check_columns
-from sysid.io.foreign.table import ForeignTable, ReadOptions, damaged
+from sysid.io.bounds import MOST_DEPTH, Cells, check_columns
+from sysid.io.file_kinds import read_as
+from sysid.io.foreign.table import ForeignTable, ReadOptions
 
-_MAX_DEPTH = 12
-_US = 1e6
 # Of a message: its size and kind.
-_HEAD_BYTES = 3
+_HEAD = struct.Struct("<HB")
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -28,7 +27,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     """
     from pyulog import ULog
 
-    try:
+    with read_as(path, "a ULog file"):
         # pyulog prints what it finds damaged.
         with contextlib.redirect_stdout(io.StringIO()):
             _check_formats(path, ULog(_Reading(file), parse_header_only=True).message_formats)
@@ -36,10 +35,6 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
             whole = _Reading(file)
             content = ULog(whole)
         table = _table(path, content)
-    except (InputError, ModuleNotFoundError):
-        raise
-    except Exception as error:  # pyulog passes on what struct and numpy raise
-        raise damaged(path, "a ULog file", error) from None
     if content.file_corruption:
         table.notices.append(f"{path}: parts of it are damaged; their messages are left out")
     elif whole.is_cut:
@@ -63,7 +58,7 @@ class _Reading:
 
     def read(self, size: int = -1) -> bytes:
         data = self.file.read(size)
-        is_end = not data and size == _HEAD_BYTES
+        is_end = not data and size == _HEAD.size
         self.is_cut = len(data) < size and not is_end
         return data
 
@@ -84,7 +79,7 @@ def _check_formats(path: Path, formats: dict[str, Any]) -> None:
     def width(name: str, depth: int) -> int:
         if name in known or name not in formats:
             return known.get(name, 1)
-        if depth > _MAX_DEPTH:
+        if depth > MOST_DEPTH:
             raise ValueError(f"messages {name!r} are nested too deep")
         fields = formats[name].fields
         found = sum(max(int(n), 1) * width(kind, depth + 1) for kind, n, _ in fields)
@@ -110,7 +105,7 @@ def _table(path: Path, content: Any) -> ForeignTable:
         stamps = topic.data["timestamp"]
         is_set = stamps != 0
         unset += int(np.sum(~is_set))
-        clock = (stamps[is_set].astype(np.int64) - begun) / _US
+        clock = (stamps[is_set].astype(np.int64) - begun) / 1e6  # from us
         if not len(clock):
             table.skipped[name] = "its timestamp is not set"
             continue

@@ -10,6 +10,7 @@ from typing import Any, BinaryIO
 from xml.parsers import expat
 
 from sysid.errors import InputError, input_error
+from sysid.io.bounds import chunks
 
 # Cells of the rectangle from A1 to the last one; a sheet has at most 1,048,576 rows.
 MOST_CELLS = 20_000_000
@@ -19,7 +20,6 @@ MOST_BYTES = 100_000_000
 # Bytes of a sheet's XML: this, and for each cell and row so much.
 _FREE_BYTES, _BYTES_EACH = 10_000_000, 300
 _MOST_ELEMENTS = 4 * MOST_CELLS
-_CHUNK = 1 << 20
 _CELL = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 
 
@@ -93,7 +93,7 @@ def check_size(path: Path, file: BinaryIO) -> None:
 def _check_part(path: Path, name: str, file: Any) -> None:
     sheet, parser, read = _Sheet(), expat.ParserCreate(), 0
     parser.StartElementHandler = sheet.start
-    while chunk := file.read(_CHUNK):
+    for chunk in chunks(file):
         read += len(chunk)
         try:
             parser.Parse(chunk, False)
