@@ -23,6 +23,7 @@ import pytest
 import sysid as si
 from sysid.blocks.numbers import ascii_text
 from sysid.blocks.shown import Shown
+from sysid.blocks.tables import plain_text
 from sysid.io.bundled import bundled_campaign
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -310,9 +311,9 @@ def test_a_result_is_one_line_text_html_and_a_frame(name: str, shown: dict[str, 
     assert text.startswith(ascii_text(result.headline()))
     for table in result.tables():
         for row in table.rows:
-            first = [ascii_text(cell).split("\n")[0] for cell in row]
+            first = [plain_text(cell).split("\n")[0] for cell in row]
             assert any(all(c in line for c in first) for line in text.splitlines())
-            assert all(line in text for cell in row for line in ascii_text(cell).split("\n"))
+            assert all(line in text for cell in row for line in plain_text(cell).split("\n"))
             assert "<td>" in html
     frame = result.to_frame()
     assert isinstance(frame, pd.DataFrame)

@@ -24,8 +24,7 @@ from part_reports import PART_NAMES, write_part_report
 from sysid.blocks import numbers
 from sysid.blocks.tables import Table
 from sysid.checks.log_check import check_log
-from sysid.commands import printing
-from sysid.document import concerns, render_report, svg, write_report
+from sysid.document import concerns, render_report, standing, svg, write_report
 from sysid.document.interactive import packed
 from sysid.document.next_steps import left_open, next_section
 from sysid.document.opening import _table, verdict
@@ -576,13 +575,12 @@ def test_waterfall_says_what_falls_and_what_rises(made: Made) -> None:
 
 
 def test_an_effect_that_cannot_be_simulated_without_the_next_leaves_a_gap() -> None:
-    from sysid.document.diagnosis import diagnosis_section
+    from sysid.diagnosis.shown import diagnosis_section
 
     content = json.loads(json.dumps(DIAGNOSIS))
     del content["effects"][0]["holdout_rmse"]["theta_rad"]
-    with svg.styled():
-        section = diagnosis_section(content, is_linear=False)
-    groups = [b for b in section.blocks if b.kind == "figures"]
+    section = diagnosis_section(content, is_linear=False)
+    groups = [b for b in standing.drawn(section.blocks) if b.kind == "figures"]
     errors = next(f for g in groups for f in g.figures if "error-theta_rad" in f.svg)
     assert "after Stribeck friction —; after pressure-gain 5.10" in errors.description
 
@@ -598,29 +596,27 @@ def test_a_channel_that_never_varies_has_no_fit_percentage() -> None:
 
 
 def test_diagnosis_of_a_linear_rig_is_in_its_units() -> None:
-    from sysid.document.diagnosis import diagnosis_section
+    from sysid.diagnosis.shown import diagnosis_section
 
     content = json.loads(json.dumps(DIAGNOSIS).replace("theta_rad", "position_m"))
     content["unexplained"][0]["channel"] = "position_m"
-    with svg.styled():
-        section = diagnosis_section(content, is_linear=True)
+    section = diagnosis_section(content, is_linear=True)
     assert "the force balance" in section.intro[0] and " mm " in section.intro[0]
-    groups = [b for b in section.blocks if b.kind == "figures"]
+    groups = [b for b in standing.drawn(section.blocks) if b.kind == "figures"]
     curves = [f for g in groups for f in g.figures if f.title.startswith("Force balance")]
     assert curves and all(" N." in f.description for f in curves)
     assert "(mm/s)" in curves[0].svg and "mrad" not in "".join(f.svg for f in curves)
 
 
 def test_an_adequate_model_without_held_out_tests_is_said_so(made: Made) -> None:
-    from sysid.document.diagnosis import diagnosis_section
+    from sysid.diagnosis.shown import diagnosis_section
     from sysid.document.next_steps import next_section
 
     empty = {"looks": [look(None)], "excess": {}, "curves": [], "leftover": [],
              "titles": {}, "meanings": {}}  # fmt: skip
     content = {"verdict": "adequate", "effects": [], "residual": {}, "unexplained": [],
                "notices": [], "figures": empty}  # fmt: skip
-    with svg.styled():
-        section = diagnosis_section(content, is_linear=False)
+    section = diagnosis_section(content, is_linear=False)
     assert section.intro[0].startswith("Adequate: no test found structure above the noise")
     following = next_section(made.bundle, content, "campaign.toml")
     assert "Errors before and after are not known" in str(following)
@@ -668,7 +664,7 @@ def test_estimates_show_two_digits_of_their_error() -> None:
     )  # fmt: skip
     delay = Estimate(0.00151, 2.1e-5, "s", (-math.inf, 0.00155))
     narrow = Estimate(0.1000000716, 9.4e-7, "1/rad2", (0.09999823, 0.10000191))
-    assert printing.estimate_cells(narrow)[:2] == ("0.10000", "0.099998 to 0.10000")
+    assert numbers.si_cells(narrow)[:2] == ("0.10000", "0.099998 to 0.10000")
     assert numbers.estimate_cells(delay) == ("1.510", "0.021", "−∞ to 1.550", "ms")
     missing = Estimate.unidentified("Nm", "no test")
     assert numbers.estimate_cells(missing)[::2] == ("not identified", "no test")

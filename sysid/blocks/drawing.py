@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _MOST_IN_LEGEND = 12
 # Of the panel's height, for a legend above the data.
 _LEGEND_ROOM = 0.2
+# A bitmap's colour cannot follow a page's scheme: one that works on light and dark.
+_CLOUD = "#8a96a3"
 _DASHES: Mapping[str, Any] = {
     "solid": "-",
     "dashed": (0, (5, 1.5)),
@@ -117,7 +119,7 @@ def _points(ax: Axes, mark: figures.Points, colours: Mapping[str, str], _: int |
         )  # fmt: skip
         return
     is_drawn = mark.marker in ("x", "_")
-    colour = colours[mark.role]
+    colour = _CLOUD if mark.is_cloud else colours[mark.role]
     ax.plot(
         mark.x, mark.y, mark.marker, color=colour, markersize=mark.size, alpha=mark.alpha,
         markerfacecolor=colour if mark.is_filled or mark.is_cloud else "none",
@@ -177,12 +179,27 @@ def _cells(ax: Axes, mark: figures.ColourMap, colours: Mapping[str, str], _: int
     return mesh
 
 
+def _squares(ax: Axes, mark: figures.Squares, colours: Mapping[str, str], _: int | None) -> None:
+    from matplotlib.patches import Rectangle
+
+    side = 0.94  # what is free tells neighbours apart
+    for x, y, strength in zip(mark.x, mark.y, mark.strength, strict=True):
+        corner = (x - 0.5 * side, y - 0.5 * side)
+        for role, alpha in (("grid", 0.5), (mark.role, float(strength))):
+            colour = colours[role]
+            ax.add_patch(Rectangle(corner, side, side, color=colour, alpha=alpha, linewidth=0))
+    ax.grid(False)
+    ax.tick_params(length=0)
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+
+
 def _words(ax: Axes, mark: figures.Words, *_: Any) -> None:
     if mark.is_at_edge:
         where = ax.get_yaxis_transform()
         ax.text(0.005, mark.y, mark.text, transform=where, va="center", zorder=4)
     else:
-        ax.text(mark.x, mark.y, mark.text, ha="center", va="center")
+        ax.text(mark.x, mark.y, mark.text, ha="center", va="center", fontsize="small")
 
 
 _DRAWN: Mapping[type, Callable[..., Any]] = {
@@ -194,6 +211,7 @@ _DRAWN: Mapping[type, Callable[..., Any]] = {
     figures.Rule: _rule,
     figures.Span: _span,
     figures.ColourMap: _cells,
+    figures.Squares: _squares,
     figures.Words: _words,
 }
 

@@ -157,6 +157,17 @@ class ColourMap:
     is_signed: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class Squares:
+    """The squares of a matrix, of side 1 about their places (n,); `strength` (n,) of 0 to 1 tints
+    each."""
+
+    x: FloatArray
+    y: FloatArray
+    strength: FloatArray
+    role: Role = "second"
+
+
 @dataclass(frozen=True)
 class Words:
     """Text at a place; `is_at_edge`: at the panel's left edge, whatever x is."""
@@ -167,7 +178,7 @@ class Words:
     is_at_edge: bool = False
 
 
-Mark = Line | Points | Band | Intervals | Bars | Rule | Span | ColourMap | Words
+Mark = Line | Points | Band | Intervals | Bars | Rule | Span | ColourMap | Squares | Words
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,6 +264,7 @@ __all__ = [
     "Rule",
     "Scale",
     "Span",
+    "Squares",
     "Words",
     "grouped_bars",
 ]

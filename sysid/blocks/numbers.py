@@ -23,6 +23,8 @@ _UNITS = {
 _SHORT_S = 0.1
 # Powers of ten that are written out.
 _PLAIN = range(-2, 6)
+# Digits of a parameter in a terminal; how many it takes at most to tell an interval's ends apart.
+_FOUR, _MOST_DIGITS = ".4g", 9
 
 
 def unit(text: str) -> str:
@@ -106,8 +108,35 @@ def _decimals(value: float, std: float | None) -> int:
     return max(min(1 - _exponent(std, 2), 5 - size), 0)
 
 
+def si_cells(estimate: Estimate) -> tuple[str, str, str]:
+    """Value, 95 % interval and unit of a parameter as bundles have them, in ASCII."""
+    if estimate.reason is not None:
+        return "not identified", estimate.reason, ""
+    low, high = estimate.interval
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return f"{estimate.value:.4g}", "", estimate.unit
+    form = _distinct(low, high)
+    interval = f"{low:{form}} to {high:{form}}"
+    return f"{estimate.value:{form}}", interval, estimate.unit
+
+
+def _distinct(low: float, high: float) -> str:
+    """How numbers are written so that an interval's ends differ: with four digits, or more."""
+    forms = (_FOUR, *(f"#.{digits}g" for digits in range(5, _MOST_DIGITS)))
+    return next((f for f in forms if f"{low:{f}}" != f"{high:{f}}"), _FOUR)
+
+
 _ASCII = str.maketrans(
-    {MINUS: "-", "\N{EN DASH}": "-", MISSING: "-", "∞": "inf", "·": " ", "²": "2", "³": "3"}
+    {
+        MINUS: "-",
+        "\N{EN DASH}": "-",
+        MISSING: "-",
+        "∞": "inf",
+        "·": " ",
+        "²": "2",
+        "³": "3",
+        "±": "+/-",
+    }
 )
 _DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from itertools import zip_longest
 
 from sysid.blocks.numbers import ascii_text
-from sysid.blocks.tables import Table
+from sysid.blocks.tables import Table, plain_text
 
 _GAP = "  "
 
@@ -14,15 +14,16 @@ _GAP = "  "
 def table_text(table: Table) -> str:
     """Columns aligned by blanks, the caption and the names of the columns above."""
     lines = [
-        tuple(map(ascii_text, line))
+        line
         for row in (table.headings, *table.rows)
-        for line in zip_longest(*(cell.split("\n") for cell in row), fillvalue="")
+        for line in zip_longest(*(plain_text(cell).split("\n") for cell in row), fillvalue="")
     ]
     widths = [max(len(line[i]) for line in lines) for i in range(len(table.columns))]
     aligned = (
         _GAP.join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in lines
     )
-    return "\n".join((table.caption, *aligned) if table.caption else aligned)
+    caption = ascii_text(table.caption)
+    return "\n".join((caption, *aligned) if caption else aligned)
 
 
 def result_text(headline: str, tables: Iterable[Table], footnotes: Iterable[str]) -> str:

@@ -6,23 +6,34 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sysid.blocks.numbers import estimate_cells, number
+from sysid.blocks.numbers import ascii_text, estimate_cells, number, si_cells
 from sysid.estimation.linear import Estimate
 
 _DIGITS = 4
 
 
 class NotedCell(str):
-    """A cell with a line in small beneath its text: an id, a key. Equal to its text alone."""
+    """A cell with a line in small beneath its text: an id, a key. Equal to its text alone.
 
-    __slots__ = ("small",)
+    `plain` stands in its place in a terminal and in `print`: the name or number that other commands
+    and files have (the small line where it is not given).
+    """
+
+    __slots__ = ("plain", "small")
+    plain: str
     small: str
 
-    def __new__(cls, text: str, small: str = "") -> NotedCell:
-        """The text, and what is written in small beneath it."""
+    def __new__(cls, text: str, small: str = "", plain: str = "") -> NotedCell:
+        """The text, what is written in small beneath it, and what stands for both."""
         cell = super().__new__(cls, text)
         cell.small = small
+        cell.plain = plain or small or text
         return cell
+
+
+def plain_text(cell: str) -> str:
+    """A cell or a heading as terminals and `print` show it, in ASCII where it is ours."""
+    return ascii_text(cell.plain if isinstance(cell, NotedCell) else cell)
 
 
 @dataclass(frozen=True)
@@ -126,6 +137,19 @@ def estimate_table(caption: str, estimates: Mapping[str, Estimate]) -> Table:
     return table(caption, columns, rows, text=(3,))
 
 
+def estimate_row(estimate: Estimate) -> tuple[str, str, str, str]:
+    """Value, standard error, 95 % interval and unit: readable on a page, in SI in a terminal."""
+    value, std, interval, unit = estimate_cells(estimate)
+    plain, between, symbol = si_cells(estimate)
+    error = f"{estimate.std:.2g}" if estimate.identified else ""
+    return (
+        NotedCell(value, plain=plain),
+        NotedCell(std, plain=error),
+        NotedCell(interval, plain=between),
+        NotedCell(unit, plain=symbol),
+    )
+
+
 def estimate_records(estimates: Mapping[str, Estimate], **labels: Any) -> list[dict[str, Any]]:
     """One record per estimate, after `labels`: value, std, limits `low` and `high`, unit."""
     return [
@@ -151,7 +175,9 @@ __all__ = [
     "TableColumn",
     "cell",
     "estimate_records",
+    "estimate_row",
     "estimate_table",
+    "plain_text",
     "record_table",
     "table",
 ]

@@ -11,8 +11,7 @@ from rich.segment import Segment
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from sysid.blocks.numbers import ascii_text
-from sysid.blocks.tables import Table
+from sysid.blocks.tables import Table, plain_text
 from sysid.errors import escaped
 
 # A pipe or a file has no width of its own; file names are not cut there.
@@ -67,7 +66,7 @@ def new_table(title: str, *columns: str) -> RichTable:
 
 def terminal_table(table: Table) -> RichTable:
     """A table as a terminal of any alphabet shows it."""
-    shown = new_table(table.caption, *table.headings)
+    shown = new_table(plain_text(table.caption), *map(plain_text, table.headings))
     for row in table.rows:
-        shown.add_row(*(Text(ascii_text(cell)) for cell in row))
+        shown.add_row(*(Text(plain_text(cell)) for cell in row))
     return shown

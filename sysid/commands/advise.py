@@ -14,11 +14,10 @@ from sysid.commands.options import (
     exclude_option,
     json_option,
 )
-from sysid.commands.printing import notices, print_blocks, print_json, progress
+from sysid.commands.printing import notices, print_blocks, print_json, progress, remarks
 from sysid.io.campaign import read_campaign
 from sysid.parameters import read_bundle
 from sysid.pipeline.advise import advise as advise_campaign
-from sysid.refinement.advice_result import AdviceResult
 
 
 @click.command()
@@ -37,10 +36,4 @@ def advise(
     if as_json:
         print_json(found.to_json())
         return
-    _show(found)
-
-
-def _show(found: AdviceResult) -> None:
-    noted = {f"notice: {line}" for line in found.notices}
-    said = (line for line in found.footnotes() if line not in noted)
-    print_blocks((*found.tables(), *said, found.headline()))
+    print_blocks((*found.tables(), *remarks(found), found.headline()))

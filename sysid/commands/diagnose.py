@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +10,6 @@ from typing import Any
 
 import click
 
-from sysid.blocks.tables import Table, table
 from sysid.commands.budget import budget_option, quick_option
 from sysid.commands.options import (
     SEED,
@@ -25,31 +23,15 @@ from sysid.commands.options import (
     report_option,
 )
 from sysid.commands.own_component import read_with
-from sysid.commands.printing import (
-    Strong,
-    estimate_cells,
-    notices,
-    print_blocks,
-    print_json,
-    progress,
-    spaced,
-    unless_failed,
-    written_lines,
-)
-from sysid.diagnosis import wording
-from sysid.diagnosis.evidence import is_of_actuator
+from sysid.commands.printing import notices, print_json, print_result, progress, unless_failed
 from sysid.diagnosis.result import Diagnosis
 from sysid.io.campaign import Campaign
-from sysid.parameters import Bundle, read_bundle, write_bundle
+from sysid.parameters import read_bundle, write_bundle
 from sysid.pipeline.diagnose import CampaignDiagnosis
 from sysid.pipeline.diagnose import diagnose as workflow
 from sysid.pipeline.subject import subject_of
 from sysid.plant.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
-
-# Suspects of one round that a summary names.
-_MOST_SUSPECTS = 6
-_CORRECT = wording.CORRECT_MODEL.lower()
 
 
 @click.command()
@@ -79,12 +61,16 @@ def diagnose(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> Non
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """A diagnosis, the bundle extended by it, notices, and the files that were written."""
+    """A diagnosis with its extended bundle, all notices, and the files that were written."""
 
-    diagnosis: Diagnosis
-    bundle: Bundle
+    found: CampaignDiagnosis
     notices: tuple[str, ...]
     written: tuple[Path, ...]
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The verdict with its evidence."""
+        return self.found.detail
 
     def to_json(self) -> dict[str, Any]:
         """The output of `sysid diagnose --json` (spec/cli.md)."""
@@ -137,7 +123,7 @@ def diagnose_campaign(
         _write_report(report, campaign, found, effects, progress)
         written.append(report)
     notices = (*campaign.notices, *campaign.rig.notices, *found.notices)
-    return Diagnosed(found.detail, found.bundle, tuple(dict.fromkeys(notices)), tuple(written))
+    return Diagnosed(found, tuple(dict.fromkeys(notices)), tuple(written))
 
 
 def _write_report(
@@ -165,91 +151,10 @@ def _write_report(
     )
 
 
-# --- printing ---------------------------------------------------------------------------
-
-
 def show_diagnosis(diagnosed: Diagnosed, as_json: bool) -> None:
     """The verdict, the effects, the errors, what was tried, what to do next."""
     notices(diagnosed.notices)
-    content = diagnosed.to_json()
     if as_json:
-        print_json(content)
-        return
-    tables = (
-        _effects(content),
-        _before_after(content),
-        _unexplained(content),
-        _tried(diagnosed.diagnosis.evidence.rounds_shown()),
-    )
-    print_blocks(
-        (
-            Strong(wording.sentence(content)),
-            *spaced(tables),
-            "",
-            *wording.left(content),
-            *wording.advice(content),
-            *written_lines(diagnosed.written),
-        )
-    )
-
-
-def _effects(content: dict[str, Any]) -> Table:
-    """One row per parameter; cells about the effect as a whole are in its first row."""
-    rows = []
-    for effect in content["effects"]:
-        head = effect["id"]
-        share = f"{100.0 * effect['share']:.3g}"
-        whole = (
-            wording.p_text(effect["p_value"]),
-            share,
-            wording.joined(effect["ambiguous_with"], "or") or "-",
-        )
-        for name, estimate in wording.parameter_rows(effect):
-            cells = (estimate, "", "") if isinstance(estimate, str) else estimate_cells(estimate)
-            rows.append((head, name, *cells, *whole))
-            head, whole = "", ("", "", "")
-    columns = ("parameter", "value", "95 % interval", "unit", "p", "share, %", "ambiguous with")
-    return table("Effects", ("effect", *columns), rows)
-
-
-def _before_after(content: dict[str, Any]) -> Table:
-    how = ", simulated open loop" if is_of_actuator(content) else ""
-    rows = []
-    for name, errors in wording.errors_by_step(content).items():
-        floor = content["residual"][name]["noise_floor"]
-        cells = ("-" if math.isnan(e) else f"{e:.4g}" for e in errors)
-        rows.append((name, *cells, f"{floor:.4g}"))
-    columns = ("channel", "original bundle", *wording.steps(content), _CORRECT)
-    return table(f"RMSE on held-out logs{how}", columns, rows)
-
-
-def _unexplained(content: dict[str, Any]) -> Table:
-    rows = tuple(
-        (one["channel"], wording.regressor_name(one["regressor"]), f"{100.0 * one['share']:.3g}")
-        for one in content["unexplained"]
-    )
-    return table("Unexplained", ("channel", "depends most on", "share of variance, %"), rows)
-
-
-def _tried(looks: Sequence[dict[str, Any]]) -> Table:
-    """What each round tried in addition to the effect that it added."""
-    compared = any("twins" in s for look in looks for s in look["suspects"])
-    gain = ("gain", "most on a twin") if compared else ("share of the prediction error, %",)
-    columns = ("round", "suspect", *gain, "p", "outcome")
-    rows = []
-    for place, look in enumerate(looks, start=1):
-        others = [s for s in look["suspects"] if s["fate"] != "added"]
-        for suspect in others[:_MOST_SUSPECTS]:
-            p_value = wording.p_text(suspect["p_value"])
-            rows.append((str(place), suspect["id"], *_gains(suspect), p_value, suspect["fate"]))
-        if len(others) > _MOST_SUSPECTS:
-            more = f"{len(others) - _MOST_SUSPECTS} more with less gain"
-            rows.append((str(place), more, *[""] * (len(columns) - 2)))
-    return table("Tried, and not added", columns, rows)
-
-
-def _gains(suspect: dict[str, Any]) -> tuple[str, ...]:
-    """A suspect's gain and the largest on a twin, or its share of the prediction error."""
-    if "twins" in suspect:
-        return f"{suspect['gain']:.3g}", f"{max(suspect['twins']):.3g}"
-    return (f"{100.0 * suspect['gain']:.3g}",)
+        print_json(diagnosed.to_json())
+    else:
+        print_result(diagnosed.found, diagnosed.written)

@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from sysid.blocks.numbers import ascii_text
+from sysid.blocks.numbers import ascii_text, si_cells
 from sysid.blocks.quality import quality_table
 from sysid.blocks.tables import Table, table
 from sysid.checks.consistency.campaign import check_consistency
@@ -33,7 +33,6 @@ from sysid.commands.options import (
 )
 from sysid.commands.own_component import read_with
 from sysid.commands.printing import (
-    estimate_cells,
     notices,
     parameter_table,
     print_blocks,
@@ -532,7 +531,7 @@ def _of_friction(friction: Friction | None) -> Iterable[Table]:
         yield parameter_table("Identified only together", sums)
         columns = ("position", "tests", "value", "95 % interval", "unit")
         rows = tuple(
-            (f"{row.position:.4g}", str(row.tests), *estimate_cells(row.static))
+            (f"{row.position:.4g}", str(row.tests), *si_cells(row.static))
             for row in friction.positions()
         )
         yield table("Static friction by position", columns, rows)

@@ -6,7 +6,6 @@ Output of a single command is in that command's file.
 from __future__ import annotations
 
 import json
-import math
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -17,7 +16,9 @@ from typing import Any, TypeVar
 from rich.console import Console
 from rich.text import Text
 
+from sysid.blocks.numbers import si_cells
 from sysid.blocks.progress import stage_bar
+from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
 from sysid.blocks.terminal import console, terminal_table
 from sysid.errors import one_line
@@ -28,9 +29,6 @@ from sysid.types import Progress, no_progress
 
 Result = TypeVar("Result")
 Other = TypeVar("Other")
-
-# Digits of a parameter, and how many it takes at most to tell an interval's ends apart.
-_FOUR, _MOST_DIGITS = ".4g", 9
 
 
 def unless_failed(not_done: str, work: Callable[[], Result], otherwise: Other) -> Result | Other:
@@ -136,11 +134,18 @@ def print_blocks(blocks: Iterable[Printed]) -> None:
             out.print(terminal_table(block))
 
 
-def spaced(tables: Iterable[Table]) -> Iterator[Printed]:
-    """The tables that have rows, each with an empty line above it."""
-    for shown in tables:
-        if shown.rows:
-            yield from ("", shown)
+def remarks(found: Shown) -> list[str]:
+    """A result's footnotes but for the notices, which are on standard error."""
+    noted = {f"notice: {line}" for line in getattr(found, "notices", ())}
+    return [line for line in found.footnotes() if line not in noted]
+
+
+def print_result(found: Shown, written: Iterable[Path] = ()) -> None:
+    """A result as `print` shows it, and the files that were written."""
+    tables = (block for one in found.tables() if one.rows for block in ("", one))
+    print_blocks((Strong(found.headline()), *tables))
+    said = remarks(found)
+    print_blocks(("", *said, *written_lines(written)))
 
 
 def written_lines(paths: Iterable[Path]) -> list[str]:
@@ -148,27 +153,9 @@ def written_lines(paths: Iterable[Path]) -> list[str]:
     return [f"written: {path}" for path in paths]
 
 
-def estimate_cells(estimate: Estimate) -> tuple[str, str, str]:
-    """Value, 95 % interval and unit of a parameter, as text."""
-    if estimate.reason is not None:
-        return "not identified", estimate.reason, ""
-    low, high = estimate.interval
-    if not (math.isfinite(low) and math.isfinite(high)):
-        return f"{estimate.value:.4g}", "", estimate.unit
-    form = _form(low, high)
-    interval = f"{low:{form}} to {high:{form}}"
-    return f"{estimate.value:{form}}", interval, estimate.unit
-
-
-def _form(low: float, high: float) -> str:
-    """How numbers are written so that an interval's ends differ: with four digits, or more."""
-    forms = (_FOUR, *(f"#.{digits}g" for digits in range(5, _MOST_DIGITS)))
-    return next((f for f in forms if f"{low:{f}}" != f"{high:{f}}"), _FOUR)
-
-
 def parameter_table(title: str, parameters: Mapping[str, Estimate]) -> Table:
     """One row per parameter."""
-    rows = tuple((name, *estimate_cells(estimate)) for name, estimate in parameters.items())
+    rows = tuple((name, *si_cells(estimate)) for name, estimate in parameters.items())
     return table(title, ("parameter", "value", "95 % interval", "unit"), rows)
 
 

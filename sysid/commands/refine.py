@@ -20,16 +20,7 @@ from sysid.commands.options import (
     report_option,
 )
 from sysid.commands.own_component import read_with
-from sysid.commands.printing import (
-    Strong,
-    notices,
-    print_blocks,
-    print_json,
-    progress,
-    spaced,
-    unless_failed,
-    written_lines,
-)
+from sysid.commands.printing import notices, print_json, print_result, progress, unless_failed
 from sysid.errors import input_error
 from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle, read_bundle, write_bundle
@@ -157,4 +148,4 @@ def _show(result: RefineResult | OwnRefinement, written: tuple[Path, ...], as_js
         content = result.to_json() | {"notices": list(result.notices)}
         print_json(content | {"written": [str(path) for path in written]})
         return
-    print_blocks((Strong(result.headline()), *spaced(result.tables()), *written_lines(written)))
+    print_result(result, written)

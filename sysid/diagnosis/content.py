@@ -5,16 +5,12 @@ A later process draws the same section from `diagnosis.json`, without diagnosing
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any
 
 from sysid.diagnosis.result import Diagnosis
 from sysid.parallel import Failure, on_its_own
 from sysid.plant.effects.catalogue import catalogue, catalogue_entry
 from sysid.plant.effects.entry import CatalogueEffect
-
-Result = TypeVar("Result")
-_Content = dict[str, Any]
 
 
 def content(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -30,31 +26,36 @@ def content(diagnosis: Diagnosis) -> dict[str, Any]:
 def figures(diagnosis: Diagnosis) -> dict[str, Any]:
     """The numbers behind the report's figures, a JSON-able dict.
 
-    `looks`: what each round tried (`ComponentEvidence.rounds_shown`). `curves`: mean residual over
-    a regressor before and after the effects. `titles` and `meanings` name effects, those that were
-    tried among them, and the parameters of those found; `laws` says in a sentence what each found
-    one and each rival does, `telling` which test tells it from others. Further keys are the
-    evidence's own. `missing` says which of these could not be worked out, and why.
+    `curves`: mean residual over a regressor before and after the effects. Further keys are those of
+    `names`, and the evidence's own. `missing` says which of these could not be worked out, and why.
+    """
+    found = names(diagnosis)
+    own = on_its_own(diagnosis.evidence.figures)
+    if isinstance(own, Failure):
+        what = "the figures of the residual could not be worked out"
+        found["missing"].append(f"{what}: {own.reason}")
+        own = {"curves": []}
+    return {**found, **own}
+
+
+def names(diagnosis: Diagnosis) -> dict[str, Any]:
+    """What its tables need: `looks`, what each round tried (`ComponentEvidence.rounds_shown`).
+
+    `titles` and `meanings` name effects, those that were tried among them, and the parameters of
+    those found; `laws` says in a sentence what each found one and each rival does, `telling` which
+    test tells it from others. `missing` says what could not be worked out, and why.
     """
     missing: list[str] = []
-
-    def unless_failed(what: str, work: Callable[[], Result], otherwise: Result) -> Result:
-        found = on_its_own(work)
-        if not isinstance(found, Failure):
-            return found
-        missing.append(f"{what} could not be worked out: {found.reason}")
-        return otherwise
-
-    evidence, no_rounds, no_figures = diagnosis.evidence, list[_Content](), _Content(curves=[])
-    looks = unless_failed("what each round tried", evidence.rounds_shown, no_rounds)
-    own = unless_failed("the figures of the residual", evidence.figures, no_figures)
+    looks = on_its_own(diagnosis.evidence.rounds_shown)
+    if isinstance(looks, Failure):
+        missing.append(f"what each round tried could not be worked out: {looks.reason}")
+        looks = []
     tried = {suspect["id"] for look in looks for suspect in look["suspects"]}
     rivals = {id for found in diagnosis.effects for id in found.ambiguous_with}
     known = _known(diagnosis)
     named = {found.id for found in diagnosis.effects} | rivals
     return {
         "looks": looks,
-        **own,
         "titles": {id: known[id].title for id in sorted(named | tried) if id in known},
         "laws": {id: catalogue_entry(known[id])["law"] for id in sorted(named) if id in known},
         "telling": {id: known[id].tie_breaker for id in sorted(named) if id in known},
@@ -71,4 +72,4 @@ def _known(diagnosis: Diagnosis) -> dict[str, type[CatalogueEffect]]:
     return {**catalogue(), **{found.id: type(found.effect) for found in diagnosis.effects}}
 
 
-__all__ = ["content", "figures"]
+__all__ = ["content", "figures", "names"]

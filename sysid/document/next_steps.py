@@ -10,8 +10,8 @@ from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, Lines, Section
 from sysid.blocks.tables import table
 from sysid.diagnosis.evidence import is_of_actuator
+from sysid.diagnosis.tables import named
 from sysid.diagnosis.wording import advice_on_rest
-from sysid.document.effects import named
 from sysid.document.opening import unidentified
 from sysid.estimation.linear import Estimate
 from sysid.parameters import Bundle

@@ -187,14 +187,14 @@ def _parts(
         return surfaces_section(valves, _logs(campaign, "valve-pwm"), campaign.rig)
 
     def diagnosed() -> Section | None:
-        from sysid.document.diagnosis import diagnosis_section
+        from sysid.diagnosis.shown import diagnosis_section
 
         if diagnosis is None or "verdict" not in diagnosis:
             return None
         return diagnosis_section(diagnosis, campaign.rig.is_linear)
 
     def part_alone() -> Section | None:
-        from sysid.document.part import fitted_axis, part_section
+        from sysid.diagnosis.shown_part import fitted_axis, part_section
 
         shown = (diagnosis or {}).get("figures", {}).get("tests")
         content = diagnosis if shown else fitted_axis(campaign, bundle)
@@ -224,7 +224,7 @@ def _parts(
         return None if validation is None else residuals_section(validation)
 
     def refined() -> Section | None:
-        from sysid.document.refinement import refinement_section
+        from sysid.refinement.shown import refinement_section
 
         part = bundle.refinement
         return None if part is None else refinement_section(part, campaign.rig)

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sysid.blocks.numbers import number
-from sysid.blocks.plots import bars, one_axes
+from sysid.blocks.drawing import plot_panels
+from sysid.blocks.figures import Panel, Rule, Scale, grouped_bars
 from sysid.blocks.progress import progress_or_shown
 from sysid.blocks.shown import Shown
-from sysid.blocks.tables import Table, estimate_table, table
+from sysid.blocks.tables import Table
 from sysid.diagnosis import content, wording
 from sysid.diagnosis.campaign import extended_bundle
 from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
+from sysid.diagnosis.tables import summary
 from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle
 from sysid.pipeline.subject import subject_of
@@ -66,42 +67,27 @@ class CampaignDiagnosis(Shown):
         return [record for effect in self.effects for record in effect.records()]
 
     def tables(self) -> Iterable[Table]:
-        """The effects' parameters, and the errors on held-out logs after each effect."""
-        for effect in self.effects:
-            yield estimate_table(effect.headline(), effect.by_label())
-        steps = self._steps()
-        rows = []
-        for name, errors in self._errors().items():
-            floor = self.residual[name].noise_floor
-            rows.append((name, *(number(e) for e in (*errors, floor))))
-        columns = ("channel", *steps, wording.CORRECT_MODEL.lower())
-        yield table("RMSE on held-out logs", columns, tuple(rows))
+        """The effects, their parameters, the errors on held-out logs, and what was tried."""
+        return summary({**self.detail.to_json(), "figures": content.names(self.detail)})
 
     def footnotes(self) -> Iterable[str]:
-        """What to do next, and the notices."""
-        return (*wording.advice(self.detail.to_json()), *super().footnotes())
+        """What the remaining errors consist of, what to do next, and the notices."""
+        found = self.detail.to_json()
+        return (*wording.left(found), *wording.advice(found), *super().footnotes())
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """RMSE on held-out logs over that of a correct model, before and after each effect."""
-        ax = one_axes(ax)
-        errors = self._errors()
+        found = self.detail.to_json()
+        errors = wording.errors_by_step(found)
         floors = {name: self.residual[name].noise_floor or math.nan for name in errors}
-        steps = self._steps()
-        heights = {
+        heights: dict[str, Sequence[float]] = {
             step: [errors[name][i] / floors[name] for name in errors]
-            for i, step in enumerate(steps)
+            for i, step in enumerate(["original bundle", *wording.steps(found)])
         }
-        bars(ax, list(errors), heights)
-        ax.axhline(1.0, color="0.5", linewidth=0.8)
-        ax.set_yscale("log")
-        ax.set_ylabel("RMSE / RMSE of a correct model")
-        return ax
-
-    def _steps(self) -> list[str]:
-        return ["original bundle", *wording.steps(self.detail.to_json())]
-
-    def _errors(self) -> dict[str, list[float]]:
-        return wording.errors_by_step(self.detail.to_json())
+        shown, ticks = grouped_bars(list(errors), heights)
+        y = Scale("RMSE / RMSE of a correct model", kind="log")
+        panel = Panel(Scale(ticks=ticks), y, (*shown, Rule(1.0)), legend="beside")
+        return plot_panels((panel,), ax)[0]
 
     def content(self) -> dict[str, Any]:
         """Its content as the report shows it, in JSON types."""

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.blocks.numbers import number
 from sysid.blocks.shown import Shown
-from sysid.blocks.tables import Table, table
+from sysid.blocks.tables import Table
 from sysid.estimation.linear import Estimate, finite_or_none
 from sysid.parameters import Bundle
+from sysid.parameters.refinement import Refinement
+from sysid.refinement.shown import effort_table, errors_table, parameters_table
 from sysid.refinement.whole_tests import much_worse
 from sysid.types import FloatArray
 
@@ -133,50 +134,10 @@ class RefineResult(Shown):
 
     def tables(self) -> Iterable[Table]:
         """Parameters, and simulation errors by use and channel."""
-        rows = tuple(
-            (
-                p.name,
-                number(p.unknown.value, 4),
-                number(p.estimate.value, 4),
-                number(p.estimate.std, 2),
-                p.unknown.unit,
-                number(p.movement, 2),
-                "yes" if p.informed else "bench only" if p.is_known else "no",
-            )
-            for p in self.parameters
-        )
-        head = (
-            "parameter",
-            "before",
-            "after",
-            "std. error",
-            "unit",
-            "moved, std",
-            "motion informs",
-        )
-        yield table("Parameters", head, rows)
-        channels = tuple(
-            (
-                use,
-                name,
-                number(float(fit.before[i]), 4),
-                number(float(fit.after[i]), 4),
-                number(float(fit.correlation_before[i]), 2),
-                number(float(fit.correlation_after[i]), 2),
-            )
-            for use, fit in self.fits.items()
-            for i, name in enumerate(self.channels)
-            if np.isfinite(fit.before[i])
-        )
-        titles = ("logs", "channel", "RMSE before", "after", "autocorrelation before", "after")
-        yield table("Open-loop simulation of whole tests", titles, channels)
-        if self.effort:
-            efforts = tuple(
-                (use, name, number(before, 4), number(after, 4))
-                for use, channels_of in self.effort.items()
-                for name, (before, after) in channels_of.items()
-            )
-            yield table("Equation of motion along the measured motion", titles[:4], efforts)
+        found = Refinement.model_validate(self.to_json())
+        yield parameters_table(found.values())
+        yield errors_table(found)
+        yield effort_table(found)
 
     def to_json(self) -> dict[str, Any]:
         """The object that `sysid refine --json` prints and a bundle's `refinement` holds."""

@@ -9,12 +9,18 @@ from collections.abc import Iterable
 from sysid.blocks.channels import channel_of
 from sysid.blocks.numbers import MISSING, estimate_cells, number, percent
 from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section
-from sysid.blocks.tables import Table, table
-from sysid.document import refinement_panels as panels
+from sysid.blocks.tables import NotedCell, Table, table
 from sysid.estimation.linear import Estimate
 from sysid.io.rig import Rig
 from sysid.parameters.base import Number, read_number
-from sysid.parameters.refinement import BeforeAndAfter, RefinedValue, Refinement, ScatterOfFriction
+from sysid.parameters.refinement import (
+    BeforeAndAfter,
+    FiguresByUse,
+    RefinedValue,
+    Refinement,
+    ScatterOfFriction,
+)
+from sysid.refinement import figures
 from sysid.refinement.declared import contradictions
 
 _HIGHLY_CORRELATED = 0.9
@@ -25,10 +31,7 @@ _USES = {"fit": "training", "holdout": "held out"}
 
 
 def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
-    """From the bundle's `refinement`; None where it holds no parameters in a form that is known.
-
-    To be called within `sysid.document.svg.styled()`.
-    """
+    """From the bundle's `refinement`; None where it holds no parameters in a form that is known."""
     values = refinement.values()
     if not values:
         return None
@@ -162,9 +165,9 @@ def _informed(values: list[RefinedValue]) -> str:
 
 def _pictures(refinement: Refinement, values: list[RefinedValue]) -> list[Block]:
     """Movement and correlation."""
-    figures, caption = [], ""
+    drawn, caption = [], ""
     if any(value.movement is not None for value in values):
-        figures.append(panels.movement(values))
+        drawn.append(figures.movement(values))
         caption = (
             "Movement of each parameter from bench to motion, in standard errors of the value "
             "before: diamonds with the 95 % interval after, over that before (shaded); grey "
@@ -172,13 +175,13 @@ def _pictures(refinement: Refinement, values: list[RefinedValue]) -> list[Block]
         )
     matrix = refinement.correlations()
     if len(matrix) > 1:
-        figures.append(panels.correlation(values, matrix))
+        drawn.append(figures.correlation(values, matrix))
         caption += (
             "Correlation of the parameters' errors after; rows and columns have the table's "
-            f"numbers, sizes from {panels.LEAST_WRITTEN} are written."
+            f"numbers, sizes from {figures.LEAST_WRITTEN} are written."
         )
         caption += _tied(values, matrix)
-    return [FigureGroup(caption, tuple(figures))] if figures else []
+    return [FigureGroup(caption, tuple(drawn))] if drawn else []
 
 
 def _tied(values: list[RefinedValue], matrix: list[list[float]]) -> str:
@@ -193,55 +196,55 @@ def _tied(values: list[RefinedValue], matrix: list[list[float]]) -> str:
 
 def _profiles(refinement: Refinement) -> list[Block]:
     by_name = {value.name: value for value in refinement.values()}
-    figures = [
-        panels.profile(place, by_name[name], profile)
+    drawn = [
+        figures.profile(place, by_name[name], profile)
         for place, (name, profile) in enumerate(refinement.profiled().items())
         if name in by_name and len(profile.values) == len(profile.rise) > 1
     ]
-    if not figures:
+    if not drawn:
         return []
     caption = (
         "Profile likelihood: rise of the cost where one parameter is held and all others are "
         "estimated again, in units of the errors' variance. Below the line (3.84) is the 95 % "
         "interval (shaded); dashed: what the standard error predicts."
     )
-    return [Heading("refinement-profiles", "Profiles"), FigureGroup(caption, tuple(figures))]
+    return [Heading("refinement-profiles", "Profiles"), FigureGroup(caption, tuple(drawn))]
 
 
 def errors_table(refinement: Refinement) -> Table:
     """RMSE of whole tests and the residual's autocorrelation, by use and channel."""
-    correlations = refinement.autocorrelations()
-    rows = [
-        (_USES.get(use, use), *_channel_cells(name, errors, correlations.get(use, {}).get(name)))
-        for use, channels in refinement.errors().items()
-        for name, errors in channels.items()
-    ]
-    columns = (
-        "Tests", "Channel", "RMSE before", "RMSE after", "Change",
-        "Autocorrelation before", "Autocorrelation after",
-    )  # fmt: skip
     caption = (
         "Whole tests simulated open loop: RMSE, and the residual's autocorrelation from one "
         "sample to the next"
     )
-    return table(caption, columns, rows, text=(1,))
+    return _errors(caption, refinement.errors(), refinement.autocorrelations())
 
 
 def effort_table(refinement: Refinement) -> Table:
     """RMSE of the equation of motion, by use: it does not add up over time as a position does."""
-    rows = [
-        (_USES.get(use, use), *_channel_cells(name, errors, None)[:4])
-        for use, channels in refinement.effort_errors().items()
-        for name, errors in channels.items()
-    ]
-    columns = ("Tests", "Channel", "RMSE before", "RMSE after", "Change")
     caption = "Equation of motion along the measured motion: RMSE of the effort that is left"
+    return _errors(caption, refinement.effort_errors(), None)
+
+
+def _errors(caption: str, errors: FiguresByUse, correlations: FiguresByUse | None) -> Table:
+    """Errors by use and channel, with their autocorrelations where these are given."""
+    columns = ["Tests", "Channel", "RMSE before", "RMSE after", "Change"]
+    rows = []
+    for use, channels in errors.items():
+        for name, found in channels.items():
+            row = [_USES.get(use, use), *_channel_cells(name, found)]
+            if correlations is not None:
+                white = correlations.get(use, {}).get(name)
+                pair = (None, None) if white is None else (white.before, white.after)
+                row += [number(read_number(c), 4) for c in pair]
+            rows.append(row)
+    if correlations is not None:
+        columns += ["Autocorrelation before", "Autocorrelation after"]
     return table(caption, columns, rows, text=(1,))
 
 
-def _channel_cells(
-    name: str, errors: BeforeAndAfter, correlation: BeforeAndAfter | None
-) -> tuple[str, ...]:
+def _channel_cells(name: str, errors: BeforeAndAfter) -> tuple[str, ...]:
+    """A channel with its errors before and after, readable; SI in a terminal."""
     title, scale = name, 1.0
     try:
         channel = channel_of(name)
@@ -254,14 +257,11 @@ def _channel_cells(
     if before and after is not None:
         share = 100.0 * (after / before - 1.0)
         change = f"{'+' if share > 0.0 else ''}{number(share, 2)} %"
-    sizes = [None if e is None else scale * e for e in (before, after)]
-    whiteness = (None, None) if correlation is None else (correlation.before, correlation.after)
-    return (
-        title,
-        *(number(e) for e in sizes),
-        change,
-        *(number(read_number(c), 4) for c in whiteness),
-    )
+    sizes = [
+        MISSING if e is None else NotedCell(number(scale * e), plain=number(e, 4))
+        for e in (before, after)
+    ]
+    return NotedCell(title, plain=name), *sizes, change
 
 
 __all__ = [

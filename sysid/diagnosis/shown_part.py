@@ -8,27 +8,37 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.blocks.channels import channel_of
-from sysid.blocks.figures import Picture
+from sysid.blocks.figures import (
+    TALL_PANEL,
+    Dash,
+    Figure,
+    Line,
+    Mark,
+    Panel,
+    Points,
+    Role,
+    Rule,
+    Scale,
+)
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, FigureGroup, Section
-from sysid.document import svg
-from sysid.document.diagnosis_panels import drawable, regressor_axis
-from sysid.document.svg import COLOUR
+from sysid.diagnosis.figures import drawable, regressor_axis
+from sysid.diagnosis.wording import regressor_name
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from sysid.io.campaign import Campaign
     from sysid.parameters import Bundle
 
 Content = Mapping[str, Any]
 
-_CLOUD_COLOUR = "#8a96a3"  # drawn into a bitmap: it must work on light and dark backgrounds
 # Below this share of the signal's variance between bins, their means would hide the signal.
 _LEAST_BETWEEN = 0.6
-_STYLES = {"before": ("model", (0, (4, 2))), "after": ("second", "-")}
+_STYLES: Mapping[str, tuple[Role, Dash]] = {
+    "before": ("model", "dashed"),
+    "after": ("second", "solid"),
+}
 
 
 def fitted_axis(campaign: Campaign, bundle: Bundle) -> Content | None:
@@ -58,10 +68,7 @@ def fitted_axis(campaign: Campaign, bundle: Bundle) -> Content | None:
 
 
 def part_section(content: Content, is_linear: bool, *, is_alone: bool = True) -> Section | None:
-    """From a diagnosis' content; None where it is not of a part, or holds no pictures.
-
-    To be called within `sysid.document.svg.styled()`.
-    """
+    """From a diagnosis' content; None where it is not of a part, or holds no pictures."""
     figures = content["figures"]
     over, tests = figures.get("over") or [], figures.get("tests") or []
     if not over and not tests:
@@ -139,34 +146,30 @@ def _signal(figures: Content) -> tuple[str, str, float]:
 
 def _over(
     place: int, entry: Content, figures: Content, named: Mapping[str, str], is_linear: bool
-) -> Picture:
+) -> Figure:
     title, unit, scale = _signal(figures)
-    name, x_unit, x_scale = regressor_axis(entry["regressor"], is_linear, is_own=figures["own"])
-    figure, ax = svg.panel(f"{title} over {name}")
-    points = x_scale * np.array(entry["x"]), scale * np.array(entry["measured"])
-    ax.plot(
-        *points, ".", color=_CLOUD_COLOUR, markersize=6.0, alpha=0.6, markeredgewidth=0,
-        rasterized=True, label="measured",
-    )  # fmt: skip
+    axis, x_scale = regressor_axis(entry["regressor"], is_linear, is_own=figures["own"])
+    name = regressor_name(entry["regressor"])
+    x, measured = x_scale * np.array(entry["x"]), scale * np.array(entry["measured"])
+    marks: list[Mark] = [
+        Points(x, measured, "measured", "measured", ".", 6.0, alpha=0.6, is_cloud=True)
+    ]
     centres = x_scale * np.array(entry["centres"])
     lines = named if entry["share"] >= _LEAST_BETWEEN else {}
     if not lines:
         fitted = scale * np.array(entry["fitted"])
-        colour = COLOUR["second"]
-        ax.plot(
-            points[0], fitted, ".", color=colour, markersize=1.8, alpha=0.8, label=named["after"]
-        )
+        cloud = Points(x, fitted, "second", named["after"], ".", 1.8, is_filled=True, alpha=0.8)
+        marks.append(cloud)
     for key, label in lines.items():
-        role, style = _STYLES[key]
-        values = scale * np.array(entry[key])
-        ax.plot(centres, values, color=COLOUR[role], linestyle=style, label=label, linewidth=1.4)
-    _label(ax, name, x_unit, f"{title}{_in(unit)}")
-    svg.legend_above(ax)
+        role, dash = _STYLES[key]
+        marks.append(Line(centres, scale * np.array(entry[key]), role, label, dash, 1.4))
     off = {k: _rms(scale * (np.array(entry["mean"]) - np.array(entry[k]))) for k in named}
     told = ", ".join(f"{label} {number(off[key])} {unit}".rstrip() for key, label in named.items())
     description = f"Means of the measurements in bins of {name} less the law's, RMS: {told}."
     whole = f"{title} over {name}, measured and modelled"
-    return svg.to_figure(figure, f"fig-part-over-{place}", whole, description)
+    panel = Panel(axis, Scale(title, unit), tuple(marks), legend="above")
+    heading = f"{title} over {name}"
+    return Figure(f"fig-part-over-{place}", whole, description, (panel,), heading)
 
 
 def _rms(values: FloatArray) -> float:
@@ -175,40 +178,37 @@ def _rms(values: FloatArray) -> float:
 
 def _test(
     place: int, entry: Content, figures: Content, named: Mapping[str, str], is_linear: bool
-) -> Picture:
+) -> Figure:
     title, unit, scale = _signal(figures)
-    name, x_unit, x_scale = regressor_axis(entry["along"], is_linear, is_own=figures["own"])
+    axis, x_scale = regressor_axis(entry["along"], is_linear, is_own=figures["own"])
     x = x_scale * np.array(entry["x"])
     measured = scale * np.array(entry["measured"])
-    shown = drawable(entry["test"]) or f"test {place + 1}"
-    figure, (above, below) = svg.panels(f"{title}, {shown}", (2.0, 1.0), svg.TALL_PANEL)
-    above.plot(x, measured, color=COLOUR["measured"], linewidth=2.2, label="measured")
+    above: list[Mark] = [Line(x, measured, "measured", "measured", width=2.2)]
+    below: list[Mark] = []
     told = []
     for key, label in named.items():
-        role, style = _STYLES[key]
+        role, dash = _STYLES[key]
         modelled = scale * np.array(entry[key])
-        above.plot(x, modelled, color=COLOUR[role], linestyle=style, linewidth=1.0, label=label)
-        below.plot(x, measured - modelled, color=COLOUR[role], linestyle=style, linewidth=0.8)
+        above.append(Line(x, modelled, role, label, dash, 1.0))
+        below.append(Line(x, measured - modelled, role, dash=dash, width=0.8))
         told.append(f"{label} {number(_rms(measured - modelled))} {unit}".rstrip())
-    below.axhline(0.0, color=COLOUR["muted"], linewidth=0.7)
-    above.set_ylabel(f"{title}{_in(unit)}")
-    _label(below, name, x_unit, f"Residual{_in(unit)}")
-    svg.legend_above(above)
+    test = entry["test"]
     description = (
-        f"{title} of {entry['test'] or 'a test'} over {name}; RMSE of the samples drawn: "
-        f"{', '.join(told)}."
+        f"{title} of {test or 'a test'} over {regressor_name(entry['along'])}; RMSE of the samples "
+        f"drawn: {', '.join(told)}."
     )
-    whole = f"{title} of {entry['test'] or f'test {place + 1}'}, measured and modelled"
-    return svg.to_figure(figure, f"fig-part-test-{place}", whole, description)
-
-
-def _in(unit: str) -> str:
-    return f" ({unit})" if unit else ""
-
-
-def _label(ax: Axes, name: str, x_unit: str, y_label: str) -> None:
-    ax.set_xlabel(f"{name[:1].upper()}{name[1:]}{_in(x_unit)}")
-    ax.set_ylabel(y_label)
+    panels = (
+        Panel(axis, Scale(title, unit), tuple(above), 2.0, "above"),
+        Panel(axis, Scale("Residual", unit), (*below, Rule(0.0)), 1.0, "none"),
+    )
+    return Figure(
+        f"fig-part-test-{place}",
+        f"{title} of {test or f'test {place + 1}'}, measured and modelled",
+        description,
+        panels,
+        f"{title}, {drawable(test) or f'test {place + 1}'}",
+        TALL_PANEL,
+    )
 
 
 __all__ = ["fitted_axis", "part_section"]

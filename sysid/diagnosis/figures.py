@@ -6,32 +6,38 @@ are drawn without unusual characters.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from sysid.blocks.channels import Channel, channel_of
-from sysid.blocks.figures import Picture
+from sysid.blocks.figures import (
+    PANEL,
+    Band,
+    Bars,
+    Figure,
+    Line,
+    Mark,
+    Panel,
+    Points,
+    Role,
+    Rule,
+    Scale,
+    Words,
+)
 from sysid.blocks.numbers import MINUS, number
 from sysid.diagnosis.wording import regressor_name
-from sysid.document import svg
-from sysid.document.motion import NOISE_BAND
-from sysid.document.svg import COLOUR
+from sysid.estimation.linear import LEVEL, t_quantile
 from sysid.types import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as MatplotlibFigure
-
 
 MOST_SUSPECTS = 8
 """Suspects of one round that are drawn; the table holds all of them."""
-_WIDTH = svg.PANEL[0]
 _ROW = 0.33  # inches
 _FRAME = 0.83  # inches above and below the rows
-_LEFT = 0.16  # inches: rows carry their names inside
 LEAST_GAIN = 0.1
 """Smaller gains are drawn at this value."""
 _NAME = re.compile(r"[^A-Za-z0-9 ._+,:()/-]")
@@ -81,7 +87,7 @@ def residual_title(residual: str, is_linear: bool) -> str:
 
 def waterfall(
     channel: Channel, errors: Sequence[float], steps: Sequence[str], floor: float
-) -> Picture:
+) -> Figure:
     """Held-out RMSE of the original bundle, its reduction by each step, and a correct model's.
 
     `errors` (1 + steps,) and `floor` in the channel's SI unit.
@@ -89,23 +95,30 @@ def waterfall(
     shown = [channel.residual_scale * e for e in errors]
     low = channel.residual_scale * floor
     unit = channel.residual_unit
-    rows = [("original bundle", 0.0, shown[0], "measured", number(shown[0]))]
+    rows: list[tuple[str, float, float, Role, str]] = [
+        ("original bundle", 0.0, shown[0], "measured", number(shown[0]))
+    ]
     for name, before, after in zip(steps, shown, shown[1:], strict=False):
-        role = "third" if after <= before else "model"
+        role: Role = "third" if after <= before else "model"
         sign = MINUS if after <= before else "+"
         change = f"{sign}{number(abs(before - after))}"
         rows.append((drawable(name), min(before, after), max(before, after), role, change))
     if steps:
         rows.append(("extended model", 0.0, shown[-1], "second", number(shown[-1])))
     rows.append(("correct model", 0.0, low, "muted", number(low)))
-    figure, ax = _rows_panel(channel.title, len(rows))
+    marks: list[Mark] = []
     for place, (name, start, end, role, text) in enumerate(rows):
-        ax.barh(-place - 0.14, end - start, 0.36, start, color=COLOUR[role], linewidth=0)
-        _name_row(ax, place, f"{name}: {text}")
+        y = np.array([-place - 0.14])
+        bar = Bars(y, np.array([end]), role, "", 0.36, np.array([start]), is_across=True)
         # A correct model's error, not across the names.
-        ax.plot([low, low], [-place - 0.37, -place + 0.09], color=COLOUR["ink"], linewidth=0.8)
-    ax.set_xlim(0.0, 1.04 * float(np.nanmax([*shown, low, 1e-12])))
-    ax.set_xlabel(f"RMSE on held-out tests ({unit})")
+        edge = np.array([-place - 0.37, -place + 0.09])
+        marks += [
+            bar,
+            _name(place, f"{name}: {text}"),
+            Line(np.full(2, low), edge, "ink", width=0.8),
+        ]
+    reach = 1.04 * float(np.nanmax([*shown, low, 1e-12]))
+    x = Scale("RMSE on held-out tests", unit, (0.0, reach))
     pairs = zip(steps, shown[1:], strict=True)
     told = "; ".join(f"after {n.removeprefix('+ ')} {number(e)}" for n, e in pairs)
     description = (
@@ -113,79 +126,102 @@ def waterfall(
         f"error of a correct model is {number(low)} {unit}."
     )
     title = f"Error of {channel.title} on held-out tests, effect by effect"
-    return svg.to_figure(figure, f"fig-diagnosis-error-{channel.key}", title, description)
+    return _rows_figure(
+        f"fig-diagnosis-error-{channel.key}", title, description, channel.title, x, marks, len(rows)
+    )
 
 
-def suspects(place: int, look: Mapping[str, Any], titles: Mapping[str, str]) -> Picture:
+def suspects(place: int, look: Mapping[str, Any], titles: Mapping[str, str]) -> Figure:
     """Gains of one round's suspects on a logarithmic axis, next to the gains on the twins."""
     rows = look["suspects"][:MOST_SUSPECTS]
-    figure, ax = _rows_panel(f"Round {place}", len(rows))
+    marks: list[Mark] = []
     for i, suspect in enumerate(rows):
-        y = -i - 0.14
         twins = np.maximum(suspect["twins"], LEAST_GAIN)
-        ax.plot(twins, np.full(len(twins), y), "o", color=COLOUR["muted"], ms=3.6, alpha=0.75)
-        ax.plot(max(suspect["gain"], LEAST_GAIN), y, "D", color=COLOUR["second"], ms=4.6)
+        y = np.full(len(twins), -i - 0.14)
+        gain = np.array([max(suspect["gain"], LEAST_GAIN)])
+        marks.append(Points(twins, y, "muted", size=3.6, is_filled=True, alpha=0.75))
+        marks.append(Points(gain, y[:1], "second", marker="D", size=4.6, is_filled=True))
         if suspect["refitted"] is not None:
-            value = max(suspect["refitted"], LEAST_GAIN)
-            ax.plot(value, y, "x", color=COLOUR["model"], ms=5.5, markeredgewidth=1.5)
+            value = np.array([max(suspect["refitted"], LEAST_GAIN)])
+            marks.append(Points(value, y[:1], "model", marker="x", size=5.5))
         mark = " (added)" if suspect["id"] == look["added"] else ""
-        _name_row(ax, i, drawable(titles.get(suspect["id"], suspect["id"])) + mark)
+        marks.append(_name(i, drawable(titles.get(suspect["id"], suspect["id"])) + mark))
     highest = max(max(s["gain"], s["refitted"] or 0.0, *s["twins"]) for s in rows)
-    ax.set_xscale("log")
-    ax.set_xlim(0.6 * LEAST_GAIN, 3.0 * max(highest, 10.0))
     decades = range(-1, int(np.log10(max(highest, 10.0))) + 1)
-    shown = decades[:: 1 + len(decades) // 6]
-    ax.set_xticks([10.0**d for d in shown], [number(10.0**d, 1) for d in shown])
-    ax.minorticks_off()
-    ax.set_xlabel("Gain (whitened squares)")
+    ticks = tuple((10.0**d, number(10.0**d, 1)) for d in decades[:: 1 + len(decades) // 6])
+    limits = (0.6 * LEAST_GAIN, 3.0 * max(highest, 10.0))
+    x = Scale("Gain (whitened squares)", limits=limits, kind="log", ticks=ticks)
     told = "; ".join(
         f"{s['id']} {number(s['gain'])} against {number(max(s['twins']))}" for s in rows
     )
     title = f"Gains of the suspects, round {place}"
     description = f"On the logs, against the largest on a twin: {told}."
-    return svg.to_figure(figure, f"fig-diagnosis-suspects-{place}", title, description)
+    id = f"fig-diagnosis-suspects-{place}"
+    return _rows_figure(id, title, description, f"Round {place}", x, marks, len(rows))
 
 
-def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) -> Picture:
+def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) -> Figure:
     """The mean residual over a regressor: before, and after where the model was `extended`."""
     means = [m for part in ("before", "after") for m in content[part]["means"]]
     unit, scale, title = _unit_of(content, is_linear, means)
-    parts = [("before", "model", content["before"])]
+    parts: list[tuple[str, Role, Any]] = [("before", "model", content["before"])]
     if extended:
         parts.append(("after", "second", content["after"]))
-    x, x_unit, name = _regressor(content, is_linear)
-    figure, ax = svg.panel(f"{title} over {name}")
-    for label, role, part in parts:
-        _band(ax, x, part, scale, role, label)
-    _finish(ax, name, x_unit, unit)
+    x, axis = _regressor(content, is_linear)
     if content["fine"]:
-        _stretch(ax, x, content["fine"] * float(x[-1]) / float(content["centres"][-1]))
-    if extended:
-        svg.legend_above(ax)
+        axis = _stretched(axis, x, content["fine"] * float(x[-1]) / float(content["centres"][-1]))
+    marks = [mark for label, role, part in parts for mark in _means(x, part, scale, role, label)]
     told = "; ".join(
         f"{label}, it explains {number(100.0 * part['share'], 2)} % of the residual's variance and "
         f"reaches {number(scale * max(abs(m) for m in part['means']))} {unit}"
         for label, _, part in parts
     )
+    name = regressor_name(content["regressor"])
     description = f"Mean residual in bins of {name}: {told}."
-    return svg.to_figure(figure, id, f"{title}: residual over {name}", description)
+    return _residual_figure(
+        id,
+        f"{title}: residual over {name}",
+        description,
+        f"{title} over {name}",
+        axis,
+        unit,
+        marks,
+        has_legend=extended,
+    )
 
 
-def influence(id: str, title: str, content: Mapping[str, Any], is_linear: bool) -> Picture:
+def influence(id: str, title: str, content: Mapping[str, Any], is_linear: bool) -> Figure:
     """What an effect adds to a balance, or to a part's prediction, over a regressor."""
     unit, scale, of = _unit_of(content, is_linear, content["means"])
-    x, x_unit, name = _regressor(content, is_linear)
-    figure, ax = svg.panel(drawable(title, _LONGEST_TITLE))
+    x, axis = _regressor(content, is_linear)
+    name = regressor_name(content["regressor"])
     mean, low, high = (scale * np.array(content[k]) for k in ("means", "low", "high"))
-    ax.fill_between(x, low, high, color=COLOUR["third"], alpha=0.2, linewidth=0)
-    ax.plot(x, mean, "o-", color=COLOUR["third"], ms=3.0, linewidth=1.3)
-    _finish(ax, name, x_unit, unit)
-    ax.set_ylabel(f"Added ({unit})" if unit else "Added")
+    marks: list[Mark] = [
+        Band(x, low, high, "third"),
+        Line(x, mean, "third", width=1.3, marker="o"),
+    ]
     description = (
         f"It adds {number(float(mean.min()))} to {number(float(mean.max()))} {unit} to the "
         f"{of[:1].lower()}{of[1:]}, on average in bins of {name}."
     )
-    return svg.to_figure(figure, id, f"{title}: what it adds over {name}", description)
+    heading = drawable(title, _LONGEST_TITLE)
+    whole = f"{title}: what it adds over {name}"
+    return _residual_figure(id, whole, description, heading, axis, unit, marks, y_name="Added")
+
+
+def leftover(id: str, content: Mapping[str, Any], is_linear: bool) -> Figure:
+    """The mean of an unexplained residual over the regressor on which it depends most."""
+    unit, scale = _residual_unit(content["residual"], is_linear, content["means"])
+    title = residual_title(content["residual"], is_linear)
+    x, axis = _regressor(content, is_linear)
+    name = regressor_name(content["regressor"])
+    marks = _means(x, content, scale, "model", "")
+    points = ", ".join(
+        f"{number(a, 2)}: {number(scale * b, 2)}" for a, b in zip(x, content["means"], strict=True)
+    )
+    description = f"Mean residual ({unit}) by {name} ({axis.unit}): {points}."
+    heading = f"{title} over {name}"
+    return _residual_figure(id, f"Unexplained: {heading}", description, heading, axis, unit, marks)
 
 
 def _unit_of(
@@ -202,21 +238,6 @@ def _unit_of(
     return unit, scale, residual_title(content["channel"], is_linear)
 
 
-def leftover(id: str, content: Mapping[str, Any], is_linear: bool) -> Picture:
-    """The mean of an unexplained residual over the regressor on which it depends most."""
-    unit, scale = _residual_unit(content["residual"], is_linear, content["means"])
-    title = residual_title(content["residual"], is_linear)
-    x, x_unit, name = _regressor(content, is_linear)
-    figure, ax = svg.panel(f"{title} over {name}")
-    _band(ax, x, content, scale, "model", "unexplained")
-    _finish(ax, name, x_unit, unit)
-    points = ", ".join(
-        f"{number(a, 2)}: {number(scale * b, 2)}" for a, b in zip(x, content["means"], strict=True)
-    )
-    description = f"Mean residual ({unit}) by {name} ({x_unit}): {points}."
-    return svg.to_figure(figure, id, f"Unexplained: {title} over {name}", description)
-
-
 def _residual_unit(residual: str, is_linear: bool, means: Sequence[float]) -> tuple[str, float]:
     """A residual's unit as it is shown, and the scale to it."""
     if residual == "effort" and not is_linear and max(abs(m) for m in means) >= _LARGE_NM:
@@ -224,66 +245,83 @@ def _residual_unit(residual: str, is_linear: bool, means: Sequence[float]) -> tu
     return _UNITS[residual][is_linear]
 
 
-def _stretch(ax: Axes, x: FloatArray, width: float) -> None:
-    """An x axis that is linear within `width` of 0 and logarithmic far beyond it."""
-    ax.set_xscale("asinh", linear_width=width)
+def _stretched(axis: Scale, x: FloatArray, width: float) -> Scale:
+    """An axis that is linear within `width` of 0 and logarithmic far beyond it."""
     reach = float(np.max(np.abs(x)))
     decades = range(int(np.ceil(np.log10(width))), int(np.floor(np.log10(reach))) + 1)
     sizes = [10.0**d for d in decades[:: 1 + len(decades) // 3]]
-    ticks = [*(-t for t in reversed(sizes)), 0.0, *sizes]
-    ax.set_xticks(ticks, [number(t, 1) for t in ticks])
-    ax.minorticks_off()
+    places = [*(-t for t in reversed(sizes)), 0.0, *sizes]
+    ticks = tuple((t, number(t, 1)) for t in places)
+    return replace(axis, kind="asinh", linear_width=width, ticks=ticks)
 
 
-def _regressor(content: Mapping[str, Any], is_linear: bool) -> tuple[FloatArray, str, str]:
-    """A curve's abscissae in the unit that is shown, that unit, and the regressor's name."""
+def _regressor(content: Mapping[str, Any], is_linear: bool) -> tuple[FloatArray, Scale]:
+    """A curve's abscissae in the unit that is shown, and their axis."""
     is_part, is_own = "unit" in content, bool(content.get("own"))
-    name, unit, scale = regressor_axis(content["regressor"], is_linear, is_part, is_own=is_own)
-    return scale * np.array(content["centres"]), unit, name
+    axis, scale = regressor_axis(content["regressor"], is_linear, is_part, is_own=is_own)
+    return scale * np.array(content["centres"]), replace(axis, margin=0.03)
 
 
 def regressor_axis(
     regressor: str, is_linear: bool, is_part: bool = True, *, is_own: bool = False
-) -> tuple[str, str, float]:
-    """A regressor's name in words, and the unit and the scale in which it is shown.
+) -> tuple[Scale, float]:
+    """A regressor in words with the unit in which it is shown, and the scale to it.
 
     A part's further regressors are named with their units, or by a user's own columns (`is_own`).
     """
     others = _AS_NAMED if is_part else _PRESSURE
     units = _AS_NAMED if is_own else _REGRESSOR_UNITS.get(regressor, others)
     unit, scale = units[is_linear]
-    return regressor_name(regressor), unit, scale
+    name = regressor_name(regressor)
+    return Scale(f"{name[:1].upper()}{name[1:]}", unit), scale
 
 
-def _band(
-    ax: Axes, x: FloatArray, part: Mapping[str, Any], scale: float, role: str, label: str
-) -> None:
+def _means(
+    x: FloatArray, part: Mapping[str, Any], scale: float, role: Role, label: str
+) -> list[Mark]:
     """A curve with the 95 % band of its means."""
     means = scale * np.array(part["means"])
-    half = NOISE_BAND * scale * np.array(part["errors"])
-    ax.fill_between(x, means - half, means + half, color=COLOUR[role], alpha=0.2, linewidth=0)
-    ax.plot(x, means, "o-", color=COLOUR[role], ms=3.0, linewidth=1.3, label=label)
+    half = t_quantile(math.inf, LEVEL) * scale * np.array(part["errors"])
+    line = Line(x, means, role, label, width=1.3, marker="o")
+    return [Band(x, means - half, means + half, role), line]
 
 
-def _finish(ax: Axes, name: str, x_unit: str, unit: str) -> None:
-    ax.axhline(0.0, color=COLOUR["muted"], linewidth=0.7)
-    ax.margins(x=0.03, y=0.12)
-    ax.set_xlabel(f"{name[:1].upper()}{name[1:]}{f' ({x_unit})' if x_unit else ''}")
-    ax.set_ylabel(f"Residual ({unit})")
+def _residual_figure(
+    id: str,
+    title: str,
+    description: str,
+    heading: str,
+    x: Scale,
+    unit: str,
+    marks: Sequence[Mark],
+    *,
+    y_name: str = "Residual",
+    has_legend: bool = False,
+) -> Figure:
+    y = Scale(y_name, unit, margin=0.12)
+    legend: Any = "above" if has_legend else "none"
+    panel = Panel(x, y, (*marks, Rule(0.0)), legend=legend)
+    return Figure(id, title, description, (panel,), heading)
 
 
-def _rows_panel(title: str, count: int) -> tuple[MatplotlibFigure, Axes]:
+def _rows_figure(
+    id: str,
+    title: str,
+    description: str,
+    heading: str,
+    x: Scale,
+    marks: Sequence[Mark],
+    count: int,
+) -> Figure:
     """A panel of `count` rows from the top down, at y = 0, -1, ..., each with its name in it."""
-    figure, axes = svg.panels(title, (1.0,), (_WIDTH, _FRAME + _ROW * count), left=_LEFT)
-    ax = axes[0]
-    ax.set_ylim(-count + 0.5, 0.62)
-    ax.set_yticks([])
-    ax.spines["left"].set_visible(False)
-    return figure, ax
+    y = Scale(limits=(-count + 0.5, 0.62))
+    panel = Panel(x, y, tuple(marks), legend="none", has_names=True)
+    size = (PANEL[0], _FRAME + _ROW * count)
+    return Figure(id, title, description, (panel,), heading, size)
 
 
-def _name_row(ax: Axes, place: int, text: str) -> None:
-    ax.text(0.005, -place + 0.3, text, transform=ax.get_yaxis_transform(), va="center", zorder=4)
+def _name(place: int, text: str) -> Words:
+    return Words(0.0, -place + 0.3, text, is_at_edge=True)
 
 
 def drawable(name: str, longest: int = _LONGEST_NAME) -> str:

@@ -1,0 +1,204 @@
+"""A diagnosis as tables: the effects, their numbers, errors before and after, what was tried.
+
+All are read from the dict of `sysid.diagnosis.content`; page, notebook and terminal show the same.
+In a terminal effects and parameters have the ids that commands and files have, numbers are SI.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from sysid.blocks.channels import channel_of
+from sysid.blocks.numbers import MISSING, estimate_cells, number
+from sysid.blocks.tables import NotedCell, Table, estimate_row, table
+from sysid.diagnosis.evidence import is_of_actuator
+from sysid.diagnosis.wording import (
+    CORRECT_MODEL,
+    SMALLEST_P,
+    balance_of,
+    effect_name,
+    errors_by_step,
+    is_refined,
+    joined,
+    parameter_rows,
+    steps,
+)
+from sysid.estimation.linear import Estimate
+
+Content = Mapping[str, Any]
+
+# Suspects of one round that a summary names.
+_MOST_SUSPECTS = 6
+
+
+def summary(content: Content) -> Iterator[Table]:
+    """The tables that a terminal or a notebook shows of a diagnosis."""
+    yield effects_table(content)
+    yield parameters_table(content)
+    yield errors_table(content)
+    others = [
+        (place, suspect)
+        for place, look in enumerate(content["figures"]["looks"], start=1)
+        for suspect in [s for s in look["suspects"] if s["fate"] != "added"][:_MOST_SUSPECTS]
+    ]
+    caption = f"Tried, and not added (at most {_MOST_SUSPECTS} a round, most gain first)"
+    yield suspects_table(content, caption, others)
+
+
+def title_of(content: Content, id: str) -> str:
+    """An effect's title; its id where it has none that is known."""
+    return str(content["figures"]["titles"].get(id) or id)
+
+
+def named(content: Content, id: str) -> NotedCell:
+    """An effect by its title, the id in small beneath."""
+    title = title_of(content, id)
+    return NotedCell(title, "" if title == id else id)
+
+
+def effects_table(content: Content) -> Table:
+    """Every effect that was added, and what it explained."""
+    rows = [
+        (
+            named(content, effect["id"]),
+            short_p(effect["p_value"]),
+            number(100.0 * effect["share"]),
+            _rivals(content, effect["ambiguous_with"]),
+        )
+        for effect in content["effects"]
+    ]
+    of = "excess" if is_of_actuator(content) else "prediction error"
+    columns = ("Effect", "p", f"Share of the {of}, %", "Indistinguishable from")
+    return table("Effects added, in this order", columns, rows, text=(3,))
+
+
+def _rivals(content: Content, ids: Sequence[str]) -> str:
+    titles = content["figures"]["titles"]
+    text = joined([effect_name(id, titles) for id in ids], "or")
+    shown = text if text in ids else text[:1].upper() + text[1:]
+    return NotedCell(shown, plain=joined(ids, "or")) if ids else MISSING
+
+
+def short_p(value: float) -> str:
+    """A p-value for a table; very small ones by their bound."""
+    return f"< {number(SMALLEST_P, 1)}" if value < SMALLEST_P else number(value, 1)
+
+
+def parameters_table(content: Content) -> Table:
+    """The parameters of every effect, with their intervals."""
+    how = "by leaving out one test at a time"
+    if is_refined(content):
+        how = "from the refinement"
+    elif not is_of_actuator(content):
+        how = "by the residuals' correlation within tests, or by what differs between tests if more"
+    rows: list[tuple[str, ...]] = []
+    for effect in content["effects"]:
+        meanings = content["figures"]["meanings"].get(effect["id"], {})
+        for name, estimate in parameter_rows(effect):
+            cells = (
+                (estimate, MISSING, MISSING, "")
+                if isinstance(estimate, str)
+                else estimate_row(estimate)
+            )
+            meaning = meanings.get(name, "")
+            shown = NotedCell(meaning[:1].upper() + meaning[1:], name) if meaning else name
+            rows.append((named(content, effect["id"]), shown, *cells))
+    columns = ("Effect", "Parameter", "Value", "Standard error", "95 % interval", "Unit")
+    return table(f"Their parameters; standard errors {how}", columns, rows, text=(1, 5))
+
+
+def refitted_table(content: Content) -> Table:
+    """The base parameters that were estimated again beside the effects, from what to what."""
+    rows: list[tuple[Any, ...]] = []
+    for entry in content["figures"].get("refitted") or []:
+        value, unit = float(entry["after"]), entry["unit"]
+        after = Estimate(value, float(entry["std"]), unit, (math.nan, math.nan))
+        before = Estimate(float(entry["before"]), math.nan, unit, (math.nan, math.nan))
+        # Across 0 a change has no size in per cent.
+        is_sized = value * before.value > 0.0
+        change = number(100.0 * (value / before.value - 1.0), 2) if is_sized else MISSING
+        cells = estimate_cells(after)
+        rows.append((entry["name"], estimate_cells(before)[0], *cells[:2], change, cells[3]))
+    columns = ["Parameter", "From", "To", "Standard error", "Change, %", "Unit"]
+    text: tuple[int, ...] = (len(columns) - 1,)
+    # The names of an actuator's parameters have none in the model; they are in SI units.
+    if not any(row[-1] for row in rows):
+        columns, rows, text = columns[:-1], [row[:-1] for row in rows], ()
+    caption = "Parameters of the base model, estimated again (SI units)"
+    return table(caption, columns, rows, text=text)
+
+
+def errors_table(content: Content) -> Table:
+    """Held-out errors by channel, effect by effect."""
+    rows = []
+    for name, errors in errors_by_step(content).items():
+        channel = channel_of(name)
+        floor = content["residual"][name]["noise_floor"]
+        cells = [
+            NotedCell(number(channel.residual(e)), plain=MISSING if math.isnan(e) else f"{e:.4g}")
+            for e in (*errors, floor)
+        ]
+        title = f"{channel.title} ({channel.residual_unit})"
+        rows.append((NotedCell(title, plain=name), *cells))
+    caption = "RMSE on the held-out tests"
+    if is_of_actuator(content):
+        caption = "Open-loop RMSE over whole held-out tests"
+    columns = ("Channel", "Original bundle", *step_names(content), CORRECT_MODEL)
+    return table(caption, columns, rows)
+
+
+def step_names(content: Content) -> list[str]:
+    """What was done to the original bundle, the effects by their titles."""
+    ids = [effect["id"] for effect in content["effects"]]
+    added: list[str] = [NotedCell(f"+ {title_of(content, id)}", plain=f"+ {id}") for id in ids]
+    return [*added, *steps(content)[len(added) :]]
+
+
+def suspects_table(
+    content: Content, caption: str, suspects: Sequence[tuple[int, Mapping[str, Any]]]
+) -> Table:
+    """Each suspect with the number of its round: what it gained, and what became of it."""
+    gain: tuple[str, ...] = ("Prediction error removed, %",)
+    if is_of_actuator(content):
+        gain = ("Gain", "Largest on a twin", "Refitted")
+    rows = [
+        (named(content, s["id"]), str(place), *_gains(s), short_p(s["p_value"]), s["fate"])
+        for place, s in suspects
+    ]
+    columns = ("Suspect", "Round", *gain, "p", "Outcome")
+    return table(caption, columns, rows, text=(len(columns) - 1,))
+
+
+def _gains(suspect: Mapping[str, Any]) -> tuple[str, ...]:
+    """A suspect's gain, on twins and refitted too, or its share of the prediction error."""
+    if "twins" not in suspect:
+        return (number(100.0 * suspect["gain"]),)
+    return tuple(number(v) for v in (suspect["gain"], max(suspect["twins"]), suspect["refitted"]))
+
+
+def remainder_table(content: Content) -> Table:
+    """What the remaining residuals consist of, balance by balance."""
+    rows = []
+    for rest in content.get("remainder") or ():
+        sizes = (number(rest[k], 3) for k in ("rmse", "repeatable", "scatter", "noise"))
+        balance = balance_of(rest["channel"])
+        rows.append((f"{balance[:1].upper()}{balance[1:]}", *sizes, rest["unit"]))
+    columns = ("Residual of", "RMSE", "Repeats", "Differs between tests", "Noise", "Unit")
+    return table("What is left after the effects; the squares add up", columns, rows, text=(5,))
+
+
+__all__ = [
+    "effects_table",
+    "errors_table",
+    "named",
+    "parameters_table",
+    "refitted_table",
+    "remainder_table",
+    "short_p",
+    "step_names",
+    "summary",
+    "suspects_table",
+    "title_of",
+]
