@@ -17,7 +17,6 @@ from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate, mean_estimate
 from sysid.fleet.comparison import Comparison
-from sysid.fleet.parameters import degrees_of_freedom, has_error, parts_of
 from sysid.fleet.rows import effects_of
 from sysid.parameters import Bundle
 from sysid.parameters.effects import EffectEntry, entry_of
@@ -42,8 +41,8 @@ def moved_by(bundle: Bundle, place: str, name: str, errors: float) -> Bundle:
 
 def redrawn(bundle: Bundle, rng: np.random.Generator) -> Bundle:
     """Friction as another day's tests would give it: its numbers drawn with their covariance."""
-    part = parts_of(bundle)["friction"]
-    keys = tuple(key for key, estimate in part.estimates.items() if has_error(estimate))
+    part = bundle.parameters.parts()["friction"]
+    keys = tuple(key for key, estimate in part.estimates.items() if estimate.has_error)
     drawn = rng.multivariate_normal(
         [part.estimates[k].value for k in keys], part.covariance(keys), method="svd"
     )
@@ -95,7 +94,7 @@ def few_trials(bundle: Bundle, rng: np.random.Generator, trials: int) -> Bundle:
 
 @pytest.mark.parametrize("dof", [1.0, 2.0, 11.0, 300.0, np.inf])
 def test_degrees_of_freedom_are_those_of_the_interval(dof: float) -> None:
-    found = degrees_of_freedom(Estimate.symmetric(2.0, 0.1, "Nm", dof))
+    found = Estimate.symmetric(2.0, 0.1, "Nm", dof).degrees_of_freedom
     assert found == pytest.approx(dof, rel=1e-6)
 
 
@@ -188,9 +187,9 @@ def test_a_refinement_says_how_an_effects_errors_go_together(bundle: Bundle) -> 
         "friction_scatter": None,
     }
     refined = bundle.replaced(refinement=Refinement.model_validate(content))
-    part = next(p for p in parts_of(refined).values() if p.place.startswith("effect"))
-    assert part.correlated == tuple(effect.numbers())
-    assert part.correlation is not None and part.correlation[0, -1] in (0.5, 1.0)
+    part = next(p for place, p in refined.parameters.parts().items() if place.startswith("effect"))
+    assert tuple(part.estimates) == tuple(effect.numbers())
+    assert part.correlation[0, -1] in (0.5, 1.0)
 
 
 def test_shown_as_the_other_results_are(bundle: Bundle) -> None:
@@ -203,12 +202,12 @@ def test_shown_as_the_other_results_are(bundle: Bundle) -> None:
 
 
 def test_what_moved_has_its_unit(bundle: Bundle) -> None:
-    delay = parts_of(bundle)["valves.a.discrete"].estimates["on_delay_s"]
+    delay = bundle.parameters.parts()["valves.a.discrete"].estimates["on_delay_s"]
     content = bundle.to_json()
     later = {"value": delay.value + 0.002, "std": delay.std, "unit": "s"}
     content["valves"]["a"]["discrete"]["on_delay_s"] = later
     found = si.compare(bundle, Bundle.model_validate(content))
-    moved = next(t for t in found.tables() if t.title.startswith("What moved"))
+    moved = next(t for t in found.tables() if t.caption.startswith("What moved"))
     row = next(r for r in moved.rows if r[2] == "on_delay_s")
     assert re.match(r"2\.0\d* ms \(", row[3])
 
@@ -230,7 +229,7 @@ def test_effects_of_one_name_are_kept_apart(bundle: Bundle) -> None:
         entry = entry_of(AtmosphereLeakage(5e-17, side)).to_json()
         entries.append(EffectEntry.model_validate({**entry, "p_value": p}))
     several = bundle.replaced(effects=entries)
-    places = [place for place in parts_of(several) if place.startswith("effect")]
+    places = [place for place in several.parameters.parts() if place.startswith("effect")]
     name = "effect atmosphere-leakage"
     assert places == [f"{name} (a)", f"{name} (a) 2", f"{name} (b)"]
     assert effects_of(several) == {"atmosphere-leakage": 1e-30}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from sysid.blocks.numbers import number
@@ -13,9 +13,9 @@ from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.tables import named
 from sysid.diagnosis.wording import advice_on_rest
 from sysid.document.opening import unidentified
-from sysid.estimation.linear import Estimate
+from sysid.io.motion import FRICTION
 from sysid.parameters import Bundle
-from sysid.parameters.assembled_model import friction_keys
+from sysid.parameters.table import effect_names
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.entry import Quantity
 from sysid.plant.effects.linear import for_rig
@@ -122,7 +122,10 @@ def _uninformed(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
 def _wide(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
     """Parameters whose interval is wide against their value."""
     positive = _positive(bundle)
-    for name, estimate in _estimates(bundle):
+    for row in bundle.parameters.rows:
+        if row.origin not in ("friction", "effect") or row.status != "fitted":
+            continue
+        name, estimate = row.alias, row.estimate
         low, high = estimate.interval
         if not estimate.identified or not (math.isfinite(low) and math.isfinite(high)):
             continue
@@ -146,26 +149,17 @@ def _positive(bundle: Bundle) -> dict[str, float]:
     of the user's own none is known.
     """
     known = for_rig(catalogue(), bundle.is_linear)
-    found = {f"friction.{name}": 0.0 for name in friction_keys(bundle.is_linear).values()}
-    for effect in (known[e.id] for e in bundle.effects if e.id in known):
-        found |= {f"{effect.id}.{q.label}": _size(q) for q in effect.quantities if q.lower >= 0.0}
+    found = {f"friction.{bundle.units.key(name)}": 0.0 for name in FRICTION}
+    for name, entry in zip(effect_names(bundle.effects), bundle.effects, strict=True):
+        if entry.id in known:
+            sizes = known[entry.id].quantities
+            found |= {f"{name}.{q.label}": _size(q) for q in sizes if q.lower >= 0.0}
     return found
 
 
 def _size(quantity: Quantity) -> float:
     reach = quantity.upper - quantity.lower
     return quantity.typical or (reach if math.isfinite(reach) else 0.0)
-
-
-def _estimates(bundle: Bundle) -> Sequence[tuple[str, Estimate]]:
-    friction = () if bundle.friction is None else tuple(bundle.friction.estimates().items())
-    effects = [
-        (f"{effect.id}.{name}", estimate)
-        for effect in bundle.effects
-        for name, estimate in effect.parameters.items()
-        if isinstance(estimate, Estimate)
-    ]
-    return [*((f"friction.{name}", e) for name, e in friction), *effects]
 
 
 __all__ = ["next_section"]

@@ -16,9 +16,7 @@ from sysid.diagnosis.wording import sentence
 from sysid.document import concerns
 from sysid.document.concerns import Concern, level_of_fit
 from sysid.document.shown_tests import MODEL_NAMES, shown_channels
-from sysid.estimation.linear import Estimate
 from sysid.parameters import Bundle, ComponentRecord
-from sysid.parameters.base import Part
 
 if TYPE_CHECKING:
     from sysid.validation import ChannelResult, LogResult, ValidationResult
@@ -306,22 +304,5 @@ def _unidentified(bundle: Bundle) -> Iterator[str]:
 
 def unidentified(bundle: Bundle) -> Iterator[tuple[str, str]]:
     """The parameters of the bundle that the data do not identify, and why."""
-    for name in bundle.given():
-        part = getattr(bundle, name, None)
-        if isinstance(part, Part) and name in ("friction", "valves"):
-            yield from _unidentified_in(part, name)
-
-
-def _unidentified_in(part: Part, path: str) -> Iterator[tuple[str, str]]:
-    if getattr(part, "identified", None) is False:
-        yield path, str(getattr(part, "reason", ""))
-        return
-    for key in part.given():
-        value = getattr(part, key, None)
-        held = value if isinstance(value, dict) else {"": value}
-        for name, one in held.items():
-            place = ".".join(filter(None, (path, key, name)))
-            if isinstance(one, Part):
-                yield from _unidentified_in(one, place)
-            elif isinstance(one, Estimate) and not one.identified:
-                yield place, str(one.reason)
+    asked = bundle.parameters.where(lambda row: row.origin in ("friction", "valve"))
+    yield from asked.unidentified()

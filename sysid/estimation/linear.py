@@ -25,6 +25,8 @@ LEVEL = 0.95
 # columns, and of columns of equal length, whose dependence is not a matter of units.
 _RANK_TOLERANCE = 1e-9
 _SCALED_RANK_TOLERANCE = 1e-11
+# An interval this little wider than the normal one is one: 1.96 for the quantile, for example.
+_NORMAL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,26 @@ class Estimate:
     def has_interval(self) -> bool:
         """Whether an interval is known, be it open on one side."""
         return self.identified and not math.isnan(self.interval[0])
+
+    @property
+    def has_error(self) -> bool:
+        """Whether it is a number with a standard error above 0."""
+        return self.identified and math.isfinite(self.std) and self.std > 0.0
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Those of its standard error: the ones that its 95 % interval is Student's with.
+
+        A bundle keeps no degrees of freedom, but half the interval over the standard error is the
+        quantile that they give. Infinite without a finite interval, or with a normal one.
+        """
+        from scipy.special import stdtridf
+
+        low, high = self.interval
+        quantile = 0.5 * (high - low) / self.std
+        if not math.isfinite(quantile) or quantile <= t_quantile(math.inf) * (1.0 + _NORMAL):
+            return math.inf
+        return float(stdtridf(0.5 * (1.0 + LEVEL), quantile))
 
     def times(self, factor: float) -> Estimate:
         """The estimate of the number times a factor above 0 (unit as it was)."""

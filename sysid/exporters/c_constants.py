@@ -9,12 +9,12 @@ from sysid.exporters.flat import (
     ExportedNumber,
     Flat,
     NumberTable,
-    effort_unit,
     gravity_name,
     inertia_name,
 )
 from sysid.io.channels import SIDES
-from sysid.parameters.assembled_model import friction_keys
+from sysid.io.motion import FRICTION
+from sysid.parameters.table import field_of
 from sysid.parameters.valves import LAW_KEYS
 from sysid.plant.base import PARAMETER_NAMES
 
@@ -56,15 +56,13 @@ def header_constants(flat: Flat) -> NumberTable:
 
 def own_constants(flat: Flat) -> dict[str, str]:
     """Parameter of the model -> the constant that is it alone, which an effect may change."""
-    word, suffix = ("force" if flat.rig.is_linear else "torque"), effort_unit(flat.rig)
-    names = {key: f"friction_{name}" for key, name in friction_keys(flat.rig.is_linear).items()}
     found = dict(_SAME)
-    found |= {"static_effort": names["static"], "coulomb_effort": names["coulomb"]}
-    found |= {"viscous": names["viscous"], "inertia": inertia_name(flat.rig)[0]}
+    found |= {field_of(name): f"friction_{flat.rig.units.key(name)}" for name in FRICTION}
+    found["inertia"] = inertia_name(flat.rig)[0]
     found["weight" if flat.rig.is_linear else "gravity_moment"] = gravity_name(flat.rig)[0]
-    found["max_effort"] = f"max_{word}_{suffix}"
+    found["max_effort"] = flat.rig.units.max_effort
     for side in SIDES:
-        found |= {f"{key}_{side}": f"valve_{side}_{name}" for key, name in LAW_KEYS.items()}
+        found |= {field_of(name, side): f"valve_{side}_{key}" for name, key in LAW_KEYS.items()}
     return found
 
 

@@ -15,17 +15,22 @@ from sysid.errors import InputError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.exporters.surface_tables import ExportedSurface, read_surface
 from sysid.io.channels import SIDES
+from sysid.io.declaration import range_of
+from sysid.io.motion import FRICTION
 from sysid.io.rig import Rig
+from sysid.io.rig_file import RIG_TABLES
 from sysid.parameters import Bundle, EffectEntry, Friction, PwmSurfaces, Unread, Valve
-from sysid.parameters.assembled_model import friction_keys, negative_friction
-from sysid.parameters.base import Part
+from sysid.parameters.assembled_model import negative_friction
 from sysid.parameters.friction import StaticAtPosition
+from sysid.parameters.table import ParameterTable
 from sysid.plant.base import CRITICAL_RATIO
 
 DIRECTIONS = ("fill", "discharge")
 KINDS = ("bipolynomial", "ann")
 FORMAT = "sysid-controller/1"
 
+# Sections of the rig file that are exported whole, under their own names.
+_WHOLE = ("air", "cylinder")
 _AGAIN = "fit again to rewrite the bundle"
 _NO_PART = "the bundle does not hold this part"
 
@@ -107,9 +112,11 @@ def flatten(bundle: Bundle, sha256: str) -> Flat:
     missing: dict[str, str] = {}
     notices = negative_friction(bundle)
     constants = _constants(rig, missing)
-    friction, by_position = _friction(bundle.friction, rig, missing, where)
+    known = bundle.parameters
+    friction = _friction(known, rig, missing, where)
+    by_position = _by_position(bundle.friction, rig, where)
     _take_identified_inertia(bundle, rig, constants, notices, where)
-    valves = {side: _valve(bundle.valve(side), side, rig, missing, where) for side in SIDES}
+    valves = {side: _valve(known, bundle.valve(side), side, rig, missing, where) for side in SIDES}
     provenance = {
         "bundle_schema": bundle.schema_id,
         "bundle_created": clean_text(bundle.created),
@@ -136,11 +143,6 @@ def clean_text(value: Any) -> str:
     return str(value).encode("utf-8", "replace").decode("utf-8")
 
 
-def effort_unit(rig: Rig) -> str:
-    """Suffix of names in units of effort: "nm", or "n" on a linear rig."""
-    return "n" if rig.is_linear else "nm"
-
-
 # --- rig -------------------------------------------------------------------------------
 
 
@@ -150,8 +152,9 @@ def _constants(rig: Rig, missing: dict[str, str]) -> NumberTable:
     for section, keys in _rig_keys(rig).items():
         part = getattr(rig, section)
         absent = []
-        for name, (key, unit) in keys.items():
+        for name, key in keys.items():
             value = None if part is None else getattr(part, key)
+            unit = range_of(RIG_TABLES[section], key).unit.replace("count", "counts")
             table[name] = ExportedNumber(value, unit)
             if value is None:
                 absent.append(name)
@@ -159,7 +162,7 @@ def _constants(rig: Rig, missing: dict[str, str]) -> NumberTable:
             missing[", ".join(f"constants.{n}" for n in absent)] = f"the rig has no [{section}]"
         else:
             missing.update(
-                {f"constants.{n}": f"the rig's [{section}] has no {keys[n][0]}" for n in absent}
+                {f"constants.{n}": f"the rig's [{section}] has no {keys[n]}" for n in absent}
             )
     if rig.air is not None:
         air = rig.air
@@ -172,50 +175,23 @@ def _constants(rig: Rig, missing: dict[str, str]) -> NumberTable:
     return table
 
 
-def _rig_keys(rig: Rig) -> dict[str, dict[str, tuple[str, str]]]:
-    """By section of the rig file: exported name -> key of the section, unit."""
-    effort = "N" if rig.is_linear else "Nm"
-    suffix = effort_unit(rig)
-    word = "force" if rig.is_linear else "torque"
-    counts = ("m", "counts/m") if rig.is_linear else ("rev", "counts/rev")
-
-    def same(**units: str) -> dict[str, tuple[str, str]]:
-        return {name: (name, unit) for name, unit in units.items()}
-
-    motor = {f"{word}_per_volt_{suffix}": f"{effort}/V", f"max_{word}_{suffix}": effort}
+def _rig_keys(rig: Rig) -> dict[str, dict[str, str]]:
+    """By section of the rig file: exported name -> key of the section."""
+    u = rig.units
+    motor, sensors = (u.effort_per_volt, u.max_effort), (u.encoder_counts, "encoder_zero_counts")
     return {
-        "air": same(
-            gas_constant_j_per_kg_k="J/(kg K)",
-            heat_capacity_ratio="1",
-            temperature_k="K",
-            atmospheric_pressure_pa="Pa",
-            supply_pressure_pa="Pa",
-        ),
-        "cylinder": same(
-            area_a_m2="m2",
-            area_b_m2="m2",
-            offset_a_m="m",
-            offset_b_m="m",
-            stroke_m="m",
-            pitch_radius_m="m",
-        ),
-        "motor": same(**motor),
-        "pwm": {"pwm_period_s": ("period_s", "s")},
-        "valves": {
-            "declared_on_delay_s": ("on_delay_s", "s"),
-            "declared_off_delay_s": ("off_delay_s", "s"),
-        },
-        "sampling": {"sampling_period_s": ("period_s", "s")},
-        "sensors": {
-            f"encoder_counts_per_{counts[0]}": (f"encoder_counts_per_{counts[0]}", counts[1]),
-            "encoder_zero_counts": ("encoder_zero_counts", "counts"),
-        },
+        **{section: {key: key for key in RIG_TABLES[section].model_fields} for section in _WHOLE},
+        "motor": {key: key for key in motor},
+        "pwm": {"pwm_period_s": "period_s"},
+        "valves": {f"declared_{edge}_delay_s": f"{edge}_delay_s" for edge in ("on", "off")},
+        "sampling": {"sampling_period_s": "period_s"},
+        "sensors": {key: key for key in sensors},
     }
 
 
 def inertia_name(rig: Rig) -> tuple[str, str]:
     """Exported name and unit of the whole inertia."""
-    return ("mass_kg", "kg") if rig.is_linear else ("inertia_kg_m2", "kg m2")
+    return rig.units.key("inertia"), rig.units.inertia_unit
 
 
 def gravity_name(rig: Rig) -> tuple[str, str]:
@@ -242,7 +218,7 @@ def _take_identified_inertia(
 ) -> None:
     """An identified inertia replaces the declared one, as in the simulation."""
     name, unit = inertia_name(rig)
-    estimate = None if bundle.friction is None else getattr(bundle.friction, name)
+    estimate = None if bundle.friction is None else bundle.friction.inertia
     if estimate is None or not estimate.identified:
         return
     declared = constants[name].value
@@ -254,34 +230,25 @@ def _take_identified_inertia(
 # --- what was fitted -------------------------------------------------------------------
 
 
-def _friction(
-    part: Friction | None, rig: Rig, missing: dict[str, str], where: str
-) -> tuple[NumberTable, tuple[tuple[float, float | None], ...]]:
-    """Friction (3.4.1), and static friction by position."""
-    suffix = effort_unit(rig)
-    effort = "N" if rig.is_linear else "Nm"
-    viscous = (
-        ("viscous_n_s_per_m", "N s/m")
-        if rig.is_linear
-        else (
-            "viscous_nm_s_per_rad",
-            "Nm s/rad",
-        )
-    )
-    units = {
-        f"static_{suffix}": effort,
-        f"coulomb_{suffix}": effort,
-        viscous[0]: viscous[1],
-        f"offset_{suffix}": effort,
-    }
-    table = _estimates(part, units, "friction", missing, where)
-    for key in friction_keys(rig.is_linear).values():
+def _friction(known: ParameterTable, rig: Rig, missing: dict[str, str], where: str) -> NumberTable:
+    """Friction (3.4.1)."""
+    u = rig.units
+    units = {u.key(name): u.unit(name) for name in (*FRICTION, "offset")}
+    table = _estimates(known, units, "friction", missing, where)
+    for key in map(u.key, FRICTION):
         # As in the simulation, which treats negative friction as zero.
         value = table[key].value
         table[key] = ExportedNumber(None if value is None else max(value, 0.0), units[key])
+    return table
+
+
+def _by_position(
+    part: Friction | None, rig: Rig, where: str
+) -> tuple[tuple[float, float | None], ...]:
+    """Static friction by position."""
     rows = () if part is None else part.static_by_position
     place = f"{where}, friction.static_by_position"
-    return table, tuple(_static_row(row, effort, place) for row in rows)
+    return tuple(_static_row(row, rig.units.effort, place) for row in rows)
 
 
 def _static_row(
@@ -293,7 +260,9 @@ def _static_row(
     return _finite(row.position, where), static
 
 
-def _valve(part: Valve, side: str, rig: Rig, missing: dict[str, str], where: str) -> ExportedValve:
+def _valve(
+    known: ParameterTable, part: Valve, side: str, rig: Rig, missing: dict[str, str], where: str
+) -> ExportedValve:
     """One valve's on/off law (3.6.6, 3.6.10) and PWM maps."""
     units = {
         "choked_flow_fill_kg_s": "kg/s",
@@ -303,7 +272,11 @@ def _valve(part: Valve, side: str, rig: Rig, missing: dict[str, str], where: str
         "on_delay_s": "s",
         "off_delay_s": "s",
     }
-    discrete = _estimates(part.discrete, units, f"valves.{side}.discrete", missing, where)
+    place = f"valves.{side}.discrete"
+    for key in units:
+        if isinstance(getattr(part.discrete, key, None), Unread):
+            raise input_error(f"{where}, {place}.{key}", "is not a parameter", _AGAIN)
+    discrete = _estimates(known, units, place, missing, where)
     pwm = {}
     for direction in DIRECTIONS:
         name = f"valves.{side}.pwm.{direction}"
@@ -364,7 +337,7 @@ def _effect(effect: EffectEntry, where: str) -> ExportedEffect:
 
 
 def _estimates(
-    part: Part | None,
+    known: ParameterTable,
     units: Mapping[str, str],
     name: str,
     missing: dict[str, str],
@@ -372,19 +345,17 @@ def _estimates(
 ) -> NumberTable:
     """The parameters in `units` of one part, None where they are absent or not identified."""
     table: NumberTable = {key: ExportedNumber(None, unit) for key, unit in units.items()}
-    if part is None:
+    if not any(row.part == name for row in known.rows):
         missing[name] = _NO_PART
         return table
     for key, unit in units.items():
-        estimate = getattr(part, key)
-        if estimate is None:
-            missing[f"{name}.{key}"] = "the bundle does not hold it"
-        elif isinstance(estimate, Unread):
-            raise input_error(f"{where}, {name}.{key}", "is not a parameter", _AGAIN)
-        elif not estimate.identified:
-            missing[f"{name}.{key}"] = f"not identified ({clean_text(estimate.reason)})"
+        place = f"{name}.{key}"
+        if place not in known:
+            missing[place] = "the bundle does not hold it"
+        elif not (estimate := known[place].estimate).identified:
+            missing[place] = f"not identified ({clean_text(estimate.reason)})"
         else:
-            table[key] = ExportedNumber(_number(estimate, unit, f"{where}, {name}.{key}"), unit)
+            table[key] = ExportedNumber(_number(estimate, unit, f"{where}, {place}"), unit)
     return table
 
 

@@ -25,7 +25,7 @@ def render(flat: Flat) -> str:
 def content(flat: Flat) -> dict[str, Any]:
     """The JSON object: `constants`, `friction`, `valves`, ... and `units` of the same shape."""
     rig = flat.rig
-    position = "position_m" if rig.is_linear else "position_rad"
+    position = f"position_{rig.units.position}"
     numbers: dict[str, Any] = {
         "constants": values(flat.constants),
         "friction": {
@@ -40,7 +40,7 @@ def content(flat: Flat) -> dict[str, Any]:
     }
     friction_units = units(flat.friction)
     by_position = {
-        position: "m" if rig.is_linear else "rad",
+        position: rig.units.position,
         static_name(flat): friction_units[static_name(flat)],
     }
     table: dict[str, Any] = {
@@ -81,7 +81,7 @@ def rig_text(flat: Flat) -> dict[str, str]:
 
 def static_name(flat: Flat) -> str:
     """Key of static friction: `static_nm` or `static_n`."""
-    return "static_n" if flat.rig.is_linear else "static_nm"
+    return flat.rig.units.key("static")
 
 
 def surface_content(surface: ExportedSurface | None) -> tuple[dict[str, Any] | None, Any]:

@@ -31,11 +31,11 @@ from sysid.blocks.tables import Table, table
 from sysid.errors import InputError, input_error
 from sysid.estimation.linear import Estimate, finite_or_none, t_p_value
 from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted
-from sysid.fleet.parameters import NumbersOfPart, degrees_of_freedom, has_error, parts_of
 from sysid.io.channels import SIDES
 from sysid.io.rig import differing_sections
 from sysid.parameters import Bundle
 from sysid.parameters.correlation import ROUNDING
+from sysid.parameters.table import ParameterTable
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ class Comparison(Shown):
     """The result of `compare`: `estimates` by part, parameter and bundle; what moved; effects."""
 
     names: tuple[str, ...]
-    parts: tuple[dict[str, NumbersOfPart], ...]
+    parts: tuple[dict[str, ParameterTable], ...]
     movements: tuple[Movement, ...]
     effects: tuple[EffectChange, ...]
     notices: tuple[str, ...]
@@ -198,10 +198,8 @@ class Comparison(Shown):
         }
 
     def _keys(self) -> list[tuple[str, str]]:
-        places = (
-            (p.place, key) for parts in self.parts for p in parts.values() for key in p.estimates
-        )
-        return list(dict.fromkeys(places))
+        rows = (row for parts in self.parts for part in parts.values() for row in part.rows)
+        return list(dict.fromkeys((row.part, row.key) for row in rows))
 
     def _row(self, part: str, key: str) -> tuple[str, ...]:
         moved = {m.bundle for m in self.moved if (m.part, m.name) == (part, key)}
@@ -240,7 +238,7 @@ def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparis
     if len(bundles) < 2:
         raise input_error("compare", f"{len(bundles)} bundle", "give two or more")
     _check_comparable(bundles, names)
-    parts = [parts_of(bundle) for bundle in bundles]
+    parts = [bundle.parameters.fitted().parts() for bundle in bundles]
     if not any(set(parts[0]) & set(other) for other in parts[1:]):
         raise _nothing_shared(bundles, names)
     movements = [
@@ -312,12 +310,12 @@ def _notices(bundles: Sequence[Bundle], names: Sequence[str]) -> tuple[str, ...]
     return tuple(said)
 
 
-def _estimate(parts: dict[str, NumbersOfPart], part: str, key: str) -> Estimate | None:
+def _estimate(parts: dict[str, ParameterTable], part: str, key: str) -> Estimate | None:
     return parts[part].estimates.get(key) if part in parts else None
 
 
 def _moves(
-    first: dict[str, NumbersOfPart], other: dict[str, NumbersOfPart], bundle: str
+    first: dict[str, ParameterTable], other: dict[str, ParameterTable], bundle: str
 ) -> Iterable[Movement]:
     for place in first:
         if place not in other:
@@ -327,8 +325,8 @@ def _moves(
             key
             for key, estimate in one.estimates.items()
             if key in two.estimates
-            and has_error(estimate)
-            and has_error(two.estimates[key])
+            and estimate.has_error
+            and two.estimates[key].has_error
             and estimate.unit == two.estimates[key].unit
         )
         if not keys:
@@ -350,7 +348,7 @@ def _moves(
 def _welch(one: Estimate, two: Estimate) -> float:
     """The degrees of freedom of the difference's standard error, by Welch and Satterthwaite."""
     variances = one.std**2, two.std**2
-    dof = degrees_of_freedom(one), degrees_of_freedom(two)
+    dof = one.degrees_of_freedom, two.degrees_of_freedom
     share = sum((v / sum(variances)) ** 2 / n for v, n in zip(variances, dof, strict=True))
     return 1.0 / share if share > 0.0 else math.inf
 
@@ -374,8 +372,8 @@ def _wald(z: FloatArray, correlation: FloatArray) -> tuple[float, int]:
 
 
 def _effects(
-    first: dict[str, NumbersOfPart],
-    other: dict[str, NumbersOfPart],
+    first: dict[str, ParameterTable],
+    other: dict[str, ParameterTable],
     bundle: str,
     movements: Iterable[Movement],
 ) -> Iterable[EffectChange]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from sysid.fleet.parameters import has_error
 from sysid.io.channels import SIDES
 from sysid.parameters import Bundle
 from sysid.parameters.effects import EffectEntry
@@ -43,7 +42,7 @@ def leakage_flow(bundle: Bundle, catalogue: Catalogue | None = None) -> tuple[fl
     lost = {side: [_lost(model, leak, side) for leak in leaks] for side in SIDES}
     flows = max(lost.values(), key=sum)
     own = [(flow, e) for flow, e in zip(flows, strengths, strict=True) if flow and e.value]
-    if sum(flows) <= 0.0 or not own or not all(has_error(e) for _, e in own):
+    if sum(flows) <= 0.0 or not own or not all(e.has_error for _, e in own):
         return None
     return sum(flows), math.hypot(*(flow * e.std / e.value for flow, e in own))
 

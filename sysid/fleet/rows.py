@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sysid.errors import SysidError, one_line
-from sysid.estimation.linear import Estimate
 from sysid.fleet.leakage import is_leakage, leakage_flow
 from sysid.fleet.origin import Origin
-from sysid.fleet.parameters import has_error, parts_of
 from sysid.io.files import write_atomic
+from sysid.io.motion import FRICTION
 from sysid.parameters import Bundle
+from sysid.parameters.table import DELAYS, ParameterRow
 from sysid.plant.effects.entry import Catalogue
 
 ROW_FILE = "row.json"
@@ -23,7 +23,6 @@ ROW_FILE = "row.json"
 Family = Literal["friction", "leakage", "delay", "flow"]
 FAMILIES: tuple[Family, ...] = ("friction", "leakage", "delay", "flow")
 LEAKAGE = "leakage at supply pressure"
-_FRICTION = ("static", "coulomb", "viscous")
 
 
 @dataclass(frozen=True)
@@ -113,14 +112,13 @@ def readings_of(
     leakage.
     """
     found: list[FleetReading] = []
-    for place, part in parts_of(fitted).items():
-        for key, estimate in part.estimates.items():
-            if place == "friction" and key.startswith(_FRICTION):
-                found += _reading("friction", f"friction.{key}", estimate)
-            elif key.endswith("_delay_s"):
-                found += _reading("delay", f"{place}.{key}", estimate)
-            elif place.endswith(".discrete"):
-                found += _reading("flow", f"{place}.{key}", estimate)
+    for row in fitted.parameters.fitted().rows:
+        if row.origin == "friction" and row.name in FRICTION:
+            found += _reading("friction", row)
+        elif row.name in DELAYS:
+            found += _reading("delay", row)
+        elif row.origin == "valve" and row.part.endswith(".discrete"):
+            found += _reading("flow", row)
     return (*found, *_leakage(final, catalogue))
 
 
@@ -132,10 +130,11 @@ def _leakage(final: Bundle, catalogue: Catalogue | None) -> tuple[FleetReading, 
     return () if leak is None else (FleetReading("leakage", LEAKAGE, *leak, "kg/s"),)
 
 
-def _reading(family: Family, name: str, estimate: Estimate) -> list[FleetReading]:
-    if not has_error(estimate):
+def _reading(family: Family, row: ParameterRow) -> list[FleetReading]:
+    known = row.estimate
+    if not known.has_error:
         return []
-    return [FleetReading(family, name, estimate.value, estimate.std, estimate.unit)]
+    return [FleetReading(family, row.path, known.value, known.std, known.unit)]
 
 
 def effects_of(bundle: Bundle) -> dict[str, float]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
+from sysid.io.motion import FRICTION
 from sysid.io.rig import Rig, require_inertia
 from sysid.parameters.base import Part
 from sysid.parameters.content import BundleContent
@@ -144,12 +145,14 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
         raise NotIdentifiedError(
             f"{where}: holds no friction; fit friction-static and friction-sliding tests into it"
         )
-    keys = friction_keys(rig.is_linear)
-    if _lacks_static_alone(friction, rig.is_linear):
-        keys["static"] = keys["coulomb"]
+    taken = {name: name for name in FRICTION}
+    if _lacks_static_alone(friction):
+        taken["static"] = "coulomb"
     values = {
-        name: max(_identified(friction, key, f"{where}, friction", _TESTS[name]), 0.0)
-        for name, key in keys.items()
+        name: max(
+            _identified(friction, rig.units.key(own), f"{where}, friction", _TESTS[name]), 0.0
+        )
+        for name, own in taken.items()
     }
     if rig.is_motor_alone:
         return _motor_alone(bundle, friction, rig, values)
@@ -195,13 +198,11 @@ def _inertia(bundle: BundleContent, rig: Rig) -> float:
 def require_moving_inertia(inertia: float, rig: Rig, where: str) -> None:
     """NotIdentifiedError, naming `where`, for a fitted inertia (kg m2, or kg) that cannot be."""
     if not inertia > 0.0:
-        key, what, unit = ("mass_kg", "mass", "kg") if rig.is_linear else (
-            "equivalent_kg_m2", "inertia", "kg m2"
-        )  # fmt: skip
+        u, what = rig.units, "mass" if rig.is_linear else "inertia"
         raise NotIdentifiedError(
-            f"{where}: the fitted {what} is {inertia:.3g} {unit}, which cannot be, so that no "
-            f"motion is simulated with it; declare [inertia] {key} in {rig.source}, or give motion "
-            "that accelerates more"
+            f"{where}: the fitted {what} is {inertia:.3g} {u.inertia_unit}, which cannot be, so "
+            f"that no motion is simulated with it; declare [inertia] {u.rig_inertia} in "
+            f"{rig.source}, or give motion that accelerates more"
         )
 
 
@@ -217,19 +218,9 @@ def fitted_inertia(bundle: BundleContent) -> float | None:
     return inertia.value if inertia is not None and inertia.identified else None
 
 
-def friction_keys(is_linear: bool) -> dict[str, str]:
-    """The bundle's key of each friction parameter: static, Coulomb and viscous."""
-    effort, viscous = ("n", "n_s_per_m") if is_linear else ("nm", "nm_s_per_rad")
-    return {
-        "static": f"static_{effort}",
-        "coulomb": f"coulomb_{effort}",
-        "viscous": f"viscous_{viscous}",
-    }
-
-
-def _lacks_static_alone(friction: Friction, is_linear: bool) -> bool:
+def _lacks_static_alone(friction: Friction) -> bool:
     """Whether the tests identify sliding friction and not breakaway: motion alone does not."""
-    static, coulomb = friction.static, getattr(friction, friction_keys(is_linear)["coulomb"])
+    static, coulomb = friction.static, friction.coulomb
     unknown = static is not None and not static.identified
     return unknown and coulomb is not None and coulomb.identified
 
@@ -244,11 +235,11 @@ def assumed_parameters(bundle: BundleContent) -> list[str]:
 
 def _assumed_static(bundle: BundleContent) -> Iterator[str]:
     friction = bundle.friction
-    if friction is not None and _lacks_static_alone(friction, bundle.is_linear):
-        keys = friction_keys(bundle.is_linear)
+    if friction is not None and _lacks_static_alone(friction):
+        key = bundle.units.key
         yield (
-            f"{bundle.source}: {keys['static']} is not identified: the model takes "
-            f"{keys['coulomb']} for it; give {_TESTS['static']}"
+            f"{bundle.source}: {key('static')} is not identified: the model takes "
+            f"{key('coulomb')} for it; give {_TESTS['static']}"
         )
 
 
@@ -273,7 +264,7 @@ def negative_friction(bundle: BundleContent) -> list[str]:
     return [
         f"{bundle.source}: {key} is {estimate.value:.3g}, but friction cannot be negative: the "
         "model uses 0; the friction tests show an effect that it lacks"
-        for key in friction_keys(bundle.is_linear).values()
+        for key in map(bundle.units.key, FRICTION)
         if (estimate := getattr(friction, key)) is not None and estimate.value < 0.0
     ]
 
@@ -554,7 +545,6 @@ __all__ = [
     "effects_from_bundle",
     "first_valve_model",
     "fitted_inertia",
-    "friction_keys",
     "model_from_bundle",
     "negative_friction",
     "parameters_from_bundle",

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 from sysid.blocks.numbers import number
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
+from sysid.parameters.table import DELAYS, table_of
 
 if TYPE_CHECKING:
     from sysid.parameters.bundle import Bundle
 
 _FRICTION, _FLOWS, _MEANS = "friction", "flows", "surfaces"
 """The numbers of a bundle by what they are computed from: efforts, dP/dt, means over pulses."""
-_DELAYS = ("on_delay_s", "off_delay_s")
 FROM_LOG = "from_log"
 """Among a fit's options: the constants of the rig that bare logs showed, as dotted keys."""
 _UNUSED = "no number here rests on it"
@@ -178,18 +178,16 @@ def _others(assumed: Collection[str]) -> Iterator[_Group]:
 
 def _numbers(bundle: Bundle, kind: str, side: str) -> Iterator[str]:
     """Dotted paths of the bundle's numbers of a kind; of one valve where a `side` is given."""
-    if kind == _FRICTION:
-        if bundle.friction is not None:
-            known = bundle.friction.estimates().items()
-            yield from (f"friction.{name}" for name, one in known if one.identified)
-        return
+    for row in table_of(bundle).rows:
+        if kind == _FRICTION == row.part and row.estimate.identified:
+            yield row.path
+        flows = row.part.endswith(".discrete") and row.name not in DELAYS
+        if kind == _FLOWS and flows and side in ("", row.side):
+            yield row.path
     for own in SIDES if not side else (side,):
-        valve = bundle.valve(own)
-        if kind == _FLOWS and valve.discrete is not None:
-            names = (n for n in valve.discrete.estimates() if n not in _DELAYS)
-            yield from (f"valves.{own}.discrete.{name}" for name in names)
-        if kind == _MEANS and valve.pwm is not None:
-            yield from (f"valves.{own}.pwm.{name}" for name in valve.pwm.given())
+        pwm = bundle.valve(own).pwm
+        if kind == _MEANS and pwm is not None:
+            yield from (f"valves.{own}.pwm.{name}" for name in pwm.given())
 
 
 def _text(rig: Rig, keys: Collection[str], side: str, *, with_area: bool) -> str:

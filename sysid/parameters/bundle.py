@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sysid import __version__
 from sysid.blocks.quality import quality_table
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, estimate_records, estimate_table
 from sysid.errors import input_error
+from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
 from sysid.io.logs import Log
@@ -19,9 +20,11 @@ from sysid.io.source import Source
 from sysid.parameters.assembled_model import fitted_inertia, model_from_bundle
 from sysid.parameters.base import Part
 from sysid.parameters.content import SCHEMA, BundleContent, Parts
+from sysid.parameters.correlation import CorrelatedPart, Correlation
 from sysid.parameters.effects import EffectEntry
 from sysid.parameters.provenance import Provenance, family, records
 from sysid.parameters.quality import QualityRecord, qualities_in
+from sysid.parameters.table import ParameterTable, effect_names, table_of
 
 if TYPE_CHECKING:
     from sysid.plant.effects.entry import Catalogue
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
 _JUDGED = ("validation", "refinement")
 # Parts that merging does not copy unchanged.
 _OWN = ("effects", *_JUDGED)
+_Fitted = TypeVar("_Fitted", bound=CorrelatedPart)
 
 
 class Bundle(Shown, BundleContent):
@@ -77,13 +81,13 @@ class Bundle(Shown, BundleContent):
         """One record per estimate: its part, value, std, limits and unit."""
         return [
             record
-            for name, estimates in self._estimates().items()
-            for record in estimate_records(estimates, part=name)
+            for name, part in self._shown_parts()
+            for record in estimate_records(part.estimates, part=name)
         ]
 
     def tables(self) -> Iterable[Table]:
         """The estimates, one table per part, and how well the laws follow their tests."""
-        yield from (estimate_table(name, found) for name, found in self._estimates().items())
+        yield from (estimate_table(name, part.estimates) for name, part in self._shown_parts())
         yield quality_table(self.qualities())
 
     def qualities(self) -> dict[str, QualityRecord]:
@@ -106,9 +110,17 @@ class Bundle(Shown, BundleContent):
             found[self.component.kind] = self.component
         return found
 
-    def _estimates(self) -> dict[str, dict[str, Estimate]]:
-        found = {name: part.estimates() for name, part in self._parts().items()}
-        return found | {f"effect {effect.id}": effect.numbers() for effect in self.effects}
+    @property
+    def parameters(self) -> ParameterTable:
+        """Every number of it, with its error and what it is."""
+        return table_of(self)
+
+    def _shown_parts(self) -> Iterator[tuple[str, ParameterTable]]:
+        """The numbers of each part by what it is called; a component's own by its kind."""
+        shown = self.parameters.where(lambda row: row.status != "alternative")
+        kind = "" if self.component is None else self.component.kind
+        for place, part in shown.parts().items():
+            yield kind if part.rows[0].origin == "component" else place, part
 
     def model(self, rig: Rig | None = None, catalogue: Catalogue | None = None) -> Model:
         """The model that can be simulated: the base model's parameters, and the effects.
@@ -122,6 +134,31 @@ class Bundle(Shown, BundleContent):
     def with_effects(self, effects: Iterable[EffectEntry]) -> Bundle:
         """With these effects after its own; its validation and refinement are dropped."""
         return self.without(*_JUDGED).replaced(effects=[*self.effects, *effects])
+
+    def with_estimates(
+        self, estimates: Mapping[str, Estimate], joint: JointCovariance | None = None
+    ) -> Bundle:
+        """With these numbers, by alias, in place of its own.
+
+        A part whose numbers are replaced has of their correlation what `joint`, by alias too, says.
+        """
+        fields: dict[str, Any] = {}
+        if self.friction is not None:
+            fields["friction"] = _renewed(self.friction, "friction.", estimates, joint)
+        if self.valves is not None:
+            sides = {
+                side: valve.replaced(
+                    discrete=_renewed(valve.discrete, f"valves.{side}.", estimates, joint)
+                )
+                for side, valve in self.valves.sides().items()
+                if valve.discrete is not None
+            }
+            fields["valves"] = self.valves.replaced(**sides)
+        fields["effects"] = [
+            entry.replaced(parameters={**entry.parameters, **_under(f"{name}.", estimates)})
+            for name, entry in zip(effect_names(self.effects), self.effects, strict=True)
+        ]
+        return self.replaced(**fields)
 
     def with_sources(self, sources: Iterable[Source]) -> Bundle:
         """With these logs in its provenance too."""
@@ -208,6 +245,22 @@ class Bundle(Shown, BundleContent):
                     f"({entry.file})",
                     'fit without it, or give it use = "fit"',
                 )
+
+
+def _under(prefix: str, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    return {n.removeprefix(prefix): e for n, e in estimates.items() if n.startswith(prefix)}
+
+
+def _renewed(
+    part: _Fitted, prefix: str, estimates: Mapping[str, Estimate], joint: JointCovariance | None
+) -> _Fitted:
+    """The part with the estimates whose aliases begin so, and the correlation of their errors."""
+    own = _under(prefix, estimates)
+    if joint is not None:
+        keys = {n: n.removeprefix(prefix) for n in joint.names if n.startswith(prefix)}
+        if (found := Correlation.of(joint, keys, keys)) is not None:
+            return part.replaced(**own, correlation=found)
+    return part.replaced(**own) if own else part
 
 
 def _field(key: str) -> str:

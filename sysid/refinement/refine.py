@@ -29,7 +29,7 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
 from sysid.parameters import Bundle
-from sysid.parameters.assembled_model import assumed_parameters, fitted_inertia, friction_keys
+from sysid.parameters.assembled_model import assumed_parameters, fitted_inertia
 from sysid.parameters.friction import Friction
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
@@ -247,17 +247,16 @@ def motion_tests_of(
 
 def bench_scatter(bundle: Bundle) -> FrictionScatter:
     """Friction's scatter from test to test as the bench tests showed it; 2 % where they did not."""
-    keys = friction_keys(bundle.is_linear)
     pairs = (("coulomb", "friction-sliding"), ("static", "friction-static"))
-    found = [_bench_scatter(bundle.friction, keys[name], kind) for name, kind in pairs]
+    found = [_bench_scatter(bundle.friction, *pair) for pair in pairs]
     return FrictionScatter(found[0][0], found[1][0], min(tests for _, tests in found))
 
 
-def _bench_scatter(friction: Friction | None, key: str, kind: str) -> tuple[float, float]:
+def _bench_scatter(friction: Friction | None, name: str, kind: str) -> tuple[float, float]:
     """Relative scatter about one law, and from how many tests."""
     quality = friction.quality if friction is not None else None
     own = quality.get(kind) if isinstance(quality, dict) else None
-    value = getattr(friction, key, None)
+    value = None if friction is None else friction.parameter(name)
     if own is None or not own.rmse or value is None or not value.identified:
         return _ASSUMED_SCATTER, _ASSUMED_TESTS
     share = float(own.rmse) / max(abs(float(value.value)), 1e-12)

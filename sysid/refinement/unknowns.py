@@ -11,24 +11,26 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from sysid.errors import input_error
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
+from sysid.io.motion import FRICTION
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
-from sysid.parameters.assembled_model import friction_keys
-from sysid.parameters.correlation import CorrelatedPart
 from sysid.parameters.friction import Friction
+from sysid.parameters.table import ParameterTable, effect_names, field_of
 from sysid.parameters.valves import LAW_KEYS
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
 Direction = tuple[int, str]
+Known = Mapping[str, Estimate]
+"""What the bundle says of each parameter, by alias."""
 MOST_FACTOR = 20.0
 # Two integrations of the same equations put flows so far apart, relatively: long logs at the
 # encoder's resolution say more than that (`benchmarks/refinement.py coverage`).
@@ -37,7 +39,6 @@ _LEAST_STD = 1e-4
 # Relative uncertainty of a declared constant that is freed, where the rig file gives none.
 _DECLARED = 0.03
 _OFFSET_SHARE = 0.3
-_FRICTION_FIELDS = {"static": "static_effort", "coulomb": "coulomb_effort", "viscous": "viscous"}
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class Unknown:
     @property
     def varies_by_test(self) -> bool:
         """Whether each test has its own, about the model's: static and sliding friction."""
-        return self.direction in _base(_FRICTION_FIELDS.values())
+        return self.direction in _base(map(field_of, FRICTION))
 
     @property
     def start(self) -> float:
@@ -120,67 +121,46 @@ class Unknown:
         return self.std / self.slope(self.start) if self.has_prior else math.nan
 
 
-def effect_names(bundle: Bundle) -> list[str]:
-    """What each effect's parameters begin with: its id, numbered where it is there twice."""
-    ids = [entry.id for entry in bundle.effects]
-    return [
-        name if ids.count(name) == 1 else f"{name}-{ids[: number + 1].count(name)}"
-        for number, name in enumerate(ids)
-    ]
-
-
 def unknowns_of(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
     """Every parameter of a bundle's model that a refinement may move.
 
     Friction, flows, delays, effects with what the bundle says of them; the rig file's constants
     with 3 %.
     """
+    table = bundle.parameters.fitted()
+    known = {row.alias: row.estimate for row in table.rows}
     fitted = [
-        *_friction(bundle, rig, model),
-        *_valves(bundle, model),
-        *_effects(bundle, model),
+        *_friction(bundle, rig, model, known),
+        *_valves(bundle, model, known),
+        *_effects(bundle, model, known),
     ]
-    known = _correlations_by_name(bundle)
+    together = _correlations(table)
     taken = {u.direction for u in fitted}
     return [
-        *(dataclasses.replace(u, correlations=known.get(u.name, ())) for u in fitted),
+        *(dataclasses.replace(u, correlations=together.get(u.name, ())) for u in fitted),
         *(u for u in _declared(rig, model) if u.direction not in taken),
     ]
 
 
-def _correlations_by_name(bundle: Bundle) -> dict[str, tuple[tuple[str, float], ...]]:
-    """Of each unknown's error with the others', where the bundle keeps them."""
+def _correlations(table: ParameterTable) -> dict[str, tuple[tuple[str, float], ...]]:
+    """Of each parameter's error with the others' of which something is known."""
+    names = [row.alias for row in table.rows]
     return {
-        name: tuple(zip(names, row, strict=True))
-        for names, matrix in _correlations(bundle)
-        for name, row in zip(names, matrix, strict=True)
+        own: tuple((n, float(c)) for n, c in zip(names, row, strict=True) if c and n != own)
+        for own, row in zip(names, table.correlation, strict=True)
     }
 
 
-def _correlations(bundle: Bundle) -> Iterator[tuple[list[str], list[list[float]]]]:
-    """Names and matrices: of a refinement the whole one, else those of friction and each valve."""
-    if bundle.refinement is not None and (whole := bundle.refinement.correlations()):
-        yield [p.name for p in bundle.refinement.values()], whole
-        return
-    parts: dict[str, CorrelatedPart | None] = {"friction": bundle.friction}
-    parts |= {f"valves.{side}": bundle.valve(side).discrete for side in SIDES}
-    for place, part in parts.items():
-        if part is not None and (found := part.correlation) is not None:
-            yield [f"{place}.{name}" for name in found.names], found.array().tolist()
-
-
-def _friction(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
-    part = bundle.friction
+def _friction(bundle: Bundle, rig: Rig, model: Model, known: Known) -> list[Unknown]:
     found = []
-    for name, key in friction_keys(rig.is_linear).items():
-        field = _FRICTION_FIELDS[name]
+    for name in FRICTION:
+        field = field_of(name)
         value = float(getattr(model.parameters, field))
         if value <= 0.0:
             continue  # friction that is not there stays so: its logarithm has no start
-        estimate = getattr(part, key, None)
-        place, unit = f"friction.{key}", "" if name == "viscous" else _effort_unit(rig)
-        found.append(_positive(place, (0, field), value, estimate, "friction", unit))
-    return [*found, *_fitted_beside_friction(part, rig, model)]
+        place, unit = f"friction.{rig.units.key(name)}", rig.units.unit(name)
+        found.append(_positive(place, (0, field), value, known.get(place), "friction", unit))
+    return [*found, *_fitted_beside_friction(bundle.friction, rig, model)]
 
 
 def _fitted_beside_friction(part: Friction | None, rig: Rig, model: Model) -> list[Unknown]:
@@ -188,19 +168,16 @@ def _fitted_beside_friction(part: Friction | None, rig: Rig, model: Model) -> li
     if part is None or not rig.is_motor_alone:
         return []
     found = []
-    inertia_key, offset_key = (
-        ("mass_kg", "offset_n") if rig.is_linear else ("inertia_kg_m2", "offset_nm")
-    )
     inertia, offset = part.inertia, part.offset
     if inertia is not None and inertia.identified:
-        name, value = f"friction.{inertia_key}", inertia.value
+        name, value = f"friction.{rig.units.key('inertia')}", inertia.value
         own = _positive(name, (0, "inertia"), value, inertia, "friction")
         found.append(dataclasses.replace(own, added=float(model.parameters.inertia) - value))
     if offset is not None and offset.identified:
         scale = _OFFSET_SHARE * float(model.parameters.coulomb_effort) or 1.0
         found.append(
             Unknown(
-                f"friction.{offset_key}",
+                f"friction.{rig.units.key('offset')}",
                 (0, "offset"),
                 offset.value,
                 offset.std,
@@ -213,10 +190,6 @@ def _fitted_beside_friction(part: Friction | None, rig: Rig, model: Model) -> li
             )
         )
     return found
-
-
-def _effort_unit(rig: Rig) -> str:
-    return "N" if rig.is_linear else "Nm"
 
 
 def _positive(
@@ -234,33 +207,32 @@ def _positive(
     return Unknown(name, direction, value, std, unit, 0.0, math.inf, abs(value) or 1.0, origin)
 
 
-def _valves(bundle: Bundle, model: Model) -> list[Unknown]:
+def _valves(bundle: Bundle, model: Model, known: Known) -> list[Unknown]:
     found = []
     for side in SIDES:
-        law = bundle.valve(side).discrete
-        if law is None:
+        if bundle.valve(side).discrete is None:
             continue
         for short, key in LAW_KEYS.items():
-            field = f"{short}_{side}"
+            field, place = field_of(short, side), f"valves.{side}.{key}"
             value = float(getattr(model.parameters, field))
-            place = f"valves.{side}.{key}"
-            found.append(_positive(place, (0, field), value, getattr(law, key), "valve"))
+            found.append(_positive(place, (0, field), value, known[place], "valve"))
     return found
 
 
-def _effects(bundle: Bundle, model: Model) -> list[Unknown]:
+def _effects(bundle: Bundle, model: Model, known: Known) -> list[Unknown]:
     found = []
-    names = effect_names(bundle)
-    for number, (entry, effect) in enumerate(zip(bundle.effects, model.effects, strict=True)):
+    for number, (name, effect) in enumerate(
+        zip(effect_names(bundle.effects), model.effects, strict=True)
+    ):
         if not isinstance(effect, CatalogueEffect):
             continue
         for q in effect.fitted():
             value = float(getattr(effect, q.name))
-            estimate = entry.parameters.get(q.label)
-            std = estimate.std if isinstance(estimate, Estimate) else math.nan
+            estimate = known.get(f"{name}.{q.label}")
+            std = math.nan if estimate is None else estimate.std
             found.append(
                 Unknown(
-                    f"{names[number]}.{q.label}",
+                    f"{name}.{q.label}",
                     (number + 1, q.name),
                     value,
                     std if std > 0.0 else math.nan,
@@ -305,7 +277,7 @@ def _declared(rig: Rig, model: Model) -> list[Unknown]:
             std = _DECLARED * value
             found.append(Unknown(name, (0, field), value, std, unit, 0.0, math.inf, value, "rig"))
     size = float(model.parameters.coulomb_effort) or 1.0
-    unit = _effort_unit(rig)
+    unit = rig.units.effort
     value = float(model.parameters.offset)
     scale = _OFFSET_SHARE * size
     found.append(
@@ -336,7 +308,7 @@ def without_own_data(
         refitted |= {"coulomb_effort", "viscous", "inertia", "offset"}
     if "diagnosis" in bundle.provenance.options and bundle.effects:
         refitted |= {"coulomb_effort", "viscous", "inertia", "offset"}
-        refitted |= {f"{law}_{side}" for law in LAW_KEYS for side in SIDES}
+        refitted |= {field_of(law, side) for law in LAW_KEYS for side in SIDES}
     return [
         dataclasses.replace(
             u,

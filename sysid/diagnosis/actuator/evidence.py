@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 from sysid.diagnosis.actuator.figures import influences, residual_curves, rounds_shown, shown_curve
 from sysid.diagnosis.actuator.loop import Loop
@@ -14,16 +14,12 @@ from sysid.diagnosis.evidence import ACTUATOR, ComponentEvidence
 from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.search import Round
 from sysid.estimation.linear import Estimate
-from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
-from sysid.parameters.assembled_model import friction_keys
-from sysid.parameters.base import Part
-from sysid.parameters.friction import Friction
 from sysid.parameters.valves import LAW_KEYS
 from sysid.plant.effects.entry import CatalogueEffect
 
-_Part = TypeVar("_Part", bound=Part)
+_REFITTED = ("coulomb", "viscous", *LAW_KEYS)
 
 
 @dataclass(frozen=True)
@@ -102,41 +98,19 @@ class TwinEvidence(ComponentEvidence):
 
     def with_base(self, bundle: Bundle) -> Bundle:
         """The refitted base parameters in place of the original ones; PWM surfaces stay."""
-        keys = friction_keys(bundle.is_linear)
-        friction = {"coulomb_effort": keys["coulomb"], "viscous": keys["viscous"]}
-        fields: dict[str, Any] = {}
-        if bundle.friction is not None:
-            moving = self._renewed(bundle.friction, friction)
-            fields["friction"] = self._with_static(moving, keys["static"])
-        if bundle.valves is not None:
-            sides = {}
-            for side in SIDES:
-                law = bundle.valve(side).discrete
-                if law is not None:
-                    names = {f"{name}_{side}": key for name, key in LAW_KEYS.items()}
-                    renewed = self._renewed(law, names)
-                    sides[side] = bundle.valve(side).replaced(discrete=renewed)
-            fields["valves"] = bundle.valves.replaced(**sides)
-        return bundle.replaced(**fields)
-
-    def _renewed(self, part: _Part, names: dict[str, str]) -> _Part:
-        """New values of a part's keys by the model's names; the old intervals no longer apply."""
-        search, fields = self.loop.search, {}
-        for name, key in names.items():
-            old, std = getattr(part, key), search.base_std.get(name)
-            if old is not None and std is not None:
-                value = float(getattr(search.model.parameters, name))
-                fields[key] = Estimate.symmetric(value, std, old.unit, search.base_dof)
-        return part.replaced(**fields)
-
-    def _with_static(self, part: Friction, key: str) -> Friction:
-        """Static friction as the bench read it, with the motor's effects."""
-        before, after = self.loop.search.first.model, self.loop.search.model
-        was, now = (float(m.parameters.static_effort) for m in (before, after))
-        read = getattr(part, key)
-        if read is None or not read.identified or now == was:
-            return part
-        return part.replaced(**{key: read.times(now / was)})
+        search = self.loop.search
+        was, now = (float(m.parameters.static_effort) for m in (search.first.model, search.model))
+        found = {}
+        for row in bundle.parameters.fitted().rows:
+            old, std = row.estimate, search.base_std.get(row.field)
+            if row.name in _REFITTED and std is not None:
+                value = float(getattr(search.model.parameters, row.field))
+                # The old intervals no longer apply.
+                found[row.alias] = Estimate.symmetric(value, std, old.unit, search.base_dof)
+            elif row.name == "static" and old.identified and now != was:
+                # As the bench read it, with the motor's effects.
+                found[row.alias] = old.times(now / was)
+        return bundle.with_estimates(found)
 
     def to_json(self) -> dict[str, Any]:
         """Friction's scatter from test to test, one relative standard deviation."""

@@ -1,0 +1,239 @@
+"""Every number of a model in one table: where it stands, what it is, and how well it is known.
+
+`table_of` makes it from a bundle; whoever lists, compares, refines, exports or shows parameters
+reads it. `Bundle.with_estimates` is the way back.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sysid.estimation.linear import Estimate
+from sysid.io.channels import SIDES
+from sysid.parameters.base import Part
+from sysid.parameters.content import BundleContent
+from sysid.parameters.correlation import CorrelatedPart
+from sysid.parameters.effects import SIDE, EffectEntry
+from sysid.parameters.friction import Friction
+from sysid.parameters.valves import LAW_KEYS, Valve
+from sysid.types import FloatArray
+
+Origin = Literal["friction", "valve", "effect", "component", "rig"]
+Status = Literal["fitted", "declared", "assumed", "check", "alternative"]
+DELAYS = ("on_delay", "off_delay")
+# What a fit of an on/off law gives beside the law, to be looked at.
+_CHECKS = ("jump_", "critical_ratio_")
+_FIELDS = {"static": "static_effort", "coulomb": "coulomb_effort"}
+_NAMES = {key: name for name, key in LAW_KEYS.items()} | {f"{d}_s": d for d in DELAYS}
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One number: value, standard error, unit, interval, or why it is not identified.
+
+    `part` is the place of its part ("friction", "valves.a.discrete", "effect backlash"), `key` its
+    key there, `name` what it is called inside, whatever its unit and valve (`coulomb`, `c_fill`).
+    `status`: fitted, declared in the rig file, assumed as nobody declared it, a fit's check that no
+    model has, or an alternative to what was fitted, by other tests. `alias` is the name under which
+    a refinement lists and takes it, `side` its valve's.
+    """
+
+    part: str
+    key: str
+    name: str
+    estimate: Estimate
+    origin: Origin
+    alias: str
+    side: str = ""
+    status: Status = "fitted"
+
+    @property
+    def path(self) -> str:
+        """Its place, dotted."""
+        return f"{self.part}.{self.key}"
+
+    @property
+    def field(self) -> str:
+        """What the plant's parameters call it."""
+        return field_of(self.name, self.side)
+
+
+def field_of(name: str, side: str = "") -> str:
+    """What the plant's parameters (`sysid.plant.base.Parameters`) call a parameter, of a valve."""
+    return f"{name}_{side}" if side else _FIELDS.get(name, name)
+
+
+@dataclass(frozen=True)
+class ParameterTable(Mapping[str, ParameterRow]):
+    """Parameters by path, in the order of their parts; `correlation` (p, p) of their errors.
+
+    Errors of which nothing is known together are independent, being of fits of their own.
+    """
+
+    rows: tuple[ParameterRow, ...]
+    correlation: FloatArray
+
+    def __getitem__(self, path: str) -> ParameterRow:
+        for row in self.rows:
+            if row.path == path:
+                return row
+        raise KeyError(path)
+
+    def __iter__(self) -> Iterator[str]:
+        return (row.path for row in self.rows)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def where(self, holds: Callable[[ParameterRow], bool]) -> ParameterTable:
+        """Those rows of which this holds."""
+        kept = [i for i, row in enumerate(self.rows) if holds(row)]
+        rows = tuple(self.rows[i] for i in kept)
+        return ParameterTable(rows, self.correlation[np.ix_(kept, kept)])
+
+    def fitted(self) -> ParameterTable:
+        """Those that a fit gave, without its checks."""
+        return self.where(lambda row: row.status == "fitted")
+
+    def parts(self) -> dict[str, ParameterTable]:
+        """The tables of each part, by its place."""
+        places = dict.fromkeys(row.part for row in self.rows)
+        return {place: self.where(lambda row, own=place: row.part == own) for place in places}  # type: ignore[misc]
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The numbers by key, of a table of one part."""
+        return {row.key: row.estimate for row in self.rows}
+
+    def covariance(self, keys: Collection[str]) -> FloatArray:
+        """(k, k): of the errors of these keys, in a table of one part."""
+        own = [row.key for row in self.rows]
+        places = [own.index(key) for key in keys]
+        std = np.array([self.rows[i].estimate.std for i in places])
+        return np.asarray(self.correlation[np.ix_(places, places)] * np.outer(std, std))
+
+    def unidentified(self) -> Iterator[tuple[str, str]]:
+        """Path and reason of what the data do not identify."""
+        for row in self.rows:
+            if not row.estimate.identified:
+                yield row.path, str(row.estimate.reason)
+
+
+def table_of(bundle: BundleContent) -> ParameterTable:
+    """The parameters of a bundle: friction, valves, a component of the user's own, effects."""
+    rows = [*_friction(bundle.friction)]
+    for side in SIDES:
+        rows += _valve(bundle.valve(side), side)
+    if (own := bundle.component) is not None:
+        place = f"component {own.name}"
+        rows += [
+            ParameterRow(place, key, key, estimate, "component", f"{place}.{key}")
+            for key, estimate in own.estimates().items()
+        ]
+    rows += _effects(bundle.effects)
+    return ParameterTable(tuple(rows), _correlation(bundle, rows))
+
+
+def _friction(part: Friction | None) -> Iterator[ParameterRow]:
+    if part is None:
+        return
+    found = part.estimates()
+    for key, name in zip(found, part.units.named(found), strict=True):
+        path = f"friction.{key}"
+        yield ParameterRow("friction", key, name, found[key], "friction", path)
+    checked = part.cross_check if isinstance(part.cross_check, dict) else {}
+    for key, estimate in checked.items():
+        place = "friction.cross_check"
+        path = f"{place}.{key}"
+        yield ParameterRow(place, key, key, estimate, "friction", path, status="alternative")
+
+
+def _valve(valve: Valve, side: str) -> Iterator[ParameterRow]:
+    for law in valve.given():
+        part = getattr(valve, law)
+        place = f"valves.{side}.{law}"
+        if law == "pwm":
+            for direction, held in valve.pwm.directions().items() if valve.pwm else ():
+                if held.identified is False:
+                    nothing = Estimate.unidentified("", str(held.reason))
+                    yield _of_valve(place, direction, nothing, side, "alternative")
+            if (averaged := valve.averaged()) is not None:
+                for key, estimate in averaged.estimates().items():
+                    yield _of_valve(f"{place}.averaged", key, estimate, side, "alternative")
+        elif isinstance(part, Part):
+            for key, estimate in part.estimates().items():
+                status: Status = "check" if key.startswith(_CHECKS) else "fitted"
+                yield _of_valve(place, key, estimate, side, status)
+
+
+def _of_valve(place: str, key: str, estimate: Estimate, side: str, status: Status) -> ParameterRow:
+    name, alias = _NAMES.get(key, key), f"{place.replace('.discrete', '')}.{key}"
+    return ParameterRow(place, key, name, estimate, "valve", alias, side, status)
+
+
+def _effect_place(effect: EffectEntry) -> str:
+    """An effect's id, with the side where it has one: `atmosphere-leakage (a)`."""
+    side = effect.parameters.get(SIDE)
+    return f"{effect.id} ({side})" if isinstance(side, str) else effect.id
+
+
+def effect_names(effects: Sequence[EffectEntry]) -> list[str]:
+    """What the aliases of each effect's numbers begin with: its id, numbered where there are two
+    of it."""
+    ids = [effect.id for effect in effects]
+    return [
+        name if ids.count(name) == 1 else f"{name}-{ids[: number + 1].count(name)}"
+        for number, name in enumerate(ids)
+    ]
+
+
+def _effects(effects: Sequence[EffectEntry]) -> Iterator[ParameterRow]:
+    """The numbers of each effect; effects of one name are numbered, in the bundle's order."""
+    count = Counter[str]()
+    for effect, alias in zip(effects, effect_names(effects), strict=True):
+        called = _effect_place(effect)
+        count[called] += 1
+        place = f"effect {called}" + (f" {count[called]}" if count[called] > 1 else "")
+        for key, estimate in effect.numbers().items():
+            yield ParameterRow(place, key, key, estimate, "effect", f"{alias}.{key}")
+
+
+def _correlation(bundle: BundleContent, rows: Collection[ParameterRow]) -> FloatArray:
+    """(p, p): what each fit says of its own numbers, and a refinement of all of its."""
+    found = np.eye(len(rows))
+    parts: dict[str, CorrelatedPart | None] = {"friction": bundle.friction}
+    parts |= {f"valves.{side}.discrete": bundle.valve(side).discrete for side in SIDES}
+    for place, part in parts.items():
+        if part is not None and (own := part.correlation) is not None:
+            paths = [f"{place}.{key}" for key in own.names]
+            _fill(found, [row.path for row in rows], paths, own.array())
+    if bundle.refinement is not None and (whole := bundle.refinement.correlations()):
+        names = [value.name for value in bundle.refinement.values()]
+        _fill(found, [row.alias for row in rows], names, np.array(whole))
+    return found
+
+
+def _fill(found: FloatArray, known: list[str], names: list[str], matrix: FloatArray) -> None:
+    """Enter the correlations off the diagonal of `names` (k,) where these are known."""
+    pairs = [(known.index(name), at) for at, name in enumerate(names) if name in known]
+    for i, own in pairs:
+        for j, other in pairs:
+            if i != j:
+                found[i, j] = matrix[own, other]
+
+
+__all__ = [
+    "DELAYS",
+    "Origin",
+    "ParameterRow",
+    "ParameterTable",
+    "Status",
+    "effect_names",
+    "field_of",
+    "table_of",
+]
