@@ -401,11 +401,12 @@ def _lost(existing: Bundle, added: Bundle) -> Iterator[str]:
     """A notice of numbers of a bundle that a part in their place does not identify."""
     if existing.friction is None or added.friction is None:
         return
-    new = added.friction.estimates()
+    new = added.parameters
     lost = [
-        name
-        for name, one in existing.friction.estimates().items()
-        if one.identified and not (name in new and new[name].identified)
+        row.key
+        for row in existing.parameters.fitted().rows
+        if row.origin == "friction" and row.estimate.identified
+        if row.path not in new or not new[row.path].estimate.identified
     ]
     if lost:
         yield (

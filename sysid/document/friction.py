@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,35 +15,30 @@ from sysid.blocks.tables import Table, table
 from sysid.document import svg
 from sysid.document.svg import COLOUR
 from sysid.errors import NotIdentifiedError
-from sysid.estimation.linear import Estimate, t_quantile
+from sysid.estimation.linear import t_quantile
 from sysid.io.motion import MotionUnits
-from sysid.parameters import Friction, Unread
+from sysid.parameters import Bundle, Friction
 from sysid.parameters.friction import StaticAtPosition, TestUse
+from sysid.parameters.table import ParameterTable
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from sysid.friction import SlidingPoints
 
 
-_NAMES = {
-    "static": "Static friction",
-    "coulomb": "Coulomb friction",
-    "viscous": "Viscous friction",
-    "offset": "Offset",
-    "inertia": "Inertia",
-    "mass": "Mass",
-}
 _PARAMETER_COLUMNS = ("Parameter", "Value", "Std. error", "95 % interval", "Unit", "Key")
 _DIRECTIONS = ((1.0, "forwards", "o", "model"), (-1.0, "backwards", "s", "second"))
 
 
-def friction_section(friction: Friction, units: MotionUnits) -> Section:
-    """From the bundle's `friction`."""
-    blocks: list[Block] = [
-        parameters_table("Friction parameters", friction.estimates(), _parameter_name)
-    ]
+def friction_section(bundle: Bundle) -> Section:
+    """From a bundle that holds friction."""
+    friction, units, parts = bundle.friction, bundle.units, bundle.parameters.parts()
+    assert friction is not None
+    blocks: list[Block] = [parameters_table("Friction parameters", parts["friction"])]
     blocks += _combinations(friction)
-    blocks += _cross_check(friction)
+    if (check := parts.get("friction.cross_check")) is not None:
+        caption = "Cross-check: the same parameters from general motion"
+        blocks.append(parameters_table(caption, check))
     figures = _figures(friction, units)
     if figures:
         caption = (
@@ -63,18 +58,10 @@ def friction_section(friction: Friction, units: MotionUnits) -> Section:
     return Section("friction", "Friction", intro, tuple(blocks))
 
 
-def parameters_table(
-    caption: str, estimates: Mapping[str, Estimate], name_of: Any, prefix: str = ""
-) -> Table:
+def parameters_table(caption: str, part: ParameterTable) -> Table:
     """One row per parameter of a part of the bundle, with its interval and its key there."""
-    rows = [
-        (name_of(key), *estimate_cells(value), prefix + key) for key, value in estimates.items()
-    ]
+    rows = [(row.title, *estimate_cells(row.estimate), row.key) for row in part.rows]
     return table(caption, _PARAMETER_COLUMNS, rows, text=(4, 5), code=(5,))
-
-
-def _parameter_name(key: str) -> str:
-    return _NAMES.get(key.partition("_")[0], key)
 
 
 def _combinations(friction: Friction) -> list[Block]:
@@ -87,14 +74,6 @@ def _combinations(friction: Friction) -> list[Block]:
     caption = "Identified only together, and the test that would separate the parts"
     columns = ("Sum", "Value", "Std. error", "95 % interval", "Unit", "Test")
     return [table(caption, columns, rows, text=(0, 4, 5), code=(0,))]
-
-
-def _cross_check(friction: Friction) -> list[Block]:
-    check = friction.cross_check
-    if isinstance(check, Unread) or not check:
-        return []
-    caption = "Cross-check: the same parameters from general motion"
-    return [parameters_table(caption, check, _parameter_name)]
 
 
 def _position_table(friction: Friction, units: MotionUnits) -> list[Block]:

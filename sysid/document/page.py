@@ -173,13 +173,12 @@ def _parts(
     def friction() -> Section | None:
         from sysid.document.friction import friction_section
 
-        part = bundle.friction
-        return None if part is None else friction_section(part, campaign.rig.units)
+        return None if bundle.friction is None else friction_section(bundle)
 
     def discrete() -> Section | None:
         from sysid.document.valves import discrete_section
 
-        return discrete_section(valves, _logs(campaign, "valve-discrete"), campaign.rig)
+        return discrete_section(bundle, _logs(campaign, "valve-discrete"), campaign.rig)
 
     def surfaces() -> Section | None:
         from sysid.document.surfaces import surfaces_section

@@ -20,22 +20,10 @@ from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pres
 from sysid.identification.valve_discrete.trials import Piece, screen
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
-from sysid.parameters import DiscreteLaw, FittedValves
+from sysid.parameters import Bundle, DiscreteLaw
 from sysid.parameters.base import read_number
 from sysid.types import FloatArray
 
-_NAMES = {
-    "choked_flow_fill_kg_s": "Choked filling flow",
-    "c_fill": "Unchoked filling coefficient",
-    "choked_flow_dis_kg_s": "Choked exhaust flow",
-    "c_dis": "Unchoked exhaust coefficient",
-    "on_delay_s": "Delay, on",
-    "off_delay_s": "Delay, off",
-    "critical_ratio_fill": "Critical ratio, filling",
-    "critical_ratio_dis": "Critical ratio, exhaust",
-    "jump_fill_percent": "Jump at the boundary, filling",
-    "jump_dis_percent": "Jump at the boundary, exhaust",
-}
 _FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
 _DELAYS = ("on_delay_s", "off_delay_s")
 _CLOSE_UP_S = (-0.02, 0.6)
@@ -59,18 +47,18 @@ class _Curve:
 
 
 def discrete_section(
-    valves: FittedValves, logs: Sequence[tuple[str | None, Log]], rig: Rig
+    bundle: Bundle, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> Section | None:
-    """From the bundle's `valves` and the valve-discrete logs; None where neither is fitted."""
-    fitted = valves.discrete_laws()
+    """From the bundle's valves and the valve-discrete logs; None where neither is fitted."""
+    fitted = {} if bundle.valves is None else bundle.valves.discrete_laws()
     if not fitted:
         return None
     held = {side: law for side, law in fitted.items() if isinstance(law.tests, list) and law.tests}
     blocks: list[Block] = [_fit_table(held)] if held else []
+    parts = bundle.parameters.parts()
     for side, law in fitted.items():
-        blocks.append(
-            parameters_table(f"Valve {side.upper()}", law.estimates(), lambda k: _NAMES.get(k, k))
-        )
+        part = parts[f"valves.{side}.discrete"]
+        blocks.append(parameters_table(f"Valve {side.upper()}", part))
         curves = _curves(side, law, logs, rig)
         if curves:
             blocks.append(_figures(side, curves))

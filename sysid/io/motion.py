@@ -79,9 +79,9 @@ class MotionUnits:
         return {self.keys[name]: value for name, value in values.items()}
 
     def named(self, keys: Iterable[str]) -> list[str]:
-        """The names of a bundle's keys."""
+        """The names of a bundle's keys; a key that is none of theirs stays."""
         names = {key: name for name, key in self.keys.items()}
-        return [names[key] for key in keys]
+        return [names.get(key, key) for key in keys]
 
 
 ROTARY = MotionUnits(

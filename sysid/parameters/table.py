@@ -28,6 +28,24 @@ Status = Literal["fitted", "declared", "assumed", "check", "alternative"]
 DELAYS = ("on_delay", "off_delay")
 # What a fit of an on/off law gives beside the law, to be looked at.
 _CHECKS = ("jump_", "critical_ratio_")
+_TITLES = {
+    "static": "Static friction",
+    "coulomb": "Coulomb friction",
+    "viscous": "Viscous friction",
+    "offset": "Offset",
+    "inertia": "Inertia",
+    "mass_kg": "Mass",
+    "choked_fill": "Choked filling flow",
+    "c_fill": "Unchoked filling coefficient",
+    "choked_dis": "Choked exhaust flow",
+    "c_dis": "Unchoked exhaust coefficient",
+    "on_delay": "Delay, on",
+    "off_delay": "Delay, off",
+    "critical_ratio_fill": "Critical ratio, filling",
+    "critical_ratio_dis": "Critical ratio, exhaust",
+    "jump_fill_percent": "Jump at the boundary, filling",
+    "jump_dis_percent": "Jump at the boundary, exhaust",
+}
 _FIELDS = {"static": "static_effort", "coulomb": "coulomb_effort"}
 _NAMES = {key: name for name, key in LAW_KEYS.items()} | {f"{d}_s": d for d in DELAYS}
 
@@ -56,6 +74,11 @@ class ParameterRow:
     def path(self) -> str:
         """Its place, dotted."""
         return f"{self.part}.{self.key}"
+
+    @property
+    def title(self) -> str:
+        """What a reader calls it."""
+        return _TITLES.get(self.key) or _TITLES.get(self.name, self.key)
 
     @property
     def field(self) -> str:
@@ -147,10 +170,10 @@ def _friction(part: Friction | None) -> Iterator[ParameterRow]:
         path = f"friction.{key}"
         yield ParameterRow("friction", key, name, found[key], "friction", path)
     checked = part.cross_check if isinstance(part.cross_check, dict) else {}
-    for key, estimate in checked.items():
+    for key, name in zip(checked, part.units.named(checked), strict=True):
         place = "friction.cross_check"
-        path = f"{place}.{key}"
-        yield ParameterRow(place, key, key, estimate, "friction", path, status="alternative")
+        path, estimate = f"{place}.{key}", checked[key]
+        yield ParameterRow(place, key, name, estimate, "friction", path, status="alternative")
 
 
 def _valve(valve: Valve, side: str) -> Iterator[ParameterRow]:
