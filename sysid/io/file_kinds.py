@@ -41,11 +41,11 @@ _ROS_2 = FileKind("a SQLite database (a ROS 2 bag?)", "rosbag")
 _TDMS = FileKind("a TDMS file (LabVIEW)", "tdms")
 _ULOG = FileKind("a PX4 log (ULog)", "ulog")
 
-NUMPY_HEAD, PARQUET_HEAD = b"\x93NUMPY", b"PAR1"
+NUMPY_HEAD, PARQUET_HEAD, TDMS_HEAD = b"\x93NUMPY", b"PAR1", b"TDSm"
 SQLITE_HEAD = b"SQLite format 3\0"
 _HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
 _SIGNATURES = (
-    (b"TDSm", _TDMS),
+    (TDMS_HEAD, _TDMS),
     (PARQUET_HEAD, _PARQUET),
     (b"MATLAB 5.0", _MATLAB),
     (b"MDF     ", _MDF),
@@ -216,6 +216,7 @@ __all__ = [
     "PARQUET_HEAD",
     "PARQUET_SUFFIXES",
     "SQLITE_HEAD",
+    "TDMS_HEAD",
     "FileKind",
     "damaged",
     "is_bag",

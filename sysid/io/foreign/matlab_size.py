@@ -10,19 +10,40 @@ import math
 import os
 import struct
 import zlib
+from enum import IntEnum, IntFlag
 from pathlib import Path
 from typing import BinaryIO
 
 from sysid.io.bounds import Cells, check_columns
 from sysid.io.file_kinds import damaged
 
-_HEAD_BYTES = 128
-_MATRIX, _COMPRESSED = 14, 15
-_CELL, _STRUCT, _OBJECT, _SPARSE = 1, 2, 3, 5
-_FUNCTION, _OPAQUE = 16, 17
-_COMPLEX = 0x0800
-_DIMENSION_BYTES, _CELL_BYTES = 4, 8
+_HEAD = struct.Struct("116s8sH2s")  # text, subsystem, version, order of bytes
+# The longest head of an array that is kept, and how much is unpacked at a time.
 _CHUNK = 1 << 16
+
+
+class _Element(IntEnum):
+    """Types of a file's elements (table 1-1)."""
+
+    MATRIX = 14
+    COMPRESSED = 15
+
+
+class _Class(IntEnum):
+    """Classes of arrays (table 1-3; the last two are not documented)."""
+
+    CELL = 1
+    STRUCT = 2
+    OBJECT = 3
+    SPARSE = 5
+    FUNCTION = 16
+    OPAQUE = 17
+
+
+class _Flags(IntFlag):
+    """What stands beside an array's class (figure 1-6)."""
+
+    COMPLEX = 0x0800
 
 
 def check_size(path: Path, file: BinaryIO) -> dict[str, str]:
@@ -32,18 +53,18 @@ def check_size(path: Path, file: BinaryIO) -> dict[str, str]:
     file is read from its start; the arrays of structs and cells count too, and an array's values
     may not take more bytes than its dimensions say.
     """
-    file.seek(_HEAD_BYTES - 2)
+    file.seek(_HEAD.size - 2)
     order = "<" if file.read(2) == b"IM" else ">"
     size = file.seek(0, os.SEEK_END)
     cells, objects = Cells(path), dict[str, str]()
-    at = _HEAD_BYTES
+    at = _HEAD.size
     while at + 8 <= size:
         file.seek(at)
         kind, length = struct.unpack(f"{order}2I", file.read(8))
         at += 8 + length
-        if kind == _COMPRESSED:
+        if kind == _Element.COMPRESSED:
             source: _Plain | _Unpacked = _Unpacked(path, file, length)
-        elif kind == _MATRIX:
+        elif kind == _Element.MATRIX:
             file.seek(at - length - 8)
             source = _Plain(path, file, size)
         else:
@@ -124,7 +145,7 @@ class _Arrays:
 
     def _nested(self) -> None:
         kind, length, short = self._tag()
-        if kind != _MATRIX or short is not None:
+        if kind != _Element.MATRIX or short is not None:
             raise damaged(self._path, "a MATLAB file", f"an element of type {kind} for an array")
         self._array(length)
 
@@ -132,25 +153,25 @@ class _Arrays:
         if length == 0:  # an empty array
             return
         flags, _ = struct.unpack(f"{self._order}2I", self._short_data(8))
-        kind, is_complex = flags & 0xFF, bool(flags & _COMPLEX)
-        if kind == _OPAQUE:
+        kind, is_complex = flags & 0xFF, bool(flags & _Flags.COMPLEX)
+        if kind == _Class.OPAQUE:
             name, _, kind = (self._short_data().decode("latin-1") for _ in range(3))
             if name:  # within a struct or a cell it has none
                 self._object = {name: kind}
             self._nested()
             return
         sizes = self._short_data()
-        count = math.prod(struct.unpack(f"{self._order}{len(sizes) // _DIMENSION_BYTES}I", sizes))
+        count = math.prod(size for (size,) in struct.iter_unpack(f"{self._order}I", sizes))
         name = self._short_data().decode("latin-1")
         self._name = self._name or name
-        if kind in (_CELL, _STRUCT, _OBJECT):
+        if kind in (_Class.CELL, _Class.STRUCT, _Class.OBJECT):
             self._elements(kind, count)
             return
         self._add(count)
-        if kind == _FUNCTION:
+        if kind == _Class.FUNCTION:
             self._nested()
             return
-        if kind == _SPARSE:
+        if kind == _Class.SPARSE:
             for _ in range(3 + is_complex):  # row indices, column starts, values
                 self._skip_data(None)
             return
@@ -158,10 +179,10 @@ class _Arrays:
             self._skip_data(count)
 
     def _elements(self, kind: int, count: int) -> None:
-        if kind == _OBJECT:
+        if kind == _Class.OBJECT:
             self._short_data()
         fields = 1
-        if kind in (_STRUCT, _OBJECT):
+        if kind in (_Class.STRUCT, _Class.OBJECT):
             (width,) = struct.unpack(f"{self._order}I", self._short_data(4))
             names = self._short_data()
             fields = len(names) // width if width else 0
@@ -199,8 +220,8 @@ class _Arrays:
         """An element's values; `count` None: of a sparse array, which count themselves."""
         _, length, short = self._tag()
         if count is None:
-            self._add(length // _CELL_BYTES)
-        elif length > _CELL_BYTES * count:
+            self._add(length // struct.calcsize("d"))
+        elif length > struct.calcsize("d") * count:
             raise damaged(self._path, "a MATLAB file", "values beyond an array's dimensions")
         if short is None:
             self._source.skip(length + -length % 8)

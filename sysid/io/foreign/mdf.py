@@ -20,11 +20,6 @@ from sysid.io.file_kinds import damaged
 from sysid.io.foreign.mdf_size import check_size
 from sysid.io.foreign.table import ForeignTable, ReadOptions
 
-# The synchronisation of a master channel with time, in both versions.
-_TIME = 1
-# The type of a channel whose values, mostly texts, have no fixed length (version 4).
-_VARYING_LENGTH = 1
-
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     """Every channel by its name, as `group/name` where groups share one; masters are clocks.
@@ -139,8 +134,10 @@ def _group_name(group: Any) -> str:
 
 def _is_wanted(table: ForeignTable, name: str, channel: Any, is_four: bool) -> bool:
     """Whether a channel holds numbers; else the table says why not."""
+    from asammdf.blocks.v4_constants import CHANNEL_TYPE_VLSD
+
     kind = getattr(channel, "dtype_fmt", np.dtype(np.float64))
-    if is_four and channel.channel_type == _VARYING_LENGTH:
+    if is_four and channel.channel_type == CHANNEL_TYPE_VLSD:
         table.skipped[name] = "text"
         return False
     if kind.names:
@@ -154,11 +151,13 @@ def _is_wanted(table: ForeignTable, name: str, channel: Any, is_four: bool) -> b
 
 def _is_time(content: Any, number: int) -> bool:
     """Whether a group's master counts time (others: an angle, a distance, an index)."""
+    from asammdf.blocks.v4_constants import SYNC_TYPE_TIME  # as in version 3
+
     index = content.masters_db.get(number)
     if index is None:
         return False
     master = content.groups[number].channels[index]
-    return int(getattr(master, "sync_type", _TIME)) == _TIME
+    return int(getattr(master, "sync_type", SYNC_TYPE_TIME)) == SYNC_TYPE_TIME
 
 
 def _take(table: ForeignTable, name: str, signal: Any, clocked: bool, lost: list[str]) -> None:

@@ -18,29 +18,25 @@ from sysid.io.bounds import Cells, check_columns
 from sysid.io.file_kinds import damaged
 from sysid.io.foreign.unpacking import unpacked
 
-_HEADER_AT = 64
-_BLOCK_HEAD = 24
+_FILE_HEAD = struct.Struct("<8s8s8sHHHH28sHH")  # ID; HD follows it
+_BLOCK_HEAD = struct.Struct("<4sxxxxQQ")  # kind, length, number of links
 _MOST_LINKS = 1 << 20
 # DZ: type of the packed block, how, and the two lengths.
 _PACKED = struct.Struct("<2sBBIQQ")
 _HOW = {0: "zlib", 1: "zlib", 2: "zstd", 3: "zstd", 4: "lz4", 5: "lz4"}
-_BYTES_EACH = 8
 # CG: record's id, samples, flags, bytes of values and of validity; CN: type, synchronisation, data
 # type, place in the record, length, flags, place of its validity.
 _GROUP = struct.Struct("<QQHxxxxxxII")
 _CHANNEL = struct.Struct("<BBBBIIII")
-_NOT_IN_RECORDS = 0b1001
-_MAY_BE_INVALID = 0b10
-_VIRTUAL = (3, 6)
 
 
 def check_size(path: Path, file: BinaryIO) -> None:
     """InputError where an MDF file has more cells than are read, or blocks that lead nowhere."""
     file.seek(0)
-    head = file.read(_HEADER_AT)
+    head = file.read(_FILE_HEAD.size)
     size = file.seek(0, os.SEEK_END)
     blocks = _Blocks(path, file, size, Cells(path))
-    major = struct.unpack_from("<H", head, 28)[0] // 100 if len(head) == _HEADER_AT else 0
+    major = struct.unpack_from("<H", head, 28)[0] // 100 if len(head) == _FILE_HEAD.size else 0
     if major >= 4:
         _Four(blocks).walk()
     else:
@@ -98,7 +94,10 @@ class _Four:
 
     def walk(self) -> None:
         """All groups, their channels and their data."""
-        links, _ = self._block(_HEADER_AT, b"##HD", 0)
+
+        from asammdf.blocks.v4_constants import FLAG_CG_REMOTE_MASTER, FLAG_CG_VLSD
+
+        links, _ = self._block(_FILE_HEAD.size, b"##HD", 0)
         groups = 0
         self._record = _Record(0, 0)
         for dg, _ in self._chain(links[0], b"##DG", 0):
@@ -110,7 +109,7 @@ class _Four:
                 channels = self._channels(cg[1], 0)
                 self._blocks.group(channels, cycles, f"group {groups}")
                 wanted += cycles * (values + invalid)
-                is_whole = is_whole and not flags & _NOT_IN_RECORDS
+                is_whole = is_whole and not flags & (FLAG_CG_VLSD | FLAG_CG_REMOTE_MASTER)
             total = self._data(dg[2])
             # Those of varying length, or with their master elsewhere, are counted otherwise.
             if is_whole and total < wanted:
@@ -122,13 +121,13 @@ class _Four:
     def _block(self, place: int, kind: bytes, count: int) -> tuple[tuple[int, ...], bytes]:
         """A block's links, and the first `count` bytes of its data."""
         blocks = self._blocks
-        head = blocks.at(place, _BLOCK_HEAD)
+        head = blocks.at(place, _BLOCK_HEAD.size)
         number = struct.unpack_from("<Q", head, 16)[0]
         if not head.startswith(kind):
             raise blocks.damage(f"a block {head[:4]!r} where {kind.decode()} is due")
         if number > _MOST_LINKS:
             raise blocks.damage("a block has too many links")
-        body = blocks.at(place + _BLOCK_HEAD, 8 * number + count)
+        body = blocks.at(place + _BLOCK_HEAD.size, 8 * number + count)
         links = struct.unpack_from(f"<{number}Q", body)
         return links + (0,) * (6 - len(links)), body[8 * number :]
 
@@ -143,15 +142,19 @@ class _Four:
 
     def _channels(self, place: int, depth: int) -> int:
         """How many channels a list has, with those that are made up of others."""
+        from asammdf.blocks import v4_constants as v4
+
         if depth > 16:
             raise self._blocks.damage("its channels are nested too deep")
         found = 0
         for links, data in self._chain(place, b"##CN", _CHANNEL.size):
             found += 1
             kind, _, _, bit, byte, bits, flags, invalid = _CHANNEL.unpack(data)
-            if kind not in _VIRTUAL and byte + (bit + bits + 7) // 8 > self._record.values:
+            in_record = kind not in (v4.CHANNEL_TYPE_VIRTUAL, v4.CHANNEL_TYPE_VIRTUAL_MASTER)
+            if in_record and byte + (bit + bits + 7) // 8 > self._record.values:
                 raise self._blocks.damage("a channel lies beyond its record")
-            if flags & _MAY_BE_INVALID and invalid >= 8 * self._record.invalid:
+            may_be_invalid = flags & v4.FLAG_CN_INVALIDATION_PRESENT
+            if may_be_invalid and invalid >= 8 * self._record.invalid:
                 raise self._blocks.damage("a channel's validity lies beyond its record")
             if links[1]:
                 found += self._parts(links[1], depth)
@@ -164,8 +167,8 @@ class _Four:
         self._blocks.visit(place)
         links, data = self._block(place, b"##CA", 16)
         dimensions = struct.unpack_from("<H", data, 2)[0]
-        head = self._blocks.at(place, _BLOCK_HEAD)
-        start = place + _BLOCK_HEAD + 8 * struct.unpack_from("<Q", head, 16)[0] + 16
+        head = self._blocks.at(place, _BLOCK_HEAD.size)
+        start = place + _BLOCK_HEAD.size + 8 * struct.unpack_from("<Q", head, 16)[0] + 16
         sizes = struct.unpack(f"<{dimensions}Q", self._blocks.at(start, 8 * dimensions))
         count = 1
         for size in sizes:
@@ -188,19 +191,19 @@ class _Four:
                 links, _ = self._block(place, kind, 0)
                 waiting += links
             elif kind in (b"##DT", b"##DV", b"##DI", b"##RD", b"##RV", b"##RI", b"##SD"):
-                length = struct.unpack_from("<Q", self._blocks.at(place, _BLOCK_HEAD), 8)[0]
+                length = struct.unpack_from("<Q", self._blocks.at(place, _BLOCK_HEAD.size), 8)[0]
                 self._blocks.at(place + max(length, 1) - 1, 1)
-                total += max(length - _BLOCK_HEAD, 0)
+                total += max(length - _BLOCK_HEAD.size, 0)
             else:
                 raise self._blocks.damage(f"a block {kind!r} where data are due")
-        Cells(self._blocks.path).add(total // _BYTES_EACH, "its data")
+        Cells(self._blocks.path).add(total // struct.calcsize("d"), "its data")
         return total
 
     def _packed(self, place: int) -> int:
         """The bytes of a packed block, of which it holds no more than it says."""
-        head = self._blocks.at(place + _BLOCK_HEAD, _PACKED.size)
+        head = self._blocks.at(place + _BLOCK_HEAD.size, _PACKED.size)
         _, method, _, _, length, stored = _PACKED.unpack(head)
-        packed = self._blocks.at(place + _BLOCK_HEAD + _PACKED.size, stored)
+        packed = self._blocks.at(place + _BLOCK_HEAD.size + _PACKED.size, stored)
         try:
             unpacked(self._blocks.path, "a block", packed, _HOW[method], length)
         except KeyError:
@@ -216,7 +219,7 @@ class _Three:
 
     def walk(self) -> None:
         """All groups and their channels."""
-        place = self._at(_HEADER_AT, b"HD", "I", 4)
+        place = self._at(_FILE_HEAD.size, b"HD", "I", 4)
         groups = 0
         while place:
             self._blocks.visit(place)

@@ -26,7 +26,7 @@ MOST_ELEMENTS = 1024
 _STAMPS = ("header.stamp", "stamp", "timestamp")
 _LABELS = ("name", "names")
 _SECONDS = ({"sec", "nanosec"}, {"sec", "nsec"}, {"secs", "nsecs"}, {"seconds", "nanos"})
-_NS = 1_000_000_000
+_NS = 10**9
 _MOST_NS = np.iinfo(np.int64).max
 
 Times = NDArray[np.int64]

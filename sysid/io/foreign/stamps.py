@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,9 +21,6 @@ _DATE = re.compile(
     r"(?P<one>\d{1,2})(?P<sign>[./-])(?P<two>\d{1,2})(?P=sign)(?P<year>\d{4}|(?<=\.)\d{2}),?[ T]+"
     r"(?P<hour>\d{1,2})(?P<rest>:\d{2}(?::\d{2}(?:[.,]\d+)?)?)(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?"
 )
-_MONTHS = 12
-_HALF_DAY = 12
-_DAY_S = 86400.0
 
 
 def dates_in(path: Path, name: str, cells: pd.Series) -> pd.Series | None:
@@ -46,7 +44,7 @@ def dates_in(path: Path, name: str, cells: pd.Series) -> pd.Series | None:
 def _is_day_first(path: Path, name: str, dates: Sequence[re.Match[str]]) -> bool:
     if dates[0]["sign"] == ".":
         return True
-    days = [sum(int(date[part]) > _MONTHS for date in dates) for part in ("one", "two")]
+    days = [sum(int(date[part]) > 12 for date in dates) for part in ("one", "two")]
     if days[0] != days[1]:
         return days[0] > days[1]
     if len({(date["one"], date["two"], date["year"]) for date in dates}) > 1:
@@ -63,7 +61,7 @@ def _as_iso(date: re.Match[str], day_first: bool) -> str:
     year = date["year"] if len(date["year"]) > 2 else f"20{date['year']}"
     hour = int(date["hour"])
     if date["half"] is not None:
-        hour = hour % _HALF_DAY + _HALF_DAY * (date["half"] in "Pp")
+        hour = hour % 12 + 12 * (date["half"] in "Pp")
     return f"{year}-{month:0>2}-{day:0>2}T{hour:02}{date['rest'].replace(',', '.')}"
 
 
@@ -82,8 +80,9 @@ def clock_seconds(cells: Sequence[object]) -> FloatArray | None:
         ]
     )
     time = parts @ np.array([3600.0, 60.0, 1.0])
-    days = np.cumsum(np.diff(time, prepend=time[:1]) < -0.5 * _DAY_S)
-    return np.asarray(np.round(time + _DAY_S * days - time[0], 9))
+    day = timedelta(days=1).total_seconds()
+    midnights = np.cumsum(np.diff(time, prepend=time[:1]) < -0.5 * day)
+    return np.asarray(np.round(time + day * midnights - time[0], 9))
 
 
 __all__ = ["clock_seconds", "dates_in"]

@@ -11,13 +11,11 @@ import numpy as np
 
 from sysid.errors import input_error
 from sysid.io.bounds import Cells, check_columns
-from sysid.io.file_kinds import damaged, read_as
+from sysid.io.file_kinds import TDMS_HEAD, damaged, read_as
 from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes
 
-# A segment's lead-in: tag, flags, version, and the bytes up to the next segment.
-_TAG = b"TDSm"
-_LEAD_IN_BYTES = 28
-_BIG_ENDIAN = 1 << 6
+# A segment's lead-in: tag, flags, version, the bytes up to the next segment and to its raw data.
+_LEAD_IN = struct.Struct("<4sIIQQ")
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -51,16 +49,18 @@ def _check_segments(path: Path, file: BinaryIO) -> None:
 
     npTDMS stops there without a word.
     """
+    from nptdms.common import toc_properties
+
     size, at = file.seek(0, os.SEEK_END), 0
     while at < size:
         file.seek(at)
-        head = file.read(_LEAD_IN_BYTES)
-        if head[:4] != _TAG:
+        head = file.read(_LEAD_IN.size)
+        if not head.startswith(TDMS_HEAD):
             raise damaged(path, "a TDMS file", f"no segment begins at byte {at:,}")
-        if len(head) < _LEAD_IN_BYTES:
+        if len(head) < _LEAD_IN.size:
             break
-        sign = ">" if head[4] & _BIG_ENDIAN else "<"
-        at += _LEAD_IN_BYTES + int(struct.unpack(f"{sign}Q", head[12:20])[0])
+        sign = ">" if head[4] & toc_properties["kTocBigEndian"] else "<"
+        at += _LEAD_IN.size + int(struct.unpack(f"{sign}Q", head[12:20])[0])
     file.seek(0)
 
 

@@ -21,18 +21,16 @@ from sysid.io.foreign.text_parsing import parsed, times_of
 _NAME = "Name"
 _STARTED = "Starttime of export"
 _END = "EOF"
-_HEAD = 12
-_MS = 1000.0
 
 
 def is_format(lines: Sequence[str]) -> bool:
     """Whether the lines are those of such an export."""
-    head = lines[:_HEAD]
+    head = lines[:12]
     return (
         bool(head)
         and head[0].startswith(_NAME)
         and any(line.lstrip('"').startswith(_STARTED) for line in head)
-        and any(line.startswith(head[0][:5]) for line in lines[1:_HEAD])
+        and any(line.startswith(head[0][:5]) for line in head[1:])
     )
 
 
@@ -117,7 +115,7 @@ def _take(
             table.columns[called] = _own(table, called, values, columns[time], rows)
             _take_unit(table, called, about.get("Unit", [])[index : index + 1])
         times = _own(table, called, columns[time], columns[time], rows)
-        table.clocks[called] = times_of(table, times, f"the time of {called}") / _MS
+        table.clocks[called] = times_of(table, times, f"the time of {called}") / 1e3  # from ms
 
 
 def _take_unit(table: ForeignTable, name: str, cells: list[str]) -> None:

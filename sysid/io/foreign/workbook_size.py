@@ -12,14 +12,28 @@ from xml.parsers import expat
 from sysid.errors import InputError, input_error
 from sysid.io.bounds import chunks
 
-# Cells of the rectangle from A1 to the last one; a sheet has at most 1,048,576 rows.
-MOST_CELLS = 20_000_000
-_MOST_ROWS = 1_048_576
-# Bytes of XML that are not a sheet (texts, styles), unpacked.
-MOST_BYTES = 100_000_000
-# Bytes of a sheet's XML: this, and for each cell and row so much.
-_FREE_BYTES, _BYTES_EACH = 10_000_000, 300
-_MOST_ELEMENTS = 4 * MOST_CELLS
+
+@dataclass(frozen=True)
+class _Most:
+    """Bounds of a workbook.
+
+    `cells` of the rectangle from A1 to a sheet's last one, and `rows` (Excel has no more);
+    `other_bytes` of XML that is not a sheet (texts, styles), unpacked; of a sheet's XML
+    `free_bytes`, and `bytes_each` of its elements, of which a cell has up to four.
+    """
+
+    cells: int = 20_000_000
+    rows: int = 1_048_576
+    other_bytes: int = 100_000_000
+    free_bytes: int = 10_000_000
+    bytes_each: int = 300
+
+    @property
+    def elements(self) -> int:
+        return 4 * self.cells
+
+
+MOST = _Most()
 _CELL = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 
 
@@ -53,20 +67,19 @@ class _Sheet:
     def fault(self, read: int) -> str | None:
         """What is beyond the bounds after so many bytes; None while nothing is."""
         if not self.is_sheet:
-            return f"more than {MOST_BYTES:,} bytes" if read > MOST_BYTES else None
-        if self.elements > _MOST_ELEMENTS:
-            return f"more than {_MOST_ELEMENTS:,} elements"
-        if self.rows > _MOST_ROWS or self._listed > _MOST_ROWS:
-            return f"more than {_MOST_ROWS:,} rows"
-        if self.rows * self.columns > MOST_CELLS:
+            return f"more than {MOST.other_bytes:,} bytes" if read > MOST.other_bytes else None
+        if self.elements > MOST.elements:
+            return f"more than {MOST.elements:,} elements"
+        if self.rows > MOST.rows or self._listed > MOST.rows:
+            return f"more than {MOST.rows:,} rows"
+        if self.rows * self.columns > MOST.cells:
             return (
                 f"{self.rows:,} rows and {self.columns:,} columns up to its last cell, more than "
-                f"{MOST_CELLS:,} cells"
+                f"{MOST.cells:,} cells"
             )
-        if read > _FREE_BYTES + _BYTES_EACH * self.elements:
-            return (
-                f"{read:,} bytes for {self.elements:,} elements, more than {_BYTES_EACH} for each"
-            )
+        if read > MOST.free_bytes + MOST.bytes_each * self.elements:
+            found = f"{read:,} bytes for {self.elements:,} elements"
+            return f"{found}, more than {MOST.bytes_each} for each"
         return None
 
 
@@ -85,7 +98,7 @@ def check_size(path: Path, file: BinaryIO) -> None:
     """
     with zipfile.ZipFile(file) as archive:
         for part in archive.infolist():
-            if part.file_size > _FREE_BYTES or part.filename.startswith("xl/worksheets/"):
+            if part.file_size > MOST.free_bytes or part.filename.startswith("xl/worksheets/"):
                 with archive.open(part) as packed:
                     _check_part(path, part.filename, packed)
 
@@ -112,4 +125,4 @@ def _too_large(path: Path, name: str, fault: str) -> InputError:
     )
 
 
-__all__ = ["MOST_BYTES", "MOST_CELLS", "check_size"]
+__all__ = ["MOST", "check_size"]
