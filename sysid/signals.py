@@ -23,13 +23,17 @@ FILTER_ORDER = 2
 # Below this share of the Nyquist frequency the filter cannot be computed.
 _LEAST_SHARE = 1e-7
 # Jitter of time stamps from rounding, as a share of a period; it is ignored.
-_JITTER_IGNORED = 1e-3
+JITTER_IGNORED = 1e-3
+# Times its median: half way from a step of a clock to one in which a sample is missing.
+SAMPLE_MISSING = 1.5
 # So many sampling periods without a row are a pause of the recording.
 _PAUSE = 3.0
 # Factors of a recursion between 0 and 1 are equal within this: time stamps are rounded.
 _EQUAL_FACTORS = 1e-9
 _DIFFERENCE_ORDERS = (2, 3, 4, 5, 6)
 _LAGS = (2, 4, 8, 16, 32)
+# Samples without which no noise is told from motion.
+FEWEST_FOR_NOISE = 16
 _NOISE_BLOCKS = 16
 _MIN_BLOCK = 64
 
@@ -138,7 +142,7 @@ def uniform_grid(time: FloatArray) -> FloatArray:
 def is_even(time: FloatArray, grid: FloatArray) -> bool:
     """Whether times (n,) s are those of an even `grid` but for rounding."""
     near = len(grid) == len(time)
-    return near and bool(np.max(np.abs(grid - time)) < _JITTER_IGNORED * float(grid[1] - grid[0]))
+    return near and bool(np.max(np.abs(grid - time)) < JITTER_IGNORED * float(grid[1] - grid[0]))
 
 
 def pauses(time: FloatArray) -> NDArray[np.intp]:
@@ -284,12 +288,12 @@ def noise_floor(values: FloatArray, resolution: float | None = None, stride: int
     identifiable below a third of a count; `total` never falls below the share of the
     quantisation.
 
-    `values` (n,), n >= 16; `resolution` overrides the quantum found in the data. Of samples
-    interpolated between measured ones only each `stride`-th is taken: those next to one another
-    hold the same errors, and their differences hardly any.
+    `values` (n,), n >= `FEWEST_FOR_NOISE`; `resolution` overrides the quantum found in the data.
+    Of samples interpolated between measured ones only each `stride`-th is taken: those next to one
+    another hold the same errors, and their differences hardly any.
     """
     x = np.asarray(values, dtype=float)
-    x = x[::stride] if len(x) >= 16 * stride else x
+    x = x[::stride] if len(x) >= FEWEST_FOR_NOISE * stride else x
     step = quantum(x) if resolution is None else resolution
     variance = _noise_variance(x, 1)
     if variance > step**2:
@@ -303,7 +307,7 @@ def _settled_variance(x: FloatArray, variance: float) -> float:
     """Variance of coloured noise: over the lag at which it has settled, before motion shows."""
     found = [variance]
     for lag in _LAGS:
-        if len(x) < 16 * lag:
+        if len(x) < FEWEST_FOR_NOISE * lag:
             break
         found.append(_noise_variance(x, lag))
     settled = variance

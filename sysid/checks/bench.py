@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from sysid.checks.friction import Identification
+from sysid.checks.friction import Identification, bench_fit
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.channels import VALVE_COMMANDS
@@ -42,18 +42,13 @@ def _is_of_a_tank(trial: Trial, rig: Rig) -> bool:
 
 def bench_identified(kind: str, trials: Sequence[Trial], rig: Rig) -> Iterator[Identification]:
     """Every parameter of the part's law in turn; one line where its tests cannot be used."""
-    from sysid.diagnosis.bench.fitting import fit_law
-    from sysid.diagnosis.bench.registry import component_of
-
     try:
-        component = component_of(kind, trials, rig)
-        fitted = fit_law(component, (), range(len(component.tests)))
+        fitted, count = bench_fit(kind, trials, rig)
     except (InputError, NotIdentifiedError) as error:
         yield Identification(f"the law of {kind} tests", False, _why(kind, trials, error))
         return
-    count = len(component.recordings)
     tests = f"{count} of {len(trials)} {kind} test{'s' * (len(trials) > 1)}"
-    for name, estimate in fitted.base_estimates().items():
+    for name, estimate in fitted.items():
         yield Identification(name, estimate.identified, estimate.reason or tests)
 
 

@@ -151,15 +151,21 @@ def _tests(result: FrictionResult) -> str:
 
 def _of_points(trials: Sequence[Trial], rig: Rig) -> tuple[dict[str, Estimate], str]:
     """Readings taken by hand: the law of `sysid.diagnosis.bench`."""
+    try:
+        fitted, count = bench_fit(FRICTION_POINTS, trials, rig)
+    except (InputError, NotIdentifiedError) as error:
+        return {}, str(error)
+    return dict(fitted), f"{count} readings"
+
+
+def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig) -> tuple[Mapping[str, Estimate], int]:
+    """The law that tests of a part on a bench give, without effects, and how many of them do."""
     from sysid.diagnosis.bench.fitting import fit_law
     from sysid.diagnosis.bench.registry import component_of
 
-    try:
-        component = component_of(FRICTION_POINTS, trials, rig)
-        fitted = fit_law(component, (), range(len(component.tests)))
-    except (InputError, NotIdentifiedError) as error:
-        return {}, str(error)
-    return dict(fitted.base_estimates()), f"{len(component.tests)} readings"
+    component = component_of(kind, trials, rig)
+    fitted = fit_law(component, (), range(len(component.tests)))
+    return fitted.base_estimates(), len(component.recordings)
 
 
-__all__ = ["Identification", "friction_identified", "friction_together"]
+__all__ = ["Identification", "bench_fit", "friction_identified", "friction_together"]

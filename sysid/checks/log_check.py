@@ -31,9 +31,6 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# A sample is late when it follows the one before by so many periods.
-_GAP_PERIODS = 1.5
-_FEWEST_SAMPLES = 16
 _MOST_TESTS_FOR_NOISE = 9
 # A sensor is stuck from so many equal readings on, and from as many as a dithering one gives by
 # chance in one log of this many.
@@ -243,7 +240,7 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
     """Check one log as read; `declared` is the kind that a campaign gives it."""
     steps = np.concatenate([np.diff(t.time) for t in log.trials])
     period = float(np.median(steps))
-    late = steps > _GAP_PERIODS * period
+    late = steps > signals.SAMPLE_MISSING * period
     regular = steps[~late]
     kinds: dict[str, int] = {}
     by_kind: dict[str, list[Trial]] = {}
@@ -346,7 +343,7 @@ def _combs(trial: Trial, name: str, rig: Rig) -> list[FloatArray]:
         return [values]
     stride = rows_per_ripple(trial, rig)
     combs = [values[start::stride] for start in {0, stride // 2}]
-    return [c for c in combs if len(c) >= _FEWEST_SAMPLES] or [values]
+    return [c for c in combs if len(c) >= signals.FEWEST_FOR_NOISE] or [values]
 
 
 def _noise(parts: Sequence[FloatArray], quantum: float) -> float | None:
@@ -354,7 +351,7 @@ def _noise(parts: Sequence[FloatArray], quantum: float) -> float | None:
 
     In a file of many tests a sample of them, spread over the file, is used.
     """
-    long = [p for p in parts if len(p) >= _FEWEST_SAMPLES]
+    long = [p for p in parts if len(p) >= signals.FEWEST_FOR_NOISE]
     some = long[:: -(-len(long) // _MOST_TESTS_FOR_NOISE)] if long else []
     floors = [signals.noise_floor(p, quantum).noise for p in some]
     return float(np.median(floors)) if floors else None
@@ -362,10 +359,8 @@ def _noise(parts: Sequence[FloatArray], quantum: float) -> float | None:
 
 def _runs(values: FloatArray, shortest: int) -> list[tuple[int, int]]:
     """[start, stop) of every stretch of at least `shortest` equal samples."""
-    edges = np.flatnonzero(np.diff(values) != 0.0) + 1
-    bounds = np.concatenate([[0], edges, [len(values)]])
-    lengths = np.diff(bounds)
-    return [(int(bounds[i]), int(bounds[i + 1])) for i in np.flatnonzero(lengths >= shortest)]
+    repeats = signals.runs(np.diff(values) == 0.0)
+    return [(first, last + 1) for first, last in repeats if last + 1 - first >= shortest]
 
 
 def kind_of(trial: Trial, rig: Rig) -> str | None:

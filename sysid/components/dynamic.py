@@ -22,7 +22,6 @@ from sysid.types import FloatArray, IntArray
 
 # Residuals of all tests and outputs that are kept; rows between are simulated.
 _MOST_RESIDUALS = 12_000
-_FEWEST_FOR_NOISE = 16
 _FEWEST_ROWS = 4
 # Rows on each side through which the rate of a column is smoothed, as a regressor.
 _HALF_WINDOW = 15
@@ -206,7 +205,7 @@ class DynamicPart(OwnPart):
     def noise_of(self, name: str, law: Law) -> float:
         """The measurement's own noise: from the channel itself, or from one row's residual to the
         next, whichever is less: motion adds to both."""
-        long = [t for t in self.trials if len(t) >= _FEWEST_FOR_NOISE]
+        long = [t for t in self.trials if len(t) >= signals.FEWEST_FOR_NOISE]
         floors = [signals.noise_floor(t[name], stride=t.stride_of(name)).total for t in long]
         outputs, i = self._simulated([law])[0], self.made.outputs.index(name)
         steps = [

@@ -26,7 +26,6 @@ _LAWS, _DIRECTIONS = 8, 4
 # the rows may lie off the parabola.
 _HALF_WINDOWS = (3, 6, 10, 15)
 _NOISE_TIMES = 1.5
-_FEWEST_FOR_NOISE = 16
 
 
 @dataclass(frozen=True)
@@ -276,7 +275,7 @@ def runs_of(made: DynamicComponent, pieces: Sequence[tuple[Trial, int, int]]) ->
 
 def _noise_of(trial: Trial, made: DynamicComponent) -> dict[str, float]:
     """The noise of each column, in its unit; 0 in a test too short to tell."""
-    if len(trial) < _FEWEST_FOR_NOISE:
+    if len(trial) < signals.FEWEST_FOR_NOISE:
         return dict.fromkeys(made.columns, 0.0)
     return {n: signals.noise_floor(trial[n], stride=trial.stride_of(n)).total for n in made.columns}
 

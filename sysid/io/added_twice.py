@@ -14,12 +14,10 @@ import numpy as np
 
 from sysid.errors import InputError
 from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.plausibility import SAME_PRESSURE, TWICE
 from sysid.io.rig import Rig
 from sysid.types import FloatArray
 
-TWICE = 0.05
-"""Pressures within this share of twice the atmosphere's: gauges and the weather differ by less."""
-_AT_REST = 0.15
 # Of the way, in the direction with the less of it.
 _BOTH_WAYS = 0.1
 # Of the effort that an added atmosphere would take; and of friction, which may differ by the way.
@@ -41,7 +39,7 @@ def added_twice(tests: Sequence[Mapping[str, FloatArray]], rig: Rig) -> tuple[st
     rests = {n: float(np.median(np.concatenate([t[n] for t in own]))) for n in CHAMBER_PRESSURES}
     twice = tuple(n for n, p in rests.items() if abs(p / (2.0 * ambient) - 1.0) <= TWICE)
     others = [p for n, p in rests.items() if n not in twice]
-    if not twice or any(abs(p / ambient - 1.0) > _AT_REST for p in others):
+    if not twice or any(max(p / ambient, ambient / p) > SAME_PRESSURE for p in others):
         return ()
     by_atmosphere = dict(zip(CHAMBER_PRESSURES, _effort_per_pressure(rig), strict=True))
     added = ambient * sum(by_atmosphere[name] for name in twice)
@@ -89,4 +87,4 @@ def _each_way(
     return float(values @ forward) / ways[0], float(values @ back) / ways[1]
 
 
-__all__ = ["TWICE", "added_twice"]
+__all__ = ["added_twice"]

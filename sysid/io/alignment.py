@@ -19,8 +19,6 @@ from sysid.types import BoolArray, FloatArray, IntArray
 FILLS = ("hold", "linear")
 # Of a period: time stamps this near are the same.
 ROUNDING = 1e-6
-# Of its median: no step of a clock without a sample missing is longer.
-_MOST_UNEVEN = 1.5
 # Samples that show a rate.
 _FEWEST = 3
 
@@ -98,7 +96,7 @@ def _is_even_between_others(rows: IntArray, time: FloatArray) -> bool:
     if len(rows) < _FEWEST:
         return False
     own = np.diff(time[rows])
-    return bool(np.max(np.diff(rows)) > 1 and np.max(own) < _MOST_UNEVEN * np.median(own))
+    return bool(np.max(np.diff(rows)) > 1 and np.max(own) < signals.SAMPLE_MISSING * np.median(own))
 
 
 __all__ = ["FILLS", "has_own_rate", "has_value", "is_held", "rows_held", "values_at", "within"]

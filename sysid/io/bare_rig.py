@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from sysid.io import plausibility
-from sysid.io.added_twice import TWICE
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.io.channels import PRESSURES, VALVE_COMMANDS
 from sysid.io.declaration import LONGEST_TEXT, range_of
@@ -27,7 +26,7 @@ from sysid.io.logs import Log, log_of, log_table
 from sysid.io.rig import ASSUMED, BARE, Rig, rig_from_content
 from sysid.io.rig_sections import Air, Cylinder, Motor
 from sysid.io.tables import LogTable
-from sysid.io.units import ColumnMap, find_column
+from sysid.io.units import ColumnMap
 
 SOURCE = BARE
 """What messages name in place of a rig file."""
@@ -107,10 +106,7 @@ def read_bare_logs(
 
 def _channels(table: LogTable, mapping: Mapping[str, ColumnMap]) -> Iterator[str]:
     """The channels that a table holds, by their names in the log format."""
-    taken = {
-        table.header[find_column(table.header, entry, str(table.path))]
-        for entry in mapping.values()
-    }
+    taken = {table.column_of(target, mapping) for target in mapping}
     yield from mapping
     yield from (name for name in table.header if name not in taken)
 
@@ -263,7 +259,7 @@ def _are_twice(shown: ShownConstants, rig: Rig) -> bool:
     ambient = rig.atmosphere_pa
     if ambient is None:
         return False
-    return any(abs(rest / (2.0 * ambient) - 1.0) <= TWICE for rest in shown.open_pa)
+    return any(abs(rest / (2.0 * ambient) - 1.0) <= plausibility.TWICE for rest in shown.open_pa)
 
 
 def _contradicted(log: Log, line: str) -> Log:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +24,7 @@ from sysid.types import IntArray
 MOST_CELLS = 100_000_000
 VARIABLE = "SYSID_MAX_CELLS"
 # A double in decimal digits, -2.2250738585072014e-308, and what separates it from the next.
-BYTES_EACH = 25
+BYTES_EACH = len(f"-{sys.float_info.min!r},")
 # A column costs about as much as a thousand cells, in time and in memory.
 MOST_COLUMNS = MOST_CELLS // 1000
 MOST_DEPTH = 12

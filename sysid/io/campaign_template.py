@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sysid.errors import input_error
 from sysid.io.campaign import BENCH_KINDS, KINDS, MOTION_KINDS
-from sysid.io.files import write_atomic
+from sysid.io.files import write_new
 
 _HEAD = """\
 # All tests of a rig, and what each may be used for. Paths are relative to this file.
@@ -87,9 +86,7 @@ def campaign_template() -> str:
 
 def write_campaign_template(path: Path, *, force: bool) -> None:
     """Write it to `path`; InputError where the file exists and `force` is not given."""
-    if path.exists() and not force:
-        raise input_error(path, "exists already", "choose another file, or give --force")
-    write_atomic(path, campaign_template())
+    write_new(path, campaign_template(), force=force)
 
 
 def _line(text: str, comment: str) -> str:

@@ -23,8 +23,6 @@ from sysid.types import BoolArray, FloatArray
 
 # Stretches of a test whose errors count as independent.
 _STRETCHES = 8
-# Of the filter, and of the rows that are then left.
-_FEWEST_LENGTHS = 4
 _FEWEST_ROWS = 40
 # A reading is half a sample early: clearly nearer to that than to none.
 _NEARER = 0.25
@@ -114,11 +112,11 @@ def _case(trial: Trial, rig: Rig) -> tuple[FloatArray, FloatArray] | None:
     if rig.effort_channel not in trial or rig.position_channel not in trial:
         return None
     grid = signals.uniform_grid(trial.time)
-    dt = float(grid[1] - grid[0]) if len(grid) > 1 else math.inf
+    if len(grid) < _FEWEST_ROWS:
+        return None
+    dt = float(grid[1] - grid[0])
     cutoff = min(signals.DEFAULT_CUTOFF_HZ, 0.1 / dt)
     length = signals.filter_length(dt, cutoff)
-    if len(grid) < _FEWEST_LENGTHS * length:
-        return None
 
     def smooth(values: FloatArray) -> FloatArray:
         return signals.lowpass(values, dt, cutoff)

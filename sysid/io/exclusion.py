@@ -7,6 +7,7 @@ seconds since the test's first row, excluded or not.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 import re
@@ -17,11 +18,12 @@ from typing import Any
 
 import numpy as np
 
+from sysid import signals
 from sysid.errors import InputError, input_error, shortened, some_of
 from sysid.io.channels import DUTIES
 from sysid.io.rig import Rig, reject_misspelt
 from sysid.io.tables import LogTable
-from sysid.io.units import ColumnMap, find_column, has_column, to_si
+from sysid.io.units import ColumnMap, to_si
 from sysid.types import BoolArray, FloatArray, IntArray
 
 OPTION = "--exclude"
@@ -29,10 +31,6 @@ _KEYS = ("test", "from_s", "to_s", "why")
 _SPAN = re.compile(r"(?P<test>.*)@(?P<span>[^@]*)", re.DOTALL)
 _MEND_TABLE = 'write exclude = ["7", {test = "12", from_s = 3.0, to_s = 4.5, why = "..."}]'
 _MEND_OPTION = f"write {OPTION} 12 or {OPTION} 12@3:4.5 (s since the test's first row)"
-# A row starts a PWM period if it lies as near to its start as decimal times do, of a row's period.
-_AT_A_START = 1e-3
-# Times its usual step that a running clock goes on from row to row.
-_ONE_STEP = 1.5
 
 
 @dataclass(frozen=True)
@@ -151,23 +149,27 @@ def parse_exclusion(text: str) -> Exclusion:
     given = f"{OPTION} {shortened(text)}"
     if found is None:
         return Exclusion(text, given=given)
-    times = found["span"].split(":")
-    if len(times) != 2 or not any(part.strip() for part in times):
-        raise input_error(given, f"{found['span']!r} is not FROM:TO", _MEND_OPTION)
-    ends = [_time(part, given) for part in times]
-    return _in_order(Exclusion(found["test"], ends[0], ends[1], given=given))
-
-
-def _time(text: str, given: str) -> float | None:
-    if not text.strip():
-        return None
     try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise input_error(given, f"{text!r} is not a time in s", _MEND_OPTION)
-    return value
+        from_s, to_s = parse_span(found["span"])
+    except ValueError as error:
+        raise input_error(given, str(error), _MEND_OPTION) from None
+    return _in_order(Exclusion(found["test"], from_s, to_s, given=given))
+
+
+def parse_span(text: str) -> tuple[float | None, float | None]:
+    """Seconds FROM:TO, one of which may be absent (None). ValueError says what it is instead."""
+    parts = text.split(":")
+    if len(parts) != 2 or not any(map(str.strip, parts)):
+        raise ValueError(f"{text!r} is not FROM:TO")
+    from_s, to_s = (_time(part) if part.strip() else None for part in parts)
+    return from_s, to_s
+
+
+def _time(text: str) -> float:
+    with contextlib.suppress(ValueError):
+        if math.isfinite(value := float(text)):
+            return value
+    raise ValueError(f"{text!r} is not a time in s")
 
 
 def _in_order(made: Exclusion) -> Exclusion:
@@ -188,16 +190,9 @@ def _span_text(from_s: float | None, to_s: float | None) -> str:
 # --- tables -------------------------------------------------------------------------------
 
 
-def test_column(table: LogTable, maps: Mapping[str, ColumnMap]) -> str | None:
-    """The column of a table that holds its tests' labels; None without one."""
-    if "test" in maps:
-        return table.header[find_column(table.header, maps["test"], str(table.path))]
-    return "test" if "test" in table.header else None
-
-
 def labels_in(table: LogTable, maps: Mapping[str, ColumnMap]) -> tuple[IntArray, list[str]]:
     """(n,) the number of each row's test, and the labels; one empty label without a column."""
-    column = test_column(table, maps)
+    column = table.column_of("test", maps)
     if column is None:
         return np.zeros(len(table.frame), dtype=np.intp), [""]
     return table.labels(column)
@@ -261,7 +256,7 @@ def _said(path: Path, one: Excluded) -> str:
 
 def _with_labels(table: LogTable, maps: Mapping[str, ColumnMap], names: Any) -> LogTable:
     """The table with these labels (n,) in its column of tests, which is added where it has none."""
-    column = test_column(table, maps)
+    column = table.column_of("test", maps)
     header = table.header if column is not None else (*table.header, "test")
     return replace(table, header=header, frame=table.frame.assign(**{column or "test": names}))
 
@@ -270,12 +265,9 @@ def _seconds(table: LogTable, maps: Mapping[str, ColumnMap]) -> FloatArray:
     """Times of all rows (n,) s, NaN where a cell holds none: excluded rows may hold anything."""
     import pandas as pd
 
-    entry = maps.get("time_s")
-    if entry is None and "time_s" not in table.header:
+    entry, column = maps.get("time_s"), table.column_of("time_s", maps)
+    if column is None:
         raise input_error(table.path, "has no time_s, by which a span is excluded", "map it")
-    column = "time_s"
-    if entry is not None:
-        column = table.header[find_column(table.header, entry, str(table.path))]
     if table.is_stamped(column):
         values = table.numbers(column)
     else:
@@ -334,7 +326,7 @@ def _entered_again(since: FloatArray, within: BoolArray) -> int | None:
     steps = np.diff(since)
     rising = steps[steps > 0.0]
     usual = float(np.median(rising)) if rising.size else 0.0
-    entered = within[1:] & ~within[:-1] & (steps > 0.0) & (steps < _ONE_STEP * usual)
+    entered = within[1:] & ~within[:-1] & (steps > 0.0) & (steps < signals.SAMPLE_MISSING * usual)
     again = np.flatnonzero(entered & (np.cumsum(within)[:-1] > 0))
     return int(again[0]) + 1 if again.size else None
 
@@ -391,9 +383,7 @@ class _Split:
 
     def _runs(self, rows: IntArray) -> Iterator[tuple[int, int]]:
         """[first, last) of each run of a test's rows that are not excluded."""
-        kept = self.removed[rows] < 0
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], kept, [False])).astype(int)))
-        yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+        yield from signals.runs(self.removed[rows] < 0)
 
     def _name(self, rows: IntArray, label: str, first: int, last: int) -> str:
         """A part's label: the test's and the times between which it lies, as they were given."""
@@ -425,7 +415,8 @@ class _Split:
         within = since[first:last]
         row_s = float(np.median(np.diff(within))) if len(within) > 1 else period
         off = np.abs(within - np.round(within / period) * period)
-        near = np.flatnonzero(off <= _AT_A_START * row_s)
+        # As near to a period's start as decimal times are.
+        near = np.flatnonzero(off <= signals.JITTER_IGNORED * row_s)
         if near.size:
             return first + int(near[0])
         # The log's rows wander against the periods: the nearest of the next few.
@@ -441,12 +432,7 @@ class _Split:
         import pandas as pd
 
         for name in DUTIES:
-            entry = self.maps.get(name)
-            column = name
-            if entry is not None and has_column(self.table.header, entry):
-                column = self.table.header[
-                    find_column(self.table.header, entry, str(self.table.path))
-                ]
+            column = self.table.column_of(name, self.maps)
             if column in self.table.frame:
                 values = pd.to_numeric(self.table.frame[column].iloc[rows], errors="coerce")
                 if bool((values.fillna(0.0) != 0.0).any()):
@@ -519,7 +505,7 @@ __all__ = [
     "exclusions_of",
     "labels_in",
     "parse_exclusion",
+    "parse_span",
     "shared_out",
-    "test_column",
     "without",
 ]

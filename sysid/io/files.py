@@ -70,6 +70,13 @@ def write_atomic(path: Path, data: bytes | str, *, is_bundle: bool = False) -> N
         file.write(data.encode("utf-8") if isinstance(data, str) else data)
 
 
+def write_new(path: Path, text: str, *, force: bool) -> None:
+    """`write_atomic` of a template; InputError where the file exists and `force` is not given."""
+    if path.exists() and not force:
+        raise input_error(path, "exists already", "choose another file, or give --force")
+    write_atomic(path, text)
+
+
 @contextlib.contextmanager
 def open_atomic(path: Path, *, is_bundle: bool = False) -> Generator[BinaryIO, None, None]:
     """A file to write `path` through: in place once the block has ended without an error.

@@ -27,11 +27,11 @@ from sysid.io.foreign_tests import (
     found_tests,
     given_tests,
     said_starts,
-    seconds_without_wraps,
     without_wraps,
 )
 from sysid.io.reshaping import joined_line, median_period
 from sysid.io.rig import nearest_rig_file, read_rig
+from sysid.io.time_breaks import wraps_of_seconds
 from sysid.io.units import (
     LARGEST,
     TEST_COLUMN,
@@ -290,7 +290,7 @@ def _timed(
         time = to_si(counts, entry, recipe.atmosphere_pa, stamped=stamped)
         time = check_size(str(table.path), "time_s", time, LARGEST)
         if counts is readings and not stamped:
-            time = seconds_without_wraps(table, name, time, kept, starts)
+            time = without_wraps(table, name, time, kept, starts, wraps_of_seconds)
     return time, found_tests(table, time, kept, starts) if tests is None else tests
 
 

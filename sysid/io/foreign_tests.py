@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.errors import some_of
 from sysid.io.foreign import ForeignTable
-from sysid.io.time_breaks import TimeWraps, time_breaks, wraps_of, wraps_of_seconds
+from sysid.io.time_breaks import TimeWraps, time_breaks, wraps_of
 from sysid.types import BoolArray, FloatArray, IntArray
 
 
@@ -30,8 +31,7 @@ class Tests:
 
     def parts(self) -> list[tuple[int, int]]:
         """[first, last) row of each test, in their order."""
-        bounds = [*self.starts.tolist(), self.rows]
-        return list(itertools.pairwise(bounds))
+        return _parts(self.starts[1:], self.rows)
 
     def worth_keeping(self, has_row: BoolArray) -> BoolArray:
         """`has_row` (rows,) without the numbered tests that it leaves with one row, which is none.
@@ -98,30 +98,20 @@ def said_starts(table: ForeignTable, kept: IntArray) -> IntArray:
 
 
 def without_wraps(
-    table: ForeignTable, name: str, values: FloatArray, kept: IntArray, starts: IntArray
-) -> FloatArray:
-    """A time column (n,) in its own unit, its counter unwrapped between `starts`."""
-    return _unwrapped(table, name, values, kept, starts, wraps_of)
-
-
-def seconds_without_wraps(
-    table: ForeignTable, name: str, time: FloatArray, kept: IntArray, starts: IntArray
-) -> FloatArray:
-    """As `without_wraps`, of times (n,) s that a program made from a counter."""
-    return _unwrapped(table, name, time, kept, starts, wraps_of_seconds)
-
-
-def _unwrapped(
     table: ForeignTable,
     name: str,
     values: FloatArray,
     kept: IntArray,
     starts: IntArray,
-    find: Any,
+    find: Callable[[FloatArray], TimeWraps | None] = wraps_of,
 ) -> FloatArray:
+    """A time column (n,), its counter unwrapped between `starts`.
+
+    In its own unit; with `wraps_of_seconds` times (s) that a program made from a counter.
+    """
     out, places, what = values, [], ""
     for first, last in _parts(starts, len(values)):
-        wraps: TimeWraps | None = find(values[first:last]) if last - first > 2 else None
+        wraps = find(values[first:last]) if last - first > 2 else None
         if wraps is not None:
             out = out.copy() if out is values else out
             out[first:last] = wraps.unwrapped(values[first:last])
@@ -149,6 +139,5 @@ __all__ = [
     "found_tests",
     "given_tests",
     "said_starts",
-    "seconds_without_wraps",
     "without_wraps",
 ]

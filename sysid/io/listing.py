@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.io.foreign import ForeignTable, ReadOptions, read_any
 from sysid.io.foreign.recipe import read_recipe, with_reading
+from sysid.io.reshaping import median_period
 
 # First values that are shown of each channel.
 FIRST = 3
@@ -87,7 +87,7 @@ def _listing(path: Path, table: ForeignTable) -> Listing:
             period = table.sampling[name].period_s
         elif clock is not None:
             if id(clock) not in periods:
-                periods[id(clock)] = _period(clock)
+                periods[id(clock)] = median_period(clock) or None
             period = periods[id(clock)]
         first = tuple(_value(value) for value in values[:FIRST])
         unit = table.units.get(name)
@@ -95,13 +95,6 @@ def _listing(path: Path, table: ForeignTable) -> Listing:
     return Listing(
         str(path), table.format, tuple(channels), dict(table.skipped), tuple(table.notices)
     )
-
-
-def _period(clock: NDArray[np.float64]) -> float | None:
-    """The median period of a clock (n,) s; None of one that does not run."""
-    steps = np.diff(clock)
-    found = float(np.median(steps)) if len(steps) else 0.0
-    return found if math.isfinite(found) and found > 0 else None
 
 
 def _value(value: Any) -> float | str | None:

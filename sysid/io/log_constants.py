@@ -16,6 +16,7 @@ import numpy as np
 
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.declaration import range_of
+from sysid.io.responses import ROWS_OF_A_RECORDING
 from sysid.io.rig_sections import Air
 from sysid.io.samples import Log, Trial
 from sysid.signals import longest_run
@@ -23,8 +24,6 @@ from sysid.types import FloatArray
 
 # Chance that the ripple of a log without pulses is taken for a PWM period.
 _FALSE_RIPPLE = 1e-6
-# Rows of a test under pulses from which a spectrum is taken.
-_LEAST_ROWS = 64
 # Of its fastest rate, and in pulses: where a chamber's ripple is held against its mean rate.
 _FAST, _LEAST_PULSES = 0.7, 4
 # Of the line that pulses make at that rate, less what the rate falls meanwhile.
@@ -270,7 +269,7 @@ def _ripples(trial: Trial) -> Iterator[_Ripple]:
     """The ripple of each chamber whose valve is pulsed at a constant duty."""
     for side in SIDES:
         duty, pressure = f"duty_{side}", f"pressure_{side}_pa"
-        if duty not in trial or pressure not in trial or len(trial) < _LEAST_ROWS:
+        if duty not in trial or pressure not in trial or len(trial) < ROWS_OF_A_RECORDING:
             continue
         share = float(np.median(trial[duty]))
         if not 0.0 < share < 1.0:

@@ -33,7 +33,7 @@ from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, any_contradiction, with_channels
 from sysid.io.tables import LogTable, read_table
 from sysid.io.time_breaks import time_breaks, wraps_of_seconds
-from sysid.io.trust.mending import Recording, mend
+from sysid.io.trust.mending import Recording, Rows, mend, row_of
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, check_size, find_column, has_column, to_si
 from sysid.types import FloatArray
 
@@ -50,7 +50,6 @@ _SELDOM_NEEDED = (
 _CONVERTED = ("motor_volts", "encoder_counts")
 # Consecutive rows of a second sampling period from which a test counts as mixed.
 _MIXED_RUN = 10
-_MIXED_DEVIATION = 0.25
 # Times its median that a period may drift; a recorder's next rate is twice or half.
 _DRIFT = 1.95
 # A start later than that, s, is a date: its digits leave a delay few of theirs.
@@ -237,20 +236,9 @@ def _take_columns(reading: LogReading, maps: Mapping[str, ColumnMap]) -> None:
     for name in table.header:
         if name in known and name not in maps and name not in used and name != "test":
             _take(reading, name, maps)
-    ambient = reading.rig.atmosphere_pa
-    for target, entry in maps.items():
+    for target, column in sources.items():
         if target != "test":
-            column = sources[target]
-            absent = absent_rows(reading, target, column, maps)
-            if absent is not None and absent.all():
-                continue
-            stamped = table.is_stamped(column)
-            readings = table.numbers(column, absent)
-            values = to_si(readings, entry, ambient, stamped=stamped)
-            reading.notices += entry.notices(readings, reading.where, table.place)
-            check_size(reading.where, target, _known(values))
-            reading.columns[target] = values
-            reading.origin[target] = sources[target]
+            take_column(reading, target, column, maps)
     unknown = [n for n in table.header if n not in known and n not in used]
     if unknown:
         reading.notices.append(unknown_line(table.path, unknown))
@@ -258,7 +246,7 @@ def _take_columns(reading: LogReading, maps: Mapping[str, ColumnMap]) -> None:
         raise input_error(reading.where, "holds one row only", "a test needs at least two samples")
 
 
-def absent_rows(
+def _absent_rows(
     reading: LogReading, target: str, column: str, maps: Mapping[str, ColumnMap]
 ) -> NDArray[np.bool_] | None:
     """The rows (n,) of tests in which a column is empty: there it is absent, which is said.
@@ -286,20 +274,39 @@ def _known(values: FloatArray) -> FloatArray:
 
 def _take(reading: LogReading, name: str, maps: Mapping[str, ColumnMap]) -> None:
     """A column by its own name; one that only few kinds of test need may be unusable."""
-    absent = absent_rows(reading, name, name, maps)
-    if absent is not None and absent.all():
-        return
     try:
-        values = reading.table.numbers(name, absent)
-        check_size(reading.where, name, _known(values))
-        reading.columns[name] = values
+        take_column(reading, name, name, maps)
     except InputError as error:
         if name not in _SELDOM_NEEDED:
             raise
         reading.unusable[name] = str(error)
         reading.notices.append(f"{name} is ignored: {error}")
-    else:
-        reading.origin[name] = name
+
+
+def take_column(
+    reading: LogReading,
+    target: str,
+    column: str,
+    maps: Mapping[str, ColumnMap],
+    units: Mapping[str, str | None] = CANONICAL_UNITS,
+) -> None:
+    """Read a column of the table in the unit that `units` has; one that is empty is absent.
+
+    Raises InputError at a cell that is no number, and for values beyond all that is measured.
+    """
+    table = reading.table
+    absent = _absent_rows(reading, target, column, maps)
+    if absent is not None and absent.all():
+        return
+    values = table.numbers(column, absent)
+    if (entry := maps.get(target)) is not None:
+        said = entry.notices(values, reading.where, table.place)
+        stamped = table.is_stamped(column)
+        values = to_si(values, entry, reading.rig.atmosphere_pa, stamped=stamped)
+        reading.notices += said
+    check_size(reading.where, target, _known(values), units=units)
+    reading.columns[target] = values
+    reading.origin[target] = column
 
 
 def _shows_readings(table: LogTable, maps: Mapping[str, ColumnMap], rig: Rig) -> bool:
@@ -329,19 +336,12 @@ def missing_time(table: LogTable, *, are_readings: bool = False) -> InputError:
     )
 
 
-def groups_of(
-    reading: LogReading, maps: Mapping[str, ColumnMap]
-) -> list[tuple[str, NDArray[np.int64] | slice]]:
+def groups_of(reading: LogReading, maps: Mapping[str, ColumnMap]) -> list[tuple[str, Rows]]:
     """(label, rows) of each test, in the order in which they first appear."""
-    header = reading.table.header
-    name = header[find_column(header, maps["test"], reading.where)] if "test" in maps else "test"
-    rows = len(reading.table.frame)
-    if name not in header:
-        return [("", slice(0, rows))]
-    codes, labels = reading.table.labels(name)
+    codes, labels = labels_in(reading.table, maps)
     changes = np.flatnonzero(np.diff(codes)) + 1
     if len(changes) == len(labels) - 1:
-        bounds = [0, *changes.tolist(), rows]
+        bounds = [0, *changes.tolist(), len(codes)]
         return [(labels[i], slice(bounds[i], bounds[i + 1])) for i in range(len(labels))]
     return [(label, np.flatnonzero(codes == i)) for i, label in enumerate(labels)]
 
@@ -373,7 +373,7 @@ def _convert_position(reading: LogReading) -> None:
     reading.origin[target] = "encoder_counts"
 
 
-def _use_speed(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
+def _use_speed(reading: LogReading, groups: list[tuple[str, Rows]]) -> None:
     """A measured speed: its integral for a position that was not logged, else compared with it."""
     rig, columns = reading.rig, reading.columns
     speed, position, time = velocity_channel(rig), rig.position_channel, columns["time_s"]
@@ -438,9 +438,7 @@ def _convert_motor(reading: LogReading) -> None:
                 reading.contradict("motor", line + hint)
 
 
-def _check_values(
-    reading: LogReading, groups: Sequence[tuple[str, NDArray[np.int64] | slice]]
-) -> None:
+def _check_values(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> None:
     """Units and ranges of every channel, over the whole file."""
     rig, columns, where = reading.rig, reading.columns, reading.where
     for name in PRESSURES:
@@ -498,9 +496,7 @@ def _check_values(
     reading.notices += response_notices(where, whole, position, rig.effort_channel)
 
 
-def _unlike_the_atmosphere(
-    reading: LogReading, groups: Sequence[tuple[str, NDArray[np.int64] | slice]]
-) -> str | None:
+def _unlike_the_atmosphere(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> str | None:
     """A line where chambers of a log whose valves stay off do not rest at the atmosphere's pressure
     though the rig file or the motion says that they do."""
     rig, columns = reading.rig, reading.columns
@@ -545,9 +541,7 @@ def smallest_step(values: FloatArray) -> float | None:
     return float(np.min(steps)) if steps.size else None
 
 
-def check_time_column(
-    reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]
-) -> None:
+def check_time_column(reading: LogReading, groups: list[tuple[str, Rows]]) -> None:
     """Time increases within each test, at one rate; InputError otherwise, notices of less."""
     time = reading.columns["time_s"]
     periods, every = [], []
@@ -580,14 +574,11 @@ def check_time_column(
     reading.notices += filter(None, told)
 
 
-def _place(reading: LogReading, rows: NDArray[np.int64] | slice, index: int) -> str:
-    row = (rows.start or 0) + index if isinstance(rows, slice) else int(rows[index])
-    return reading.table.place(row)
+def _place(reading: LogReading, rows: Rows, index: int) -> str:
+    return reading.table.place(row_of(rows, index))
 
 
-def _time_error(
-    reading: LogReading, rows: NDArray[np.int64] | slice, index: int, name: str
-) -> InputError:
+def _time_error(reading: LogReading, rows: Rows, index: int, name: str) -> InputError:
     time = reading.columns["time_s"][rows]
     before, after = (float(t) for t in time[index : index + 2])
     where = f"{reading.where}, {_place(reading, rows, index + 1)}"
@@ -614,19 +605,16 @@ def _time_error(
     return input_error(where, f"{what}: rows are out of order", mend)
 
 
-def _check_mixed(
-    reading: LogReading, rows: NDArray[np.int64] | slice, steps: FloatArray, name: str
-) -> None:
+def _check_mixed(reading: LogReading, rows: Rows, steps: FloatArray, name: str) -> None:
     """Two sampling periods in one test (single lost samples are gaps, not this)."""
     median = float(np.median(steps))
-    other = np.abs(steps / median - 1.0) > _MIXED_DEVIATION
+    other = (steps >= _DRIFT * median) | (steps <= median / _DRIFT)
     if np.count_nonzero(other) < _MIXED_RUN:
         return
     for start, stop in signals.runs(other):
         second = steps[start:stop]
         rate = float(np.median(second)) / median
-        apart = not 1.0 / _DRIFT < rate < _DRIFT
-        if apart and stop - start >= _MIXED_RUN and np.ptp(second) < 0.1 * rate * median:
+        if stop - start >= _MIXED_RUN and np.ptp(second) < 0.1 * rate * median:
             raise input_error(
                 f"{reading.where}, {_place(reading, rows, start + 1)}",
                 f"the sampling period{name} changes to {float(np.median(second)):.4g} s "
@@ -636,9 +624,7 @@ def _check_mixed(
             )
 
 
-def _mended(
-    reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]
-) -> list[tuple[str, NDArray[np.int64] | slice]]:
+def _mended(reading: LogReading, groups: list[tuple[str, Rows]]) -> list[tuple[str, Rows]]:
     """What the samples show that they cannot be trusted in, mended with a notice.
 
     Before ranges and steps are judged, which a wrap or a jump spoils; returns each test's rows, as
@@ -667,7 +653,7 @@ def _mended(
 
 
 def _by_channels(
-    columns: Mapping[str, FloatArray], groups: Sequence[tuple[str, NDArray[np.int64] | slice]]
+    columns: Mapping[str, FloatArray], groups: Sequence[tuple[str, Rows]]
 ) -> dict[tuple[str, ...], list[int]]:
     """The numbers of the tests by the channels that they have."""
     found: dict[tuple[str, ...], list[int]] = {}
@@ -677,7 +663,7 @@ def _by_channels(
     return found
 
 
-def _check_tests(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] | slice]]) -> None:
+def _check_tests(reading: LogReading, groups: list[tuple[str, Rows]]) -> None:
     """What shows within one test: an angle without its sign, single samples that are none."""
     position = reading.rig.position_channel
     for label, rows in groups:
@@ -694,9 +680,7 @@ def _check_tests(reading: LogReading, groups: list[tuple[str, NDArray[np.int64] 
                 _drop_spikes(reading, name, rows, where)
 
 
-def _drop_spikes(
-    reading: LogReading, name: str, rows: NDArray[np.int64] | slice, where: str
-) -> None:
+def _drop_spikes(reading: LogReading, name: str, rows: Rows, where: str) -> None:
     """Put single samples far outside a test's own range on the line between their neighbours."""
     values = reading.columns[name][rows]
     spikes = plausibility.spikes(values)
@@ -717,7 +701,7 @@ def _drop_spikes(
     )
 
 
-def log_from(reading: LogReading, groups: Sequence[tuple[str, NDArray[np.int64] | slice]]) -> Log:
+def log_from(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> Log:
     """The log of a reading; what contradicts the rig file is the first of its notices."""
     table, wrong = reading.table, tuple(map(one_line, reading.contradictions))
     trials = tuple(trial_of(reading, label, rows) for label, rows in groups)
@@ -725,7 +709,7 @@ def log_from(reading: LogReading, groups: Sequence[tuple[str, NDArray[np.int64] 
     return Log(table.path, table.sha256, trials, notices, reading.rig, wrong, reading.excluded)
 
 
-def trial_of(reading: LogReading, label: str, rows: NDArray[np.int64] | slice) -> Trial:
+def trial_of(reading: LogReading, label: str, rows: Rows) -> Trial:
     """One test of a reading."""
     channels = {n: v[rows] for n, v in reading.columns.items() if n != "time_s"}
     channels = {n: v for n, v in channels.items() if not np.isnan(v).all()}
@@ -760,7 +744,6 @@ __all__ = [
     "Log",
     "LogReading",
     "Trial",
-    "absent_rows",
     "any_contradiction",
     "check_time_column",
     "exclusions_for",
@@ -771,6 +754,7 @@ __all__ = [
     "missing_time",
     "read_log",
     "smallest_step",
+    "take_column",
     "test_labels",
     "trial_of",
     "with_channels",

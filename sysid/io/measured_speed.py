@@ -17,6 +17,7 @@ from sysid.errors import input_error
 from sysid.io.channels import VALVE_COMMANDS, VELOCITY_CHANNELS
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial, with_channels
+from sysid.io.unit_text import TAKEN_FOR_SI
 from sysid.types import FloatArray
 
 # Windows of a test over which position and speed are compared, and the least of all tests.
@@ -29,10 +30,6 @@ _SAME_SCALE = 0.05
 _NOISE = 3.0
 # Declared sampling periods from which rows are no recording.
 _SAMPLED = 10.0
-_SLIPS = {
-    "rotary": {"deg/s": math.pi / 180.0, "rpm": math.pi / 30.0, "rev/s": 2.0 * math.pi},
-    "linear": {"mm/s": 1e-3, "m/min": 1.0 / 60.0, "in/s": 0.0254},
-}
 
 
 def velocity_channel(rig: Rig) -> str:
@@ -161,9 +158,8 @@ def contradiction(
         return None
     if abs(ratio + 1.0) <= max(_SAME_SCALE, _STANDARD_ERRORS * error):
         return f"{speed_name} has the opposite sign of the motion of {name} ({name} is used)"
-    unit = next(
-        (u for u, f in _SLIPS[rig.motion].items() if abs(abs(ratio) / f - 1.0) < _SAME_SCALE), None
-    )
+    units = TAKEN_FOR_SI[rig.units.speed]
+    unit = next((u for u, f in units.items() if abs(abs(ratio) / f - 1.0) < _SAME_SCALE), None)
     guess = f": is it in {unit}?" if unit else ""
     return f"{name} moves {ratio:.4g} times as far as {speed_name} says ({name} is used){guess}"
 

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from sysid.errors import input_error
 from sysid.io.exclusion import Exclusion, without
 from sysid.io.foreign_log import in_log_format
 from sysid.io.logs import (
     LogReading,
-    absent_rows,
     check_time_column,
     groups_of,
     log_from,
     log_table,
     missing_time,
+    take_column,
 )
 from sysid.io.rig import Rig
 from sysid.io.samples import Log
-from sysid.io.units import LARGEST, TEST_COLUMN, ColumnMap, find_column, has_column, to_si
-from sysid.types import FloatArray
+from sysid.io.units import TEST_COLUMN, ColumnMap, has_column
 
 
 @dataclass(frozen=True)
@@ -65,7 +61,7 @@ def read_own_log(
     in a test is so in this test, which is said, and what `exclude` names is missing, too. Raises
     InputError for a file, a cell or a time column that cannot be used.
     """
-    units = {"time_s": "s", **own.columns}
+    units: dict[str, str | None] = {"time_s": "s", **own.columns}
     maps = {t: m for t, m in {**(shared or {}), **(mapping or {})}.items() if t in (*units, "test")}
     table = log_table(path, maps, ("test", *units))
     for target in set(shared or {}) - set(mapping or {}):
@@ -81,36 +77,14 @@ def read_own_log(
     reading.leave_out(without(table, maps, exclude, rig))
     table = reading.table
     for name in units:
-        if name in maps:
-            column = table.header[find_column(table.header, maps[name], str(path))]
-        elif name in table.header:
-            column = name
-        else:
-            continue
-        absent = absent_rows(reading, name, column, maps)
-        if absent is not None and absent.all():
-            continue
-        values = table.numbers(column, absent)
-        if name in maps:
-            reading.notices += maps[name].notices(values, str(path), table.place)
-            stamped = table.is_stamped(column)
-            values = to_si(values, maps[name], rig.atmosphere_pa, stamped=stamped)
-        reading.columns[name] = _checked_size(path, name, units[name], values)
-        reading.origin[name] = column
+        column = table.column_of(name, maps)
+        if column is not None:
+            take_column(reading, name, column, maps, units)
     if len(table.frame) < 2:
         raise input_error(path, "holds one row only", "a test needs at least two samples")
     groups = groups_of(reading, maps)
     check_time_column(reading, groups)
     return log_from(reading, groups)
-
-
-def _checked_size(path: Path, name: str, unit: str, values: FloatArray) -> FloatArray:
-    largest = float(np.max(np.abs(values[~np.isnan(values)]), initial=0.0))
-    if math.isfinite(largest) and largest <= LARGEST:
-        return values
-    raise input_error(
-        path, f"{name} reaches {largest:.3g} {unit}, beyond anything measured", "fix the values"
-    )
 
 
 __all__ = ["OwnKind", "read_own_log"]

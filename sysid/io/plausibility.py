@@ -14,18 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import SysidError, input_error
-from sysid.io.rig import Rig
+from sysid.io.declaration import range_of
+from sysid.io.responses import ROWS_OF_A_RECORDING
+from sysid.io.rig import Air, Rig
+from sysid.io.unit_text import TAKEN_FOR_SI
 from sysid.signals import quantum
 from sysid.types import FloatArray
 
-PRESSURE_UNITS = {
-    "Pa": 1.0,
-    "mbar": 1e2,
-    "kPa": 1e3,
-    "psi": 6894.757,
-    "bar": 1e5,
-    "MPa": 1e6,
-}
 # Of the atmosphere's pressure: what a real sensor shows of noise at the least.
 _LEAST_SPREAD = 5e-4
 _SLOWEST_S = 0.25
@@ -33,12 +28,9 @@ _SHORTEST_S = 1e-7
 # Ratio of the long to the short steps from which a log counts as uneven.
 _UNEVEN = 1.2
 _LEAST_ROWS = 200
-_LEAST_FOR_SPIKES = 50
 _MOST_SPIKES = 3
 _APART = 0.5
 _STEPS_APART = 20.0
-_COLDEST_K, _HOTTEST_K, _ZERO_C = 150.0, 500.0, 273.15
-_TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "min": 60.0}
 # A gauge pressure is near 0 wherever a chamber is open. One that begins at the atmosphere's is
 # absolute, and a closed chamber that is pulled open may then fall far below it.
 _LOWEST_SHARE_OF_ATMOSPHERE = 0.5
@@ -48,7 +40,9 @@ _HIGHEST_SHARE_OF_SUPPLY = 4.0
 # Fewer readings out of range than this share are a fault of the recording, not a wrong unit.
 _FEW = 0.2
 # Pressures within this factor may be one: gauges, supplies and the weather differ by less.
-_SAME_PRESSURE = 1.15
+SAME_PRESSURE = 1.15
+TWICE = 0.05
+"""Pressures within this share of twice the atmosphere's: gauges and the weather differ by less."""
 _HIGH = 0.9
 # Of the travel: a stop yields, and a pitch radius is known to some percent.
 _BEYOND_THE_STOP = 0.05
@@ -58,8 +52,6 @@ _SAME_STEP = 0.1
 _FOLD_ROWS = 5
 _FOLD_SPEED = 0.2  # of the test's highest speed
 _STRAIGHT = 0.7
-_ROTARY_STEPS = {"deg": 180.0 / math.pi, "rev": 0.5 / math.pi, "mrad": 1e3}
-_LINEAR_STEPS = {"mm": 1e3, "um": 1e6, "cm": 1e2}
 # A factor that is typed with three digits is off by at most so much; so is a converter's zero.
 DUTY_ROUNDING = 5e-3
 _NAMES = {
@@ -125,7 +117,7 @@ def _looks_like(
     floor, ceiling = _LOWEST_SHARE_OF_ATMOSPHERE * ambient, _HIGHEST_SHARE_OF_SUPPLY * supply
     for gauge in (False, True):
         shift = ambient if gauge else 0.0
-        for unit, factor in PRESSURE_UNITS.items():
+        for unit, factor in TAKEN_FOR_SI["Pa"].items():
             fits = low * factor + shift >= floor and high * factor + shift <= ceiling
             rests = abs(low * factor + shift - ambient) < _AT_REST * ambient
             # Every gauge unit reads zero at rest; a real sensor shows some noise there.
@@ -239,9 +231,9 @@ def _check_step(where: str, target: str, column: str, step: float | None, rig: R
     per_unit = _counts_per_unit(rig)
     if per_unit is None or not step:
         return
-    units = _LINEAR_STEPS if rig.is_linear else _ROTARY_STEPS
     si = rig.units.position
-    for unit, factor in units.items():
+    for unit, worth in TAKEN_FOR_SI[si].items():
+        factor = 1.0 / worth
         if abs(step * per_unit / factor - 1.0) < 0.02:
             raise input_error(
                 where,
@@ -254,7 +246,7 @@ def _check_step(where: str, target: str, column: str, step: float | None, rig: R
 def folds(values: FloatArray) -> bool:
     """Whether a position (n,) of one test turns round at zero at full speed, as its size does."""
     low, step = float(np.min(values)), float(np.max(np.abs(np.diff(values)), initial=0.0))
-    if low < 0.0 or low > step or len(values) < _LEAST_FOR_SPIKES:
+    if low < 0.0 or low > step or len(values) < ROWS_OF_A_RECORDING:
         return False
     n = _FOLD_ROWS
     inner = values[2 * n : -2 * n]
@@ -278,7 +270,7 @@ def spikes(values: FloatArray) -> NDArray[np.intp]:
     found: list[int] = []
     steps = np.abs(np.diff(values))
     moves = steps[steps > 0.0]
-    if len(values) < _LEAST_FOR_SPIKES or moves.size == 0:
+    if len(values) < ROWS_OF_A_RECORDING or moves.size == 0:
         return np.array(found, dtype=np.intp)
     least = _STEPS_APART * float(np.median(moves))
     for side in (1.0, -1.0):
@@ -349,7 +341,7 @@ def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | No
     if rig.sampling is None:
         return None
     ratio = period / rig.sampling.period_s
-    for unit, factor in _TIME_UNITS.items():
+    for unit, factor in TAKEN_FOR_SI["s"].items():
         if abs(ratio * factor - 1.0) < 0.02:
             raise input_error(
                 where,
@@ -405,11 +397,11 @@ def check_rest(where: str, pressures: Mapping[str, FloatArray], rig: Rig) -> str
     rests = [float(np.median(values)) for values in pressures.values()]
     ratios = [rest / ambient for rest in rests]
     # A piston in motion presses one chamber and draws on the other.
-    if min(ratios) < _SAME_PRESSURE and max(ratios) > 1.0 / _SAME_PRESSURE:
+    if min(ratios) < SAME_PRESSURE and max(ratios) > 1.0 / SAME_PRESSURE:
         return None
     mend = (
         "is the atmosphere's pressure added twice? Map an absolute pressure without (g)"
-        if all(abs(ratio / 2.0 - 1.0) <= 0.05 for ratio in ratios)
+        if all(abs(ratio / 2.0 - 1.0) <= TWICE for ratio in ratios)
         else "is its unit wrong, or [air] atmospheric_pressure_pa?"
     )
     return (
@@ -429,7 +421,7 @@ def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str
     said = f"the rig file's supply_pressure_pa is {declared:.4g} Pa"
     if "supply_pressure_pa" in columns:
         logged = float(np.median(columns["supply_pressure_pa"]))
-        if max(logged / declared, declared / logged) <= _SAME_PRESSURE:
+        if max(logged / declared, declared / logged) <= SAME_PRESSURE:
             return None
         return f"{where}: supply_pressure_pa is {logged:.4g} Pa, {said}: one of the two is wrong"
     for side in "ab":
@@ -437,7 +429,7 @@ def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str
         if pressure is None or valve is None or not np.any(valve > 0.0):
             continue
         high = float(np.quantile(pressure[valve > 0.0], _HIGH))
-        if high > _SAME_PRESSURE * declared:
+        if high > SAME_PRESSURE * declared:
             return (
                 f"{where}: pressure_{side}_pa reaches {high:.4g} Pa while its valve is on, {said}: "
                 "one of the two is wrong (a gauge pressure in the rig file?)"
@@ -446,12 +438,15 @@ def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str
 
 
 def check_temperature(where: str, target: str, column: str, values: FloatArray) -> None:
-    """Ambient temperature (n,) K: InputError where air is never so cold or hot."""
+    """Ambient temperature (n,) K: InputError where it is none that a rig file may declare."""
+    from scipy.constants import zero_Celsius
+
     low, high = float(np.min(values)), float(np.max(values))
-    if low >= _COLDEST_K and high <= _HOTTEST_K:
+    possible = range_of(Air, "temperature_k").holds
+    if possible(low) and possible(high):
         return
     # Degrees Celsius are named where they would make the readings possible.
-    as_celsius = low + _ZERO_C >= _COLDEST_K and high + _ZERO_C <= _HOTTEST_K
+    as_celsius = possible(low + zero_Celsius) and possible(high + zero_Celsius)
     mend = "fix the values, or leave the column out (a sensor that is not connected?)"
     if as_celsius:
         mend = _mapping(target, column, "degC")

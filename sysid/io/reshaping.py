@@ -17,6 +17,7 @@ import numpy as np
 from sysid import signals
 from sysid.errors import input_error
 from sysid.io.channels import VALVE_COMMANDS
+from sysid.io.exclusion import parse_span
 from sysid.io.units import TEST_COLUMN
 from sysid.types import FloatArray
 
@@ -60,15 +61,13 @@ def read_trim(text: str | None) -> tuple[float | None, float | None]:
     """Seconds "FROM:TO", either of them left out. Raises InputError."""
     if text is None:
         return None, None
-    first, colon, last = text.partition(":")
     try:
-        limits = tuple(float(part) if part.strip() else None for part in (first, last))
+        first, last = parse_span(text)
     except ValueError:
-        limits = ()
-    known = [s for s in limits if s is not None]
-    if not colon or not known or not all(map(math.isfinite, known)) or known != sorted(known):
+        first, last = math.inf, -math.inf
+    if first is not None and last is not None and first > last:
         raise input_error("--trim", f"{text!r} is not FROM:TO in seconds", "write --trim 0.5:8")
-    return limits[0], limits[1]
+    return first, last
 
 
 def reshaped(frame: pd.DataFrame, how: Reshaping, where: str) -> pd.DataFrame:

@@ -9,10 +9,10 @@ import numpy as np
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.types import FloatArray
 
-_FEWEST_ROWS = 50
+ROWS_OF_A_RECORDING = 50
+"""Fewer do not show how a signal usually moves."""
 # Standardized coefficients of a chamber's pressure on the valves' commands, over a log's rows.
 _FOLLOWS = 0.3
-_OPPOSES = -0.3
 _MORE = 1.5
 _OPPOSED_ALONE = -0.5
 
@@ -50,7 +50,7 @@ def _answers(columns: Mapping[str, FloatArray]) -> str | None:
             shares = _shares(columns, active, f"pressure_{side}_pa")
             for command, share in shares.items():
                 (own if command[-1] == side else cross).append(share)
-        if own and max(own) < _OPPOSES and _all_oppose(columns, active):
+        if own and max(own) < -_FOLLOWS and _all_oppose(columns, active):
             return (
                 f"the chambers' pressures fall while their valves are on: {stem}_a and {stem}_b "
                 "are inverted (1 connects the chamber to the supply) or swapped"
@@ -78,7 +78,7 @@ def _shares(
     if not commands or pressure not in columns:
         return {}
     p = columns[pressure]
-    if len(p) < _FEWEST_ROWS or np.ptp(p) == 0.0:
+    if len(p) < ROWS_OF_A_RECORDING or np.ptp(p) == 0.0:
         return {}
     x = np.column_stack([_standard(columns[c]) for c in commands])
     solution, *_ = np.linalg.lstsq(x, _standard(p), rcond=1e-6)
@@ -89,4 +89,4 @@ def _standard(values: FloatArray) -> FloatArray:
     return np.asarray((values - values.mean()) / values.std())
 
 
-__all__ = ["response_notices"]
+__all__ = ["ROWS_OF_A_RECORDING", "response_notices"]

@@ -6,9 +6,8 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from sysid.errors import input_error
 from sysid.io.declaration import Motion, TemplateLine, TomlSection, declared_keys
-from sysid.io.files import write_atomic
+from sysid.io.files import write_new
 from sysid.io.rig import ASSUMED
 from sysid.io.rig_file import RIG_TABLES, RigFile, SectionComment
 from sysid.io.toml_text import toml_value
@@ -17,7 +16,6 @@ _HEAD = """\
 # What is known about the rig before any test. SI units throughout; pressures are absolute.
 # Replace the example values with your own. Delete sections for parts that your rig lacks.
 """
-_COMMENT_COLUMN = 37
 
 
 def rig_template(*, linear: bool) -> str:
@@ -73,18 +71,12 @@ def _given_lines(
 
 def write_rig_of_logs(path: Path, content: Mapping[str, Any], logs: str, *, force: bool) -> None:
     """Write `rig_text` to `path`; errors as `write_rig_template`."""
-    _write(path, rig_text(content, logs), force)
+    write_new(path, rig_text(content, logs), force=force)
 
 
 def write_rig_template(path: Path, *, linear: bool, force: bool) -> None:
     """Write it to `path`; InputError where the file exists and `force` is not given."""
-    _write(path, rig_template(linear=linear), force)
-
-
-def _write(path: Path, text: str, force: bool) -> None:
-    if path.exists() and not force:
-        raise input_error(path, "exists already", "choose another file, or give --force")
-    write_atomic(path, text)
+    write_new(path, rig_template(linear=linear), force=force)
 
 
 def _key_lines(section: type[TomlSection], motion: Motion) -> Iterator[str]:
@@ -106,4 +98,4 @@ def _section_comment(section: str, motion: Motion) -> str:
 
 
 def _commented(text: str, comment: str) -> str:
-    return f"{text:<{_COMMENT_COLUMN}}# {comment}" if comment else text
+    return f"{text:<37}# {comment}" if comment else text

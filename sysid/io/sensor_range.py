@@ -17,7 +17,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import InputError, input_error
-from sysid.io.unit_text import Conversion, is_ratio, parse_unit, ratio_of
+from sysid.io.unit_text import LARGEST, Conversion, is_ratio, parse_unit, ratio_of
 from sysid.types import FloatArray
 
 _ARROW = re.compile(r"\s*(?:[-=]+>|→|⇒|➔)\s*")
@@ -37,8 +37,6 @@ _EXAMPLE = "0.5..4.5 V -> 0..100 psi(g)"
 _FAULT_BELOW = 0.4 / 16.0
 _FAULT_ABOVE = 1.0 / 16.0
 _NOISE = 5.0
-_SMALLEST, _LARGEST = 1e-12, 1e12
-_FEWEST_FOR_NOISE = 16
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ class SensorRange:
         finite = readings[np.isfinite(readings)]
         noise = (
             signals.noise_floor(finite).total
-            if len(finite) >= _FEWEST_FOR_NOISE and np.ptp(finite) > 0.0
+            if len(finite) >= signals.FEWEST_FOR_NOISE and np.ptp(finite) > 0.0
             else 0.0
         )
         noise = min(_NOISE * noise, high - low) if math.isfinite(noise) else 0.0
@@ -186,7 +184,7 @@ def _exact(number: str | float, where: str) -> Fraction:
         value = float(number)
     except OverflowError:  # TOML's integers are unlimited here
         value = math.inf
-    if value != 0.0 and not _SMALLEST <= abs(value) <= _LARGEST:
+    if value != 0.0 and not 1.0 / LARGEST <= abs(value) <= LARGEST:
         raise input_error(where, f"{str(number)[:40]} is no end of a range", "give another")
     return Fraction(repr(value))
 

@@ -43,6 +43,7 @@ from sysid.io.file_kinds import (
 )
 from sysid.io.files import note_input, open_atomic
 from sysid.io.parquet_columns import ParquetColumns
+from sysid.io.units import ColumnMap, find_column
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -87,6 +88,15 @@ class LogTable:
 
     def _in_file(self, row: int) -> int:
         return row if self.rows is None else int(self.rows[row])
+
+    def column_of(self, target: str, maps: Mapping[str, ColumnMap]) -> str | None:
+        """The column that holds one of the log format: as mapped, else by its name; None: none.
+
+        Raises InputError where the mapped one is missing.
+        """
+        if target in maps:
+            return self.header[find_column(self.header, maps[target], str(self.path))]
+        return target if target in self.header else None
 
     def at_rows(self, kept: NDArray[np.intp]) -> LogTable:
         """The table of these rows alone."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.io.trust.wraps import COUNTER_BITS, LARGER
 from sysid.types import FloatArray, IntArray
 
-_BITS = (32, 24, 16)
 # (size in s, name) of the counters that loggers count time with.
 _CLOCKS = (
     *(
@@ -24,8 +24,7 @@ _CLOCKS = (
     ),
     (86400.0, "the time of day"),
 )
-# Of the median step, and the share of steps, up to which a step over a wrap is an ordinary one.
-_ORDINARY = 2.0
+# The share of steps up to which a step over a wrap is an ordinary one.
 _ORDINARY_SHARE = 90.0
 # Of the median step: decimals of seconds round.
 _ROUNDED = 0.5
@@ -53,7 +52,7 @@ def wraps_of(values: FloatArray) -> TimeWraps | None:
     """
     if not np.all(values == np.floor(values)):
         return None
-    for bits in _BITS:
+    for bits in reversed(COUNTER_BITS):
         size = 2.0**bits
         low = -size / 2 if np.min(values) < 0 else 0.0
         if np.min(values) >= low and np.max(values) < low + size:
@@ -83,7 +82,7 @@ def _over(values: FloatArray, size: float, slack: float) -> IntArray:
     if not forward.size or np.max(forward) > size / 2:
         return np.zeros(0, dtype=np.intp)
     usual = float(np.median(forward))
-    most = max(_ORDINARY * usual, float(np.percentile(forward, _ORDINARY_SHARE)))
+    most = max(LARGER * usual, float(np.percentile(forward, _ORDINARY_SHARE)))
     over = steps + size
     return np.flatnonzero((steps < 0.0) & (over <= most) & (over > -slack * usual)) + 1
 

@@ -148,6 +148,15 @@ _MEANT = {
     "g*cm": ("gf*cm",),
     "S": ("s",),
 }
+# SI values of units that columns are in though they are taken for SI, the likeliest first.
+TAKEN_FOR_SI = {
+    "Pa": {"Pa": 1.0, "mbar": 1e2, "kPa": 1e3, "psi": 6894.757, "bar": 1e5, "MPa": 1e6},
+    "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0},
+    "rad": {"deg": math.pi / 180.0, "rev": 2.0 * math.pi, "mrad": 1e-3},
+    "m": {"mm": 1e-3, "um": 1e-6, "cm": 1e-2},
+    "rad/s": {"deg/s": math.pi / 180.0, "rpm": math.pi / 30.0, "rev/s": 2.0 * math.pi},
+    "m/s": {"mm/s": 1e-3, "m/min": 1.0 / 60.0, "in/s": 0.0254},
+}
 # Both are written for one unit: the choice is the user's.
 _TWO_MEANINGS = {
     ("rad", "grad"): ("may be a degree or a gon", "write deg or gon"),
@@ -203,6 +212,8 @@ _LACKED = re.compile(rf"(?<![A-Za-z])({'|'.join(_LACKING)})(?![A-Za-z])")
 _PRODUCT = re.compile(r"(?<=[A-Za-z])[-.](?=[A-Za-z])")
 _COMMA = re.compile(r"[+-]?\d*,\d")
 _MAX_UNIT_LENGTH = 80
+LARGEST = 1e12
+"""In SI: no time, pressure, angle, force, voltage, flow or temperature of a log is larger."""
 
 
 class Conversion(NamedTuple):
@@ -485,6 +496,8 @@ def _is_same_kind(unit: str, si: str) -> bool:
 
 
 __all__ = [
+    "LARGEST",
+    "TAKEN_FOR_SI",
     "Conversion",
     "check_unit",
     "in_any_capitals",

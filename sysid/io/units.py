@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from sysid.errors import InputError, input_error, some_of
 from sysid.io.sensor_range import SensorRange, ends_of, is_range, parse_range, range_text
 from sysid.io.unit_text import (
+    LARGEST,
     check_unit,
     in_any_capitals,
     parse_unit,
@@ -68,8 +69,6 @@ CANONICAL_UNITS: dict[str, str | None] = {
 }
 
 _COLUMN_NUMBER = re.compile(r"#(\d{1,6})")
-# In SI: no time, pressure, angle, count, force, voltage, flow or temperature of a log is larger.
-LARGEST = 1e12
 _TABLE_KEYS = ("column", "unit", "from", "to")
 # Digits of a factor that a person gave, those of a double, and the powers of ten that are exact.
 _SHORT, _DIGITS = 10, 15

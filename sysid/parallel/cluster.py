@@ -27,7 +27,7 @@ Result = TypeVar("Result")
 LOCAL = "local"
 _HERE = "127.0.0.1"
 _CONNECT_S = 10.0
-_JOBS_VARIABLE = "SYSID_JOBS"
+VARIABLE = "SYSID_JOBS"
 # A process has one of each: matplotlib's settings, jax's compiled programs.
 _ONE_AT_A_TIME = threading.Lock()
 
@@ -188,15 +188,23 @@ def _alone(job: Callable[[], Result]) -> Result:
 
 @contextmanager
 def _one_process() -> Iterator[None]:
-    before = os.environ.get(_JOBS_VARIABLE)
-    os.environ[_JOBS_VARIABLE] = "1"
+    before = os.environ.get(VARIABLE)
+    os.environ[VARIABLE] = "1"
     try:
         yield
     finally:
         if before is None:
-            del os.environ[_JOBS_VARIABLE]
+            del os.environ[VARIABLE]
         else:
-            os.environ[_JOBS_VARIABLE] = before
+            os.environ[VARIABLE] = before
 
 
-__all__ = ["LOCAL", "Cluster", "cluster_in_force", "collect_on", "collector_off", "on_cluster"]
+__all__ = [
+    "LOCAL",
+    "VARIABLE",
+    "Cluster",
+    "cluster_in_force",
+    "collect_on",
+    "collector_off",
+    "on_cluster",
+]

@@ -16,13 +16,12 @@ from typing import Generic, TypeVar
 
 from sysid.errors import input_error
 from sysid.parallel.clock import processor_seconds, tell, tell_remote
-from sysid.parallel.cluster import cluster_in_force, collect_on
+from sysid.parallel.cluster import VARIABLE, cluster_in_force, collect_on
 from sysid.parallel.limits import LATE, Failure, Limit, attempt, limit_in_force, within
 from sysid.parallel.memory import share_one_heap
 
 Result = TypeVar("Result")
 
-VARIABLE = "SYSID_JOBS"
 _WATCH_S = 1.0
 _MOST = 4096
 # Processor time that a worker may take to notice that its share is over, s.
@@ -77,7 +76,7 @@ def attempt_all(jobs: Iterable[Callable[[], Result]]) -> list[Result | Failure]:
     workers = min(job_count(), len(waiting))
     none_other = workers <= 1 and not on_cluster
     if none_other or limit.is_over:  # none is begun then, and no process started
-        return _in_turn(waiting.values(), limit)
+        return attempt_in_turn(waiting.values())
     found: dict[int, _Told[Result]] = {}
     why = _collected(found, waiting, workers, limit)
     failed: dict[int, Failure] = {}
@@ -89,8 +88,9 @@ def attempt_all(jobs: Iterable[Callable[[], Result]]) -> list[Result | Failure]:
     return [found[number].result if number in found else failed[number] for number in waiting]
 
 
-def _in_turn(jobs: Iterable[Callable[[], Result]], limit: Limit) -> list[Result | Failure]:
-    """Each job in this process, as if all began now."""
+def attempt_in_turn(jobs: Iterable[Callable[[], Result]]) -> list[Result | Failure]:
+    """`attempt` of each job in this thread, one after the other, as if all began now."""
+    limit = limit_in_force()
     results, made, begun = list[Result | Failure](), 0, limit.for_a_job()
     for job in jobs:
         own = replace(begun)
@@ -239,4 +239,4 @@ def _watch(parent: int) -> None:
     os._exit(1)
 
 
-__all__ = ["VARIABLE", "attempt_all", "check_jobs", "job_count", "run_all"]
+__all__ = ["VARIABLE", "attempt_all", "attempt_in_turn", "check_jobs", "job_count", "run_all"]

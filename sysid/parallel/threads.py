@@ -10,7 +10,7 @@ from typing import Generic, ParamSpec, TypeVar
 
 from sysid.parallel.limits import Failure, Limit, attempt, limit_in_force, within
 from sysid.parallel.memory import give_back, share_one_heap
-from sysid.parallel.processes import job_count
+from sysid.parallel.processes import attempt_in_turn, job_count
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
@@ -24,13 +24,12 @@ def attempt_in_threads(jobs: Iterable[Callable[[], Result]]) -> list[Result | Fa
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    waiting = list(jobs)
+    waiting, limit = list(jobs), limit_in_force()
     workers = min(job_count(), len(waiting))
-    limit = limit_in_force()
+    if workers <= 1:
+        return attempt_in_turn(waiting)
     own = [limit.for_a_job() for _ in waiting]
     try:
-        if workers <= 1:
-            return [_attempt_within(*pair) for pair in zip(own, waiting, strict=True)]
         share_one_heap()
         with ThreadPoolExecutor(workers) as pool:
             try:

@@ -12,6 +12,7 @@ from sysid.checks.consistency.drive import CYLINDER, MOTOR, Gain, gains, takes_e
 from sysid.checks.consistency.flow import filling_flows
 from sysid.checks.consistency.kinds import other_kind
 from sysid.checks.consistency.levels import (
+    LEAST_OF_PRESSURE,
     breakaway,
     filled_pressures,
     interval_of,
@@ -40,7 +41,6 @@ _BY = {MOTOR: "its motor", CYLINDER: "its chambers"}
 _WIDEST_OF_FRICTION = 0.3
 # Repeats within one log do not show what changes from log to log.
 _LEAST_OF_FLOW = 0.1
-_LEAST_OF_PRESSURE = 0.03
 
 
 @dataclass(frozen=True)
@@ -264,17 +264,18 @@ def _friction_quantity(part: str, rig: Rig) -> SharedQuantity:
 
 
 def _air(trials: Sequence[Trial], name: str, rig: Rig) -> Iterator[Reading]:
+    ambient = rig.require("air", "and the air's readings need it").atmospheric_pressure_pa
     for side in SIDES:
         flows = [f for t in trials for f in filling_flows(t, side, rig)]
         if flows:
             yield Reading(_FLOWS[side], name, *interval_of(flows, _LEAST_OF_FLOW))
         # Without valves that vent it, a chamber may stand under a regulator's pressure.
-        rests = rest_pressures(trials, f"pressure_{side}_pa") if rig.valves else []
+        rests = rest_pressures(trials, f"pressure_{side}_pa", ambient) if rig.valves else []
         if rests:
-            yield Reading(_RESTS[side], name, *interval_of(rests, _LEAST_OF_PRESSURE))
-        filled = filled_pressures(trials, side)
+            yield Reading(_RESTS[side], name, *interval_of(rests, LEAST_OF_PRESSURE))
+        filled = filled_pressures(trials, side, ambient)
         if filled:
-            yield Reading(_FILLED[side], name, *interval_of(filled, _LEAST_OF_PRESSURE))
+            yield Reading(_FILLED[side], name, *interval_of(filled, LEAST_OF_PRESSURE))
 
 
 _FLOWS = {

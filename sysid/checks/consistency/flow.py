@@ -12,13 +12,13 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid import signals
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.plant.base import CRITICAL_RATIO, chamber_volume_a, chamber_volume_b
 from sysid.types import FloatArray
 
 _LEAST_DUTY = 0.8  # below, the exhaust takes part
-_FEWEST_ROWS = 2
 _SETTLING_S = 0.003  # a valve's delay and its tube's
 # Of the supply: close to the boundary of choking the flow falls.
 _HIGHEST = 0.95 * CRITICAL_RATIO
@@ -79,13 +79,12 @@ def _stretches(
     share: FloatArray, low: NDArray[np.bool_], trial: Trial
 ) -> Iterator[tuple[int, int]]:
     """[start, stop] rows of every stretch that is open, settled and choked."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (share > 0.0).astype(int), [0]])))
-    for opened, closed in zip(edges[::2], edges[1::2], strict=True):
+    for opened, closed in signals.runs(share > 0.0):
         settled = int(np.searchsorted(trial.time, trial.time[opened] + _SETTLING_S))
         above = np.flatnonzero(~low[settled:closed])
-        stop = settled + int(above[0]) if above.size else int(closed)
+        stop = settled + int(above[0]) if above.size else closed
         stop = min(stop, len(trial)) - 1
-        if stop - settled >= _FEWEST_ROWS:
+        if stop > settled + 1:
             yield settled, stop
 
 

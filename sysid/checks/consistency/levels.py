@@ -17,18 +17,19 @@ from sysid.io.rig import Rig
 from sysid.types import FloatArray
 
 _START_ROWS = 10
-_STEADY_PA = 3e3
+# Of a pressure: repeats within one log do not show what changes from log to log.
+LEAST_OF_PRESSURE = 0.03
 _PLATEAU_S = 0.1
 
 
-def rest_pressures(trials: Sequence[Trial], pressure: str) -> list[float]:
+def rest_pressures(trials: Sequence[Trial], pressure: str, ambient_pa: float) -> list[float]:
     """The chamber's steady pressure, Pa, at the start of each test with its valves off."""
     found = []
     for trial in trials:
         if pressure not in trial or len(trial) < _START_ROWS or not _off_at_start(trial):
             continue
         first = trial[pressure][:_START_ROWS]
-        if np.ptp(first) < _STEADY_PA:
+        if np.ptp(first) < LEAST_OF_PRESSURE * ambient_pa:
             found.append(float(np.median(first)))
     return found
 
@@ -39,7 +40,7 @@ def _off_at_start(trial: Trial) -> bool:
     )
 
 
-def filled_pressures(trials: Sequence[Trial], valve: str) -> list[float]:
+def filled_pressures(trials: Sequence[Trial], valve: str, ambient_pa: float) -> list[float]:
     """The chamber's steady pressure, Pa, where its valve has been on until it no longer fills."""
     found = []
     for trial in trials:
@@ -52,7 +53,8 @@ def filled_pressures(trials: Sequence[Trial], valve: str) -> list[float]:
             last = values[max(0, stop - rows) : stop]
             before = values[max(0, stop - 2 * rows) : max(0, stop - rows)]
             held = len(before) == rows and on[max(0, stop - 2 * rows) : stop].all()
-            if held and abs(float(np.mean(last) - np.mean(before))) < 0.1 * _STEADY_PA:
+            steady = 0.1 * LEAST_OF_PRESSURE * ambient_pa
+            if held and abs(float(np.mean(last) - np.mean(before))) < steady:
                 found.append(float(np.median(last)))
     return found
 
@@ -106,6 +108,7 @@ def interval_of(values: FloatArray | Sequence[float], least: float) -> tuple[flo
 
 
 __all__ = [
+    "LEAST_OF_PRESSURE",
     "breakaway",
     "filled_pressures",
     "interval_of",

@@ -25,17 +25,13 @@ _IRREGULAR = 3.0
 # Of a position in whole counts each reading is within half a count of the truth, and a step within
 # one: two steps differ by two counts at most.
 _COUNTS = 2.5
-# The range that rounding gives the steps of an even motion about their line.
-_ROUNDED = 1.0
 # Chance of one false alarm in a test whose errors are as those of its other rows.
 _FALSE_ALARM = 1e-4
 _USUAL, _SELDOM = 0.9, 0.99
-# Of third differences, which leave hardly any motion; and their variance of white noise.
-_QUIET = 0.9
-_THIRD = 20.0
-# Third differences whose median is the noise around a step; that median in standard deviations.
+# Variance of third differences, which leave hardly any motion, of white noise.
+_THIRD = math.comb(2 * 3, 3)
+# Third differences whose median is the noise around a step.
 _BLOCK = 32
-_MEDIAN = 0.6745
 # Steps from which a sensor's readings show its resolution.
 _FEWEST_STEPS = 10
 # Jumps in a test that moves by nothing else.
@@ -152,7 +148,8 @@ def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> 
         # What whole counts do not explain.
         beyond = np.maximum(0.0, around.outside - _COUNTS * count)
         ratio = beyond / (count + noise + around.range)
-        irregular = np.maximum(0.0, around.range - _ROUNDED * count)
+        # Rounding gives the steps of an even motion a range of a count about their line.
+        irregular = np.maximum(0.0, around.range - count)
         # Steps there and back by chance are rarer than steps outside the others.
         seldom = max(seldom, _seldom_passed(ratio))
         clear = (beyond > noise + _IRREGULAR * irregular) & (ratio > seldom)
@@ -186,14 +183,14 @@ def _largest_noise(position: FloatArray, count: float) -> FloatArray:
     from scipy.stats import norm
 
     third = np.abs(np.diff(position, 3))
-    quiet = np.sort(third)[: max(1, math.ceil(_QUIET * len(third)))]
+    quiet = np.sort(third)[: max(1, math.ceil(_USUAL * len(third)))]
     everywhere = math.sqrt(float(np.mean(quiet**2)) / _THIRD)
     blocks = [np.median(b) for b in np.array_split(third, max(1, len(third) // _BLOCK))]
     around = np.max(sliding_window_view(np.pad(blocks, 1, mode="edge"), 3), axis=1)
     sizes = [len(b) for b in np.array_split(third, len(blocks))]
     # Step k + 3 is in third differences k + 1 to k + 3.
     local = np.repeat(around, sizes)[2 : 2 + len(position) - 1 - 2 * _SIDE]
-    noise = np.maximum(everywhere, local / (_MEDIAN * math.sqrt(_THIRD)))
+    noise = np.maximum(everywhere, local / (float(norm.isf(0.25)) * math.sqrt(_THIRD)))
     free = np.sqrt(np.maximum(0.0, noise**2 - count**2 / 12.0))
     return math.sqrt(2.0) * float(norm.isf(0.5 * _FALSE_ALARM / len(position))) * free
 

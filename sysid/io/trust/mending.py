@@ -25,9 +25,13 @@ from sysid.types import FloatArray
 Rows = NDArray[np.int64] | slice
 """Rows of a file that are one test's."""
 
-_FEWEST_OF_A_SPLINE = 4
 # Named one by one in a notice.
 _NAMED = 3
+
+
+def row_of(rows: Rows, index: int) -> int:
+    """The row of the file that is a test's row `index`."""
+    return (rows.start or 0) + index if isinstance(rows, slice) else int(rows[index])
 
 
 @dataclass
@@ -68,7 +72,7 @@ class Recording:
     def where(self, test: int, row: int) -> str:
         """ "line 17 (test 2, 1.8 s)" of a row of a test."""
         label, rows = self.tests[test]
-        number = (rows.start or 0) + row if isinstance(rows, slice) else int(rows[row])
+        number = row_of(rows, row)
         seconds = f"{self.columns['time_s'][number]:.6g} s"
         return f"{self.place(number)} ({f'test {label}, ' if label else ''}{seconds})"
 
@@ -208,7 +212,7 @@ def _on_lines(time: FloatArray, fresh: Fresh) -> FloatArray:
 
 def _on_spline(time: FloatArray, fresh: Fresh) -> FloatArray:
     """At `time` (n,) s on the cubic spline through fresh readings; the last one holds."""
-    if len(fresh.time) < _FEWEST_OF_A_SPLINE:
+    if len(fresh.time) < 2:
         return _on_lines(time, fresh)
     from scipy.interpolate import CubicSpline
 
@@ -268,4 +272,4 @@ def _rounded(period: float) -> str:
     return f"{math.floor(period / scale) * scale:.1g}"
 
 
-__all__ = ["Recording", "mend"]
+__all__ = ["Recording", "Rows", "mend", "row_of"]

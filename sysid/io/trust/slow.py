@@ -3,6 +3,7 @@ that changes within a few of them. No fit gets back what happens between two row
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,14 +17,13 @@ WANTED_ROWS = 20
 # Reversals that show a motion, and the share of the test's range that each crosses.
 _REVERSALS = 8
 _CROSSED = 0.05
-_COUNTS = 10.0
+# A range over the resolution or the noise: a smaller one shows no motion.
+_SHOWN = 10.0
 # Of a pressure's range in a test: an exponential so changes in half of its time constant.
-_STEP = 0.4
+_STEP = 1.0 - math.exp(-0.5)
 # What it should change by at most.
 RESOLVED_STEP = 0.05
-_FEWEST_ROWS = 20
-# A pressure's range over the largest step of its quietest rows.
-_ABOVE_NOISE = 10.0
+# Rows whose largest step is the noise where they are the quietest.
 _BLOCK = 10
 
 
@@ -43,15 +43,15 @@ def rows_per_reversal(parts: Sequence[FloatArray], count: float) -> float | None
 
 def _is_fast(values: FloatArray, count: float) -> bool:
     """Whether a test (n,) may reverse within so few rows at all: most logs are told at once."""
-    if len(values) < _FEWEST_ROWS:
+    if len(values) < 2 * _BLOCK:
         return False
     way, low, high = np.mean(np.abs(np.diff(values))), np.min(values), np.max(values)
-    return bool(high - low > _COUNTS * count and _FEWEST * way > _CROSSED * (high - low))
+    return bool(high - low > _SHOWN * count and _FEWEST * way > _CROSSED * (high - low))
 
 
 def _between_reversals(values: FloatArray, count: float) -> FloatArray:
     """Rows between the reversals of a test (n,), each of which crosses a share of its range."""
-    least = max(_CROSSED * float(np.ptp(values)), _COUNTS * count)
+    least = max(_CROSSED * float(np.ptp(values)), _SHOWN * count)
     at: list[int] = []
     way, low, high = 0, 0, 0
     for row, value in enumerate(values):
@@ -74,10 +74,10 @@ def largest_step(parts: Sequence[FloatArray]) -> float | None:
     """
     shares = []
     for part in parts:
-        if len(part) < _FEWEST_ROWS:
+        if len(part) < 2 * _BLOCK:
             continue
         steps, whole = np.abs(np.diff(part)), float(np.ptp(part))
-        if whole > _ABOVE_NOISE * _quietest(steps):
+        if whole > _SHOWN * _quietest(steps):
             shares.append(float(np.max(steps)) / whole)
     usual = float(np.median(shares)) if shares else 0.0
     return usual if usual > _STEP else None

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from sysid.types import FloatArray
 
-_BITS = (16, 24, 32)
+COUNTER_BITS = (16, 24, 32)
 # Of the counter's range: more than any step of the motion.
 _ORDINARY = 0.25
-# A step after a wrap, over the largest of the others; and of the range, for its rounding in a file.
-_LARGER = 2.0
+# A step over a wrap, over the others; and of the range, for its rounding in a file.
+LARGER = 2.0
 _ROUNDING = 2e-3
 _FULL_TURN = 2.0 * math.pi
 
@@ -35,7 +35,7 @@ class Wraps:
 def counter_ranges(counts: Iterable[float], *, is_angle: bool) -> dict[float, str]:
     """The ranges that a counter may have, in the position's unit, and their names; `counts` are
     what one count may be."""
-    ranges = {count * 2.0**bits: f"2^{bits} counts" for count in counts for bits in _BITS}
+    ranges = {count * 2.0**bits: f"2^{bits} counts" for count in counts for bits in COUNTER_BITS}
     return ranges | ({_FULL_TURN: "2 pi"} if is_angle else {})
 
 
@@ -90,10 +90,10 @@ def _largest_after_wraps(parts: Sequence[FloatArray], whole: float) -> float:
             steps = np.abs(np.diff(_followed(part, whole)))
             others = float(np.max(np.delete(steps, rows - 1), initial=0.0))
             own = float(np.max(steps[rows - 1]))
-            if own > _LARGER * others + _ROUNDING * whole:
+            if own > LARGER * others + _ROUNDING * whole:
                 return math.inf
             largest = max(largest, own)
     return largest if largest >= 0.0 else math.inf
 
 
-__all__ = ["Wraps", "counter_ranges", "without_wraps"]
+__all__ = ["COUNTER_BITS", "LARGER", "Wraps", "counter_ranges", "without_wraps"]
