@@ -16,8 +16,8 @@ from sysid.friction import fit_friction
 from sysid.identification.friction.result import FrictionResult
 from sysid.io.conversion import convert
 from sysid.io.logs import Log, read_log
-from sysid.io.plausibility import spikes
 from sysid.io.rig import Rig, read_rig
+from sysid.io.trust.misread import spikes
 
 
 @pytest.fixture(scope="module")

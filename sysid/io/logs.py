@@ -33,7 +33,8 @@ from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, any_contradiction, with_channels
 from sysid.io.tables import LogTable, read_table
 from sysid.io.time_breaks import time_breaks, wraps_of_seconds
-from sysid.io.trust.mending import Recording, Rows, mend, row_of
+from sysid.io.trust.mending import MendedFile, Rows, mend, row_of
+from sysid.io.trust.misread import folds, without_spikes
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, check_size, find_column, has_column, to_si
 from sysid.types import FloatArray
 
@@ -634,7 +635,7 @@ def _mended(reading: LogReading, groups: list[tuple[str, Rows]]) -> list[tuple[s
     counts = reading.origin.get(name) == "encoder_counts"
     mended = list(groups)
     for present, own in _by_channels(reading.columns, groups).items():
-        recording = Recording(
+        file = MendedFile(
             columns={channel: reading.columns[channel] for channel in present},
             tests=[groups[k] for k in own],
             position=name,
@@ -642,12 +643,12 @@ def _mended(reading: LogReading, groups: list[tuple[str, Rows]]) -> list[tuple[s
             declared=rig.encoder_step if rig.has_declared_encoder else None,
             place=reading.table.place,
         )
-        mend(recording)
-        reading.columns.update(recording.columns)
-        reading.notices += [f"{reading.where}: {line}" for line in recording.notices]
-        for channel, stride in recording.strides.items():
+        mend(file)
+        reading.columns.update(file.columns)
+        reading.notices += [f"{reading.where}: {line}" for line in file.notices]
+        for channel, stride in file.strides.items():
             reading.strides[channel] = max(stride, reading.strides.get(channel, 0.0))
-        for k, test in zip(own, recording.tests, strict=True):
+        for k, test in zip(own, file.tests, strict=True):
             mended[k] = test
     return mended
 
@@ -670,7 +671,7 @@ def _check_tests(reading: LogReading, groups: list[tuple[str, Rows]]) -> None:
         where = f"{reading.where}, test {label}" if label else reading.where
         if position in reading.columns:
             values = reading.columns[position][rows]
-            if plausibility.folds(values):
+            if folds(values):
                 reading.notices.append(
                     f"{where}: {position} turns round at zero without slowing down: its sign is "
                     "missing"
@@ -683,12 +684,9 @@ def _check_tests(reading: LogReading, groups: list[tuple[str, Rows]]) -> None:
 def _drop_spikes(reading: LogReading, name: str, rows: Rows, where: str) -> None:
     """Put single samples far outside a test's own range on the line between their neighbours."""
     values = reading.columns[name][rows]
-    spikes = plausibility.spikes(values)
+    spikes, mended = without_spikes(values)
     if spikes.size == 0:
         return
-    ordinary = np.delete(np.arange(len(values)), spikes)
-    mended = values.copy()
-    mended[spikes] = np.interp(spikes, ordinary, values[ordinary])
     column = reading.columns[name].copy()
     column[rows] = mended
     reading.columns[name] = column

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from sysid.errors import SysidError, input_error
 from sysid.io.declaration import range_of
-from sysid.io.responses import ROWS_OF_A_RECORDING
 from sysid.io.rig import Air, Rig
 from sysid.io.unit_text import TAKEN_FOR_SI
 from sysid.signals import quantum
@@ -28,9 +27,6 @@ _SHORTEST_S = 1e-7
 # Ratio of the long to the short steps from which a log counts as uneven.
 _UNEVEN = 1.2
 _LEAST_ROWS = 200
-_MOST_SPIKES = 3
-_APART = 0.5
-_STEPS_APART = 20.0
 # A gauge pressure is near 0 wherever a chamber is open. One that begins at the atmosphere's is
 # absolute, and a closed chamber that is pulled open may then fall far below it.
 _LOWEST_SHARE_OF_ATMOSPHERE = 0.5
@@ -49,9 +45,6 @@ _BEYOND_THE_STOP = 0.05
 # Levels from which a channel's resolution shows, and how far it may be from the declared one.
 _LEAST_LEVELS = 100
 _SAME_STEP = 0.1
-_FOLD_ROWS = 5
-_FOLD_SPEED = 0.2  # of the test's highest speed
-_STRAIGHT = 0.7
 # A factor that is typed with three digits is off by at most so much; so is a converter's zero.
 DUTY_ROUNDING = 5e-3
 _NAMES = {
@@ -241,57 +234,6 @@ def _check_step(where: str, target: str, column: str, step: float | None, rig: R
                 f"resolution of {1.0 / per_unit:.3g} {si}: it looks like {_NAMES[unit]}",
                 _mapping(target, column, unit),
             )
-
-
-def folds(values: FloatArray) -> bool:
-    """Whether a position (n,) of one test turns round at zero at full speed, as its size does."""
-    low, step = float(np.min(values)), float(np.max(np.abs(np.diff(values)), initial=0.0))
-    if low < 0.0 or low > step or len(values) < ROWS_OF_A_RECORDING:
-        return False
-    n = _FOLD_ROWS
-    inner = values[2 * n : -2 * n]
-    lowest = (inner <= values[2 * n - 1 : -2 * n - 1]) & (inner < values[2 * n + 1 : -2 * n + 1])
-    i = 2 * n + np.flatnonzero(lowest & (inner <= step))
-    near = np.minimum(values[i - n], values[i + n]) - values[i]
-    far = np.maximum(values[i - 2 * n] - values[i - n], values[i + 2 * n] - values[i + n])
-    # A smooth motion turns round with a third of the speed that it has a little farther away; one
-    # that turns again so near is not sampled finely enough to tell.
-    before, after = np.maximum(i - 3 * n, 0), np.minimum(i + 3 * n, len(values) - 1)
-    goes_on = (values[before] > values[i - 2 * n]) & (values[after] > values[i + 2 * n])
-    return bool(np.any(goes_on & (near > _STRAIGHT * far) & (near > _FOLD_SPEED * n * step)))
-
-
-def spikes(values: FloatArray) -> NDArray[np.intp]:
-    """Rows of single samples that lie farther outside all others than half these others' range.
-
-    `values` (n,), of one test; at most `_MOST_SPIKES` rows to a side, none beside another. A
-    transmission error is such a sample; no pressure or position jumps there and back.
-    """
-    found: list[int] = []
-    steps = np.abs(np.diff(values))
-    moves = steps[steps > 0.0]
-    if len(values) < ROWS_OF_A_RECORDING or moves.size == 0:
-        return np.array(found, dtype=np.intp)
-    least = _STEPS_APART * float(np.median(moves))
-    for side in (1.0, -1.0):
-        found += _highest_apart(side * values, least)
-    return np.array(sorted(found), dtype=np.intp)
-
-
-def _highest_apart(values: FloatArray, least: float) -> list[int]:
-    """The rows of the few highest values that stand apart from the rest, each alone, by `least`."""
-    count = _MOST_SPIKES + 1
-    top = np.argpartition(values, -count)[-count:]
-    top = top[np.argsort(values[top])[::-1]]
-    low = float(np.min(values))
-    for many in range(_MOST_SPIKES, 0, -1):
-        rest = float(values[top[many]])
-        rows = set(top[:many].tolist())
-        apart = float(values[top[many - 1]]) - rest > max(_APART * (rest - low), least)
-        alone = not any(i + 1 in rows for i in rows)
-        if apart and alone and rest > low:
-            return sorted(rows)
-    return []
 
 
 def check_effort(where: str, target: str, column: str, values: FloatArray, rig: Rig) -> None:

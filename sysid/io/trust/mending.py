@@ -35,7 +35,7 @@ def row_of(rows: Rows, index: int) -> int:
 
 
 @dataclass
-class Recording:
+class MendedFile:
     """A file's samples by tests while they are mended.
 
     `columns` (n,) each by name, SI; `tests`: (label, rows) of those that have all of them;
@@ -87,54 +87,54 @@ class Fresh:
     values: FloatArray
 
 
-def mend(recording: Recording) -> None:
+def mend(file: MendedFile) -> None:
     """Mend wraps, repeated readings and jumps, in place; rows too far apart are said.
 
     A file whose time does not increase, which is refused elsewhere, is left as it is.
     """
-    if any(np.any(np.diff(time) <= 0.0) for time in recording.parts("time_s")):
+    if any(np.any(np.diff(time) <= 0.0) for time in file.parts("time_s")):
         return
-    if recording.position in recording.columns:
-        _follow(recording)
-    names = [n for n in (recording.position, *PRESSURES) if n in recording.columns]
-    slow = {name: how for name in names if (how := staleness(recording.parts(name))) is not None}
-    fresh = {name: _fresh(recording, name, how.stride) for name, how in slow.items()}
-    if recording.position in recording.columns:
-        _join_on(recording, fresh.get(recording.position))
+    if file.position in file.columns:
+        _follow(file)
+    names = [n for n in (file.position, *PRESSURES) if n in file.columns]
+    slow = {name: how for name in names if (how := staleness(file.parts(name))) is not None}
+    fresh = {name: _fresh(file, name, how.stride) for name, how in slow.items()}
+    if file.position in file.columns:
+        _join_on(file, fresh.get(file.position))
     for name, how in slow.items():
-        _take_fresh(recording, name, how, fresh[name])
-    _end_at_fresh(recording, fresh.values())
-    recording.notices += _too_slow(recording)
+        _take_fresh(file, name, how, fresh[name])
+    _end_at_fresh(file, fresh.values())
+    file.notices += _too_slow(file)
 
 
-def _follow(recording: Recording) -> None:
+def _follow(file: MendedFile) -> None:
     """A position over the wraps of its counter."""
-    name = recording.position
-    ranges = counter_ranges(_counts(recording), is_angle=name == "theta_rad")
-    parts, wraps = without_wraps(recording.parts(name), ranges)
+    name = file.position
+    ranges = counter_ranges(_counts(file), is_angle=name == "theta_rad")
+    parts, wraps = without_wraps(file.parts(name), ranges)
     if wraps is None:
         return
     times = len(wraps.rows)
-    recording.put(name, parts)
-    recording.notices.append(
+    file.put(name, parts)
+    file.notices.append(
         f"{name} wraps around at {ranges[wraps.range]} {times} time{'s' * (times > 1)}, first in "
-        f"{recording.where(*wraps.rows[0])}: it is followed over its wraps"
+        f"{file.where(*wraps.rows[0])}: it is followed over its wraps"
     )
 
 
-def _counts(recording: Recording) -> list[float]:
+def _counts(file: MendedFile) -> list[float]:
     """What one count of the position may be."""
-    if recording.count is not None:
-        return [recording.count]
-    shown = resolution_of(recording.samples(recording.position))
+    if file.count is not None:
+        return [file.count]
+    shown = resolution_of(file.samples(file.position))
     found = [shown.step] if shown.is_whole else []
-    return found if recording.declared is None else [*found, recording.declared]
+    return found if file.declared is None else [*found, file.declared]
 
 
-def _fresh(recording: Recording, name: str, stride: float) -> list[Fresh]:
+def _fresh(file: MendedFile, name: str, stride: float) -> list[Fresh]:
     """A channel's fresh readings, test by test."""
     found = []
-    for time, values in zip(recording.parts("time_s"), recording.parts(name), strict=True):
+    for time, values in zip(file.parts("time_s"), file.parts(name), strict=True):
         rows, readings = fresh_readings(values, stride)
         times = np.interp(rows, np.arange(len(time)), time)
         times += np.minimum(rows, 0.0) * np.median(np.diff(time))
@@ -142,13 +142,13 @@ def _fresh(recording: Recording, name: str, stride: float) -> list[Fresh]:
     return found
 
 
-def _join_on(recording: Recording, fresh: list[Fresh] | None) -> None:
+def _join_on(file: MendedFile, fresh: list[Fresh] | None) -> None:
     """A position after its jumps; of a slow sensor its fresh readings, in place."""
-    name = recording.position
-    parts = recording.parts(name)
-    resolution = _resolution(recording)
+    name = file.position
+    parts = file.parts(name)
+    resolution = _resolution(file)
     found: list[tuple[int, Jump]] = []
-    for test, (time, values) in enumerate(zip(recording.parts("time_s"), parts, strict=True)):
+    for test, (time, values) in enumerate(zip(file.parts("time_s"), parts, strict=True)):
         if fresh is None:
             parts[test], jumps = without_jumps(time, values, resolution)
         else:
@@ -157,48 +157,48 @@ def _join_on(recording: Recording, fresh: list[Fresh] | None) -> None:
             jumps = [replace(jump, row=max(0, int(own.rows[jump.row]))) for jump in jumps]
         found += [(test, jump) for jump in jumps]
     if found:
-        recording.put(name, parts)
-        recording.notices.append(_jumps_line(recording, found))
+        file.put(name, parts)
+        file.notices.append(_jumps_line(file, found))
 
 
-def _resolution(recording: Recording) -> Resolution:
-    if recording.count is not None:
-        return Resolution(recording.count, True)
-    return resolution_of(recording.samples(recording.position), recording.declared)
+def _resolution(file: MendedFile) -> Resolution:
+    if file.count is not None:
+        return Resolution(file.count, True)
+    return resolution_of(file.samples(file.position), file.declared)
 
 
-def _jumps_line(recording: Recording, found: Sequence[tuple[int, Jump]]) -> str:
+def _jumps_line(file: MendedFile, found: Sequence[tuple[int, Jump]]) -> str:
     """What a notice says of all jumps of a file."""
-    si = units_of(recording.position == LINEAR.position_channel).position
+    si = units_of(file.position == LINEAR.position_channel).position
     small = f"m{si}"
     lines = []
     for test, jump in found[:_NAMED]:
         usual = f"{jump.usual_speed:.3g} {si}/s" if jump.usual_speed else "rests"
         verb = "the motion around it has " if jump.usual_speed else "the motion around it "
         lines.append(
-            f"by {1e3 * jump.size:.4g} {small} in {recording.where(test, jump.row)}: "
+            f"by {1e3 * jump.size:.4g} {small} in {file.where(test, jump.row)}: "
             f"{jump.speed:.3g} {si}/s, where {verb}{usual}"
         )
     more = f", and {len(found) - _NAMED} more times" if len(found) > _NAMED else ""
     return (
-        f"{recording.position} jumps {'; '.join(lines)}{more}: an index pulse or lost counts; what "
+        f"{file.position} jumps {'; '.join(lines)}{more}: an index pulse or lost counts; what "
         "follows is joined on where the motion would have been"
     )
 
 
-def _take_fresh(recording: Recording, name: str, how: Staleness, fresh: Sequence[Fresh]) -> None:
+def _take_fresh(file: MendedFile, name: str, how: Staleness, fresh: Sequence[Fresh]) -> None:
     """A channel on the curve through its fresh readings.
 
     A position has a speed that changes steadily: a spline, where lines would round off what
     accelerates it. A pressure turns within a sample where a valve switches: lines.
     """
-    times = recording.parts("time_s")
-    is_smooth = name == recording.position
+    times = file.parts("time_s")
+    is_smooth = name == file.position
     between = _on_spline if is_smooth else _on_lines
-    recording.put(name, [between(t, own) for t, own in zip(times, fresh, strict=True)])
-    recording.strides[name] = how.stride
+    file.put(name, [between(t, own) for t, own in zip(times, fresh, strict=True)])
+    file.strides[name] = how.stride
     period = how.stride * float(np.median(np.concatenate([np.diff(time) for time in times])))
-    recording.notices.append(
+    file.notices.append(
         f"{name} repeats: {how.share:.0%} of its rows hold the reading before, a fresh one comes "
         f"every {period:.4g} s: only the fresh ones are used, with "
         f"{'a spline through' if is_smooth else 'lines between'} them"
@@ -219,29 +219,29 @@ def _on_spline(time: FloatArray, fresh: Fresh) -> FloatArray:
     return np.asarray(CubicSpline(fresh.time, fresh.values)(np.minimum(time, fresh.time[-1])))
 
 
-def _end_at_fresh(recording: Recording, fresh: Iterable[Sequence[Fresh]]) -> None:
+def _end_at_fresh(file: MendedFile, fresh: Iterable[Sequence[Fresh]]) -> None:
     """Tests without the rows after the last fresh reading of a slow channel: what it would be
     there is unknown."""
     for readings in fresh:
         for test, own in enumerate(readings):
-            label, rows = recording.tests[test]
+            label, rows = file.tests[test]
             kept = int(own.rows[-1]) + 1
             if isinstance(rows, slice):
                 stop = min(rows.stop, (rows.start or 0) + kept)
-                recording.tests[test] = (label, slice(rows.start, stop))
+                file.tests[test] = (label, slice(rows.start, stop))
             else:
-                recording.tests[test] = (label, rows[:kept])
+                file.tests[test] = (label, rows[:kept])
 
 
-def _too_slow(recording: Recording) -> Iterator[str]:
+def _too_slow(file: MendedFile) -> Iterator[str]:
     """What rows too far apart, or readings of a slow sensor, do not resolve."""
-    times = recording.parts("time_s")
+    times = file.parts("time_s")
     period = float(np.median(np.concatenate([np.diff(time) for time in times])))
-    name = recording.position
-    if name in recording.columns:
-        apart = max(1, round(recording.strides.get(name, 1.0)))
-        count = _resolution(recording).step
-        rows = rows_per_reversal([part[::apart] for part in recording.parts(name)], count)
+    name = file.position
+    if name in file.columns:
+        apart = max(1, round(file.strides.get(name, 1.0)))
+        count = _resolution(file).step
+        rows = rows_per_reversal([part[::apart] for part in file.parts(name)], count)
         if rows is not None:
             inertia = "mass" if name == "position_m" else "inertia"
             yield (
@@ -250,12 +250,12 @@ def _too_slow(recording: Recording) -> Iterator[str]:
                 f"between them; log every {_rounded(rows * apart * period / WANTED_ROWS)} s"
             )
     for side, name in zip(SIDES, CHAMBER_PRESSURES, strict=True):
-        if name not in recording.columns:
+        if name not in file.columns:
             continue
-        apart = max(1, round(recording.strides.get(name, 1.0)))
-        valves = [v for v in recording.columns if v.startswith((f"valve_{side}", f"duty_{side}"))]
-        active = {i for v in valves for i, on in enumerate(recording.parts(v)) if np.any(on)}
-        parts = [p[::apart] for i, p in enumerate(recording.parts(name)) if i in active]
+        apart = max(1, round(file.strides.get(name, 1.0)))
+        valves = [v for v in file.columns if v.startswith((f"valve_{side}", f"duty_{side}"))]
+        active = {i for v in valves for i, on in enumerate(file.parts(v)) if np.any(on)}
+        parts = [p[::apart] for i, p in enumerate(file.parts(name)) if i in active]
         share = largest_step(parts)
         if share is not None:
             yield (
@@ -272,4 +272,4 @@ def _rounded(period: float) -> str:
     return f"{math.floor(period / scale) * scale:.1g}"
 
 
-__all__ = ["Recording", "Rows", "mend", "row_of"]
+__all__ = ["MendedFile", "Rows", "mend", "row_of"]
