@@ -16,11 +16,12 @@ import sys
 from pathlib import Path
 
 from sysid.controllers.sensing import SensorSuite
-from sysid.document.controllers import ControllersPage, write_controllers_page
+from sysid.document.controllers import write_controllers_page
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.parameters import read_bundle
 from sysid.thesis import TABLES, TableRig, thesis_table
 from sysid.thesis.figures import figure_runs
+from sysid.thesis.overview import ControllersPage
 
 PAGE = Path(__file__).resolve().parent / "controllers.html"
 

@@ -19,7 +19,7 @@ from sysid.controllers.cases import Case, ClosedLoopRun
 from sysid.controllers.interface import Reference, StateEstimate
 from sysid.controllers.modes import Mode
 from sysid.controllers.trajectories import thesis_trajectory
-from sysid.document.controllers import ControllersPage, write_controllers_page
+from sysid.document.controllers import write_controllers_page
 from sysid.errors import InputError
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.pipeline.control_table import control_table
@@ -39,6 +39,7 @@ from sysid.thesis import (
     thesis_table,
 )
 from sysid.thesis.figures import figure_runs, figure_sets
+from sysid.thesis.overview import ControllersPage
 
 # Rows and columns as printed; what cannot be read is an empty cell.
 SHAPES = (

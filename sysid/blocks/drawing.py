@@ -199,7 +199,14 @@ def _words(ax: Axes, mark: figures.Words, *_: Any) -> None:
         where = ax.get_yaxis_transform()
         ax.text(0.005, mark.y, mark.text, transform=where, va="center", zorder=4)
     else:
-        ax.text(mark.x, mark.y, mark.text, ha="center", va="center", fontsize="small")
+        ax.text(
+            mark.x,
+            mark.y,
+            mark.text,
+            ha="center",
+            va="center",
+            fontsize="small" if mark.is_small else None,
+        )
 
 
 _DRAWN: Mapping[type, Callable[..., Any]] = {
@@ -224,6 +231,9 @@ def _scale(ax: Axes, name: str, axis: Scale) -> None:
     elif axis.kind == "log":
         getattr(ax, f"set_{name}scale")("log")
         drawn.set_major_formatter(lambda value, _: number(value, 1))
+        drawn.set_minor_formatter(
+            lambda value, _: _between_decades(value, *drawn.get_view_interval())
+        )
     if axis.margin is not None:
         getattr(ax, f"set_{name}margin")(axis.margin)
     if axis.limits != (None, None):
@@ -241,14 +251,23 @@ def _scale(ax: Axes, name: str, axis: Scale) -> None:
         drawn.set_major_formatter(form)
 
 
+def _between_decades(value: float, low: float, high: float) -> str:
+    """What stands at a tick within a decade: 2 and 5 are named where there are few decades."""
+    return number(value, 1) if high < 100.0 * low and f"{value:.0e}"[0] in "25" else ""
+
+
 def _legend(ax: Axes, panel: Panel) -> None:
     labels = ax.get_legend_handles_labels()[1]
     if panel.legend == "none" or not 0 < len(labels) <= _MOST_IN_LEGEND:
         return
     if panel.legend == "above":
         low, high = ax.get_ylim()
-        ax.set_ylim(low, high + _LEGEND_ROOM * (high - low))
+        is_log = panel.y.kind == "log"
+        room = high * (high / low) ** _LEGEND_ROOM if is_log else high + _LEGEND_ROOM * (high - low)
+        ax.set_ylim(low, room)
         ax.legend(loc="upper right", ncols=min(len(labels), 3), columnspacing=0.8, handlelength=1.2)
+    elif panel.legend == "over":
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=3)
     elif panel.legend == "beside":
         ax.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     else:

@@ -176,6 +176,7 @@ class Words:
     y: float
     text: str
     is_at_edge: bool = False
+    is_small: bool = False
 
 
 Mark = Line | Points | Band | Intervals | Bars | Rule | Span | ColourMap | Squares | Words
@@ -185,7 +186,8 @@ Mark = Line | Points | Band | Intervals | Bars | Rule | Span | ColourMap | Squar
 class Panel:
     """Marks over one pair of axes. `height` is relative to the other panels' of the figure.
 
-    `legend`: "best" hides no data, "above" has a row of its own in the panel, "beside" is outside.
+    `legend`: "best" hides no data, "above" has a row of its own in the panel, "beside" and "over"
+    are outside.
     `has_names`: rows carry their names inside, so that the y axis is not drawn.
     """
 
@@ -193,7 +195,7 @@ class Panel:
     y: Scale
     marks: tuple[Mark, ...]
     height: float = 1.0
-    legend: Literal["best", "above", "beside", "none"] = "best"
+    legend: Literal["best", "above", "beside", "over", "none"] = "best"
     has_names: bool = False
 
 

@@ -90,6 +90,16 @@ class ComparedTable:
     id: str = ""
     kind: Literal["compared"] = "compared"
 
+    def plain(self) -> Table:
+        """As a table of text: `ours / other (factor)`, a column's group before its name."""
+        of = [name for name, width in self.groups for _ in range(width)] or [""] * len(self.columns)
+        names = (f"{a}, {b}" if a else b for a, b in zip(of, self.columns, strict=True))
+        rows = [
+            (label, *(f"{c.ours} / {c.other} {c.factor}".rstrip() for c in cells))
+            for label, cells in self.rows
+        ]
+        return table(self.caption, (self.heading, *names), rows)
+
 
 def table(
     caption: str,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -212,12 +212,9 @@ def _show(done: Controlled, as_json: bool) -> None:
     if as_json:
         print_json(done.to_json())
         return
-    tables = [
-        block
-        for table in found.tables()
-        for block in (Strong(table.caption or found.headline()), replace(table, caption=""))
-    ]
-    said = []
     if isinstance(found, ControlledRun):
         said = [f"fault: {line}" for line in found.faults] or ["no fault"]
-    print_blocks((*tables, *said, *written_lines(done.written)))
+        print_blocks((Strong(found.headline()), *found.tables(), *said))
+    else:
+        print_blocks(found.tables())
+    print_blocks(written_lines(done.written))

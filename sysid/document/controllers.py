@@ -1,216 +1,47 @@
-"""The page of all of the thesis' tables of controllers and of its figures' counterparts."""
+"""The pages of the thesis' tables of controllers: of one, and of all with the figures."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
-from sysid.blocks.sections import Block, FigureGroup, Section
-from sysid.blocks.tables import Table, table
-from sysid.document import svg
-from sysid.document.control_tables import agreement_sentence, compared, scatter
-from sysid.document.controller_figures import figure_groups, horizon_figure
+from sysid.blocks.sections import FigureGroup, Section
 from sysid.document.html import fill
 from sysid.io.files import write_atomic
-from sysid.thesis import TABLES, Agreement, ThesisTable
-from sysid.thesis.figures import FigureSet, Runs, figure_sets
+from sysid.thesis import Agreement, ThesisTable
+from sysid.thesis.overview import ControllersPage, sections, summary
+from sysid.thesis.shown import agreement_sentence, compared, figure
 
 
-@dataclass(frozen=True)
-class ControllersPage:
-    """What the page shows: all of `TABLES` by number, with the rig's sensors and with `perfect`
-    ones, and the runs of the figures; `rig` names the rig."""
-
-    rig: str
-    tables: Mapping[str, ThesisTable]
-    perfect: Mapping[str, ThesisTable]
-    runs: Runs
-
-
-@dataclass(frozen=True)
-class _Part:
-    """Tables that are shown together, and why they differ from the print."""
-
-    id: str
-    title: str
-    first: str
-    last: str
-    why: str
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Its tables."""
-        return TABLES[TABLES.index(self.first) : TABLES.index(self.last) + 1]
+def write_table_page(path: Path, found: ThesisTable, rig: str) -> None:
+    """Write a table's page, whole or not at all. Raises InputError where that is not possible."""
+    group = FigureGroup("RMSE of the position by cell, logarithmic.", (figure(found),))
+    page = fill(
+        "control.html",
+        name="Thesis",
+        subject=found.title,
+        facts=[("Rig", rig), ("Computed by", f"sysid control --table {found.name}")],
+        level="plain",
+        sentence=agreement_sentence(Agreement.of([found])),
+        metrics=compared(found),
+        notes=[],
+        sections=[Section("figure", "Figure", (), (group,))],
+    )
+    write_atomic(path, page)
 
 
-_PARTS = (
-    _Part(
-        "simulated",
-        "Controllers by mode, simulated (4.5)",
-        "4.5.1",
-        "4.5.3",
-        "DVMPC's errors in the hybrid mode on the sines are the motor's damping working with a "
-        "velocity that the 50 Hz filter shows 5 ms late; with perfect sensors they are gone.",
-    ),
-    _Part(
-        "measured",
-        "Controllers by mode, measured (4.5)",
-        "4.5.4",
-        "4.5.6",
-        "The printed errors were measured on the rig; ours are simulations with the settings of "
-        "those experiments (DVMPC: Table 4.4.5), five seeds of the sensors' noise as five tests.",
-    ),
-    _Part(
-        "compensation",
-        "Compensations and horizon (5.2, 5.3)",
-        "5.2.1",
-        "5.3.1",
-        "The printed rise without feedforward does not come about: the backstepping law itself "
-        "contains the rates of the desired motion (4.3.29).",
-    ),
-    _Part(
-        "horizontal",
-        "Payload mismatch, horizontal: backstepping (5.4.1)",
-        "5.4.4",
-        "5.4.6",
-        "On trajectory 1 our errors are smaller, most so without compensation, as above. On "
-        "trajectory 4 ours loses 0.5 kg and more with nearly every type, the print only with "
-        "some.",
-    ),
-    _Part(
-        "horizontal-estimator",
-        "The same with the payload estimator",
-        "5.4.7",
-        "5.4.12",
-        "The estimator knows a payload by its weight, which has no lever in the horizontal: ours "
-        "does not act there, so that both halves of each table are equal. The printed one acts, "
-        "and makes type 2 unstable.",
-    ),
-    _Part(
-        "horizontal-dvmpc",
-        "Payload mismatch, horizontal: DVMPC (5.4.1)",
-        "5.4.14",
-        "5.4.15",
-        "Which loops are lost on trajectory 4 is as printed, cell by cell. Ours also loses a "
-        "payload that is much lighter than assumed in the pneumatic mode on trajectory 1.",
-    ),
-    _Part(
-        "vertical",
-        "Payload mismatch, vertical: backstepping (5.4.2)",
-        "5.4.16",
-        "5.4.18",
-        "On trajectory 1 the print loses 0.8 and 0.9 kg, which our rig carries: at 1 rad, "
-        "the travel that we assume, 0.9 kg and the arm (0.30 kg, assumed) need 3.3 N·m; the "
-        "cylinder gives 3.4 N·m and the motor 0.8 N·m.",
-    ),
-    _Part(
-        "vertical-estimator",
-        "The same with the payload estimator",
-        "5.4.19",
-        "5.4.24",
-        "Where the payload is not the assumed one, the estimator lowers nearly all of our errors "
-        "on trajectory 1, and 16 of 36 in print. On trajectory 4 it raises most of both (by the "
-        "thesis: it converges too slowly), and makes loops unstable in print that it merely "
-        "disturbs in ours.",
-    ),
-    _Part(
-        "vertical-dvmpc",
-        "Payload mismatch, vertical: DVMPC (5.4.2)",
-        "5.4.25",
-        "5.4.26",
-        "Four cells of type 1 on trajectory 4 are printed twice, in 5.4.25 and as estimator off "
-        "in 5.4.26, with figures up to 37 times apart; ours are nearer to the latter.",
-    ),
-    _Part(
-        "valve",
-        "The valve model's share (5.5)",
-        "5.5.3",
-        "5.5.3",
-        "Our bipolynomial is fitted to the plant's own mean flow, so that it is nearly perfect. "
-        "With perfect sensors, which the wanted pressures depend on, the pressures' errors at 1 "
-        "and 2 Hz are within a factor of 2 of the printed perfect valve's but for one (2.01). At "
-        "4 Hz the sine asks for 4.5 N·m, more than cylinder and motor can give: there the print is "
-        "out of reach.",
-    ),
-)
-
-
-def write_controllers_page(path: Path, page: ControllersPage) -> None:
-    """Write the page, whole or not at all. Raises InputError where that is not possible."""
-    write_atomic(path, controllers_page(page))
-
-
-def controllers_page(page: ControllersPage) -> str:
-    """One self-contained HTML page."""
-    with svg.styled():
-        sections = [
-            Section("overview", "All cells", (), (_overview(page),)),
-            *(_tables(part, page) for part in _PARTS),
-            *(_figures(part, page.runs) for part in figure_sets()),
-            _horizon(page),
-        ]
-    every = list(page.tables.values())
-    return fill(
+def write_controllers_page(path: Path, content: ControllersPage) -> None:
+    """Write the page of all, whole or not at all. Raises InputError where that is not possible."""
+    page = fill(
         "controllers.html",
         name="Controllers",
         subject="the thesis' tables and figures, computed anew",
-        facts=[("Rig", page.rig), ("Made by", "python reports/make_controllers.py")],
+        facts=[("Rig", content.rig), ("Made by", "python reports/make_controllers.py")],
         level="plain",
-        sentence=agreement_sentence(Agreement.of(every)),
-        summary=_summary(page),
-        sections=sections,
+        sentence=agreement_sentence(Agreement.of(list(content.tables.values()))),
+        summary=summary(content),
+        sections=list(sections(content)),
     )
+    write_atomic(path, page)
 
 
-def _summary(page: ControllersPage) -> Table:
-    rows = []
-    for part in _PARTS:
-        own, ideal = (
-            Agreement.of([tables[name] for name in part.names])
-            for tables in (page.tables, page.perfect)
-        )
-        names = part.first if part.first == part.last else f"{part.first} to {part.last}"
-        counts = (own.tracked, own.within, own.lower, own.higher, own.lost, own.both, ideal.within)
-        rows.append((names, *(str(count) for count in counts)))
-    columns = (
-        "Tables",
-        "Cells",
-        "Within 2",
-        "Smaller",
-        "Larger",
-        "Lost in print",
-        "Lost in both",
-        "Perfect sensors: within 2",
-    )
-    return table("Our RMSE over the printed one", columns, rows)
-
-
-def _overview(page: ControllersPage) -> FigureGroup:
-    caption = (
-        "RMSE of the position in every cell; thick line: equal, thin lines: a factor of 2 apart. "
-        "Above 100 mrad the thesis calls a loop unstable."
-    )
-    return FigureGroup(caption, (scatter(list(page.tables.values()), "fig-all"),))
-
-
-def _tables(part: _Part, page: ControllersPage) -> Section:
-    chosen = [page.tables[name] for name in part.names]
-    blocks: list[Block] = [compared(found) for found in chosen]
-    said = agreement_sentence(Agreement.of(chosen))
-    return Section(part.id, part.title, (said, part.why), tuple(blocks))
-
-
-def _figures(part: FigureSet, runs: Runs) -> Section:
-    groups = figure_groups(part, runs)
-    return Section(f"figures-{part.id}", f"Figures: {part.title}", (part.said,), groups)
-
-
-def _horizon(page: ControllersPage) -> Section:
-    figure = horizon_figure(page.tables["5.3.1"], "fig-horizon")
-    caption = "Solid: ours; dashed: printed (Table 5.3.1)."
-    group = FigureGroup(caption, (figure,))
-    return Section("figures-horizon", "Figures: DVMPC by its horizon", (), (group,))
-
-
-__all__ = ["ControllersPage", "controllers_page", "write_controllers_page"]
+__all__ = ["write_controllers_page", "write_table_page"]

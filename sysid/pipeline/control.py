@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sysid.blocks.drawing import plot_panels
 from sysid.blocks.numbers import number
-from sysid.blocks.plots import legend, some_axes
 from sysid.blocks.progress import progress_or_shown
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
@@ -19,10 +19,11 @@ from sysid.controllers.interface import Controller
 from sysid.controllers.metrics import TrackingMetrics
 from sysid.controllers.modes import Mode
 from sysid.controllers.run_files import log_frame, write_run
+from sysid.controllers.shown import ShownLoop
 from sysid.controllers.task import Choice, Task, prepared, run_task
 from sysid.controllers.trajectories import DURATION_S
 from sysid.controllers.tuning import Tuning
-from sysid.document.control import ControlPage, write_control_page
+from sysid.document.control import write_control_page
 from sysid.errors import input_error
 from sysid.io.locks import working_in
 from sysid.parameters import Bundle
@@ -111,36 +112,22 @@ class ControlledRun(Shown):
 
     def tables(self) -> Iterable[Table]:
         """The metrics, in mrad."""
-        found = self.metrics
-        rows = [
-            (text, number(1e3 * getattr(found, name)))
-            for name, text in _METRICS.items()
-            if not math.isnan(getattr(found, name))
-        ]
-        yield table("", ("metric", "mrad"), tuple(rows))
+        found = [(text, getattr(self.metrics, name)) for name, text in _METRICS.items()]
+        rows = [(text, number(1e3 * value)) for text, value in found if not math.isnan(value)]
+        yield table("Errors of the true position", ("Metric", "mrad"), rows)
 
     def footnotes(self) -> Iterable[str]:
         """The faults that the loop reports, and the notices."""
         return (*(f"fault: {line}" for line in self.faults), *super().footnotes())
 
+    @property
+    def shown(self) -> ShownLoop:
+        """Its figures."""
+        return ShownLoop(self.run, self.task.rig, self.task.choice.mode)
+
     def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
         """Position over its reference, the error, pressures, commands: four panels; the axes."""
-        run = self.run
-        panels = some_axes(4, axes)
-        panels[0].plot(run.time, run.reference[:, 0], color="0.5", label="reference")
-        panels[0].plot(run.time, run.position, label="position")
-        panels[1].plot(run.time, 1e3 * (run.reference[:, 0] - run.position))
-        for side, pressure in (("A", run.measured_a), ("B", run.measured_b)):
-            panels[2].plot(run.time, 1e-3 * pressure, label=f"pressure {side}")
-        for side, command in (("A", run.command_a), ("B", run.command_b)):
-            panels[3].plot(run.time, command, label=f"valve {side}")
-        panels[3].plot(run.time, run.motor, label="motor, Nm")
-        labels = ("rad", "error, mrad", "kPa", "command")
-        for ax, label in zip(panels, labels, strict=True):
-            ax.set_ylabel(label)
-            legend(ax)
-        panels[-1].set_xlabel("time_s")
-        return panels
+        return plot_panels(self.shown.panels(), axes)
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
         """Write `run.csv` (a log), its reference, rig file and campaign, and `page.html`.
@@ -153,18 +140,9 @@ class ControlledRun(Shown):
         with working_in(place):
             written = write_run(place, self.run, choice.mode, self.task.rig, comments)
             page = place / PAGE_NAME
+            (metrics,) = self.tables()
             write_control_page(
-                page,
-                ControlPage(
-                    run=self.run,
-                    rig=self.task.rig,
-                    title=self.headline(),
-                    metrics={_METRICS[n]: getattr(self.metrics, n) for n in _METRICS},
-                    facts=self._origin(),
-                    notices=self.notices,
-                    has_motor=choice.mode.uses_motor,
-                    has_valves=choice.mode.uses_valves,
-                ),
+                page, self.shown, self.headline(), metrics, self._origin(), self.notices
             )
             return (*written, page)
 

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.blocks.numbers import number
-from sysid.blocks.plots import bars, one_axes
+from sysid.blocks.drawing import plot_panels
 from sysid.blocks.progress import progress_or_shown
 from sysid.blocks.shown import Shown
-from sysid.blocks.tables import Table, table
+from sysid.blocks.tables import Table
 from sysid.controllers.design_model import require_declared
-from sysid.document.control_tables import shown_column, shown_error, shown_unit, write_table_page
+from sysid.document.controllers import write_table_page
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.io.files import make_folder
 from sysid.parameters import Bundle, read_bundle
-from sysid.thesis import Column, TableRig, ThesisTable, thesis_table
+from sysid.thesis import TableRig, ThesisTable, thesis_table
+from sysid.thesis.shown import compared, figure, unit_of
 from sysid.types import Progress
 
 if TYPE_CHECKING:
@@ -56,32 +56,13 @@ class ControlTable(Shown):
 
     def tables(self) -> Iterable[Table]:
         """Ours / printed in mrad or kPa, and the factor."""
-        columns = self.table.columns
-        rows = tuple(
-            (
-                row.label,
-                *(_cell(*pair) for pair in zip(columns, row.ours, row.printed, strict=True)),
-            )
-            for row in self.table.rows
-        )
-        names = (shown_column(column, self.table) for column in columns)
         kinds = "ours, simulated / printed" if self.table.is_experiment else "ours / printed"
-        title = f"{self.table.title}: {shown_unit(self.table)} on {self.rig}, {kinds} (factor)"
-        yield table(title, (self.table.heading, *names), rows)
+        caption = f"{self.table.title}: {unit_of(self.table)} on {self.rig}, {kinds} (factor)"
+        yield replace(compared(self.table).plain(), caption=caption)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """RMSE of the position in every cell, ours next to the printed one; logarithmic."""
-        ax = one_axes(ax)
-        records = [r for r in self.records() if "rmse_rad" in r]
-        labels = [f"{r[self.table.heading]}\n{r['column']}" for r in records]
-        heights = {
-            name: [1e3 * (r[key] or 0.0) for r in records]
-            for name, key in (("ours", "rmse_rad"), ("printed", "printed_rmse_rad"))
-        }
-        bars(ax, labels, heights)
-        ax.set_yscale("log")
-        ax.set_ylabel("RMSE, mrad")
-        return ax
+        return plot_panels(figure(self.table).panels, ax)[0]
 
     def write(self, folder: str | Path) -> tuple[Path, ...]:
         """Write the table's page into a folder, `table-4.5.3.html`; its path.
@@ -101,12 +82,6 @@ class ControlTable(Shown):
 
 def _known(value: float) -> float | None:
     return None if math.isnan(value) else value
-
-
-def _cell(column: Column, ours: float, theirs: float) -> str:
-    mine, print_ = shown_error(ours, column), shown_error(theirs, column, "not legible")
-    factor = ours / theirs
-    return f"{mine} / {print_}" + ("" if math.isnan(factor) else f" ({number(factor, 2)})")
 
 
 def control_table(
