@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from datasets.thesis.reference_rig import bipolynomial_design, design, plant
-from sysid.controllers.arrays import put_together, take_apart
 from sysid.controllers.backstepping import BacksteppingController
 from sysid.controllers.dvmpc import DvmpcController
 from sysid.controllers.faults import SensorFaults
@@ -33,6 +32,7 @@ from sysid.controllers.sensing import (
     start_sensing,
 )
 from sysid.controllers.trajectories import DesiredMotion, thesis_trajectory
+from sysid.plant.arrays import put_together, take_apart
 from sysid.plant.effects.supply import SupplyDroop
 from sysid.plant.period_step import jax
 from sysid.types import FloatArray
@@ -84,7 +84,7 @@ class Call:
     def __init__(self, controller: GuardedController, lanes: int, seed: int = 0) -> None:
         rng = np.random.default_rng(seed)
         self._structure, numbers = take_apart(controller)
-        self._tables = {k: x for k, x in enumerate(numbers) if np.ndim(x) > 1}
+        self._tables = {k: x for k, x in enumerate(numbers) if np.ndim(x) > 0}
         gains = [np.zeros(lanes) + x for k, x in enumerate(numbers) if k not in self._tables]
         memory = [x + np.zeros(lanes) for x in controller.start(lanes)]
         self._memory = type(controller.start(1))

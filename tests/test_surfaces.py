@@ -26,7 +26,7 @@ from sysid.surfaces import (
     thin_samples,
 )
 from sysid.surfaces.comparison import recommend
-from sysid.surfaces.inverse import invert_quadratic, invert_rising
+from sysid.surfaces.inverse import flags_of, invert_quadratic, invert_rising
 from sysid.surfaces.left_out import group_folds, hold_out_groups
 
 # a1 to i1: rises with duty everywhere on [0, 1] x [1e5, 3e5] Pa.
@@ -169,7 +169,7 @@ class TestBipolynomialFit:
         duty, pressure = _inside(held.domain_)
 
         def slope(surface: Bipolynomial) -> np.ndarray:
-            c2, c1, _ = surface.quadratic(pressure)
+            c2, c1, _ = surface.law.quadratic(pressure)
             return 2 * c2 * duty + c1
 
         assert slope(free).min() < 0 < slope(held).min()
@@ -210,7 +210,8 @@ class TestQuadraticInverse:
         c1, c0 = rng.normal(size=n), rng.normal(size=n)
         low, high = rng.uniform(0, 0.4, n), rng.uniform(0.6, 1, n)
         flow = c0 + rng.normal(size=n)
-        u, flags = invert_quadratic(c2, c1, c0, flow, low, high)
+        u, reasons = invert_quadratic(c2, c1, c0, flow, low, high)
+        flags = flags_of(reasons)
         assert ((u >= low) & (u <= high)).all()
         value = (c2 * u + c1) * u + c0
         solved = (flags & (Saturation.ABOVE | Saturation.BELOW)) == 0
@@ -253,16 +254,18 @@ class TestQuadraticInverse:
         self, c2: float, c1: float, c0: float, flow: float, duty: float, flag: int
     ) -> None:
         args = [np.array([v]) for v in (c2, c1, c0, flow, 0.1, 0.9)]
-        u, flags = invert_quadratic(*args)
+        u, reasons = invert_quadratic(*args)
+        flags = flags_of(reasons)
         assert u[0] == pytest.approx(duty, abs=1e-12)
         assert flags[0] == flag
 
-    def test_bisection_finds_the_crossing_and_the_ends(self) -> None:
+    def test_iteration_finds_the_crossing_and_the_ends(self) -> None:
         target = np.array([-2.0, 0.0, 0.5, 2.0])
         low, high = np.full(4, -1.0), np.full(4, 1.0)
-        x, flags = invert_rising(lambda v: v**3, target, low, high)
+        x, reached, beneath = invert_rising(lambda v: (v**3, 3 * v**2), target, low, high)
         np.testing.assert_allclose(x, [-1.0, 0.0, 0.5 ** (1 / 3), 1.0], atol=1e-10)
-        assert flags.tolist() == [Saturation.BELOW, 0, 0, Saturation.ABOVE]
+        assert reached.tolist() == [True, True, True, False]
+        assert beneath.tolist() == [True, False, False, False]
 
 
 class TestRoundTrip:
@@ -499,14 +502,16 @@ def _teacher_samples() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     duty, pressure = grid(25, 40)
     duty = 0.3 + 0.4 * duty
 
-    def teacher(flow: np.ndarray) -> np.ndarray:
+    def teacher(flow: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x, y = flow / 4e-4 - 1, pressure / 1e5 - 2
         hidden = np.tanh([2.5 * x + 0.5 * y, x - 2 * y + 0.8, 0.7 * x + 1.5 * y - 0.6])
-        return 0.5 + np.array([0.25, 0.08, 0.12]) @ hidden
+        weights = np.array([0.25, 0.08, 0.12])
+        slope = weights * np.array([2.5, 1.0, 0.7]) / 4e-4
+        return 0.5 + weights @ hidden, slope @ (1.0 - hidden**2)
 
     low, high = np.full_like(duty, -4e-4), np.full_like(duty, 1.6e-3)
-    flow, flags = invert_rising(teacher, duty, low, high)
-    assert not flags.any()
+    flow, reached, beneath = invert_rising(teacher, duty, low, high)
+    assert reached.all() and not beneath.any()
     return duty, pressure, flow
 
 

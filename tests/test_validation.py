@@ -33,7 +33,6 @@ from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import Rig, rig_from_content
 from sysid.parameters import Bundle, EffectEntry, LogRecord, Parts, read_bundle, write_bundle
 from sysid.parameters.assembled_model import (
-    TabulatedSurfaces,
     model_from_bundle,
     parameters_from_bundle,
     surfaces_from_bundle,
@@ -47,7 +46,8 @@ from sysid.parameters.valves import (
     PwmSurfaces,
     Valve,
 )
-from sysid.plant.base import filling_flow
+from sysid.plant.arrays import put_together, take_apart
+from sysid.plant.base import Array, array_namespace, filling_flow
 from sysid.plant.effects.chamber import TubeLag
 from sysid.surfaces import Bipolynomial
 from sysid.types import FloatArray
@@ -362,30 +362,51 @@ def test_an_incomplete_bundle_is_refused(bundle: Bundle, campaign: Campaign) -> 
 # --- PWM surfaces -------------------------------------------------------------------------
 
 
-def mean_flow(
-    rig: Rig, law: dict[str, float], duty: FloatArray, pressure: FloatArray
-) -> FloatArray:
-    """The discrete law's mean over a PWM period, kg/s, at duties away from 0 and 1."""
+@dataclasses.dataclass(frozen=True)
+class MeanLaw:
+    """The mean of the discrete law itself as a valve's law under PWM: no surface is fitted to it.
+
+    kg/s, kg/(s Pa^0.5), kg/(s Pa), Pa; `longer`: the delays' difference over the period.
+    """
+
+    choked_flow_fill_kg_s: Array
+    c_fill: Array
+    choked_flow_dis_kg_s: Array
+    c_dis: Array
+    supply: Array
+    atmosphere: Array
+    longer: Array
+
+    def flow(self, duty: Array, pressure: Array) -> Array:
+        xp = array_namespace(duty, pressure, self.supply)
+        share = xp.clip(duty + self.longer, 0.0, 1.0)
+        gap = self.supply - pressure
+        unchoked = self.c_fill * xp.sign(gap) * xp.sqrt(xp.abs(gap))
+        fill = xp.where(pressure <= 0.53 * self.supply, self.choked_flow_fill_kg_s, unchoked)
+        unchoked = self.c_dis * (self.atmosphere - pressure)
+        choked = pressure >= self.atmosphere / 0.53
+        exhaust = xp.where(choked, -self.choked_flow_dis_kg_s, unchoked)
+        return share * fill + (1.0 - share) * exhaust
+
+    def fill(self, duty: Array, pressure: Array) -> Array:
+        return array_namespace(pressure).maximum(self.flow(duty, pressure), 0.0)
+
+    def discharge(self, duty: Array, pressure: Array) -> Array:
+        return array_namespace(pressure).minimum(self.flow(duty, pressure), 0.0)
+
+    def span(self, pressure: Array) -> Array:
+        return self.fill(1.0, pressure) - self.discharge(0.0, pressure)
+
+
+def mean_law(rig: Rig, law: dict[str, float]) -> MeanLaw:
+    """The law of a valve on a rig."""
     assert rig.air is not None
     assert rig.pwm is not None
     assert rig.valves is not None
-    supply, atmosphere = rig.air.supply_pressure_pa, rig.air.atmospheric_pressure_pa
+    flows = {name: law[name] for name in LAW_KEYS.values()}
     longer = (rig.valves.off_delay_s - rig.valves.on_delay_s) / rig.pwm.period_s
-    share = np.clip(duty + longer, 0.0, 1.0)
-    gap = supply - pressure
-    unchoked = law["c_fill"] * np.sign(gap) * np.sqrt(np.abs(gap))
-    fill = np.where(pressure <= 0.53 * supply, law["choked_flow_fill_kg_s"], unchoked)
-    unchoked = law["c_dis"] * (atmosphere - pressure)
-    exhaust = np.where(pressure >= atmosphere / 0.53, -law["choked_flow_dis_kg_s"], unchoked)
-    return np.asarray(share * fill + (1.0 - share) * exhaust)
-
-
-def exact_table(rig: Rig, law: dict[str, float]) -> TabulatedSurfaces:
-    """The mean of the discrete law itself, without a surface fitted to it."""
-    duties, pressures = np.linspace(0.0, 1.0, 201), np.linspace(0.9e5, 3.5e5, 801)
-    flow = mean_flow(rig, law, duties[:, None], pressures[None, :])
-    ends = (0.0, 1.0, pressures[0], pressures[-1])
-    return TabulatedSurfaces(np.maximum(flow, 0.0), *ends, np.minimum(flow, 0.0), *ends)
+    lines = rig.air.supply_pressure_pa, rig.air.atmospheric_pressure_pa
+    return MeanLaw(**flows, supply=lines[0], atmosphere=lines[1], longer=longer)
 
 
 def fitted_surfaces(rig: Rig, law: dict[str, float]) -> PwmDirections:
@@ -400,7 +421,7 @@ def fitted_surfaces(rig: Rig, law: dict[str, float]) -> PwmDirections:
             indexing="ij",
         )
     )
-    flow = mean_flow(rig, law, duty, pressure)
+    flow = mean_law(rig, law).flow(duty, pressure)
     parts = {}
     for direction, rows in (("fill", flow > 0.0), ("discharge", flow < 0.0)):
         surface = Bipolynomial().fit(np.column_stack([duty, pressure])[rows], flow[rows])
@@ -422,7 +443,7 @@ def with_surfaces(made: GeneratedCampaign, campaign: Campaign, bundle: Bundle) -
     return bundle.replaced(valves=FittedValves(**valves))
 
 
-def test_the_table_is_the_surface(campaign: Campaign, with_surfaces: Bundle) -> None:
+def test_a_simulation_has_the_surface_itself(campaign: Campaign, with_surfaces: Bundle) -> None:
     found = surfaces_from_bundle(with_surfaces, campaign.rig, "bipolynomial")
     assert found is not None
     filling = with_surfaces.valve("b").surfaces("fill")
@@ -434,23 +455,27 @@ def test_the_table_is_the_surface(campaign: Campaign, with_surfaces: Bundle) -> 
     # Beyond the domain too, where both saturate.
     duty, pressure = rng.uniform(0.0, 1.0, 2000), rng.uniform(0.8e5, 3.4e5, 2000)
     exact = surface.flow(duty, pressure)[0]
-    table = found[1].fill(duty, pressure)
-    assert np.max(np.abs(table - exact)) < 1e-3 * np.ptp(exact)
+    np.testing.assert_allclose(found[1].fill(duty, pressure), exact, rtol=1e-12)
 
 
-def test_the_table_is_the_same_in_jax(campaign: Campaign, with_surfaces: Bundle) -> None:
+def test_a_surface_is_the_same_in_jax(campaign: Campaign, with_surfaces: Bundle) -> None:
     from sysid.plant.jax_setup import jnp
 
     found = surfaces_from_bundle(with_surfaces, campaign.rig, "bipolynomial")
     assert found is not None
-    fields = dataclasses.asdict(found[0])
-    in_jax = TabulatedSurfaces(**{k: jnp.asarray(v) for k, v in fields.items()})
     duty, pressure = np.linspace(0.0, 1.0, 31), np.linspace(0.9e5, 3.3e5, 31)
-    np.testing.assert_allclose(
-        in_jax.discharge(jnp.asarray(duty), jnp.asarray(pressure)),
-        found[0].discharge(duty, pressure),
-        rtol=1e-12,
-    )
+    structure, numbers = take_apart(found[0])
+    for shape in ((), (31, 1)):  # one law, and one a lane
+        lanes = [jnp.asarray(np.broadcast_to(n, (*shape[:1], *n.shape))) for n in numbers]
+        in_jax = put_together(structure, lanes)
+        for name in ("fill", "discharge", "duty"):
+            given = (duty - 0.5) * 1e-3 if name == "duty" else duty
+            np.testing.assert_allclose(
+                getattr(in_jax, name)(jnp.asarray(given), jnp.asarray(pressure)),
+                getattr(found[0], name)(given, pressure),
+                rtol=1e-12,
+                atol=1e-18,
+            )
 
 
 def test_surfaces_of_another_period_are_refused(campaign: Campaign, with_surfaces: Bundle) -> None:
@@ -531,7 +556,7 @@ def test_the_mean_flow_does_almost_what_the_pulses_do(
     made: GeneratedCampaign, bundle: Bundle, rig: Rig
 ) -> None:
     test = prepare(trial_of(made.log("motion_pwm_2").tests[0]), "motion-pwm", rig, 1.0)
-    surfaces = tuple(exact_table(rig, made.truth["valves"][side]) for side in "ab")
+    surfaces = tuple(mean_law(rig, made.truth["valves"][side]) for side in "ab")
     model = model_from_bundle(bundle, rig)
     runs = simulate_segments([(test, test.whole)], model, surfaces)
     for measured, simulated_, least in zip(test.measured, runs[0], (90.0, 80.0, 65.0), strict=True):

@@ -8,12 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.controllers.duty_inverse import (
-    DutyInverse,
-    TabulatedInverse,
-    bipolynomial_inverse,
-    tabulated,
-)
+from sysid.controllers.duty_inverse import DutyInverse, bipolynomial_inverse
 from sysid.controllers.effective_law import averaged_law
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
@@ -24,6 +19,7 @@ from sysid.parameters.valves import DIRECTIONS
 from sysid.plant.base import Array, Parameters
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model
+from sysid.surfaces.hull import ValveLaw
 
 INVERSES = ("averaged", "bipolynomial", "ann")
 # Constants of a rig that no controller uses.
@@ -141,25 +137,13 @@ def _require_discrete_laws(bundle: BundleContent) -> None:
             )
 
 
-def _surface_inverse(bundle: BundleContent, side: str, kind: str) -> TabulatedInverse:
+def _surface_inverse(bundle: BundleContent, side: str, kind: str) -> ValveLaw:
     place = f"{bundle.source}, valves.{side}.pwm"
-    fill, out = (_surface(bundle, side, direction, kind, place) for direction in DIRECTIONS)
-    domains = fill.domain_, out.domain_
-    pressures = (
-        min(d.pressure_range[0] for d in domains),
-        max(d.pressure_range[1] for d in domains),
-    )
-    grid = np.linspace(*pressures, 33)
-    highest = float(np.max(domains[0].flow_limits(domains[0].clip_pressure(grid)[0])[1]))
-    lowest = float(np.min(domains[1].flow_limits(domains[1].clip_pressure(grid)[0])[0]))
-    if not lowest < 0.0 < highest:
+    laws = [_surface(bundle, side, direction, kind, place).law for direction in DIRECTIONS]
+    filling, emptying = laws
+    if not np.min(emptying.flow_low) < 0.0 < np.max(filling.flow_high):
         raise input_error(place, "the surfaces hold flow of one sign only", "fit them again")
-    return tabulated(
-        lambda m, p: fill.duty(m, p)[0],
-        lambda m, p: out.duty(m, p)[0],
-        (lowest, highest),
-        pressures,
-    )
+    return ValveLaw(filling, emptying)
 
 
 def _surface(bundle: BundleContent, side: str, direction: str, kind: str, where: str) -> Any:

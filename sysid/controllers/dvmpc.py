@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.controllers.arrays import repeat, when
 from sysid.controllers.design_model import DesignModel
 from sysid.controllers.effective_law import edge_delay
 from sysid.controllers.guard import GuardedController, known
@@ -30,6 +29,7 @@ from sysid.controllers.prediction import (
     sliding_friction,
 )
 from sysid.plant import base
+from sysid.plant.arrays import repeat, when
 from sysid.plant.base import Array, array_namespace
 from sysid.plant.ports import Model
 

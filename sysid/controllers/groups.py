@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.controllers.arrays import stacked, take_apart
 from sysid.controllers.interface import Controller
+from sysid.plant.arrays import stacked, take_apart
 from sysid.plant.base import Array
 
 

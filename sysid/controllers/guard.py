@@ -17,6 +17,7 @@ import numpy as np
 
 from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
 from sysid.plant.base import Array, Parameters, array_namespace
+from sysid.surfaces.hull import FlowLaw
 
 
 def known(value: Array) -> Array:
@@ -49,9 +50,11 @@ def rows_of(reference: Reference, preview: int) -> Iterator[Array]:
 def gains_of(value: Any) -> Iterator[Array]:
     """The numbers, each one or (lanes,), of a controller with its estimator and its model.
 
-    A motor without a limit has an infinite one. Tables are left out: what is read of them is in
-    the commands.
+    A motor without a limit has an infinite one. Tables and surfaces are left out: what is read of
+    them is in the commands.
     """
+    if isinstance(value, FlowLaw):
+        return
     if isinstance(value, Parameters):
         limit = value.max_effort
         xp = array_namespace(limit)

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.controllers.arrays import put_together, take_apart
 from sysid.controllers.cases import PERIOD_S, Case, ClosedLoopRun, faults_of
 from sysid.controllers.groups import Group, grouped
 from sysid.controllers.guard import GuardedController, all_finite, let_go, rows_of
@@ -38,6 +37,7 @@ from sysid.controllers.sensing import (
 from sysid.controllers.trajectories import DURATION_S
 from sysid.errors import NotIdentifiedError, SimulationError, input_error
 from sysid.plant import plant
+from sysid.plant.arrays import put_together, take_apart
 from sysid.plant.base import Array, array_namespace
 from sysid.plant.jax_setup import jax, jnp, on_processor
 from sysid.plant.period_step import (

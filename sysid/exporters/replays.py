@@ -12,7 +12,6 @@ import numpy as np
 
 from sysid.controllers.backstepping import BacksteppingMemory, backstepping_type
 from sysid.controllers.design_model import DesignModel
-from sysid.controllers.duty_inverse import SurfaceInverse
 from sysid.controllers.dvmpc import DvmpcController, DvmpcMemory, delayed_share
 from sysid.controllers.interface import Commands, Reference, StateEstimate
 from sysid.controllers.payload import PayloadEstimator, payload_mass
@@ -22,6 +21,7 @@ from sysid.controllers.sensing import Readings, SensingMemory, filter_coefficien
 from sysid.exporters.c_control import gains, inverses
 from sysid.exporters.flat import DIRECTIONS, Flat
 from sysid.io.channels import SIDES
+from sysid.surfaces.hull import ValveLaw
 from sysid.types import BoolArray, FloatArray
 
 _MOTION = ("position", "velocity", "pressure", "pressure")
@@ -249,7 +249,7 @@ def _with_inverse(flat: Flat, design: DesignModel, name: str) -> DesignModel:
         return design
     kind = "ann" if name == "network" else name
     maps = {side: [flat.valves[side].pwm[d] for d in DIRECTIONS] for side in SIDES}
-    a, b = (SurfaceInverse(*(getattr(m, kind).model for m in maps[side])) for side in SIDES)
+    a, b = (ValveLaw(*(getattr(m, kind).model.law for m in maps[side])) for side in SIDES)
     return dataclasses.replace(design, inverse_a=a, inverse_b=b)
 
 

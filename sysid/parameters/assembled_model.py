@@ -1,10 +1,9 @@
-"""The model that a bundle describes: parameters, and PWM surfaces as the plant reads them."""
+"""The model that a bundle describes: parameters, and its valves' flow laws under PWM."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,10 +25,8 @@ from sysid.parameters.valves import (
     Valve,
 )
 from sysid.plant.base import (
-    Array,
     Parameters,
     ValveParameters,
-    array_namespace,
     bare_parameters,
     exhaust_jump,
     filling_jump,
@@ -41,12 +38,10 @@ from sysid.plant.effects.linear import for_rig
 from sysid.plant.ports import Effect, Model, has_discrete_law
 from sysid.plant.trials import DISCRETE
 from sysid.surfaces.averaged import AveragedLaw
+from sysid.surfaces.hull import ValveLaw
 
 MEAN_FLOW_MODELS = (AVERAGED, *SURFACE_KINDS)
 VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
-# Nodes of a surface's table over duty and pressure. Between them the table is bilinear: a
-# bipolynomial's flow is then off by less than 1e-4 of its range (tested).
-_NODES = 129
 _SAME_PERIOD = 1e-6
 # As far as the fit takes rows of a surface for rows at one supply.
 _SAME_SUPPLY = 0.02
@@ -62,67 +57,6 @@ _TESTS = {
     "coulomb": "friction-sliding tests (constant torques, at least two levels)",
     "viscous": "friction-sliding tests (constant torques, at least two levels)",
 }
-
-
-@dataclass(frozen=True)
-class TabulatedSurfaces:
-    """Mean flow of one valve under PWM over duty and pressure: two tables, bilinear.
-
-    `filling` and `discharging` (nodes, nodes) kg/s, rows duty and columns pressure, evenly
-    spaced from `..._low` to `..._high` (0 to 1 and Pa). Beyond them the inputs saturate, as
-    those of the surfaces themselves do. Arrays of any library; a flat dataclass of numbers,
-    as the simulation's compilation needs it.
-    """
-
-    filling: Array
-    filling_duty_low: Array
-    filling_duty_high: Array
-    filling_pressure_low: Array
-    filling_pressure_high: Array
-    discharging: Array
-    discharging_duty_low: Array
-    discharging_duty_high: Array
-    discharging_pressure_low: Array
-    discharging_pressure_high: Array
-
-    def fill(self, duty: Array, pressure: Array) -> Array:
-        """Mean flow into the chamber while its pressure rises, kg/s."""
-        return _bilinear(
-            self.filling,
-            (duty, self.filling_duty_low, self.filling_duty_high),
-            (pressure, self.filling_pressure_low, self.filling_pressure_high),
-        )
-
-    def discharge(self, duty: Array, pressure: Array) -> Array:
-        """Mean flow (negative: out) while the chamber's pressure falls, kg/s."""
-        return _bilinear(
-            self.discharging,
-            (duty, self.discharging_duty_low, self.discharging_duty_high),
-            (pressure, self.discharging_pressure_low, self.discharging_pressure_high),
-        )
-
-    def span(self, pressure: Array) -> Array:
-        """Flow of the open valve less that of the closed one, kg/s, as the tables' ends say."""
-        high, low = self.filling_duty_high, self.discharging_duty_low
-        return (self.fill(high, pressure) - self.discharge(low, pressure)) / (high - low)
-
-
-_Axis = tuple[Array, Array, Array]
-
-
-def _bilinear(table: Array, rows: _Axis, columns: _Axis) -> Array:
-    """`table` at (value, low, high) along its rows and its columns; saturated at its edges."""
-    xp = array_namespace(rows[0], columns[0])
-    cells, shares = [], []
-    for (value, low, high), size in zip((rows, columns), table.shape, strict=True):
-        place = xp.clip((value - low) / (high - low), 0.0, 1.0) * (size - 1)
-        cell = xp.minimum(xp.floor(place), size - 2)
-        cells.append(cell.astype(int))
-        shares.append(place - cell)
-    (i, j), (s, t) = cells, shares
-    lower = (1.0 - t) * table[i, j] + t * table[i, j + 1]
-    upper = (1.0 - t) * table[i + 1, j] + t * table[i + 1, j + 1]
-    return (1.0 - s) * lower + s * upper
 
 
 def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
@@ -331,7 +265,11 @@ def surfaces_from_bundle(bundle: BundleContent, rig: Rig, kind: str) -> tuple[An
         where = f"{bundle.source}, valves.{side}"
         for direction, part in zip(DIRECTIONS, held, strict=True):
             _check_conditions(part, rig, f"{where}.pwm.{direction}")
-        found.append(_tabulated(held[0], held[1], kind, where))
+        laws = [
+            _surface(part, kind, f"{where}, {name}").law.for_simulation()
+            for name, part in zip(("filling", "discharging"), held, strict=True)
+        ]
+        found.append(ValveLaw(*laws))
     return found[0], found[1]
 
 
@@ -363,23 +301,6 @@ def _averaged_law(bundle: BundleContent, rig: Rig, side: str) -> AveragedLaw | N
 
 def _all_identified(law: Part) -> bool:
     return all(estimate.identified for estimate in law.estimates().values())
-
-
-def _tabulated(
-    fill: PwmSurfaces, discharge: PwmSurfaces, kind: str, where: str
-) -> TabulatedSurfaces:
-    fields: dict[str, Any] = {}
-    for name, part in (("filling", fill), ("discharging", discharge)):
-        surface = _surface(part, kind, f"{where}, {name}")
-        (duty_low, duty_high), (low, high) = (
-            surface.domain_.duty_range,
-            surface.domain_.pressure_range,
-        )
-        duties, pressures = np.linspace(duty_low, duty_high, _NODES), np.linspace(low, high, _NODES)
-        fields[name] = surface.flow(duties[:, None], pressures[None, :])[0]
-        fields[f"{name}_duty_low"], fields[f"{name}_duty_high"] = duties[[0, -1]]
-        fields[f"{name}_pressure_low"], fields[f"{name}_pressure_high"] = pressures[[0, -1]]
-    return TabulatedSurfaces(**fields)
 
 
 def _surface(part: PwmSurfaces, kind: str, where: str) -> Any:
@@ -540,7 +461,6 @@ __all__ = [
     "DISCRETE",
     "MEAN_FLOW_MODELS",
     "VALVE_MODELS",
-    "TabulatedSurfaces",
     "assumed_parameters",
     "effects_from_bundle",
     "first_valve_model",

@@ -13,7 +13,7 @@ import dataclasses
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -275,21 +275,33 @@ def split(parts: tuple[Any, ...]) -> tuple[Structure, list[dict[str, Any]]]:
     """Dataclass instances split into a hashable structure and their numbers.
 
     The structure (classes and fields that are not numbers) decides what is compiled; the
-    numbers are its inputs. `join` is the inverse.
+    numbers are its inputs, those of a dataclass within another as a dict. `join` is the inverse.
     """
-    structure, numbers = [], []
-    for part in parts:
-        fixed, values = [], {}
-        kind: type = type(part)
-        for name in _field_names(kind):
-            value = getattr(part, name)
-            if value is None or isinstance(value, str | bool | tuple):
-                fixed.append((name, value))
-            else:
-                values[name] = value
-        structure.append((type(part), tuple(fixed)))
-        numbers.append(values)
-    return tuple(structure), numbers
+    apart = [_split_one(part) for part in parts]
+    return tuple(structure for structure, _ in apart), [numbers for _, numbers in apart]
+
+
+def _split_one(part: Any) -> tuple[Any, dict[str, Any]]:
+    kind: type = type(part)
+    fixed: list[tuple[str, Any]] = []
+    values: dict[str, Any] = {}
+    for name in _field_names(kind):
+        value = getattr(part, name)
+        if value is None or isinstance(value, str | bool | tuple):
+            fixed.append((name, value))
+        elif dataclasses.is_dataclass(value):
+            structure, values[name] = _split_one(value)
+            fixed.append((name, _Nested(*structure)))
+        else:
+            values[name] = value
+    return (kind, tuple(fixed)), values
+
+
+class _Nested(NamedTuple):
+    """The structure of a dataclass within another."""
+
+    kind: type
+    fixed: tuple[tuple[str, Any], ...]
 
 
 @functools.cache
@@ -299,10 +311,15 @@ def _field_names(kind: type) -> tuple[str, ...]:
 
 def join(structure: Structure, numbers: list[dict[str, Any]]) -> tuple[Any, ...]:
     """Rebuild what `split` took apart."""
-    return tuple(
-        cls(**dict(fixed), **values)
-        for (cls, fixed), values in zip(structure, numbers, strict=True)
-    )
+    return tuple(_join_one(*one, values) for one, values in zip(structure, numbers, strict=True))
+
+
+def _join_one(kind: type, fixed: tuple[tuple[str, Any], ...], values: dict[str, Any]) -> Any:
+    known = {
+        name: _join_one(*value, values[name]) if isinstance(value, _Nested) else value
+        for name, value in fixed
+    }
+    return kind(**{**values, **known})
 
 
 def stack_models(models: list[Model]) -> Model:

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
         duty_errors,
         resolution_study,
     )
-    from sysid.surfaces.domain import Domain, Saturation
+    from sysid.surfaces.domain import Domain
+    from sysid.surfaces.hull import Saturation
     from sysid.surfaces.samples import SurfacePoints, surface_points, thin_samples
 
 _MODULES = {
@@ -33,7 +34,7 @@ _MODULES = {
     "Domain": "domain",
     "DutyNetwork": "ann",
     "ResolutionStudy": "comparison",
-    "Saturation": "domain",
+    "Saturation": "hull",
     "SizeSweep": "ann",
     "SurfaceComparison": "comparison",
     "SurfaceError": "comparison",

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import NotIdentifiedError, input_error
-from sysid.surfaces.domain import ROUNDING, Domain, Saturation, duty_levels
+from sysid.surfaces.domain import Domain, duty_levels
 from sysid.surfaces.estimator import Regressor, checked_samples, checked_weights, columns
-from sysid.surfaces.inverse import FlagArray, broadcast_inputs, finish, invert_rising
+from sysid.surfaces.inverse import FlagArray, evaluated
 from sysid.surfaces.left_out import group_folds, hold_out_groups
+from sysid.surfaces.network_law import NetworkLaw
 from sysid.surfaces.samples import thin_samples
 from sysid.types import FloatArray
 
@@ -155,12 +156,23 @@ class DutyNetwork(Regressor):
         self.output_bias_ = float(weights[4 * hidden])
         self.n_parameters_ = len(weights)
 
+    @property
+    def law(self) -> NetworkLaw:
+        """The network as a simulation or a controller takes it."""
+        self._require_fitted()
+        return NetworkLaw(
+            **self.domain_.hull(),
+            flow_weights=self.hidden_weights_[:, 0],
+            pressure_weights=self.hidden_weights_[:, 1],
+            hidden_bias=self.hidden_bias_,
+            output_weights=self.output_weights_,
+            output_bias=np.asarray(self.output_bias_),
+            scaling=self.scaling_,
+        )
+
     def network(self, flow: FloatArray, pressure: FloatArray) -> FloatArray:
         """The bare network's duty (n,), nothing saturated."""
-        (mc, mh), (pc, ph), (uc, uh) = self.scaling_
-        x = np.stack(((flow - mc) / mh, (pressure - pc) / ph))
-        layer = np.tanh(self.hidden_weights_ @ x + self.hidden_bias_[:, None])
-        return np.asarray(uc + uh * (self.output_weights_ @ layer + self.output_bias_))
+        return np.asarray(self.law.network(flow, pressure)[0])
 
     def predict(self, X: ArrayLike) -> FloatArray:
         """Duty (n,) at X (n, 2): flow [kg/s], pressure [Pa]; saturated at the domain."""
@@ -168,34 +180,15 @@ class DutyNetwork(Regressor):
 
     def duty(self, flow: ArrayLike, pressure: ArrayLike) -> tuple[FloatArray, FlagArray]:
         """Duty for a wanted flow [kg/s] and `Saturation` flags, in the common shape."""
-        self._require_fitted()
-        m, p, flags, shape = broadcast_inputs(flow, pressure)
-        p, moved = self.domain_.clip_pressure(p)
-        low, high = self.domain_.flow_limits(p)
-        u = self.network(np.clip(m, low, high), p)
-        bottom, top = self.domain_.duty_range
-        flags |= moved
-        flags |= np.where((m > high) | (u > top), np.uint8(Saturation.ABOVE), np.uint8(0))
-        flags |= np.where((m < low) | (u < bottom), np.uint8(Saturation.BELOW), np.uint8(0))
-        return finish(np.clip(u, bottom, top), flags, shape)
+        return evaluated(self.law.bounded_duty, flow, pressure)
 
     def flow(self, duty: ArrayLike, pressure: ArrayLike) -> tuple[FloatArray, FlagArray]:
         """Mean flow [kg/s] that the network maps to this duty, and `Saturation` flags.
 
-        The forward map for simulation, by bisection between the lowest and highest flow
+        The forward map for simulation, found by iteration between the lowest and highest flow
         seen at the pressure; where the network is not monotone, the lowest such flow.
         """
-        self._require_fitted()
-        u, p, flags, shape = broadcast_inputs(duty, pressure)
-        p, moved = self.domain_.clip_pressure(p)
-        low, high = self.domain_.flow_limits(p)
-        bottom, top = self.domain_.duty_range
-        flags |= moved
-        flags |= np.where(u > top + ROUNDING, np.uint8(Saturation.ABOVE), np.uint8(0))
-        flags |= np.where(u < bottom - ROUNDING, np.uint8(Saturation.BELOW), np.uint8(0))
-        wanted = np.clip(u, bottom, top)
-        m, branch = invert_rising(lambda flow: self.network(flow, p), wanted, low, high)
-        return finish(m, flags | branch, shape)
+        return evaluated(self.law.bounded_flow, duty, pressure)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-able: weights, scaling, domain, errors and seeds. `from_dict` reads it."""

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
-from sysid.surfaces.domain import ROUNDING, Domain, Saturation
+from sysid.surfaces.bipolynomial_law import BipolynomialLaw
+from sysid.surfaces.domain import Domain
 from sysid.surfaces.estimator import Regressor, checked_samples, checked_weights, columns
-from sysid.surfaces.inverse import FlagArray, broadcast_inputs, finish, invert_quadratic
+from sysid.surfaces.inverse import FlagArray, evaluated
 from sysid.types import FloatArray
 
 N_TERMS = 9
@@ -152,16 +153,7 @@ class Bipolynomial(Regressor):
         duty inside that range which was not seen at this pressure is flagged and
         extrapolated.
         """
-        self._require_fitted()
-        u, p, flags, shape = broadcast_inputs(duty, pressure)
-        p, moved = self.domain_.clip_pressure(p)
-        low, high = self.domain_.duty_limits(p)
-        flags |= moved
-        flags |= np.where(u > high + ROUNDING, np.uint8(Saturation.ABOVE), np.uint8(0))
-        flags |= np.where(u < low - ROUNDING, np.uint8(Saturation.BELOW), np.uint8(0))
-        c2, c1, c0 = self.quadratic(p)
-        u = np.clip(u, *self.domain_.duty_range)
-        return finish((c2 * u + c1) * u + c0, flags, shape)
+        return evaluated(self.law.bounded_flow, duty, pressure)
 
     def duty(self, flow: ArrayLike, pressure: ArrayLike) -> tuple[FloatArray, FlagArray]:
         """Duty for a wanted flow [kg/s] and `Saturation` flags (thesis 3.7.2, 3.7.3).
@@ -169,22 +161,16 @@ class Bipolynomial(Regressor):
         All branches, see `inverse.invert_quadratic`; saturated at the duties that were seen
         at this pressure.
         """
-        self._require_fitted()
-        m, p, flags, shape = broadcast_inputs(flow, pressure)
-        p, moved = self.domain_.clip_pressure(p)
-        low, high = self.domain_.duty_limits(p)
-        u, branch = invert_quadratic(*self.quadratic(p), m, low, high)
-        return finish(u, flags | moved | branch, shape)
+        return evaluated(self.law.bounded_duty, flow, pressure)
 
-    def quadratic(self, pressure: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """C21, C11 and C01 + flow of 3.7.2 at each pressure (n,) [Pa]: coefficients of
-        u^2, u and 1 in kg/s."""
-        centre, half = self.scaling_[1]
-        b = (np.asarray(pressure, dtype=float) - centre) / half
-        in_pressure = np.stack((np.ones_like(b), b, 2.0 * b * b - 1.0))
-        by_duty = self.scaled_coefficients_.reshape(3, 3) @ in_pressure
-        c0, c1, c2 = _powers(self.scaling_[0]).T @ by_duty
-        return c2, c1, c0
+    @property
+    def law(self) -> BipolynomialLaw:
+        """The surface as a simulation or a controller takes it."""
+        self._require_fitted()
+        by_duty = _powers(self.scaling_[0]).T @ self.scaled_coefficients_.reshape(3, 3)
+        return BipolynomialLaw(
+            **self.domain_.hull(), coefficients=by_duty, pressure_scaling=self.scaling_[1]
+        )
 
     def terms(self) -> dict[str, Estimate]:
         """The coefficients by their terms ("u^1 P^2"), in the thesis' order and units."""

@@ -164,7 +164,7 @@ def compare_surfaces(
 
 def _noise_in_duty(surface: Bipolynomial, points: SurfacePoints) -> float:
     """RMS of std(flow)/(dm/du), with dm/du of the fitted surface."""
-    c2, c1, _ = surface.quadratic(points.pressure)
+    c2, c1, _ = surface.law.quadratic(points.pressure)
     slope = np.abs(2.0 * c2 * points.duty + c1)
     floor = 0.1 * np.median(slope)
     noise = points.std / np.maximum(slope, floor)

@@ -17,7 +17,6 @@ The rule is the same for both surfaces and uses only the samples:
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,20 +40,6 @@ _LEAST_SLOPE = 0.05
 # Dead levels' slopes lie below this share of the steepest tenth's, a bent valve's above it: the
 # median of a flow that follows the duty's n-th power is (5/9)^(n-1) of that, 0.17 for the fourth.
 _DEAD_SLOPE = 0.1
-# A duty this far beyond an edge is at the edge.
-ROUNDING = 1e-9
-
-
-class Saturation(enum.IntFlag):
-    """Why a value was saturated; combined by `|`, 0 where nothing was."""
-
-    INSIDE = 0
-    PRESSURE = 1  # outside the pressure range; the nearest edge was used
-    ABOVE = 2  # flow (inverse) or duty (forward map) above what was seen at this pressure
-    BELOW = 4  # and below
-    NO_ROOT = 8  # beyond the extremum of the surface (negative discriminant): its vertex
-    DECREASING = 16  # root on a stretch where the fitted flow falls with duty, or is flat
-    INVALID = 32  # an input is not finite; so is the result
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,11 +139,17 @@ class Domain:
         low, high = self.duty_range
         return np.asarray((u >= low - DUTY_RESOLUTION) & (u <= high + DUTY_RESOLUTION))
 
-    def clip_pressure(self, pressure: FloatArray) -> tuple[FloatArray, NDArray[np.uint8]]:
-        """Pressure (n,) moved into the range, and its flags."""
-        clipped = np.clip(pressure, *self.pressure_range)
-        moved = np.where(clipped != pressure, int(Saturation.PRESSURE), 0)
-        return clipped, moved.astype(np.uint8)
+    def hull(self) -> dict[str, FloatArray]:
+        """The numbers that every `FlowLaw` holds, by its fields."""
+        return {
+            "duty_range": np.array(self.duty_range),
+            "pressure_range": np.array(self.pressure_range),
+            "pressure": self.pressure,
+            "duty_low": self.duty_low,
+            "duty_high": self.duty_high,
+            "flow_low": self.flow_low,
+            "flow_high": self.flow_high,
+        }
 
     def duty_limits(self, pressure: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest duty that was seen at each pressure (n,)."""

@@ -1,4 +1,4 @@
-"""Inversion of a surface in one variable: the quadratic's branches, and bisection."""
+"""Inversion of a flow law in one variable: the quadratic's branches, and Newton in a bracket."""
 
 from __future__ import annotations
 
@@ -7,129 +7,146 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.surfaces.domain import Saturation
+from sysid.plant.arrays import repeat, until
+from sysid.plant.base import Array, array_namespace
+from sysid.surfaces.hull import Bounded, Saturation
 from sysid.types import FloatArray
 
 FlagArray = NDArray[np.uint8]
+# Points at which a search looks for the first crossing, and the most steps that follow.
+_SCAN, _MOST_STEPS = 32, 60
+# Newton's next step is its last one squared; a bracket of this share of the range is a point.
+_RESOLUTION = 2.0**-52
 
 
 def invert_quadratic(
-    c2: FloatArray,
-    c1: FloatArray,
-    c0: FloatArray,
-    flow: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-) -> tuple[FloatArray, FlagArray]:
-    """Duty in [low, high] at which c2 u^2 + c1 u + c0 = flow (thesis 3.7.2, 3.7.3); all (n,).
+    c2: Array, c1: Array, c0: Array, flow: Array, low: Array, high: Array
+) -> Bounded:
+    """Duty in [low, high] at which c2 u^2 + c1 u + c0 = flow (thesis 3.7.2, 3.7.3).
 
     A valve's flow grows with its duty, so the root wanted is on the stretch of [low, high]
     where the parabola rises: there 2 c2 u + c1 = +sqrt(D). Written as
     u = 2 (flow - c0)/(c1 + sqrt(D)) for c1 >= 0 it loses no digits and becomes the linear
     solution as c2 vanishes; for c1 < 0 the printed form loses none. A flow beyond the
     stretch gives its nearer end: an edge of the domain, or the vertex where D < 0. If the
-    parabola falls on all of [low, high], the falling root is given and flagged.
-    Returns duty (n,) and flags (n,) of `Saturation`.
+    parabola falls on all of [low, high], the falling root is given and flagged. Where it is
+    flat any duty gives the same flow: the lowest.
     """
+    xp = array_namespace(c2, c1, c0, flow, low)
     falling = _falls_throughout(c2, c1, low, high)
     # Mirrored in u, a falling parabola rises: u -> -u swaps the ends and the sign of c1.
-    b = np.where(falling, -c1, c1)
-    left = np.where(falling, -high, low)
-    right = np.where(falling, -low, high)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        vertex = -b / (2.0 * c2)
-    inner = np.isfinite(vertex) & (vertex > left) & (vertex < right)
-    start = np.where(inner & (c2 > 0), vertex, left)
-    stop = np.where(inner & (c2 < 0), vertex, right)
-
+    b = xp.where(falling, -c1, c1)
+    left, right = xp.where(falling, -high, low), xp.where(falling, -low, high)
+    bent = c2 != 0.0
+    twice = 2.0 * xp.where(bent, c2, 1.0)
+    vertex = -b / twice
+    inner = bent & (vertex > left) & (vertex < right)
+    start = xp.where(inner & (c2 > 0.0), vertex, left)
+    stop = xp.where(inner & (c2 < 0.0), vertex, right)
     below = flow < (c2 * start + b) * start + c0
     above = flow > (c2 * stop + b) * stop + c0
-    root = _rising_root(c2, b, c0 - flow)
-    u = np.clip(root, start, stop)
-    u = np.where(below, start, np.where(above, stop, u))
-    u = np.where(np.isnan(u), start, u)  # flat everywhere: any duty gives the same flow
-    flat = (c2 == 0) & (b == 0)
-
-    flags = np.where(below, int(Saturation.BELOW), 0) | np.where(above, int(Saturation.ABOVE), 0)
-    beyond_vertex = inner & ((below & (c2 > 0)) | (above & (c2 < 0)))
-    flags |= np.where(beyond_vertex, int(Saturation.NO_ROOT), 0)
-    flags |= np.where(falling | flat, int(Saturation.DECREASING), 0)
-    return np.where(falling, -u, u), flags.astype(np.uint8)
-
-
-def _falls_throughout(
-    c2: FloatArray, c1: FloatArray, low: FloatArray, high: FloatArray
-) -> NDArray[np.bool_]:
-    slope_low, slope_high = 2.0 * c2 * low + c1, 2.0 * c2 * high + c1
-    return np.asarray((slope_low <= 0) & (slope_high <= 0) & ((slope_low < 0) | (slope_high < 0)))
+    c = c0 - flow
+    root_d = xp.sqrt(xp.maximum(b * b - 4.0 * c2 * c, 0.0))
+    steep = b + root_d
+    rises = steep != 0.0
+    linear = xp.where(rises, -2.0 * c / xp.where(rises, steep, 1.0), start)
+    u = xp.clip(xp.where(b >= 0.0, linear, (root_d - b) / twice), start, stop)
+    u = xp.where(below, start, xp.where(above, stop, u))
+    flat = (c2 == 0.0) & (b == 0.0)
+    return xp.where(falling, -u, u), {
+        Saturation.BELOW: below,
+        Saturation.ABOVE: above,
+        Saturation.NO_ROOT: inner & ((below & (c2 > 0.0)) | (above & (c2 < 0.0))),
+        Saturation.DECREASING: falling | flat,
+    }
 
 
-def _rising_root(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Root of a u^2 + b u + c at which the slope is +sqrt(D); the vertex where D < 0."""
-    root_d = np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        u = np.where(b >= 0, -2.0 * c / (b + root_d), (root_d - b) / (2.0 * a))
-    return np.asarray(u)
+def _falls_throughout(c2: Array, c1: Array, low: Array, high: Array) -> Array:
+    at_low, at_high = 2.0 * c2 * low + c1, 2.0 * c2 * high + c1
+    return (at_low <= 0.0) & (at_high <= 0.0) & ((at_low < 0.0) | (at_high < 0.0))
 
 
 def invert_rising(
-    function: Callable[[FloatArray], FloatArray],
-    target: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    scan: int = 33,
-    steps: int = 45,
-) -> tuple[FloatArray, FlagArray]:
-    """x in [low, high] at which a mostly increasing function(x) = target; all (n,).
+    function: Callable[[Array], tuple[Array, Array]], target: Array, low: Array, high: Array
+) -> tuple[Array, Array, Array]:
+    """The lowest x in [low, high] at which a mostly increasing function(x) = target.
 
-    A scan of `scan` points finds the first interval in which the target is crossed upward,
-    `steps` bisections find it there (to (high - low)/scan/2^steps). A target never reached
-    gives the end, or the highest point of the scan, and a flag.
+    `function` gives its value and its slope. 32 intervals are looked through for the first in
+    which the target is reached; Newton's method finds it there, and halves the bracket where a
+    step would leave it. A target that is never reached gives the highest point seen.
+    Returns x, whether it is reached, and whether it is already exceeded at `low`.
     """
-    share = np.linspace(0.0, 1.0, scan)[:, None]
-    grid = low + share * (high - low)
-    values = np.stack([function(x) for x in grid])
-    reached = values >= target
-    above = ~reached.any(axis=0)
-    first = np.argmax(reached, axis=0)
-    below = (first == 0) & ~above & (values[0] > target)
+    xp = array_namespace(target, low)
+    span, at_low = high - low, function(low)[0]
 
-    column = np.arange(len(target))
-    left = grid[np.maximum(first - 1, 0), column]
-    right = grid[first, column]
-    for _ in range(steps):
-        middle = 0.5 * (left + right)
-        up = function(middle) >= target
-        right = np.where(up, middle, right)
-        left = np.where(up, left, middle)
-    top = grid[np.argmax(values, axis=0), column]
-    x = np.where(above, top, np.where(first == 0, low, 0.5 * (left + right)))
-    flags = np.where(above, int(Saturation.ABOVE), 0) | np.where(below, int(Saturation.BELOW), 0)
-    return x, flags.astype(np.uint8)
+    def look(k: Array, carry: tuple[Array, ...]) -> tuple[Array, ...]:
+        reached, left, best, highest = carry
+        x = low + (k + 1.0) / _SCAN * span
+        value = function(x)[0]
+        reached = xp.where(value >= target, 1.0, reached)
+        better = value > highest
+        return (
+            reached,
+            xp.where(reached > 0.0, left, x),
+            xp.where(better, x, best),
+            xp.where(better, value, highest),
+        )
+
+    first = at_low >= target
+    start = 0.0 * target
+    begun = xp.where(first, 1.0, 0.0) + start, low + start, low + start, at_low + start
+    reached, left, best, _ = repeat(_SCAN, look, begun, target)
+    x = bracketed(function, target, (left, left + span / _SCAN), span)
+    x = xp.where(first, low, xp.where(reached > 0.0, x, best))
+    return x, reached > 0.0, at_low > target
 
 
-def broadcast_inputs(
-    first: object, pressure: object
-) -> tuple[FloatArray, FloatArray, FlagArray, tuple[int, ...]]:
-    """Both as flat float64 of one length, flags for what is not finite, and the shape.
+def bracketed(
+    function: Callable[[Array], tuple[Array, Array]],
+    target: Array,
+    bracket: tuple[Array, Array],
+    span: Array,
+) -> Array:
+    """x between a point where function(x) < target and one where it is not, to 2^-52 of `span`."""
+    xp = array_namespace(target, span)
 
-    Values that are not finite are replaced by 0 and must be turned into NaN at the end
-    (`finish`), so that no warning arises in between.
+    def closer(carry: tuple[Array, ...]) -> tuple[Array, ...]:
+        left, right, x, _ = carry
+        value, slope = function(x)
+        up = value >= target
+        left, right = xp.where(up, left, x), xp.where(up, x, right)
+        after = x - (value - target) / xp.where(slope == 0.0, 1.0, slope)
+        inside = (after >= left) & (after <= right)
+        after = xp.where(inside, after, 0.5 * (left + right))
+        moved = (after - x) / span
+        return left, right, after, xp.where(inside, moved * moved, (right - left) / span)
+
+    left, right = bracket
+    begun = left, right, 0.5 * (left + right), 1.0 + 0.0 * left
+    return until(_MOST_STEPS, closer, begun, lambda carry: ~(carry[3] > _RESOLUTION), target)[2]
+
+
+def evaluated(
+    function: Callable[[Array, Array], Bounded], first: object, pressure: object
+) -> tuple[FloatArray, FlagArray]:
+    """A law's values and `Saturation` flags, in the inputs' common shape.
+
+    NaN, and INVALID alone, where an input is not finite.
     """
     a, p = np.broadcast_arrays(np.asarray(first, dtype=float), np.asarray(pressure, dtype=float))
     shape = a.shape
     a, p = a.ravel(), p.ravel()
     good = np.isfinite(a) & np.isfinite(p)
-    flags = np.where(good, 0, int(Saturation.INVALID)).astype(np.uint8)
-    return np.where(good, a, 0.0), np.where(good, p, 0.0), flags, shape
-
-
-def finish(
-    values: FloatArray, flags: FlagArray, shape: tuple[int, ...]
-) -> tuple[FloatArray, FlagArray]:
-    """Values and flags in the caller's shape, NaN and INVALID alone where an input was not
-    finite."""
-    bad = (flags & int(Saturation.INVALID)) != 0
-    values = np.where(bad, np.nan, values)
-    flags = np.where(bad, int(Saturation.INVALID), flags).astype(np.uint8)
+    with np.errstate(all="ignore"):
+        values, reasons = function(np.where(good, a, 0.0), np.where(good, p, 0.0))
+    values = np.where(good, values, np.nan)
+    flags = np.where(good, flags_of(reasons), np.uint8(Saturation.INVALID))
     return values.reshape(shape), flags.reshape(shape)
+
+
+def flags_of(reasons: dict[Saturation, Array]) -> FlagArray:
+    """Flags of `Saturation` from where each reason holds, all of one shape."""
+    flags: FlagArray = np.zeros((), dtype=np.uint8)
+    for reason, holds in reasons.items():
+        flags = flags | np.where(holds, np.uint8(reason), np.uint8(0))
+    return flags

@@ -21,15 +21,53 @@ def _is_compiled(value: Array) -> bool:
     return array_namespace(value) is not np
 
 
+def _is_traced(value: Array) -> bool:
+    """Whether a value is a name of C text, whose library writes loops down (`loop`)."""
+    return hasattr(array_namespace(value), "loop")
+
+
 def repeat(count: int, body: Callable[[Any, Carry], Carry], carry: Carry, like: Array) -> Carry:
     """body(i, carry) for i = 0 to count - 1; `like` is an array of the library in use."""
     if not _is_compiled(like):
         for i in range(count):
             carry = body(i, carry)
         return carry
+    if _is_traced(like):
+        names: Carry = array_namespace(like).loop(count, body, carry)
+        return names
     from sysid.plant.jax_setup import jax
 
     result: Carry = jax.lax.fori_loop(0, count, body, carry)
+    return result
+
+
+def until(
+    most: int,
+    body: Callable[[Carry], Carry],
+    carry: Carry,
+    is_done: Callable[[Carry], Array],
+    like: Array,
+) -> Carry:
+    """body(carry) until `is_done` of every lane, `most` times at most; `like` as in `repeat`."""
+    if not _is_compiled(like):
+        for _ in range(most):
+            if np.all(is_done(carry)):
+                break
+            carry = body(carry)
+        return carry
+    if _is_traced(like):
+        names: Carry = array_namespace(like).loop(most, lambda _, c: body(c), carry, is_done)
+        return names
+    from sysid.plant.jax_setup import jax, jnp
+
+    def goes_on(numbered: tuple[Array, Carry]) -> Array:
+        count, carry = numbered
+        return (count < most) & ~jnp.all(is_done(carry))
+
+    def step(numbered: tuple[Array, Carry]) -> tuple[Array, Carry]:
+        return numbered[0] + 1, body(numbered[1])
+
+    result: Carry = jax.lax.while_loop(goes_on, step, (0, carry))[1]
     return result
 
 
@@ -113,4 +151,4 @@ def stacked(values: Sequence[list[Array]]) -> list[Array]:
     ]
 
 
-__all__ = ["put_together", "repeat", "stacked", "take_apart", "when"]
+__all__ = ["put_together", "repeat", "stacked", "take_apart", "until", "when"]
