@@ -23,13 +23,14 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
+from sysid.blocks.drawing import plot_panels
+from sysid.blocks.figures import Mark, Panel, Points, Role, Scale, Span
 from sysid.blocks.numbers import estimate_cells as cells_of
 from sysid.blocks.numbers import number, percent
-from sysid.blocks.plots import one_axes
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
 from sysid.errors import InputError, input_error
-from sysid.estimation.linear import Estimate, finite_or_none, t_p_value
+from sysid.estimation.linear import LEVEL, Estimate, finite_or_none, t_p_value, t_quantile
 from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted
 from sysid.io.channels import SIDES
 from sysid.io.rig import differing_sections
@@ -172,17 +173,18 @@ class Comparison(Shown):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Every number that both have, in standard errors of the difference from the first."""
-        ax = one_axes(ax)
         keys = list(dict.fromkeys((m.part, m.name) for m in self.movements if m.name))
-        for name in self.names[1:]:
+        roles: tuple[Role, ...] = ("model", "second", "third", "fourth", "ink")
+        half = t_quantile(math.inf, LEVEL)
+        marks: list[Mark] = [Span(-half, half, is_upright=True)]
+        for place, name in enumerate(self.names[1:]):
             found = {(m.part, m.name): m.z for m in self.movements if m.bundle == name}
-            heights = [found.get(key, math.nan) for key in keys]
-            ax.plot(heights, range(len(keys)), "o", label=name)
-        ax.axvspan(-1.96, 1.96, color="0.9")
-        ax.set_yticks(range(len(keys)), [f"{part} {name}" for part, name in keys], fontsize="small")
-        ax.set_xlabel("change, in standard errors of the difference")
-        ax.legend(fontsize="small")
-        return ax
+            moved = np.array([found.get(key, math.nan) for key in keys])
+            role = roles[place % len(roles)]
+            marks.append(Points(moved, np.arange(len(keys), dtype=float), role, name))
+        ticks = tuple((float(i), f"{part} {name}") for i, (part, name) in enumerate(keys))
+        x = Scale("change, in standard errors of the difference")
+        return plot_panels((Panel(x, Scale(ticks=ticks), tuple(marks)),), ax)[0]
 
     def to_json(self) -> dict[str, Any]:
         """The object that `sysid compare --json` prints."""

@@ -13,20 +13,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.blocks.numbers import number, unit
-from sysid.blocks.plots import legend, one_axes
+from sysid.blocks.drawing import plot_panels
+from sysid.blocks.figures import Line, Panel, Role, Scale
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
 from sysid.errors import one_line
 from sysid.estimation.multiple_tests import adjusted
 from sysid.fleet.changes import LEAST_DATES, change_in
 from sysid.fleet.rows import FAMILIES, Family, FleetReading, FleetRow
+from sysid.fleet.shown import changes_table
 from sysid.fleet.signs import LeakSign, leak_signs
 from sysid.fleet.trend import Trend
 from sysid.io.rig import differing_sections
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+_ROLES: tuple[Role, ...] = ("model", "second", "third", "fourth")
 
 
 @dataclass(frozen=True, repr=False)
@@ -122,36 +126,13 @@ class Fleet(Shown):
                 for row in self.rows
             ),
         )
-        yield table(
-            "What changed",
-            ("rig", "number", "since", "course", "size", "unit", "p, adjusted"),
-            tuple(
-                (
-                    t.rig,
-                    t.name,
-                    t.since,
-                    t.change.shape,
-                    number(t.change.size),
-                    unit(t.unit),
-                    number(t.p_adjusted, 2),
-                )
-                for t in self.changes
-                if t.change
-            ),
-        )
+        yield changes_table(self.changes)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Every trend over time, over its own first value (leakage: over its largest)."""
-        ax = one_axes(ax)
-        for t in self.trends:
-            scale = float(t.values[0] or np.max(np.abs(t.values)) or 1.0)
-            style = {"linewidth": 2.0} if t.is_change else {"linewidth": 0.6, "color": "0.7"}
-            label = f"{t.rig} {t.name}" if t.is_change else None
-            ax.plot(t.days, t.values / scale, "-o", markersize=3, label=label, **style)
-        ax.set_xlabel("days since the fleet's first campaign")
-        ax.set_ylabel("over the first value")
-        legend(ax)
-        return ax
+        marks = [_over_first(t, place) for place, t in enumerate(self.trends)]
+        x = Scale("days since the fleet's first campaign")
+        return plot_panels((Panel(x, Scale("over the first value"), tuple(marks)),), ax)[0]
 
     def to_json(self) -> dict[str, Any]:
         """The object that `sysid fleet --json` prints."""
@@ -165,6 +146,16 @@ class Fleet(Shown):
             "leak_signs": [vars(sign) for sign in self.leaks],
             "notices": list(self.notices),
         }
+
+
+def _over_first(trend: Trend, place: int) -> Line:
+    """One that changed is drawn in colour and named."""
+    scale = float(trend.values[0] or np.max(np.abs(trend.values)) or 1.0)
+    values = trend.values / scale
+    if not trend.is_change:
+        return Line(trend.days, values, "measured", width=0.6, marker="o")
+    role = _ROLES[place % len(_ROLES)]
+    return Line(trend.days, values, role, f"{trend.rig} {trend.name}", width=2.0, marker="o")
 
 
 def fleet_of(rows: Sequence[FleetRow]) -> Fleet:
