@@ -30,10 +30,10 @@ from sysid.io.rig import Rig
 from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import assumed_parameters, fitted_inertia
+from sysid.parameters.declared import contradictions
 from sysid.parameters.friction import Friction
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
-from sysid.refinement.declared import contradictions
 from sysid.refinement.estimation import (
     NO_INFORMATION,
     Estimated,

@@ -13,6 +13,7 @@ from sysid.blocks.tables import NotedCell, Table, table
 from sysid.estimation.linear import Estimate
 from sysid.io.rig import Rig
 from sysid.parameters.base import Number, read_number
+from sysid.parameters.declared import contradictions
 from sysid.parameters.refinement import (
     BeforeAndAfter,
     FiguresByUse,
@@ -21,7 +22,6 @@ from sysid.parameters.refinement import (
     ScatterOfFriction,
 )
 from sysid.refinement import figures
-from sysid.refinement.declared import contradictions
 
 _HIGHLY_CORRELATED = 0.9
 _COLUMNS = (

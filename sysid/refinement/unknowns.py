@@ -21,6 +21,7 @@ from sysid.io.channels import SIDES
 from sysid.io.motion import FRICTION
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
+from sysid.parameters.declared import declared_of
 from sysid.parameters.friction import Friction
 from sysid.parameters.table import ParameterTable, effect_names, field_of
 from sysid.parameters.valves import LAW_KEYS
@@ -36,8 +37,6 @@ MOST_FACTOR = 20.0
 # encoder's resolution say more than that (`benchmarks/refinement.py coverage`).
 _EXACT = 1e-6
 _LEAST_STD = 1e-4
-# Relative uncertainty of a declared constant that is freed, where the rig file gives none.
-_DECLARED = 0.03
 _OFFSET_SHARE = 0.3
 
 
@@ -248,34 +247,14 @@ def _effects(bundle: Bundle, model: Model, known: Known) -> list[Unknown]:
     return found
 
 
-_CONSTANTS = {
-    "inertia": ("rig.inertia", "kg m2"),
-    "area_a": ("rig.area_a", "m2"),
-    "area_b": ("rig.area_b", "m2"),
-    "offset_a": ("rig.dead_length_a", "m"),
-    "offset_b": ("rig.dead_length_b", "m"),
-    "supply": ("rig.supply_pressure", "Pa"),
-    "gravity_moment": ("rig.gravity_moment", "Nm"),
-    "weight": ("rig.weight", "N"),
-    "on_delay_a": ("rig.on_delay_a", "s"),
-    "off_delay_a": ("rig.off_delay_a", "s"),
-    "on_delay_b": ("rig.on_delay_b", "s"),
-    "off_delay_b": ("rig.off_delay_b", "s"),
-}
-
-_MECHANICS = ("inertia", "gravity_moment", "weight")
-
-
 def _declared(rig: Rig, model: Model) -> list[Unknown]:
     found = []
-    constants = _CONSTANTS
-    if rig.is_motor_alone:
-        constants = {name: constants[name] for name in _MECHANICS}
-    for field, (name, unit) in constants.items():
-        value = float(getattr(model.parameters, field))
-        if value > 0.0 and math.isfinite(value):
-            std = _DECLARED * value
-            found.append(Unknown(name, (0, field), value, std, unit, 0.0, math.inf, value, "rig"))
+    for row in declared_of(rig, model.parameters):
+        known, value = row.estimate, row.estimate.value
+        limits = (0.0, math.inf, value)
+        found.append(
+            Unknown(row.alias, (0, row.field), value, known.std, known.unit, *limits, "rig")
+        )
     size = float(model.parameters.coulomb_effort) or 1.0
     unit = rig.units.effort
     value = float(model.parameters.offset)
