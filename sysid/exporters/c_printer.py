@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ import sympy
 from sympy.printing.c import C99CodePrinter
 
 from sysid.exporters.c_text import Names, literal, real
+from sysid.exporters.symbolic import WrittenLoop
 from sysid.exporters.symbolic_names import (
     BINARY,
     COMPARISONS,
@@ -60,6 +61,72 @@ def all_statements(law: Reduced, n: Names) -> tuple[list[str], list[str]]:
         kind = "int" if _is_truth(part) else real(n)
         lines.append(f"const {kind} {name} = {_bare(printer.doprint(part))};")
     return lines, [_bare(printer.doprint(result)) for result in law.results]
+
+
+def traced(
+    loops: Sequence[WrittenLoop], results: Sequence[Any], n: Names
+) -> tuple[list[str], list[str]]:
+    """Statements of loops, in their order, and of what follows them; and the results as C.
+
+    What no loop changes is worked out once, before them.
+    """
+    parts = [part for loop in loops for part in (*loop.before, *loop.after, loop.is_done)]
+    law = reduced(*parts, *results)
+    changing = {name for loop in loops for name in (*loop.names, loop.index)}
+    fixed = []
+    for name, part in law.temporaries:
+        if {str(s) for s in part.free_symbols} & changing:
+            changing.add(str(name))
+        else:
+            fixed.append((name, part))
+    moving = Reduced(tuple(t for t in law.temporaries if str(t[0]) in changing), ())
+    left = iter(law.results)
+    lines = all_statements(Reduced(tuple(fixed), ()), n)[0]
+    for loop in loops:
+        before, after = ([next(left) for _ in loop.names] for _ in range(2))
+        lines += _loop_lines(loop, moving, (before, after, next(left)), n)
+    more, texts = all_statements(_needed(moving, list(left)), n)
+    return lines + more, texts
+
+
+def _needed(moving: Reduced, results: Sequence[Any]) -> Reduced:
+    """Those of the temporaries that results need, with them."""
+    names = {s for result in results for s in result.free_symbols}
+    found = []
+    for name, part in reversed(moving.temporaries):
+        if name in names:
+            found.append((name, part))
+            names |= part.free_symbols
+    return Reduced(tuple(reversed(found)), tuple(results))
+
+
+def _loop_lines(
+    loop: WrittenLoop, moving: Reduced, exprs: tuple[list[Any], list[Any], Any], n: Names
+) -> list[str]:
+    """A loop as C: its values declared and set, and then set anew in every step."""
+    r, counter = real(n), f"i{loop.index}"
+    before, after, is_done = exprs
+    lines, texts = all_statements(_needed(moving, before), n)
+    found = [f"{r} {', '.join(loop.names)};", f"int {counter};", "{"]
+    found += [f"    {line}" for line in lines]
+    found += [f"    {name} = {text};" for name, text in zip(loop.names, texts, strict=True)]
+    found += ["}", f"for ({counter} = 0; {counter} < {loop.count}; {counter}++) {{"]
+    law = _needed(moving, [*after, is_done])
+    if loop.index in law.names():
+        found.append(f"    const {r} {loop.index} = ({r}){counter};")
+    lines, (*texts, end) = all_statements(law, n)
+    if loop.is_done != sympy.false:
+        ends, (end,) = all_statements(_needed(moving, [is_done]), n)
+        found += [
+            *(f"    {line}" for line in ends),
+            f"    if ({end}) {{",
+            "        break;",
+            "    }",
+        ]
+        lines = [line for line in lines if line not in ends]
+    found += [f"    {line}" for line in lines]
+    found += [f"    const {r} y{k} = {text};" for k, text in enumerate(texts)]
+    return [*found, *(f"    {name} = y{k};" for k, name in enumerate(loop.names)), "}"]
 
 
 def _is_truth(expr: Any) -> bool:

@@ -1,26 +1,91 @@
-"""The surfaces' part of the C header: their numbers, and one function per use."""
+"""The surfaces' part of the C header: tables of their numbers, and two functions of each.
+
+A `SurfaceFunction` is declared once: its C is what its law does with names (`symbolic`), and
+its replay what the same law does with numbers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib import resources
+from typing import Any
 
 import numpy as np
-from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
-from sysid.exporters.c_text import Names, array, literal
+from sysid.exporters.c_text import Names, array, indented, real
 from sysid.exporters.flat import DIRECTIONS, Flat
-from sysid.exporters.surface_tables import ExportedSurface, domain_arrays
-from sysid.surfaces.ann import DutyNetwork
-from sysid.surfaces.bipolynomial import Bipolynomial
-from sysid.surfaces.domain import Domain
+from sysid.exporters.replay import Replay, simple
+from sysid.surfaces.hull import FlowLaw
 
 # Kind of the bundle -> name in C.
 KINDS = {"bipolynomial": "bipolynomial", "ann": "network"}
+_UNITS = {"flow": "kg_s", "duty": "", "pressure": "pa"}
 
 
-def slots(flat: Flat) -> Iterable[tuple[str, str, ExportedSurface | None]]:
+@dataclass(frozen=True)
+class SurfaceFunction:
+    """A function of the header: `result` ("flow" or "duty") by the other and the pressure.
+
+    `table` is the C name of the surface's numbers, without prefix.
+    """
+
+    name: str
+    table: str
+    result: str
+    law: FlowLaw
+
+    @property
+    def arguments(self) -> tuple[str, str]:
+        """The kinds of its inputs (`vectors.draws`)."""
+        return ("duty" if self.result == "flow" else "flow"), "pressure"
+
+    @property
+    def meaning(self) -> str:
+        """What the comment above it says."""
+        if self.result == "flow":
+            return "Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa; flags may be NULL"
+        return "Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa; flags may be NULL"
+
+    def replay(self) -> Replay:
+        """Its replay: the law in numbers."""
+        return simple(self.name, self.arguments, getattr(self.law, self.result), more=", NULL")
+
+    def text(self, n: Names) -> str:
+        """Its C: the law on names."""
+        from sysid.exporters.c_printer import traced
+        from sysid.exporters.symbolic import expression, loops, symbol
+
+        names = ("duty" if self.result == "flow" else "flow_kg_s"), "pressure_pa"
+        law: Any = _named(self.law, f"{n.lower}{self.table}")
+        with loops() as found:
+            value, reasons = getattr(law, f"bounded_{self.result}")(*map(symbol, names))
+        results = [expression(value), *map(expression, reasons.values())]
+        lines, (answer, *holds) = traced(found, results, n)
+        flags = " | ".join(
+            f"({test} ? {n.upper}{reason.name} : 0u)"
+            for reason, test in zip(reasons, holds, strict=True)
+        )
+        body = [
+            *lines,
+            "if (flags) {",
+            f"    *flags = {flags};",
+            "}",
+            f"return {answer};",
+        ]
+        r = real(n)
+        return f"""\
+/* {self.meaning}. */
+static inline {r} {n.lower}{self.name}(
+    {r} {names[0]}, {r} {names[1]}, unsigned *flags)
+{{
+{indented(body)}
+}}
+"""
+
+
+def slots(flat: Flat) -> Iterator[tuple[str, str, Any]]:
     """Each surface that a bundle can hold: its C name (`pwm_a_fill`), kind, and itself."""
     for side, valve in flat.valves.items():
         for direction in DIRECTIONS:
@@ -33,122 +98,47 @@ def macro(name: str, kind: str) -> str:
     return f"HAS_{name}_{KINDS[kind]}".upper()
 
 
+def surface_functions(flat: Flat) -> Iterator[SurfaceFunction]:
+    """Those of every surface that a bundle holds, in the header's order."""
+    for slot, kind, surface in slots(flat):
+        if surface is None:
+            continue
+        name = slot if kind == "bipolynomial" else f"{slot}_{KINDS[kind]}"
+        for result in ("flow", "duty"):
+            table = f"{slot}_{KINDS[kind]}"
+            yield SurfaceFunction(f"{name}_{result}", table, result, surface.model.law)
+
+
 def surfaces(flat: Flat, names: Names) -> str:
-    """Types and helpers, then every surface that the bundle holds; empty without any."""
-    held = [(name, kind, surface) for name, kind, surface in slots(flat) if surface is not None]
-    if not held:
+    """Helpers, then every surface that the bundle holds; empty without any."""
+    functions = list(surface_functions(flat))
+    if not functions:
         return ""
     fixed = resources.files("sysid.exporters").joinpath("surfaces.h.in").read_text("utf-8")
     parts = [fixed.replace("@p@", names.lower).replace("@P@", names.upper)]
-    for name, _, surface in held:
-        if isinstance(surface.model, Bipolynomial):
-            parts.append(_bipolynomial(surface.model, name, names))
-        else:
-            parts.append(_network(surface.model, name, names))
+    for flow, duty in zip(functions[::2], functions[1::2], strict=True):
+        texts = [flow.text(names), duty.text(names)]
+        parts += [*_tables(flow, "\n".join(texts), names), "", *texts]
     return "\n".join(parts)
 
 
-def _domain(domain: Domain, name: str, names: Names) -> str:
-    p = names.lower
-    nodes = domain_arrays(domain)
-    lines = [array(f"{p}{name}_{key}", values, names) for key, values in nodes.items()]
-    duty, pressure = (_row(r, names) for r in (domain.duty_range, domain.pressure_range))
-    pointers = ", ".join(f"{p}{name}_{key}" for key in nodes)
-    lines += [
-        f"static const {p}domain {p}{name}_domain = {{",
-        f"    {duty}, {pressure}, {len(domain.pressure)},",
-        *_wrapped(pointers.split(", ")),
-        "};",
-    ]
-    return "\n".join(lines)
+def _tables(function: SurfaceFunction, text: str, names: Names) -> Iterator[str]:
+    """The numbers of a law of which the C text reads any."""
+    for field in dataclasses.fields(function.law):
+        name = f"{names.lower}{function.table}_{field.name}"
+        if f"{name}[" in text or f"{name}," in text:
+            yield array(name, np.ravel(getattr(function.law, field.name)), names)
 
 
-def _bipolynomial(model: Bipolynomial, slot: str, names: Names) -> str:
-    p, name = names.lower, f"{slot}_bipolynomial"
-    centre, half = model.scaling_[1]
-    rows = [
-        _matrix(model.scaled_coefficients_.reshape(3, 3), names),
-        _matrix(_duty_powers(*model.scaling_[0]), names),
-        f"{literal(centre, names)}, {literal(half, names)}",
-        _matrix(model.coefficients_.reshape(3, 3), names),
-        f"&{p}{name}_domain",
-    ]
-    table = ",\n    ".join(rows)
-    return f"""\
-{_domain(model.domain_, name, names)}
-static const {p}bipolynomial {p}{name} = {{
-    {table}
-}};
+def _named(law: FlowLaw, name: str) -> FlowLaw:
+    """The law with its tables' names as numbers."""
+    from sysid.exporters.symbolic import table
 
-/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa (3.7.1); flags may be NULL. */
-static inline {p}real {p}{slot}_flow({p}real duty, {p}real pressure_pa, unsigned *flags)
-{{
-    return {p}bipolynomial_flow(&{p}{name}, duty, pressure_pa, flags);
-}}
-
-/* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
-static inline {p}real {p}{slot}_duty({p}real flow_kg_s, {p}real pressure_pa, unsigned *flags)
-{{
-    return {p}bipolynomial_duty(&{p}{name}, flow_kg_s, pressure_pa, flags);
-}}
-"""
-
-
-def _network(model: DutyNetwork, slot: str, names: Names) -> str:
-    p, name = names.lower, f"{slot}_network"
-    weights = {
-        "w1": model.hidden_weights_.ravel(),
-        "b1": model.hidden_bias_,
-        "w2": model.output_weights_,
+    values = {
+        f.name: table(f"{name}_{f.name}", np.asarray(getattr(law, f.name)))
+        for f in dataclasses.fields(law)
     }
-    arrays = "\n".join(array(f"{p}{name}_{key}", values, names) for key, values in weights.items())
-    pointers = ", ".join(f"{p}{name}_{key}" for key in weights)
-    scaling = ", ".join(_row(pair, names) for pair in model.scaling_)
-    return f"""\
-{_domain(model.domain_, name, names)}
-{arrays}
-static const {p}network {p}{name} = {{
-    {len(model.hidden_bias_)}, {pointers},
-    {literal(model.output_bias_, names)},
-    {scaling},
-    &{p}{name}_domain
-}};
-
-/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa, by the network (3.7.4). */
-static inline {p}real {p}{slot}_network_duty(
-    {p}real flow_kg_s, {p}real pressure_pa, unsigned *flags)
-{{
-    return {p}network_duty(&{p}{name}, flow_kg_s, pressure_pa, flags);
-}}
-
-/* Mean flow, kg/s, that the network maps to this duty: its forward map. */
-static inline {p}real {p}{slot}_network_flow(
-    {p}real duty, {p}real pressure_pa, unsigned *flags)
-{{
-    return {p}network_flow(&{p}{name}, duty, pressure_pa, flags);
-}}
-"""
+    return dataclasses.replace(law, **values)
 
 
-def _duty_powers(centre: float, half: float) -> NDArray[np.float64]:
-    """(3, 3): row i holds T_i((u - centre)/half) in powers of u."""
-    scaled = np.polynomial.Polynomial([-centre / half, 1.0 / half])
-    rows = np.zeros((3, 3))
-    for order in range(3):
-        powers = np.polynomial.Polynomial(chebyshev.cheb2poly([0.0] * order + [1.0]))(scaled)
-        rows[order, : order + 1] = powers.coef
-    return rows
-
-
-def _row(values: Iterable[float], names: Names) -> str:
-    return "{" + ", ".join(literal(value, names) for value in values) + "}"
-
-
-def _matrix(values: NDArray[np.float64], names: Names) -> str:
-    rows = (_row(row, names) for row in values)
-    return "{" + ",\n     ".join(rows) + "}"
-
-
-def _wrapped(items: list[str]) -> list[str]:
-    """Initialisers, one per line."""
-    return [f"    {item}," for item in items[:-1]] + [f"    {items[-1]}"]
+__all__ = ["KINDS", "SurfaceFunction", "macro", "slots", "surface_functions", "surfaces"]

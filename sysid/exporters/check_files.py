@@ -12,7 +12,8 @@ from sysid.exporters.c_header import Header
 from sysid.exporters.c_text import Names, names, number
 from sysid.exporters.flat import Flat
 from sysid.exporters.law_replays import law_replays
-from sysid.exporters.replays import HELPERS, Replay, control_replays
+from sysid.exporters.replay import Replay
+from sysid.exporters.replays import HELPERS, control_replays
 from sysid.exporters.vectors import Vectors, vectors
 from sysid.io.files import make_folder, write_atomic
 from sysid.io.locks import working_in

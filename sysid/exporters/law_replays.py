@@ -6,9 +6,9 @@ from collections.abc import Collection, Iterator
 from typing import Any
 
 from sysid.exporters.c_constants import parameter_values
-from sysid.exporters.c_surfaces import KINDS, macro, slots
+from sysid.exporters.c_surfaces import surface_functions
 from sysid.exporters.flat import Flat, NumberTable
-from sysid.exporters.replays import Replay, simple
+from sysid.exporters.replay import Replay, simple
 from sysid.io.channels import SIDES
 from sysid.plant import base
 from sysid.plant.base import Parameters
@@ -20,9 +20,7 @@ def law_replays(flat: Flat, constants: NumberTable, features: Collection[str]) -
     yield from (replay for feature, replay in _mechanics(flat, p) if feature in features)
     for side in SIDES:
         yield from (replay for feature, replay in _chamber(side, p) if feature in features)
-    for name, kind, surface in slots(flat):
-        if surface is not None and macro(name, kind) in features:
-            yield from _surface(name, KINDS[kind], surface.model)
+    yield from (function.replay() for function in surface_functions(flat))
 
 
 def _mechanics(flat: Flat, p: Parameters) -> Iterator[tuple[str, Replay]]:
@@ -90,17 +88,6 @@ def _chamber(side: str, p: Parameters) -> Iterator[tuple[str, Replay]]:
         f"HAS_CHAMBER_{upper}",
         simple(f"flow_for_pressure_rate_{side}", ("rate", *moving), flow),
     )
-
-
-def _surface(slot: str, kind: str, model: Any) -> Iterator[Replay]:
-    name = slot if kind == "bipolynomial" else f"{slot}_{kind}"
-    for result, argument in (("flow", "duty"), ("duty", "flow")):
-        method = getattr(model, result)
-
-        def evaluate(value: Any, pressure: Any, method: Any = method) -> Any:
-            return method(value, pressure)[0]
-
-        yield simple(f"{name}_{result}", (argument, "pressure"), evaluate, more=", NULL")
 
 
 __all__ = ["law_replays"]

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -20,6 +18,7 @@ from sysid.controllers.pva import PvaController
 from sysid.controllers.sensing import Readings, SensingMemory, filter_coefficients, sense
 from sysid.exporters.c_control import gains, inverses
 from sysid.exporters.flat import DIRECTIONS, Flat
+from sysid.exporters.replay import Columns, Replay, simple
 from sysid.io.channels import SIDES
 from sysid.surfaces.hull import ValveLaw
 from sysid.types import BoolArray, FloatArray
@@ -27,36 +26,6 @@ from sysid.types import BoolArray, FloatArray
 _MOTION = ("position", "velocity", "pressure", "pressure")
 ESTIMATE = ("position", "velocity", "acceleration", "velocity", "pressure", "pressure")
 REFERENCE = ("wanted", "velocity", "acceleration", "jerk")
-Columns = Sequence[FloatArray]
-
-
-@dataclass(frozen=True)
-class Replay:
-    """A function: the kinds of its inputs (`vectors.DRAWS`), its call in C, its outputs.
-
-    `call`: statements that set out[] from v[], @p@ for the prefix. `evaluate` maps columns (n,)
-    to columns (n,) by Python's own functions. `answer`: the outputs where an input is not finite;
-    None: what `evaluate` says there, which is a function with a guard of its own. `is_tie` says in
-    which rows (n,) two decisions are so near that single precision may take the other; None where
-    nothing is decided.
-    """
-
-    name: str
-    inputs: tuple[str, ...]
-    call: str
-    evaluate: Callable[[Columns], Sequence[Any]]
-    answer: float | None = math.nan
-    is_tie: Callable[[Columns], BoolArray] | None = None
-
-
-def simple(
-    name: str, inputs: tuple[str, ...], evaluate: Callable[..., Any], more: str = "", to: str = ""
-) -> Replay:
-    """A function of numbers that returns one."""
-    values = ", ".join(f"(real)v[{k}]" for k in range(len(inputs)))
-    call = f"out[0] = (double)@p@{to or name}({values}{more});"
-    answer = 0.0 if name.endswith("_duty") else math.nan
-    return Replay(name, inputs, call, lambda v: (evaluate(*v),), answer)
 
 
 def control_replays(flat: Flat, design: DesignModel) -> Iterator[Replay]:
@@ -435,4 +404,4 @@ static void double_costs(const @p@dvmpc *gains, const @p@dvmpc_state *state, con
 }
 """
 
-__all__ = ["HELPERS", "Replay", "control_replays", "simple"]
+__all__ = ["HELPERS", "control_replays"]

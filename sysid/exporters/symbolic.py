@@ -12,13 +12,23 @@ called (AttributeError).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import sympy
 
-from sysid.exporters.symbolic_names import BINARY, IS_FINITE, NEGATION, UNARY, WHERE
+from sysid.exporters.symbolic_names import (
+    BINARY,
+    INTERPOLATE,
+    IS_FINITE,
+    NEGATION,
+    UNARY,
+    WHERE,
+)
 
 # A number that is whole and small is exact in sympy too: x + 0 is x, and 1 * x is x.
 _LARGEST_WHOLE = 1000.0
@@ -135,6 +145,126 @@ class Symbolic:
     __radd__, __rmul__, __rand__, __ror__ = __add__, __mul__, __and__, __or__
 
 
+class NamedRow:
+    """Values in a row, which take part in arithmetic one by one; a table of C has a `name`."""
+
+    ndim = 1
+
+    def __init__(self, values: Sequence[Symbolic], name: str = "") -> None:
+        self.values, self.name = tuple(values), name
+
+    def __array_namespace__(self, *, api_version: str | None = None) -> Any:
+        return NAMESPACE
+
+    def __getitem__(self, key: tuple[Any, int]) -> Symbolic:
+        return self.values[key[-1]]
+
+    def _each(self, operation: Callable[[Any, Any], Any], other: Any) -> NamedRow:
+        others = other.values if isinstance(other, NamedRow) else [other] * len(self.values)
+        return NamedRow([operation(a, b) for a, b in zip(self.values, others, strict=True)])
+
+    def __add__(self, other: Any) -> NamedRow:
+        return self._each(lambda a, b: a + b, other)
+
+    def __mul__(self, other: Any) -> NamedRow:
+        return self._each(lambda a, b: a * b, other)
+
+    def __rsub__(self, other: Any) -> NamedRow:
+        return self._each(lambda a, b: b - a, other)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+
+class NamedTable:
+    """A table of C of two dimensions, read by [..., row, column]."""
+
+    ndim = 2
+
+    def __init__(self, rows: Sequence[NamedRow]) -> None:
+        self._rows = rows
+
+    def __array_namespace__(self, *, api_version: str | None = None) -> Any:
+        return NAMESPACE
+
+    def __getitem__(self, key: tuple[Any, int, int]) -> Symbolic:
+        return self._rows[key[1]].values[key[2]]
+
+
+def table(name: str, values: Any) -> Any:
+    """The numbers of an array (none, one or two dimensions) by their names in a table of C."""
+    if values.ndim == 2:
+        size = values.shape[1]
+        rows = range(0, values.size, size)
+        return NamedTable(
+            [NamedRow([symbol(f"{name}[{k + j}]") for j in range(size)]) for k in rows]
+        )
+    found = [symbol(f"{name}[{k}]") for k in range(values.size)]
+    return NamedRow(found, name) if values.ndim else found[0]
+
+
+@dataclass(frozen=True)
+class WrittenLoop:
+    """A loop of C: expressions of its `names` before it, and after each of at most `count` steps.
+
+    `index` is the step's number; `is_done` ends it.
+    """
+
+    index: str
+    count: int
+    names: tuple[str, ...]
+    before: tuple[Any, ...]
+    after: tuple[Any, ...]
+    is_done: Any
+
+
+_LOOPS: ContextVar[list[WrittenLoop]] = ContextVar("loops")
+
+
+@contextmanager
+def loops() -> Iterator[list[WrittenLoop]]:
+    """The loops that are written down within the block, in their order."""
+    found: list[WrittenLoop] = []
+    token = _LOOPS.set(found)
+    try:
+        yield found
+    finally:
+        _LOOPS.reset(token)
+
+
+def _loop(
+    count: int,
+    body: Callable[[Any, Any], Any],
+    carry: tuple[Any, ...],
+    is_done: Callable[[Any], Any] | None = None,
+) -> tuple[Any, ...]:
+    """The values after a loop, by the names of what it changes."""
+    written = _LOOPS.get()
+    number = len(written)
+    names = tuple(f"s{number}_{k}" for k in range(len(carry)))
+    inside = tuple(map(symbol, names))
+    after = body(symbol(f"k{number}"), inside)
+    end = sympy.false if is_done is None else expression(is_done(inside))
+    before = tuple(map(expression, carry))
+    written.append(
+        WrittenLoop(f"k{number}", count, names, before, tuple(map(expression, after)), end)
+    )
+    return inside
+
+
+def _interp(x: Any, nodes: NamedRow, values: NamedRow) -> Symbolic:
+    """As numpy's, between the nodes of a table."""
+    places = (nodes.name, values.name, str(len(nodes.values)))
+    return _function(INTERPOLATE, expression(x), *map(sympy.Symbol, places))
+
+
+def _sum(row: NamedRow, axis: int = -1) -> Any:
+    """Of a row's values, one after the other."""
+    total: Any = row.values[0]
+    for value in row.values[1:]:
+        total = total + value
+    return total
+
+
 def _power(base: Any, exponent: Any) -> Symbolic:
     """A power: products where the exponent is 0, 1, 2 or 3, else the function."""
     x, y = expression(base), expression(exponent)
@@ -194,6 +324,9 @@ class _Namespace:
     where = staticmethod(_where)
     clip = staticmethod(_clip)
     power = pow = staticmethod(_power)
+    interp = staticmethod(_interp)
+    sum = staticmethod(_sum)
+    loop = staticmethod(_loop)
 
     def __getattr__(self, name: str) -> Any:
         try:
@@ -209,6 +342,8 @@ def _called(name: str, numpys: str) -> Callable[..., Any]:
     """A function of names, worked out at once where all its arguments are numbers."""
 
     def call(*arguments: Any) -> Any:
+        if arguments and isinstance(arguments[0], NamedRow):
+            return NamedRow([call(value) for value in arguments[0].values])
         if not any(isinstance(a, Symbolic) for a in arguments):
             return getattr(np, numpys)(*arguments)
         return _function(name, *map(expression, arguments))
@@ -251,6 +386,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "isnan": lambda x: Symbolic(sympy.false),
     "isfinite": lambda x: _function(IS_FINITE, expression(x)),
     "stack": tuple,
+    "expand_dims": lambda x, axis: x,
 }
 
 

@@ -28,6 +28,6 @@ OWN = ("sign", "maximum", "minimum")
 
 COMPARISONS = {"less": "<", "less_equal": "<=", "equal": "==", "not_equal": "!="}
 LOGIC = {"both": "&&", "either": "||"}
-WHERE, NEGATION, IS_FINITE = "where", "negation", "isfinite"
+WHERE, NEGATION, IS_FINITE, INTERPOLATE = "where", "negation", "isfinite", "interpolate"
 POWERS = {2: "square", 3: "cube"}
 """Whole powers: functions of the header."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.exporters.replays import Replay
+from sysid.exporters.replay import Replay
 from sysid.plant.base import Parameters, exhaust_boundary, filling_boundary
 from sysid.types import FloatArray
 

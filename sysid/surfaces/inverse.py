@@ -15,8 +15,9 @@ from sysid.types import FloatArray
 FlagArray = NDArray[np.uint8]
 # Points at which a search looks for the first crossing, and the most steps that follow.
 _SCAN, _MOST_STEPS = 32, 60
-# Newton's next step is its last one squared; a bracket of this share of the range is a point.
-_RESOLUTION = 2.0**-52
+# A bracket of this share of the range is a point, and so is where Newton's step was below 2^-40:
+# its next is that squared, or two thirds of it where the slope vanishes too.
+_RESOLUTION, _LAST_STEP = 2.0**-52, 2.0**-40
 
 
 def invert_quadratic(
@@ -118,8 +119,8 @@ def bracketed(
         after = x - (value - target) / xp.where(slope == 0.0, 1.0, slope)
         inside = (after >= left) & (after <= right)
         after = xp.where(inside, after, 0.5 * (left + right))
-        moved = (after - x) / span
-        return left, right, after, xp.where(inside, moved * moved, (right - left) / span)
+        moved = xp.abs(after - x) / span * (_RESOLUTION / _LAST_STEP)
+        return left, right, after, xp.where(inside, moved, (right - left) / span)
 
     left, right = bracket
     begun = left, right, 0.5 * (left + right), 1.0 + 0.0 * left

@@ -543,32 +543,6 @@ static inline sysid_real sysid_sliding_friction_with_effects(sysid_real friction
 #define SYSID_DECREASING 16u /* root where the fitted flow falls with duty, or is flat */
 #define SYSID_INVALID 32u   /* an input is not finite; a flow is NaN, a duty 0 */
 
-/* The hull of the data: ranges, and limits at pressure nodes (linear between them). */
-typedef struct {
-    sysid_real duty_range[2], pressure_range_pa[2];
-    int nodes;
-    const sysid_real *pressure_pa, *duty_low, *duty_high, *flow_low_kg_s, *flow_high_kg_s;
-} sysid_domain;
-
-/* Sum of c[i][j] Ti(scaled duty) Tj(scaled pressure), Chebyshev polynomials, kg/s. It is
-   (3.7.1) in a form that loses no digits; `thesis` holds the same in powers u^i P^j. */
-typedef struct {
-    sysid_real c[3][3];
-    sysid_real duty_power[3][3]; /* row i: Ti(scaled duty) in powers of the duty */
-    sysid_real pressure_centre_pa, pressure_half_range_pa;
-    sysid_real thesis[3][3]; /* kg/(s Pa^j) */
-    const sysid_domain *domain;
-} sysid_bipolynomial;
-
-/* duty = centre + half (w2 tanh(w1 x + b1) + b2), x the scaled flow and pressure (3.7.4). */
-typedef struct {
-    int hidden;
-    const sysid_real *w1, *b1, *w2; /* w1: hidden rows of 2 */
-    sysid_real b2;
-    sysid_real flow_scaling_kg_s[2], pressure_scaling_pa[2], duty_scaling[2]; /* centre, half */
-    const sysid_domain *domain;
-} sysid_network;
-
 /* A result where it is finite, else NaN, and of a duty 0, which is flagged. */
 static inline sysid_real sysid_known_flagged(sysid_real x, unsigned *flags)
 {
@@ -584,15 +558,6 @@ static inline sysid_real sysid_known_flagged_duty(sysid_real x, unsigned *flags)
         *flags = SYSID_INVALID;
     }
     return sysid_known_duty(x);
-}
-
-static inline sysid_real sysid_clip(sysid_real x, sysid_real low, sysid_real high)
-{
-    if (!(isfinite(x) && isfinite(low) && isfinite(high))) {
-        return (sysid_real)NAN;
-    }
-    sysid_real y = x < low ? low : x;
-    return sysid_known(y > high ? high : y);
 }
 
 /* Linear interpolation over rising nodes; beyond them the nearest value. */
@@ -621,290 +586,13 @@ static inline sysid_real sysid_interpolate(sysid_real x, const sysid_real *nodes
     return sysid_known(slope * (x - nodes[low]) + values[low]);
 }
 
-/* Pressure moved into the range; sets the flag where it was moved. */
-static inline sysid_real sysid_clip_pressure(const sysid_domain *d, sysid_real pressure_pa, unsigned *flags)
-{
-    if (!isfinite(pressure_pa)) {
-        if (flags) {
-            *flags = SYSID_INVALID;
-        }
-        return (sysid_real)NAN;
-    }
-    sysid_real p = sysid_clip(pressure_pa, d->pressure_range_pa[0], d->pressure_range_pa[1]);
-    if (p != pressure_pa) {
-        *flags |= SYSID_PRESSURE;
-    }
-    return sysid_known_flagged(p, flags);
-}
-
-/* C21, C11 and C01 + flow of (3.7.2) at a pressure: q[2], q[1], q[0], kg/s. */
-static inline void sysid_quadratic(const sysid_bipolynomial *s, sysid_real pressure_pa, sysid_real q[3])
-{
-    if (!isfinite(pressure_pa)) {
-        q[0] = q[1] = q[2] = (sysid_real)NAN;
-        return;
-    }
-    sysid_real b = (pressure_pa - s->pressure_centre_pa) / s->pressure_half_range_pa;
-    sysid_real second = 2 * b * b - 1;
-    int i, k;
-    q[0] = q[1] = q[2] = 0;
-    for (i = 0; i < 3; i++) {
-        sysid_real along_pressure = s->c[i][0] + s->c[i][1] * b + s->c[i][2] * second;
-        for (k = 0; k < 3; k++) {
-            q[k] += s->duty_power[i][k] * along_pressure;
-        }
-    }
-    if (!(isfinite(q[0]) && isfinite(q[1]) && isfinite(q[2]))) {
-        q[0] = q[1] = q[2] = (sysid_real)NAN;
-    }
-}
-
-/* Whether the parabola q falls with the duty on all of [low, high]. */
-static inline int sysid_falls(const sysid_real q[3], sysid_real low, sysid_real high)
-{
-    if (!(isfinite(q[0]) && isfinite(q[1]) && isfinite(q[2]) && isfinite(low) &&
-        isfinite(high))) {
-        return 0;
-    }
-    sysid_real at_low = 2 * q[2] * low + q[1], at_high = 2 * q[2] * high + q[1];
-    return at_low <= 0 && at_high <= 0 && (at_low < 0 || at_high < 0);
-}
-
-/* Root of a u^2 + b u + c where the slope is +sqrt(D); the vertex where D < 0. For b >= 0
-   in the form that loses no digits and becomes the linear solution as a vanishes. */
-static inline sysid_real sysid_rising_root(sysid_real a, sysid_real b, sysid_real c)
-{
-    if (!(isfinite(a) && isfinite(b) && isfinite(c))) {
-        return (sysid_real)NAN;
-    }
-    sysid_real discriminant = b * b - 4 * a * c;
-    sysid_real root = discriminant > 0 ? sysid_sqrt(discriminant) : 0;
-    return sysid_known(b >= 0 ? -2 * c / (b + root) : (root - b) / (2 * a));
-}
-
-/* Duty in [low, high] at which q[2] u^2 + q[1] u + q[0] = flow, on the stretch where the
-   parabola rises (3.7.2, 3.7.3). A flow beyond the stretch gives its nearer end: an edge, or
-   the vertex where D < 0. If the parabola falls throughout, the falling root, flagged. */
-static inline sysid_real sysid_invert_quadratic(const sysid_real q[3], sysid_real flow, sysid_real low, sysid_real high,
-                                         unsigned *flags)
-{
-    if (!(isfinite(q[0]) && isfinite(q[1]) && isfinite(q[2]) && isfinite(flow) && isfinite(low)
-        && isfinite(high))) {
-        if (flags) {
-            *flags = SYSID_INVALID;
-        }
-        return (sysid_real)NAN;
-    }
-    int falling = sysid_falls(q, low, high);
-    sysid_real b = falling ? -q[1] : q[1]; /* mirrored in u, a falling parabola rises */
-    sysid_real left = falling ? -high : low, right = falling ? -low : high;
-    sysid_real vertex = -b / (2 * q[2]);
-    int inner = isfinite(vertex) && vertex > left && vertex < right;
-    sysid_real start = inner && q[2] > 0 ? vertex : left;
-    sysid_real stop = inner && q[2] < 0 ? vertex : right;
-    int below = flow < (q[2] * start + b) * start + q[0];
-    int above = flow > (q[2] * stop + b) * stop + q[0];
-    sysid_real u = sysid_rising_root(q[2], b, q[0] - flow);
-    if (below) {
-        u = start;
-    } else if (above) {
-        u = stop;
-    } else if (isnan(u)) {
-        u = start; /* flat everywhere: any duty gives the same flow */
-    } else {
-        u = sysid_clip(u, start, stop);
-    }
-    if (below) {
-        *flags |= SYSID_BELOW;
-    }
-    if (above) {
-        *flags |= SYSID_ABOVE;
-    }
-    if (inner && ((below && q[2] > 0) || (above && q[2] < 0))) {
-        *flags |= SYSID_NO_ROOT;
-    }
-    if (falling || (q[2] == 0 && b == 0)) {
-        *flags |= SYSID_DECREASING;
-    }
-    return sysid_known_flagged(falling ? -u : u, flags);
-}
-
-/* Mean flow, kg/s, at a duty and a chamber pressure (3.7.1); flags may be NULL. */
-static inline sysid_real sysid_bipolynomial_flow(const sysid_bipolynomial *s, sysid_real duty,
-                                          sysid_real pressure_pa, unsigned *flags)
-{
-    if (!(isfinite(duty) && isfinite(pressure_pa))) {
-        if (flags) {
-            *flags = SYSID_INVALID;
-        }
-        return (sysid_real)NAN;
-    }
-    const sysid_domain *d = s->domain;
-    unsigned found = 0u;
-    sysid_real q[3], p, u, flow;
-    p = sysid_clip_pressure(d, pressure_pa, &found);
-    if (duty > sysid_interpolate(p, d->pressure_pa, d->duty_high, d->nodes)) {
-        found |= SYSID_ABOVE;
-    }
-    if (duty < sysid_interpolate(p, d->pressure_pa, d->duty_low, d->nodes)) {
-        found |= SYSID_BELOW;
-    }
-    sysid_quadratic(s, p, q);
-    u = sysid_clip(duty, d->duty_range[0], d->duty_range[1]);
-    flow = (q[2] * u + q[1]) * u + q[0];
-    if (flags) {
-        *flags = found;
-    }
-    return sysid_known_flagged(flow, flags);
-}
-
-/* Duty for a wanted mean flow (3.7.2, 3.7.3), saturated at the duties seen at this pressure. */
-static inline sysid_real sysid_bipolynomial_duty(const sysid_bipolynomial *s, sysid_real flow_kg_s,
-                                          sysid_real pressure_pa, unsigned *flags)
-{
-    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
-        if (flags) {
-            *flags = SYSID_INVALID;
-        }
-        return 0;
-    }
-    const sysid_domain *d = s->domain;
-    unsigned found = 0u;
-    sysid_real q[3], p, low, high, duty;
-    p = sysid_clip_pressure(d, pressure_pa, &found);
-    low = sysid_interpolate(p, d->pressure_pa, d->duty_low, d->nodes);
-    high = sysid_interpolate(p, d->pressure_pa, d->duty_high, d->nodes);
-    sysid_quadratic(s, p, q);
-    duty = sysid_invert_quadratic(q, flow_kg_s, low, high, &found);
-    if (flags) {
-        *flags = found;
-    }
-    return sysid_known_flagged_duty(duty, flags);
-}
-
-/* The bare network's duty (3.7.4), nothing saturated. */
-static inline sysid_real sysid_network_value(const sysid_network *s, sysid_real flow_kg_s, sysid_real pressure_pa)
-{
-    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
-        return (sysid_real)NAN;
-    }
-    sysid_real x = (flow_kg_s - s->flow_scaling_kg_s[0]) / s->flow_scaling_kg_s[1];
-    sysid_real y = (pressure_pa - s->pressure_scaling_pa[0]) / s->pressure_scaling_pa[1];
-    sysid_real sum = 0;
-    int i;
-    for (i = 0; i < s->hidden; i++) {
-        sum += s->w2[i] * sysid_tanh(s->w1[2 * i] * x + s->w1[2 * i + 1] * y + s->b1[i]);
-    }
-    return sysid_known(s->duty_scaling[0] + s->duty_scaling[1] * (sum + s->b2));
-}
-
-/* Duty for a wanted mean flow by the network (3.7.4); flow, pressure and duty saturated. */
-static inline sysid_real sysid_network_duty(const sysid_network *s, sysid_real flow_kg_s, sysid_real pressure_pa,
-                                     unsigned *flags)
-{
-    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
-        if (flags) {
-            *flags = SYSID_INVALID;
-        }
-        return 0;
-    }
-    const sysid_domain *d = s->domain;
-    unsigned found = 0u;
-    sysid_real p, low, high, u, duty;
-    p = sysid_clip_pressure(d, pressure_pa, &found);
-    low = sysid_interpolate(p, d->pressure_pa, d->flow_low_kg_s, d->nodes);
-    high = sysid_interpolate(p, d->pressure_pa, d->flow_high_kg_s, d->nodes);
-    u = sysid_network_value(s, sysid_clip(flow_kg_s, low, high), p);
-    if (flow_kg_s > high || u > d->duty_range[1]) {
-        found |= SYSID_ABOVE;
-    }
-    if (flow_kg_s < low || u < d->duty_range[0]) {
-        found |= SYSID_BELOW;
-    }
-    duty = sysid_clip(u, d->duty_range[0], d->duty_range[1]);
-    if (flags) {
-        *flags = found;
-    }
-    return sysid_known_flagged_duty(duty, flags);
-}
-
-/* The lowest flow in [low, high] that the network maps to a duty: the first of 32 intervals in
-   which the duty is reached, then bisection. A duty that is never reached gives the flow of the
-   highest, flagged. */
-static inline sysid_real sysid_network_inverted(const sysid_network *s, sysid_real duty, sysid_real pressure_pa,
-                                         sysid_real low, sysid_real high, unsigned *flags)
-{
-    if (!(isfinite(duty) && isfinite(pressure_pa) && isfinite(low) && isfinite(high))) {
-        if (flags) {
-            *flags = SYSID_INVALID;
-        }
-        return (sysid_real)NAN;
-    }
-    sysid_real left = low, right = low, best = low, highest = sysid_network_value(s, low, pressure_pa);
-    int k;
-    if (highest >= duty) {
-        *flags |= highest > duty ? SYSID_BELOW : 0u;
-        return sysid_known_flagged(low, flags);
-    }
-    for (k = 1; k <= 32; k++) {
-        sysid_real value;
-        left = right;
-        right = low + (sysid_real)k / 32 * (high - low);
-        value = sysid_network_value(s, right, pressure_pa);
-        if (value >= duty) {
-            break;
-        }
-        if (value > highest) {
-            highest = value;
-            best = right;
-        }
-    }
-    if (k > 32) {
-        *flags |= SYSID_ABOVE;
-        return sysid_known_flagged(best, flags);
-    }
-    for (k = 0; k < 45; k++) {
-        sysid_real middle = (left + right) / 2;
-        if (sysid_network_value(s, middle, pressure_pa) >= duty) {
-            right = middle;
-        } else {
-            left = middle;
-        }
-    }
-    return sysid_known_flagged((left + right) / 2, flags);
-}
-
-/* Mean flow, kg/s, that the network maps to a duty: its forward map; all inputs saturated. */
-static inline sysid_real sysid_network_flow(const sysid_network *s, sysid_real duty, sysid_real pressure_pa,
-                                     unsigned *flags)
-{
-    if (!(isfinite(duty) && isfinite(pressure_pa))) {
-        if (flags) {
-            *flags = SYSID_INVALID;
-        }
-        return (sysid_real)NAN;
-    }
-    const sysid_domain *d = s->domain;
-    unsigned found = 0u;
-    sysid_real p, low, high, flow;
-    p = sysid_clip_pressure(d, pressure_pa, &found);
-    low = sysid_interpolate(p, d->pressure_pa, d->flow_low_kg_s, d->nodes);
-    high = sysid_interpolate(p, d->pressure_pa, d->flow_high_kg_s, d->nodes);
-    if (duty > d->duty_range[1] + (sysid_real)1e-9) {
-        found |= SYSID_ABOVE;
-    }
-    if (duty < d->duty_range[0] - (sysid_real)1e-9) {
-        found |= SYSID_BELOW;
-    }
-    flow = sysid_network_inverted(s, sysid_clip(duty, d->duty_range[0], d->duty_range[1]), p, low,
-                               high, &found);
-    if (flags) {
-        *flags = found;
-    }
-    return sysid_known_flagged(flow, flags);
-}
-
-static const sysid_real sysid_pwm_a_fill_bipolynomial_pressure_pa[25] = {
+static const sysid_real sysid_pwm_a_fill_bipolynomial_duty_range[2] = {
+    (sysid_real)0.02, (sysid_real)0.9
+};
+static const sysid_real sysid_pwm_a_fill_bipolynomial_pressure_range[2] = {
+    (sysid_real)104744.06637069919, (sysid_real)311977.09845504956
+};
+static const sysid_real sysid_pwm_a_fill_bipolynomial_pressure[25] = {
     (sysid_real)104744.06637069919, (sysid_real)113378.77604088046, (sysid_real)122013.48571106172, (sysid_real)130648.19538124299,
     (sysid_real)139282.90505142426, (sysid_real)147917.6147216055, (sysid_real)156552.32439178677, (sysid_real)165187.03406196804,
     (sysid_real)173821.7437321493, (sysid_real)182456.45340233058, (sysid_real)191091.16307251184, (sysid_real)199725.87274269311,
@@ -931,48 +619,18 @@ static const sysid_real sysid_pwm_a_fill_bipolynomial_duty_high[25] = {
     (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9,
     (sysid_real)0.9
 };
-static const sysid_real sysid_pwm_a_fill_bipolynomial_flow_low_kg_s[25] = {
-    (sysid_real)3.18317802843003e-05, (sysid_real)1.1658913546790986e-05, (sysid_real)1.8228548968747756e-06, (sysid_real)1.8228548968747756e-06,
-    (sysid_real)6.75169307595436e-07, (sysid_real)6.75169307595436e-07, (sysid_real)1.2852827079503678e-06, (sysid_real)4.4683173311523113e-07,
-    (sysid_real)4.4683173311523113e-07, (sysid_real)8.055582835720741e-07, (sysid_real)6.162241365307918e-06, (sysid_real)4.721196223944483e-06,
-    (sysid_real)4.721196223944483e-06, (sysid_real)1.2347931263943133e-05, (sysid_real)8.86322961734822e-06, (sysid_real)8.86322961734822e-06,
-    (sysid_real)1.3607386625351516e-05, (sysid_real)1.3607386625351516e-05, (sysid_real)1.205786685581445e-05, (sysid_real)1.205786685581445e-05,
-    (sysid_real)6.141412977509583e-06, (sysid_real)6.141412977509583e-06, (sysid_real)3.920142720845734e-06, (sysid_real)3.1139151717965583e-07,
-    (sysid_real)3.1139151717965583e-07
+static const sysid_real sysid_pwm_a_fill_bipolynomial_coefficients[9] = {
+    (sysid_real)-0.00022109481251411726, (sysid_real)-0.0002550611717216188, (sysid_real)-1.1885345220727444e-05, (sysid_real)0.0007789164848810725,
+    (sysid_real)0.00015393914016786076, (sysid_real)0.0002641095815088774, (sysid_real)-0.00010474677752120647, (sysid_real)-0.0002427710729654873,
+    (sysid_real)-0.0002975149262028539
 };
-static const sysid_real sysid_pwm_a_fill_bipolynomial_flow_high_kg_s[25] = {
-    (sysid_real)0.00047605149311621633, (sysid_real)0.000590419195702579, (sysid_real)0.0006455063430717632, (sysid_real)0.0006455063430717632,
-    (sysid_real)0.0006425866526091067, (sysid_real)0.0006396669621464502, (sysid_real)0.0006377205018380125, (sysid_real)0.0005851209038943469,
-    (sysid_real)0.0005106470531310656, (sysid_real)0.00046099781928887794, (sysid_real)0.0004223692562658295, (sysid_real)0.0004010653836328728,
-    (sysid_real)0.0003911300025507021, (sysid_real)0.0003780739615749205, (sysid_real)0.0003571718242167785, (sysid_real)0.00034422060494497585,
-    (sysid_real)0.0003221854763690725, (sysid_real)0.00029761218115898803, (sysid_real)0.00028435033010313905, (sysid_real)0.0002599743903938061,
-    (sysid_real)0.00023639653166381285, (sysid_real)0.00021569527309981315, (sysid_real)0.0001789401133658255, (sysid_real)0.00013990730893251253,
-    (sysid_real)0.00010072860897209889
-};
-static const sysid_domain sysid_pwm_a_fill_bipolynomial_domain = {
-    {(sysid_real)0.02, (sysid_real)0.9}, {(sysid_real)104744.06637069919, (sysid_real)311977.09845504956}, 25,
-    sysid_pwm_a_fill_bipolynomial_pressure_pa,
-    sysid_pwm_a_fill_bipolynomial_duty_low,
-    sysid_pwm_a_fill_bipolynomial_duty_high,
-    sysid_pwm_a_fill_bipolynomial_flow_low_kg_s,
-    sysid_pwm_a_fill_bipolynomial_flow_high_kg_s
-};
-static const sysid_bipolynomial sysid_pwm_a_fill_bipolynomial = {
-    {{(sysid_real)0.00010490286434363598, (sysid_real)-0.00025911976614695917, (sysid_real)1.785145903239601e-05},
-     {(sysid_real)0.0003003217578070874, (sysid_real)-3.0540508662570556e-05, (sysid_real)-4.225826263009199e-06},
-     {(sysid_real)-1.0139488064052776e-05, (sysid_real)-2.3500239863059165e-05, (sysid_real)-2.8799444856436254e-05}},
-    {{(sysid_real)1.0, (sysid_real)0.0, (sysid_real)0.0},
-     {(sysid_real)-1.0454545454545454, (sysid_real)2.272727272727273, (sysid_real)0.0},
-     {(sysid_real)1.1859504132231402, (sysid_real)-9.50413223140496, (sysid_real)10.330578512396697}},
-    (sysid_real)208274.5318548868, (sysid_real)103530.46548418759,
-    {{(sysid_real)0.00020770214091046451, (sysid_real)-1.5398474395208329e-09, (sysid_real)-2.2177136169556876e-15},
-     {(sysid_real)0.002342840840045325, (sysid_real)-1.904097739603394e-08, (sysid_real)4.928080795324652e-14},
-     {(sysid_real)-0.001726945220930677, (sysid_real)2.077937541596738e-08, (sysid_real)-5.551398725356103e-14}},
-    &sysid_pwm_a_fill_bipolynomial_domain
+static const sysid_real sysid_pwm_a_fill_bipolynomial_pressure_scaling[2] = {
+    (sysid_real)208274.5318548868, (sysid_real)103530.46548418759
 };
 
-/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa (3.7.1); flags may be NULL. */
-static inline sysid_real sysid_pwm_a_fill_flow(sysid_real duty, sysid_real pressure_pa, unsigned *flags)
+/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_a_fill_flow(
+    sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
     if (!(isfinite(duty) && isfinite(pressure_pa))) {
         if (flags) {
@@ -980,100 +638,35 @@ static inline sysid_real sysid_pwm_a_fill_flow(sysid_real duty, sysid_real press
         }
         return (sysid_real)NAN;
     }
-    return sysid_known_flagged(sysid_bipolynomial_flow(&sysid_pwm_a_fill_bipolynomial, duty, pressure_pa, flags), flags);
-}
-
-/* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
-static inline sysid_real sysid_pwm_a_fill_duty(sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
-{
-    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
-        if (flags) {
-            *flags = SYSID_INVALID;
-        }
-        return 0;
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_a_fill_bipolynomial_pressure_range[0]),
+        sysid_pwm_a_fill_bipolynomial_pressure_range[1]);
+    const sysid_real x1 = -sysid_pwm_a_fill_bipolynomial_pressure_scaling[0] + x0;
+    const sysid_real x2 = (sysid_real)-1.0 +
+        (sysid_real)2.0*sysid_square(x1)/sysid_square(sysid_pwm_a_fill_bipolynomial_pressure_scaling[1]);
+    const sysid_real x3 = x1/sysid_pwm_a_fill_bipolynomial_pressure_scaling[1];
+    const sysid_real x4 = sysid_minimum(sysid_maximum(duty,
+        sysid_pwm_a_fill_bipolynomial_duty_range[0]), sysid_pwm_a_fill_bipolynomial_duty_range[1]);
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | (sysid_interpolate(x0,
+            sysid_pwm_a_fill_bipolynomial_pressure, sysid_pwm_a_fill_bipolynomial_duty_high, 25) +
+            (sysid_real)1e-09 < duty ? SYSID_ABOVE : 0u) | (duty < sysid_interpolate(x0,
+            sysid_pwm_a_fill_bipolynomial_pressure, sysid_pwm_a_fill_bipolynomial_duty_low, 25) +
+            (sysid_real)-1e-09 ? SYSID_BELOW : 0u);
     }
-    return sysid_known_flagged_duty(sysid_bipolynomial_duty(&sysid_pwm_a_fill_bipolynomial, flow_kg_s, pressure_pa, flags), flags);
+    return sysid_known_flagged(sysid_pwm_a_fill_bipolynomial_coefficients[0] +
+        sysid_pwm_a_fill_bipolynomial_coefficients[1]*x3 +
+        sysid_pwm_a_fill_bipolynomial_coefficients[2]*x2 +
+        x4*(sysid_pwm_a_fill_bipolynomial_coefficients[3] +
+        sysid_pwm_a_fill_bipolynomial_coefficients[4]*x3 +
+        sysid_pwm_a_fill_bipolynomial_coefficients[5]*x2 +
+        x4*(sysid_pwm_a_fill_bipolynomial_coefficients[6] +
+        sysid_pwm_a_fill_bipolynomial_coefficients[7]*x3 +
+        sysid_pwm_a_fill_bipolynomial_coefficients[8]*x2)), flags);
 }
 
-static const sysid_real sysid_pwm_a_fill_network_pressure_pa[25] = {
-    (sysid_real)104744.06637069919, (sysid_real)113378.77604088046, (sysid_real)122013.48571106172, (sysid_real)130648.19538124299,
-    (sysid_real)139282.90505142426, (sysid_real)147917.6147216055, (sysid_real)156552.32439178677, (sysid_real)165187.03406196804,
-    (sysid_real)173821.7437321493, (sysid_real)182456.45340233058, (sysid_real)191091.16307251184, (sysid_real)199725.87274269311,
-    (sysid_real)208360.58241287438, (sysid_real)216995.29208305562, (sysid_real)225630.0017532369, (sysid_real)234264.71142341814,
-    (sysid_real)242899.4210935994, (sysid_real)251534.13076378067, (sysid_real)260168.84043396194, (sysid_real)268803.5501041432,
-    (sysid_real)277438.2597743245, (sysid_real)286072.96944450575, (sysid_real)294707.679114687, (sysid_real)303342.3887848683,
-    (sysid_real)311977.09845504956
-};
-static const sysid_real sysid_pwm_a_fill_network_duty_low[25] = {
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.06, (sysid_real)0.09999999999999999, (sysid_real)0.14000000000000004, (sysid_real)0.18,
-    (sysid_real)0.2599999999999999, (sysid_real)0.29999999999999993, (sysid_real)0.3399999999999999, (sysid_real)0.37999999999999995,
-    (sysid_real)0.37999999999999995, (sysid_real)0.42, (sysid_real)0.42, (sysid_real)0.42,
-    (sysid_real)0.46000000000000013, (sysid_real)0.46000000000000013, (sysid_real)0.5, (sysid_real)0.5,
-    (sysid_real)0.5399999999999997, (sysid_real)0.5399999999999997, (sysid_real)0.58, (sysid_real)0.6199999999999997,
-    (sysid_real)0.66
-};
-static const sysid_real sysid_pwm_a_fill_network_duty_high[25] = {
-    (sysid_real)0.66, (sysid_real)0.8200000000000002, (sysid_real)0.9, (sysid_real)0.9,
-    (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9,
-    (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9,
-    (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9,
-    (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9,
-    (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9, (sysid_real)0.9,
-    (sysid_real)0.9
-};
-static const sysid_real sysid_pwm_a_fill_network_flow_low_kg_s[25] = {
-    (sysid_real)3.18317802843003e-05, (sysid_real)1.1658913546790986e-05, (sysid_real)1.8228548968747756e-06, (sysid_real)1.8228548968747756e-06,
-    (sysid_real)6.75169307595436e-07, (sysid_real)6.75169307595436e-07, (sysid_real)1.2852827079503678e-06, (sysid_real)4.4683173311523113e-07,
-    (sysid_real)4.4683173311523113e-07, (sysid_real)8.055582835720741e-07, (sysid_real)6.162241365307918e-06, (sysid_real)4.721196223944483e-06,
-    (sysid_real)4.721196223944483e-06, (sysid_real)1.2347931263943133e-05, (sysid_real)8.86322961734822e-06, (sysid_real)8.86322961734822e-06,
-    (sysid_real)1.3607386625351516e-05, (sysid_real)1.3607386625351516e-05, (sysid_real)1.205786685581445e-05, (sysid_real)1.205786685581445e-05,
-    (sysid_real)6.141412977509583e-06, (sysid_real)6.141412977509583e-06, (sysid_real)3.920142720845734e-06, (sysid_real)3.1139151717965583e-07,
-    (sysid_real)3.1139151717965583e-07
-};
-static const sysid_real sysid_pwm_a_fill_network_flow_high_kg_s[25] = {
-    (sysid_real)0.00047605149311621633, (sysid_real)0.000590419195702579, (sysid_real)0.0006455063430717632, (sysid_real)0.0006455063430717632,
-    (sysid_real)0.0006425866526091067, (sysid_real)0.0006396669621464502, (sysid_real)0.0006377205018380125, (sysid_real)0.0005851209038943469,
-    (sysid_real)0.0005106470531310656, (sysid_real)0.00046099781928887794, (sysid_real)0.0004223692562658295, (sysid_real)0.0004010653836328728,
-    (sysid_real)0.0003911300025507021, (sysid_real)0.0003780739615749205, (sysid_real)0.0003571718242167785, (sysid_real)0.00034422060494497585,
-    (sysid_real)0.0003221854763690725, (sysid_real)0.00029761218115898803, (sysid_real)0.00028435033010313905, (sysid_real)0.0002599743903938061,
-    (sysid_real)0.00023639653166381285, (sysid_real)0.00021569527309981315, (sysid_real)0.0001789401133658255, (sysid_real)0.00013990730893251253,
-    (sysid_real)0.00010072860897209889
-};
-static const sysid_domain sysid_pwm_a_fill_network_domain = {
-    {(sysid_real)0.02, (sysid_real)0.9}, {(sysid_real)104744.06637069919, (sysid_real)311977.09845504956}, 25,
-    sysid_pwm_a_fill_network_pressure_pa,
-    sysid_pwm_a_fill_network_duty_low,
-    sysid_pwm_a_fill_network_duty_high,
-    sysid_pwm_a_fill_network_flow_low_kg_s,
-    sysid_pwm_a_fill_network_flow_high_kg_s
-};
-static const sysid_real sysid_pwm_a_fill_network_w1[20] = {
-    (sysid_real)0.470947355611833, (sysid_real)18.541771116503863, (sysid_real)-0.3804042316432098, (sysid_real)-1.5734286202245131,
-    (sysid_real)-5.804448118662301, (sysid_real)-24.399608562698724, (sysid_real)0.42893578360682305, (sysid_real)17.509462482321478,
-    (sysid_real)-0.09561843531436495, (sysid_real)0.0025263537201096137, (sysid_real)0.016676949454351192, (sysid_real)5.478807028323046,
-    (sysid_real)0.14114620674902376, (sysid_real)-3.9148492239660095, (sysid_real)0.0499969452805037, (sysid_real)-4.781409288631005,
-    (sysid_real)6.594979452392631, (sysid_real)27.10520740474535, (sysid_real)0.5053217974782912, (sysid_real)3.8265824694813206
-};
-static const sysid_real sysid_pwm_a_fill_network_b1[10] = {
-    (sysid_real)8.789518711723254, (sysid_real)1.8944041453861302, (sysid_real)19.50953837759331, (sysid_real)8.245473377773804,
-    (sysid_real)-0.10474426260955369, (sysid_real)1.597489759905185, (sysid_real)-1.2003979736549657, (sysid_real)-1.4393285297801175,
-    (sysid_real)-21.03274218735849, (sysid_real)4.9034742623209855
-};
-static const sysid_real sysid_pwm_a_fill_network_w2[10] = {
-    (sysid_real)-4.343320213184484, (sysid_real)-1.9310346559793419, (sysid_real)-11.958108655334893, (sysid_real)4.814124520697032,
-    (sysid_real)-10.664748023420284, (sysid_real)7.695929796223134, (sysid_real)-5.851058523527893, (sysid_real)13.552261469116127,
-    (sysid_real)-5.747379311825178, (sysid_real)0.39713177204152267
-};
-static const sysid_network sysid_pwm_a_fill_network = {
-    10, sysid_pwm_a_fill_network_w1, sysid_pwm_a_fill_network_b1, sysid_pwm_a_fill_network_w2,
-    (sysid_real)7.036683879388958,
-    {(sysid_real)0.0003228513284479683, (sysid_real)0.0003228138518838768}, {(sysid_real)208274.5318548868, (sysid_real)103530.46548418759}, {(sysid_real)0.46, (sysid_real)0.44},
-    &sysid_pwm_a_fill_network_domain
-};
-
-/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa, by the network (3.7.4). */
-static inline sysid_real sysid_pwm_a_fill_network_duty(
+/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_a_fill_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
     if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
@@ -1082,10 +675,124 @@ static inline sysid_real sysid_pwm_a_fill_network_duty(
         }
         return 0;
     }
-    return sysid_known_flagged_duty(sysid_network_duty(&sysid_pwm_a_fill_network, flow_kg_s, pressure_pa, flags), flags);
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_a_fill_bipolynomial_pressure_range[0]),
+        sysid_pwm_a_fill_bipolynomial_pressure_range[1]);
+    const sysid_real x1 = -sysid_pwm_a_fill_bipolynomial_pressure_scaling[0] + x0;
+    const sysid_real x2 = (sysid_real)-1.0 +
+        (sysid_real)2.0*sysid_square(x1)/sysid_square(sysid_pwm_a_fill_bipolynomial_pressure_scaling[1]);
+    const sysid_real x3 = sysid_pwm_a_fill_bipolynomial_coefficients[8]*x2;
+    const sysid_real x4 = x1/sysid_pwm_a_fill_bipolynomial_pressure_scaling[1];
+    const sysid_real x5 = sysid_pwm_a_fill_bipolynomial_coefficients[7]*x4;
+    const sysid_real x6 = (sysid_real)2.0*sysid_pwm_a_fill_bipolynomial_coefficients[6] +
+        (sysid_real)2.0*x3 + (sysid_real)2.0*x5;
+    const sysid_real x7 = sysid_interpolate(x0, sysid_pwm_a_fill_bipolynomial_pressure,
+        sysid_pwm_a_fill_bipolynomial_duty_low, 25);
+    const sysid_real x8 = sysid_pwm_a_fill_bipolynomial_coefficients[3] +
+        sysid_pwm_a_fill_bipolynomial_coefficients[4]*x4 +
+        sysid_pwm_a_fill_bipolynomial_coefficients[5]*x2;
+    const sysid_real x9 = x6*x7 + x8;
+    const sysid_real x10 = sysid_interpolate(x0, sysid_pwm_a_fill_bipolynomial_pressure,
+        sysid_pwm_a_fill_bipolynomial_duty_high, 25);
+    const sysid_real x11 = x10*x6 + x8;
+    const int x12 = ((x9 <= (sysid_real)0.0) && (x11 <= (sysid_real)0.0)) && ((x9 <
+        (sysid_real)0.0) || (x11 < (sysid_real)0.0));
+    const sysid_real x13 = sysid_pwm_a_fill_bipolynomial_coefficients[6] + x3 + x5;
+    const int x14 = x13 != (sysid_real)0.0;
+    const sysid_real x15 = x12 ? -x10 : x7;
+    const sysid_real x16 = x12 ? -x8 : x8;
+    const sysid_real x17 = ((sysid_real)0.5)/(x14 ? x13 : (sysid_real)1.0);
+    const sysid_real x18 = -x16*x17;
+    const sysid_real x19 = x12 ? -x7 : x10;
+    const int x20 = (x14 && (x15 < x18)) && (x18 < x19);
+    const int x21 = (sysid_real)0.0 < x13;
+    const sysid_real x22 = (x20 && x21) ? x18 : x15;
+    const sysid_real x23 = sysid_pwm_a_fill_bipolynomial_coefficients[2]*x2;
+    const sysid_real x24 = sysid_pwm_a_fill_bipolynomial_coefficients[1]*x4;
+    const sysid_real x25 = sysid_pwm_a_fill_bipolynomial_coefficients[0] + x23 + x24;
+    const int x26 = flow_kg_s < x22*(x13*x22 + x16) + x25;
+    const int x27 = x13 < (sysid_real)0.0;
+    const sysid_real x28 = (x20 && x27) ? x18 : x19;
+    const int x29 = x25 + x28*(x13*x28 + x16) < flow_kg_s;
+    const sysid_real x30 = sysid_sqrt(sysid_maximum(sysid_square(x16) - (-flow_kg_s +
+        x25)*((sysid_real)4.0*sysid_pwm_a_fill_bipolynomial_coefficients[6] + (sysid_real)4.0*x3 +
+        (sysid_real)4.0*x5), (sysid_real)0.0));
+    const sysid_real x31 = x16 + x30;
+    const int x32 = x31 != (sysid_real)0.0;
+    const sysid_real x33 = x26 ? x22 : (x29 ? x28 : sysid_minimum(sysid_maximum(((sysid_real)0.0
+        <= x16) ? (x32 ? ((sysid_real)2.0*flow_kg_s -
+        (sysid_real)2.0*sysid_pwm_a_fill_bipolynomial_coefficients[0] - (sysid_real)2.0*x23 -
+        (sysid_real)2.0*x24)/(x32 ? x31 : (sysid_real)1.0) : x22) : x17*(-x16 + x30), x22), x28));
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | (x26 ? SYSID_BELOW : 0u) | (x29 ?
+            SYSID_ABOVE : 0u) | (x20 && ((x26 && x21) || (x29 && x27)) ? SYSID_NO_ROOT : 0u) | (x12
+            || ((x13 == (sysid_real)0.0) && (x16 == (sysid_real)0.0)) ? SYSID_DECREASING : 0u);
+    }
+    return sysid_known_flagged_duty(x12 ? -x33 : x33, flags);
 }
 
-/* Mean flow, kg/s, that the network maps to this duty: its forward map. */
+static const sysid_real sysid_pwm_a_fill_network_duty_range[2] = {
+    (sysid_real)0.02, (sysid_real)0.9
+};
+static const sysid_real sysid_pwm_a_fill_network_pressure_range[2] = {
+    (sysid_real)104744.06637069919, (sysid_real)311977.09845504956
+};
+static const sysid_real sysid_pwm_a_fill_network_pressure[25] = {
+    (sysid_real)104744.06637069919, (sysid_real)113378.77604088046, (sysid_real)122013.48571106172, (sysid_real)130648.19538124299,
+    (sysid_real)139282.90505142426, (sysid_real)147917.6147216055, (sysid_real)156552.32439178677, (sysid_real)165187.03406196804,
+    (sysid_real)173821.7437321493, (sysid_real)182456.45340233058, (sysid_real)191091.16307251184, (sysid_real)199725.87274269311,
+    (sysid_real)208360.58241287438, (sysid_real)216995.29208305562, (sysid_real)225630.0017532369, (sysid_real)234264.71142341814,
+    (sysid_real)242899.4210935994, (sysid_real)251534.13076378067, (sysid_real)260168.84043396194, (sysid_real)268803.5501041432,
+    (sysid_real)277438.2597743245, (sysid_real)286072.96944450575, (sysid_real)294707.679114687, (sysid_real)303342.3887848683,
+    (sysid_real)311977.09845504956
+};
+static const sysid_real sysid_pwm_a_fill_network_flow_low[25] = {
+    (sysid_real)3.18317802843003e-05, (sysid_real)1.1658913546790986e-05, (sysid_real)1.8228548968747756e-06, (sysid_real)1.8228548968747756e-06,
+    (sysid_real)6.75169307595436e-07, (sysid_real)6.75169307595436e-07, (sysid_real)1.2852827079503678e-06, (sysid_real)4.4683173311523113e-07,
+    (sysid_real)4.4683173311523113e-07, (sysid_real)8.055582835720741e-07, (sysid_real)6.162241365307918e-06, (sysid_real)4.721196223944483e-06,
+    (sysid_real)4.721196223944483e-06, (sysid_real)1.2347931263943133e-05, (sysid_real)8.86322961734822e-06, (sysid_real)8.86322961734822e-06,
+    (sysid_real)1.3607386625351516e-05, (sysid_real)1.3607386625351516e-05, (sysid_real)1.205786685581445e-05, (sysid_real)1.205786685581445e-05,
+    (sysid_real)6.141412977509583e-06, (sysid_real)6.141412977509583e-06, (sysid_real)3.920142720845734e-06, (sysid_real)3.1139151717965583e-07,
+    (sysid_real)3.1139151717965583e-07
+};
+static const sysid_real sysid_pwm_a_fill_network_flow_high[25] = {
+    (sysid_real)0.00047605149311621633, (sysid_real)0.000590419195702579, (sysid_real)0.0006455063430717632, (sysid_real)0.0006455063430717632,
+    (sysid_real)0.0006425866526091067, (sysid_real)0.0006396669621464502, (sysid_real)0.0006377205018380125, (sysid_real)0.0005851209038943469,
+    (sysid_real)0.0005106470531310656, (sysid_real)0.00046099781928887794, (sysid_real)0.0004223692562658295, (sysid_real)0.0004010653836328728,
+    (sysid_real)0.0003911300025507021, (sysid_real)0.0003780739615749205, (sysid_real)0.0003571718242167785, (sysid_real)0.00034422060494497585,
+    (sysid_real)0.0003221854763690725, (sysid_real)0.00029761218115898803, (sysid_real)0.00028435033010313905, (sysid_real)0.0002599743903938061,
+    (sysid_real)0.00023639653166381285, (sysid_real)0.00021569527309981315, (sysid_real)0.0001789401133658255, (sysid_real)0.00013990730893251253,
+    (sysid_real)0.00010072860897209889
+};
+static const sysid_real sysid_pwm_a_fill_network_flow_weights[10] = {
+    (sysid_real)0.470947355611833, (sysid_real)-0.3804042316432098, (sysid_real)-5.804448118662301, (sysid_real)0.42893578360682305,
+    (sysid_real)-0.09561843531436495, (sysid_real)0.016676949454351192, (sysid_real)0.14114620674902376, (sysid_real)0.0499969452805037,
+    (sysid_real)6.594979452392631, (sysid_real)0.5053217974782912
+};
+static const sysid_real sysid_pwm_a_fill_network_pressure_weights[10] = {
+    (sysid_real)18.541771116503863, (sysid_real)-1.5734286202245131, (sysid_real)-24.399608562698724, (sysid_real)17.509462482321478,
+    (sysid_real)0.0025263537201096137, (sysid_real)5.478807028323046, (sysid_real)-3.9148492239660095, (sysid_real)-4.781409288631005,
+    (sysid_real)27.10520740474535, (sysid_real)3.8265824694813206
+};
+static const sysid_real sysid_pwm_a_fill_network_hidden_bias[10] = {
+    (sysid_real)8.789518711723254, (sysid_real)1.8944041453861302, (sysid_real)19.50953837759331, (sysid_real)8.245473377773804,
+    (sysid_real)-0.10474426260955369, (sysid_real)1.597489759905185, (sysid_real)-1.2003979736549657, (sysid_real)-1.4393285297801175,
+    (sysid_real)-21.03274218735849, (sysid_real)4.9034742623209855
+};
+static const sysid_real sysid_pwm_a_fill_network_output_weights[10] = {
+    (sysid_real)-4.343320213184484, (sysid_real)-1.9310346559793419, (sysid_real)-11.958108655334893, (sysid_real)4.814124520697032,
+    (sysid_real)-10.664748023420284, (sysid_real)7.695929796223134, (sysid_real)-5.851058523527893, (sysid_real)13.552261469116127,
+    (sysid_real)-5.747379311825178, (sysid_real)0.39713177204152267
+};
+static const sysid_real sysid_pwm_a_fill_network_output_bias[1] = {
+    (sysid_real)7.036683879388958
+};
+static const sysid_real sysid_pwm_a_fill_network_scaling[6] = {
+    (sysid_real)0.0003228513284479683, (sysid_real)0.0003228138518838768, (sysid_real)208274.5318548868, (sysid_real)103530.46548418759,
+    (sysid_real)0.46, (sysid_real)0.44
+};
+
+/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa; flags may be NULL. */
 static inline sysid_real sysid_pwm_a_fill_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
@@ -1095,10 +802,261 @@ static inline sysid_real sysid_pwm_a_fill_network_flow(
         }
         return (sysid_real)NAN;
     }
-    return sysid_known_flagged(sysid_network_flow(&sysid_pwm_a_fill_network, duty, pressure_pa, flags), flags);
+    const sysid_real x0 = sysid_minimum(sysid_maximum(duty,
+        sysid_pwm_a_fill_network_duty_range[0]), sysid_pwm_a_fill_network_duty_range[1]);
+    const sysid_real x1 = (sysid_real)1.0/sysid_pwm_a_fill_network_scaling[1];
+    const sysid_real x2 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_a_fill_network_pressure_range[0]), sysid_pwm_a_fill_network_pressure_range[1]);
+    const sysid_real x3 = sysid_interpolate(x2, sysid_pwm_a_fill_network_pressure,
+        sysid_pwm_a_fill_network_flow_low, 25);
+    const sysid_real x4 = -x3;
+    const sysid_real x5 = x1*(-sysid_pwm_a_fill_network_scaling[0] - x4);
+    const sysid_real x6 = (-sysid_pwm_a_fill_network_scaling[2] +
+        x2)/sysid_pwm_a_fill_network_scaling[3];
+    const sysid_real x7 = sysid_pwm_a_fill_network_hidden_bias[0] +
+        sysid_pwm_a_fill_network_pressure_weights[0]*x6;
+    const sysid_real x8 = sysid_pwm_a_fill_network_hidden_bias[1] +
+        sysid_pwm_a_fill_network_pressure_weights[1]*x6;
+    const sysid_real x9 = sysid_pwm_a_fill_network_hidden_bias[2] +
+        sysid_pwm_a_fill_network_pressure_weights[2]*x6;
+    const sysid_real x10 = sysid_pwm_a_fill_network_hidden_bias[3] +
+        sysid_pwm_a_fill_network_pressure_weights[3]*x6;
+    const sysid_real x11 = sysid_pwm_a_fill_network_hidden_bias[4] +
+        sysid_pwm_a_fill_network_pressure_weights[4]*x6;
+    const sysid_real x12 = sysid_pwm_a_fill_network_hidden_bias[5] +
+        sysid_pwm_a_fill_network_pressure_weights[5]*x6;
+    const sysid_real x13 = sysid_pwm_a_fill_network_hidden_bias[6] +
+        sysid_pwm_a_fill_network_pressure_weights[6]*x6;
+    const sysid_real x14 = sysid_pwm_a_fill_network_hidden_bias[7] +
+        sysid_pwm_a_fill_network_pressure_weights[7]*x6;
+    const sysid_real x15 = sysid_pwm_a_fill_network_hidden_bias[8] +
+        sysid_pwm_a_fill_network_pressure_weights[8]*x6;
+    const sysid_real x16 = sysid_pwm_a_fill_network_hidden_bias[9] +
+        sysid_pwm_a_fill_network_pressure_weights[9]*x6;
+    const sysid_real x17 = sysid_pwm_a_fill_network_scaling[4] +
+        sysid_pwm_a_fill_network_scaling[5]*(sysid_pwm_a_fill_network_output_bias[0] +
+        sysid_pwm_a_fill_network_output_weights[0]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[0]*x5
+        + x7) +
+        sysid_pwm_a_fill_network_output_weights[1]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[1]*x5
+        + x8) +
+        sysid_pwm_a_fill_network_output_weights[2]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[2]*x5
+        + x9) +
+        sysid_pwm_a_fill_network_output_weights[3]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[3]*x5
+        + x10) +
+        sysid_pwm_a_fill_network_output_weights[4]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[4]*x5
+        + x11) +
+        sysid_pwm_a_fill_network_output_weights[5]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[5]*x5
+        + x12) +
+        sysid_pwm_a_fill_network_output_weights[6]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[6]*x5
+        + x13) +
+        sysid_pwm_a_fill_network_output_weights[7]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[7]*x5
+        + x14) +
+        sysid_pwm_a_fill_network_output_weights[8]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[8]*x5
+        + x15) +
+        sysid_pwm_a_fill_network_output_weights[9]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[9]*x5
+        + x16));
+    const int x18 = x0 <= x17;
+    const sysid_real x19 = -sysid_pwm_a_fill_network_scaling[0];
+    const sysid_real x20 = sysid_interpolate(x2, sysid_pwm_a_fill_network_pressure,
+        sysid_pwm_a_fill_network_flow_high, 25);
+    const sysid_real x21 = x20 + x4;
+    const sysid_real x46 = (sysid_real)1.0/x21;
+    sysid_real s0_0, s0_1, s0_2, s0_3;
+    int ik0;
+    {
+        s0_0 = x18 ? (sysid_real)1.0 : (sysid_real)0.0;
+        s0_1 = x3;
+        s0_2 = x3;
+        s0_3 = x17;
+    }
+    for (ik0 = 0; ik0 < 32; ik0++) {
+        const sysid_real k0 = (sysid_real)ik0;
+        const sysid_real x22 = x21*(((sysid_real)0.03125)*k0 + (sysid_real)0.03125) + x3;
+        const sysid_real x23 = x1*(x19 + x22);
+        const sysid_real x24 = sysid_pwm_a_fill_network_scaling[4] +
+            sysid_pwm_a_fill_network_scaling[5]*(sysid_pwm_a_fill_network_output_bias[0] +
+            sysid_pwm_a_fill_network_output_weights[0]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[0]*x23
+            + x7) +
+            sysid_pwm_a_fill_network_output_weights[1]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[1]*x23
+            + x8) +
+            sysid_pwm_a_fill_network_output_weights[2]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[2]*x23
+            + x9) +
+            sysid_pwm_a_fill_network_output_weights[3]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[3]*x23
+            + x10) +
+            sysid_pwm_a_fill_network_output_weights[4]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[4]*x23
+            + x11) +
+            sysid_pwm_a_fill_network_output_weights[5]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[5]*x23
+            + x12) +
+            sysid_pwm_a_fill_network_output_weights[6]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[6]*x23
+            + x13) +
+            sysid_pwm_a_fill_network_output_weights[7]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[7]*x23
+            + x14) +
+            sysid_pwm_a_fill_network_output_weights[8]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[8]*x23
+            + x15) +
+            sysid_pwm_a_fill_network_output_weights[9]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[9]*x23
+            + x16));
+        const sysid_real x25 = (x0 <= x24) ? (sysid_real)1.0 : s0_0;
+        const int x26 = s0_3 < x24;
+        const sysid_real y0 = x25;
+        const sysid_real y1 = ((sysid_real)0.0 < x25) ? s0_1 : x22;
+        const sysid_real y2 = x26 ? x22 : s0_2;
+        const sysid_real y3 = x26 ? x24 : s0_3;
+        s0_0 = y0;
+        s0_1 = y1;
+        s0_2 = y2;
+        s0_3 = y3;
+    }
+    sysid_real s1_0, s1_1, s1_2, s1_3;
+    int ik1;
+    {
+        s1_0 = s0_1;
+        s1_1 = s0_1 + ((sysid_real)0.03125)*x20 - (sysid_real)0.03125*x3;
+        s1_2 = (sysid_real)1.0*s0_1 + (sysid_real)0.015625*x20 - (sysid_real)0.015625*x3;
+        s1_3 = (sysid_real)1.0;
+    }
+    for (ik1 = 0; ik1 < 60; ik1++) {
+        if (!((sysid_real)2.220446049250313e-16 < s1_3)) {
+            break;
+        }
+        const sysid_real x27 = x1*(s1_2 + x19);
+        const sysid_real x28 = sysid_tanh(sysid_pwm_a_fill_network_flow_weights[0]*x27 + x7);
+        const sysid_real x29 = sysid_tanh(sysid_pwm_a_fill_network_flow_weights[1]*x27 + x8);
+        const sysid_real x30 = sysid_tanh(sysid_pwm_a_fill_network_flow_weights[2]*x27 + x9);
+        const sysid_real x31 = sysid_tanh(sysid_pwm_a_fill_network_flow_weights[3]*x27 + x10);
+        const sysid_real x32 = sysid_tanh(sysid_pwm_a_fill_network_flow_weights[4]*x27 + x11);
+        const sysid_real x33 = sysid_tanh(sysid_pwm_a_fill_network_flow_weights[5]*x27 + x12);
+        const sysid_real x34 = sysid_tanh(sysid_pwm_a_fill_network_flow_weights[6]*x27 + x13);
+        const sysid_real x35 = sysid_tanh(sysid_pwm_a_fill_network_flow_weights[7]*x27 + x14);
+        const sysid_real x36 = sysid_tanh(sysid_pwm_a_fill_network_flow_weights[8]*x27 + x15);
+        const sysid_real x37 = sysid_tanh(sysid_pwm_a_fill_network_flow_weights[9]*x27 + x16);
+        const sysid_real x38 = sysid_pwm_a_fill_network_scaling[4] +
+            sysid_pwm_a_fill_network_scaling[5]*(sysid_pwm_a_fill_network_output_bias[0] +
+            sysid_pwm_a_fill_network_output_weights[0]*x28 +
+            sysid_pwm_a_fill_network_output_weights[1]*x29 +
+            sysid_pwm_a_fill_network_output_weights[2]*x30 +
+            sysid_pwm_a_fill_network_output_weights[3]*x31 +
+            sysid_pwm_a_fill_network_output_weights[4]*x32 +
+            sysid_pwm_a_fill_network_output_weights[5]*x33 +
+            sysid_pwm_a_fill_network_output_weights[6]*x34 +
+            sysid_pwm_a_fill_network_output_weights[7]*x35 +
+            sysid_pwm_a_fill_network_output_weights[8]*x36 +
+            sysid_pwm_a_fill_network_output_weights[9]*x37);
+        const int x39 = x0 <= x38;
+        const sysid_real x40 = x39 ? s1_0 : s1_2;
+        const sysid_real x41 = x39 ? s1_2 : s1_1;
+        const sysid_real x42 =
+            sysid_pwm_a_fill_network_scaling[5]*x1*(sysid_pwm_a_fill_network_flow_weights[0]*sysid_pwm_a_fill_network_output_weights[0]*((sysid_real)1.0
+            - sysid_square(x28)) +
+            sysid_pwm_a_fill_network_flow_weights[1]*sysid_pwm_a_fill_network_output_weights[1]*((sysid_real)1.0
+            - sysid_square(x29)) +
+            sysid_pwm_a_fill_network_flow_weights[2]*sysid_pwm_a_fill_network_output_weights[2]*((sysid_real)1.0
+            - sysid_square(x30)) +
+            sysid_pwm_a_fill_network_flow_weights[3]*sysid_pwm_a_fill_network_output_weights[3]*((sysid_real)1.0
+            - sysid_square(x31)) +
+            sysid_pwm_a_fill_network_flow_weights[4]*sysid_pwm_a_fill_network_output_weights[4]*((sysid_real)1.0
+            - sysid_square(x32)) +
+            sysid_pwm_a_fill_network_flow_weights[5]*sysid_pwm_a_fill_network_output_weights[5]*((sysid_real)1.0
+            - sysid_square(x33)) +
+            sysid_pwm_a_fill_network_flow_weights[6]*sysid_pwm_a_fill_network_output_weights[6]*((sysid_real)1.0
+            - sysid_square(x34)) +
+            sysid_pwm_a_fill_network_flow_weights[7]*sysid_pwm_a_fill_network_output_weights[7]*((sysid_real)1.0
+            - sysid_square(x35)) +
+            sysid_pwm_a_fill_network_flow_weights[8]*sysid_pwm_a_fill_network_output_weights[8]*((sysid_real)1.0
+            - sysid_square(x36)) +
+            sysid_pwm_a_fill_network_flow_weights[9]*sysid_pwm_a_fill_network_output_weights[9]*((sysid_real)1.0
+            - sysid_square(x37)));
+        const sysid_real x43 = s1_2 - (-x0 + x38)/((x42 == (sysid_real)0.0) ? (sysid_real)1.0 :
+            x42);
+        const int x44 = (x40 <= x43) && (x43 <= x41);
+        const sysid_real x45 = x44 ? x43 : (sysid_real)0.5*x40 + (sysid_real)0.5*x41;
+        const sysid_real y0 = x40;
+        const sysid_real y1 = x41;
+        const sysid_real y2 = x45;
+        const sysid_real y3 = x44 ? (sysid_real)0.000244140625*x46*sysid_fabs(-s1_2 + x45) :
+            x46*(-x40 + x41);
+        s1_0 = y0;
+        s1_1 = y1;
+        s1_2 = y2;
+        s1_3 = y3;
+    }
+    const int x47 = (sysid_real)0.0 < s0_0;
+    if (flags) {
+        *flags = (x2 != pressure_pa ? SYSID_PRESSURE : 0u) |
+            ((sysid_pwm_a_fill_network_duty_range[1] + (sysid_real)1e-09 < duty) || !x47 ?
+            SYSID_ABOVE : 0u) | ((duty < sysid_pwm_a_fill_network_duty_range[0] +
+            (sysid_real)-1e-09) || (x0 < x17) ? SYSID_BELOW : 0u);
+    }
+    return sysid_known_flagged(x18 ? x3 : (x47 ? s1_2 : s0_2), flags);
 }
 
-static const sysid_real sysid_pwm_a_discharge_bipolynomial_pressure_pa[25] = {
+/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_a_fill_network_duty(
+    sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
+{
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_a_fill_network_pressure_range[0]), sysid_pwm_a_fill_network_pressure_range[1]);
+    const sysid_real x1 = sysid_interpolate(x0, sysid_pwm_a_fill_network_pressure,
+        sysid_pwm_a_fill_network_flow_low, 25);
+    const sysid_real x2 = sysid_interpolate(x0, sysid_pwm_a_fill_network_pressure,
+        sysid_pwm_a_fill_network_flow_high, 25);
+    const sysid_real x3 = (-sysid_pwm_a_fill_network_scaling[0] +
+        sysid_minimum(sysid_maximum(flow_kg_s, x1), x2))/sysid_pwm_a_fill_network_scaling[1];
+    const sysid_real x4 = (-sysid_pwm_a_fill_network_scaling[2] +
+        x0)/sysid_pwm_a_fill_network_scaling[3];
+    const sysid_real x5 = sysid_pwm_a_fill_network_scaling[4] +
+        sysid_pwm_a_fill_network_scaling[5]*(sysid_pwm_a_fill_network_output_bias[0] +
+        sysid_pwm_a_fill_network_output_weights[0]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[0]*x3
+        + sysid_pwm_a_fill_network_hidden_bias[0] + sysid_pwm_a_fill_network_pressure_weights[0]*x4)
+        +
+        sysid_pwm_a_fill_network_output_weights[1]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[1]*x3
+        + sysid_pwm_a_fill_network_hidden_bias[1] + sysid_pwm_a_fill_network_pressure_weights[1]*x4)
+        +
+        sysid_pwm_a_fill_network_output_weights[2]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[2]*x3
+        + sysid_pwm_a_fill_network_hidden_bias[2] + sysid_pwm_a_fill_network_pressure_weights[2]*x4)
+        +
+        sysid_pwm_a_fill_network_output_weights[3]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[3]*x3
+        + sysid_pwm_a_fill_network_hidden_bias[3] + sysid_pwm_a_fill_network_pressure_weights[3]*x4)
+        +
+        sysid_pwm_a_fill_network_output_weights[4]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[4]*x3
+        + sysid_pwm_a_fill_network_hidden_bias[4] + sysid_pwm_a_fill_network_pressure_weights[4]*x4)
+        +
+        sysid_pwm_a_fill_network_output_weights[5]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[5]*x3
+        + sysid_pwm_a_fill_network_hidden_bias[5] + sysid_pwm_a_fill_network_pressure_weights[5]*x4)
+        +
+        sysid_pwm_a_fill_network_output_weights[6]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[6]*x3
+        + sysid_pwm_a_fill_network_hidden_bias[6] + sysid_pwm_a_fill_network_pressure_weights[6]*x4)
+        +
+        sysid_pwm_a_fill_network_output_weights[7]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[7]*x3
+        + sysid_pwm_a_fill_network_hidden_bias[7] + sysid_pwm_a_fill_network_pressure_weights[7]*x4)
+        +
+        sysid_pwm_a_fill_network_output_weights[8]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[8]*x3
+        + sysid_pwm_a_fill_network_hidden_bias[8] + sysid_pwm_a_fill_network_pressure_weights[8]*x4)
+        +
+        sysid_pwm_a_fill_network_output_weights[9]*sysid_tanh(sysid_pwm_a_fill_network_flow_weights[9]*x3
+        + sysid_pwm_a_fill_network_hidden_bias[9] +
+        sysid_pwm_a_fill_network_pressure_weights[9]*x4));
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | ((x2 < flow_kg_s) ||
+            (sysid_pwm_a_fill_network_duty_range[1] < x5) ? SYSID_ABOVE : 0u) | ((flow_kg_s < x1) ||
+            (x5 < sysid_pwm_a_fill_network_duty_range[0]) ? SYSID_BELOW : 0u);
+    }
+    return sysid_known_flagged_duty(sysid_minimum(sysid_maximum(x5, sysid_pwm_a_fill_network_duty_range[0]),
+        sysid_pwm_a_fill_network_duty_range[1]), flags);
+}
+
+static const sysid_real sysid_pwm_a_discharge_bipolynomial_duty_range[2] = {
+    (sysid_real)0.02, (sysid_real)0.74
+};
+static const sysid_real sysid_pwm_a_discharge_bipolynomial_pressure_range[2] = {
+    (sysid_real)123712.22359142273, (sysid_real)309116.42611047137
+};
+static const sysid_real sysid_pwm_a_discharge_bipolynomial_pressure[25] = {
     (sysid_real)123712.22359142273, (sysid_real)131437.39869638308, (sysid_real)139162.57380134345, (sysid_real)146887.7489063038,
     (sysid_real)154612.92401126417, (sysid_real)162338.09911622453, (sysid_real)170063.2742211849, (sysid_real)177788.44932614526,
     (sysid_real)185513.62443110562, (sysid_real)193238.79953606596, (sysid_real)200963.97464102635, (sysid_real)208689.14974598668,
@@ -1125,48 +1083,18 @@ static const sysid_real sysid_pwm_a_discharge_bipolynomial_duty_high[25] = {
     (sysid_real)0.54, (sysid_real)0.58, (sysid_real)0.62, (sysid_real)0.74,
     (sysid_real)0.74
 };
-static const sysid_real sysid_pwm_a_discharge_bipolynomial_flow_low_kg_s[25] = {
-    (sysid_real)-2.4025211287139824e-05, (sysid_real)-4.211280025840134e-05, (sysid_real)-6.742782333162733e-05, (sysid_real)-9.60705401612551e-05,
-    (sysid_real)-0.00011377034555466193, (sysid_real)-0.0001566775648015729, (sysid_real)-0.0001878308974355373, (sysid_real)-0.00020613161086076035,
-    (sysid_real)-0.00024133094176894578, (sysid_real)-0.0002653371554492664, (sysid_real)-0.0002673601779260847, (sysid_real)-0.00027009879169995584,
-    (sysid_real)-0.0002701176969692777, (sysid_real)-0.0002701303004821589, (sysid_real)-0.00027212925675242615, (sysid_real)-0.0002744245606176119,
-    (sysid_real)-0.00027594459217010427, (sysid_real)-0.00027822327338515015, (sysid_real)-0.0002813982566969767, (sysid_real)-0.00028380645008094436,
-    (sysid_real)-0.0002877759784756406, (sysid_real)-0.00029240576091395357, (sysid_real)-0.0002954922825394955, (sysid_real)-0.0002954922825394955,
-    (sysid_real)-0.000276413222288717
+static const sysid_real sysid_pwm_a_discharge_bipolynomial_coefficients[9] = {
+    (sysid_real)-0.00020718250638355215, (sysid_real)-0.00012911958569627357, (sysid_real)7.707800684885807e-05, (sysid_real)0.0007036375023759027,
+    (sysid_real)-0.0002868123064877891, (sysid_real)-0.0001211524491114661, (sysid_real)-0.0007220523030818811, (sysid_real)0.0012084309620804174,
+    (sysid_real)-0.0004223876002813121
 };
-static const sysid_real sysid_pwm_a_discharge_bipolynomial_flow_high_kg_s[25] = {
-    (sysid_real)-6.33325327789406e-06, (sysid_real)-2.426124046737104e-06, (sysid_real)-2.426124046737104e-06, (sysid_real)-4.080402746735579e-06,
-    (sysid_real)-2.6523540817084613e-06, (sysid_real)-2.6523540817084613e-06, (sysid_real)-3.4475881766471888e-06, (sysid_real)-1.460240069587481e-06,
-    (sysid_real)-1.460240069587481e-06, (sysid_real)-1.7371978223664413e-06, (sysid_real)-2.088052158501918e-05, (sysid_real)-2.7957919586422665e-05,
-    (sysid_real)-1.1106104337203433e-05, (sysid_real)-1.1106104337203433e-05, (sysid_real)-1.948213978535562e-05, (sysid_real)-7.2288208979199456e-06,
-    (sysid_real)-7.2288208979199456e-06, (sysid_real)-4.170933395977564e-06, (sysid_real)-4.170933395977564e-06, (sysid_real)-2.554682634737737e-06,
-    (sysid_real)-2.554682634737737e-06, (sysid_real)-1.4117430372945917e-07, (sysid_real)-1.4117430372945917e-07, (sysid_real)3.2964378397928136e-08,
-    (sysid_real)3.2964378397928136e-08
-};
-static const sysid_domain sysid_pwm_a_discharge_bipolynomial_domain = {
-    {(sysid_real)0.02, (sysid_real)0.74}, {(sysid_real)123712.22359142273, (sysid_real)309116.42611047137}, 25,
-    sysid_pwm_a_discharge_bipolynomial_pressure_pa,
-    sysid_pwm_a_discharge_bipolynomial_duty_low,
-    sysid_pwm_a_discharge_bipolynomial_duty_high,
-    sysid_pwm_a_discharge_bipolynomial_flow_low_kg_s,
-    sysid_pwm_a_discharge_bipolynomial_flow_high_kg_s
-};
-static const sysid_bipolynomial sysid_pwm_a_discharge_bipolynomial = {
-    {{(sysid_real)-9.085359728543868e-05, (sysid_real)1.4695495105590119e-05, (sysid_real)-5.732340979234955e-05},
-     {(sysid_real)5.5755990732122213e-05, (sysid_real)0.00022737428088959817, (sysid_real)-0.00015918012911709481},
-     {(sysid_real)-4.678898923970586e-05, (sysid_real)7.830632634281106e-05, (sysid_real)-2.7370716498229027e-05}},
-    {{(sysid_real)1.0, (sysid_real)0.0, (sysid_real)0.0},
-     {(sysid_real)-1.0555555555555556, (sysid_real)2.7777777777777777, (sysid_real)0.0},
-     {(sysid_real)1.2283950617283952, (sysid_real)-11.728395061728396, (sysid_real)15.432098765432098}},
-    (sysid_real)216570.90263255802, (sysid_real)92000.19607774711,
-    {{(sysid_real)0.0008739368597235237, (sysid_real)-9.292309311898187e-09, (sysid_real)1.821306198022239e-14},
-     {(sysid_real)0.00015723545306377436, (sysid_real)9.282284701915618e-09, (sysid_real)-2.862758333968987e-14},
-     {(sysid_real)-0.007825615115175294, (sysid_real)5.636593895120321e-08, (sysid_real)-9.980760865659191e-14}},
-    &sysid_pwm_a_discharge_bipolynomial_domain
+static const sysid_real sysid_pwm_a_discharge_bipolynomial_pressure_scaling[2] = {
+    (sysid_real)216570.90263255802, (sysid_real)92000.19607774711
 };
 
-/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa (3.7.1); flags may be NULL. */
-static inline sysid_real sysid_pwm_a_discharge_flow(sysid_real duty, sysid_real pressure_pa, unsigned *flags)
+/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_a_discharge_flow(
+    sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
     if (!(isfinite(duty) && isfinite(pressure_pa))) {
         if (flags) {
@@ -1174,100 +1102,38 @@ static inline sysid_real sysid_pwm_a_discharge_flow(sysid_real duty, sysid_real 
         }
         return (sysid_real)NAN;
     }
-    return sysid_known_flagged(sysid_bipolynomial_flow(&sysid_pwm_a_discharge_bipolynomial, duty, pressure_pa, flags), flags);
-}
-
-/* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
-static inline sysid_real sysid_pwm_a_discharge_duty(sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
-{
-    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
-        if (flags) {
-            *flags = SYSID_INVALID;
-        }
-        return 0;
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_a_discharge_bipolynomial_pressure_range[0]),
+        sysid_pwm_a_discharge_bipolynomial_pressure_range[1]);
+    const sysid_real x1 = -sysid_pwm_a_discharge_bipolynomial_pressure_scaling[0] + x0;
+    const sysid_real x2 = (sysid_real)-1.0 +
+        (sysid_real)2.0*sysid_square(x1)/sysid_square(sysid_pwm_a_discharge_bipolynomial_pressure_scaling[1]);
+    const sysid_real x3 = x1/sysid_pwm_a_discharge_bipolynomial_pressure_scaling[1];
+    const sysid_real x4 = sysid_minimum(sysid_maximum(duty,
+        sysid_pwm_a_discharge_bipolynomial_duty_range[0]),
+        sysid_pwm_a_discharge_bipolynomial_duty_range[1]);
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | (sysid_interpolate(x0,
+            sysid_pwm_a_discharge_bipolynomial_pressure,
+            sysid_pwm_a_discharge_bipolynomial_duty_high, 25) + (sysid_real)1e-09 < duty ?
+            SYSID_ABOVE : 0u) | (duty < sysid_interpolate(x0,
+            sysid_pwm_a_discharge_bipolynomial_pressure,
+            sysid_pwm_a_discharge_bipolynomial_duty_low, 25) + (sysid_real)-1e-09 ? SYSID_BELOW :
+            0u);
     }
-    return sysid_known_flagged_duty(sysid_bipolynomial_duty(&sysid_pwm_a_discharge_bipolynomial, flow_kg_s, pressure_pa, flags), flags);
+    return sysid_known_flagged(sysid_pwm_a_discharge_bipolynomial_coefficients[0] +
+        sysid_pwm_a_discharge_bipolynomial_coefficients[1]*x3 +
+        sysid_pwm_a_discharge_bipolynomial_coefficients[2]*x2 +
+        x4*(sysid_pwm_a_discharge_bipolynomial_coefficients[3] +
+        sysid_pwm_a_discharge_bipolynomial_coefficients[4]*x3 +
+        sysid_pwm_a_discharge_bipolynomial_coefficients[5]*x2 +
+        x4*(sysid_pwm_a_discharge_bipolynomial_coefficients[6] +
+        sysid_pwm_a_discharge_bipolynomial_coefficients[7]*x3 +
+        sysid_pwm_a_discharge_bipolynomial_coefficients[8]*x2)), flags);
 }
 
-static const sysid_real sysid_pwm_a_discharge_network_pressure_pa[25] = {
-    (sysid_real)123712.22359142273, (sysid_real)131437.39869638308, (sysid_real)139162.57380134345, (sysid_real)146887.7489063038,
-    (sysid_real)154612.92401126417, (sysid_real)162338.09911622453, (sysid_real)170063.2742211849, (sysid_real)177788.44932614526,
-    (sysid_real)185513.62443110562, (sysid_real)193238.79953606596, (sysid_real)200963.97464102635, (sysid_real)208689.14974598668,
-    (sysid_real)216414.32485094707, (sysid_real)224139.4999559074, (sysid_real)231864.67506086777, (sysid_real)239589.85016582813,
-    (sysid_real)247315.0252707885, (sysid_real)255040.20037574886, (sysid_real)262765.3754807092, (sysid_real)270490.5505856696,
-    (sysid_real)278215.7256906299, (sysid_real)285940.9007955903, (sysid_real)293666.07590055064, (sysid_real)301391.25100551103,
-    (sysid_real)309116.42611047137
-};
-static const sysid_real sysid_pwm_a_discharge_network_duty_low[25] = {
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.060000000000000026
-};
-static const sysid_real sysid_pwm_a_discharge_network_duty_high[25] = {
-    (sysid_real)0.02, (sysid_real)0.060000000000000026, (sysid_real)0.10000000000000003, (sysid_real)0.10000000000000003,
-    (sysid_real)0.14000000000000007, (sysid_real)0.22000000000000006, (sysid_real)0.2599999999999999, (sysid_real)0.29999999999999993,
-    (sysid_real)0.3399999999999999, (sysid_real)0.3399999999999999, (sysid_real)0.3399999999999999, (sysid_real)0.3399999999999999,
-    (sysid_real)0.37999999999999995, (sysid_real)0.37999999999999995, (sysid_real)0.37999999999999995, (sysid_real)0.42,
-    (sysid_real)0.42, (sysid_real)0.4600000000000001, (sysid_real)0.4600000000000001, (sysid_real)0.5,
-    (sysid_real)0.54, (sysid_real)0.58, (sysid_real)0.62, (sysid_real)0.74,
-    (sysid_real)0.74
-};
-static const sysid_real sysid_pwm_a_discharge_network_flow_low_kg_s[25] = {
-    (sysid_real)-2.4025211287139824e-05, (sysid_real)-4.211280025840134e-05, (sysid_real)-6.742782333162733e-05, (sysid_real)-9.60705401612551e-05,
-    (sysid_real)-0.00011377034555466193, (sysid_real)-0.0001566775648015729, (sysid_real)-0.0001878308974355373, (sysid_real)-0.00020613161086076035,
-    (sysid_real)-0.00024133094176894578, (sysid_real)-0.0002653371554492664, (sysid_real)-0.0002673601779260847, (sysid_real)-0.00027009879169995584,
-    (sysid_real)-0.0002701176969692777, (sysid_real)-0.0002701303004821589, (sysid_real)-0.00027212925675242615, (sysid_real)-0.0002744245606176119,
-    (sysid_real)-0.00027594459217010427, (sysid_real)-0.00027822327338515015, (sysid_real)-0.0002813982566969767, (sysid_real)-0.00028380645008094436,
-    (sysid_real)-0.0002877759784756406, (sysid_real)-0.00029240576091395357, (sysid_real)-0.0002954922825394955, (sysid_real)-0.0002954922825394955,
-    (sysid_real)-0.000276413222288717
-};
-static const sysid_real sysid_pwm_a_discharge_network_flow_high_kg_s[25] = {
-    (sysid_real)-6.33325327789406e-06, (sysid_real)-2.426124046737104e-06, (sysid_real)-2.426124046737104e-06, (sysid_real)-4.080402746735579e-06,
-    (sysid_real)-2.6523540817084613e-06, (sysid_real)-2.6523540817084613e-06, (sysid_real)-3.4475881766471888e-06, (sysid_real)-1.460240069587481e-06,
-    (sysid_real)-1.460240069587481e-06, (sysid_real)-1.7371978223664413e-06, (sysid_real)-2.088052158501918e-05, (sysid_real)-2.7957919586422665e-05,
-    (sysid_real)-1.1106104337203433e-05, (sysid_real)-1.1106104337203433e-05, (sysid_real)-1.948213978535562e-05, (sysid_real)-7.2288208979199456e-06,
-    (sysid_real)-7.2288208979199456e-06, (sysid_real)-4.170933395977564e-06, (sysid_real)-4.170933395977564e-06, (sysid_real)-2.554682634737737e-06,
-    (sysid_real)-2.554682634737737e-06, (sysid_real)-1.4117430372945917e-07, (sysid_real)-1.4117430372945917e-07, (sysid_real)3.2964378397928136e-08,
-    (sysid_real)3.2964378397928136e-08
-};
-static const sysid_domain sysid_pwm_a_discharge_network_domain = {
-    {(sysid_real)0.02, (sysid_real)0.74}, {(sysid_real)123712.22359142273, (sysid_real)309116.42611047137}, 25,
-    sysid_pwm_a_discharge_network_pressure_pa,
-    sysid_pwm_a_discharge_network_duty_low,
-    sysid_pwm_a_discharge_network_duty_high,
-    sysid_pwm_a_discharge_network_flow_low_kg_s,
-    sysid_pwm_a_discharge_network_flow_high_kg_s
-};
-static const sysid_real sysid_pwm_a_discharge_network_w1[20] = {
-    (sysid_real)0.7313879168146602, (sysid_real)9.40828659548611, (sysid_real)1.233755231611696, (sysid_real)4.870563959426811,
-    (sysid_real)0.08981988488621742, (sysid_real)3.8212375931343328, (sysid_real)0.5444134423922969, (sysid_real)11.803865710398236,
-    (sysid_real)0.2616612647434948, (sysid_real)0.5899384666169131, (sysid_real)-2.3939791239016937, (sysid_real)0.8392184044023436,
-    (sysid_real)-2.358825112544839, (sysid_real)0.9103459483472968, (sysid_real)-5.726302830441622, (sysid_real)0.013299174473703483,
-    (sysid_real)-0.23516822334032342, (sysid_real)-0.8313035687830804, (sysid_real)5.430857700356015, (sysid_real)0.7916777662594674
-};
-static const sysid_real sysid_pwm_a_discharge_network_b1[10] = {
-    (sysid_real)-10.544751649063876, (sysid_real)-5.2047013306393675, (sysid_real)1.7247062635494446, (sysid_real)1.4662390178650575,
-    (sysid_real)-0.46204096210570433, (sysid_real)-0.18687897542882526, (sysid_real)-0.24184470070997174, (sysid_real)-1.9051288871099077,
-    (sysid_real)0.38136870008498386, (sysid_real)3.6998235736266056
-};
-static const sysid_real sysid_pwm_a_discharge_network_w2[10] = {
-    (sysid_real)0.41284496933676074, (sysid_real)0.06262806626352932, (sysid_real)0.3392969386916422, (sysid_real)-0.05450382699166957,
-    (sysid_real)5.3186735907008105, (sysid_real)-0.7439625656489515, (sysid_real)0.7258503031509304, (sysid_real)-0.030245744209667375,
-    (sysid_real)3.287177391069977, (sysid_real)0.048579098252880454
-};
-static const sysid_network sysid_pwm_a_discharge_network = {
-    10, sysid_pwm_a_discharge_network_w1, sysid_pwm_a_discharge_network_b1, sysid_pwm_a_discharge_network_w2,
-    (sysid_real)0.716671384075675,
-    {(sysid_real)-0.00014794826769088437, (sysid_real)0.00014781804889360368}, {(sysid_real)216570.90263255802, (sysid_real)92000.19607774711}, {(sysid_real)0.38, (sysid_real)0.36},
-    &sysid_pwm_a_discharge_network_domain
-};
-
-/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa, by the network (3.7.4). */
-static inline sysid_real sysid_pwm_a_discharge_network_duty(
+/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_a_discharge_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
     if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
@@ -1276,10 +1142,124 @@ static inline sysid_real sysid_pwm_a_discharge_network_duty(
         }
         return 0;
     }
-    return sysid_known_flagged_duty(sysid_network_duty(&sysid_pwm_a_discharge_network, flow_kg_s, pressure_pa, flags), flags);
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_a_discharge_bipolynomial_pressure_range[0]),
+        sysid_pwm_a_discharge_bipolynomial_pressure_range[1]);
+    const sysid_real x1 = -sysid_pwm_a_discharge_bipolynomial_pressure_scaling[0] + x0;
+    const sysid_real x2 = (sysid_real)-1.0 +
+        (sysid_real)2.0*sysid_square(x1)/sysid_square(sysid_pwm_a_discharge_bipolynomial_pressure_scaling[1]);
+    const sysid_real x3 = sysid_pwm_a_discharge_bipolynomial_coefficients[8]*x2;
+    const sysid_real x4 = x1/sysid_pwm_a_discharge_bipolynomial_pressure_scaling[1];
+    const sysid_real x5 = sysid_pwm_a_discharge_bipolynomial_coefficients[7]*x4;
+    const sysid_real x6 = (sysid_real)2.0*sysid_pwm_a_discharge_bipolynomial_coefficients[6] +
+        (sysid_real)2.0*x3 + (sysid_real)2.0*x5;
+    const sysid_real x7 = sysid_interpolate(x0, sysid_pwm_a_discharge_bipolynomial_pressure,
+        sysid_pwm_a_discharge_bipolynomial_duty_low, 25);
+    const sysid_real x8 = sysid_pwm_a_discharge_bipolynomial_coefficients[3] +
+        sysid_pwm_a_discharge_bipolynomial_coefficients[4]*x4 +
+        sysid_pwm_a_discharge_bipolynomial_coefficients[5]*x2;
+    const sysid_real x9 = x6*x7 + x8;
+    const sysid_real x10 = sysid_interpolate(x0, sysid_pwm_a_discharge_bipolynomial_pressure,
+        sysid_pwm_a_discharge_bipolynomial_duty_high, 25);
+    const sysid_real x11 = x10*x6 + x8;
+    const int x12 = ((x9 <= (sysid_real)0.0) && (x11 <= (sysid_real)0.0)) && ((x9 <
+        (sysid_real)0.0) || (x11 < (sysid_real)0.0));
+    const sysid_real x13 = sysid_pwm_a_discharge_bipolynomial_coefficients[6] + x3 + x5;
+    const int x14 = x13 != (sysid_real)0.0;
+    const sysid_real x15 = x12 ? -x10 : x7;
+    const sysid_real x16 = x12 ? -x8 : x8;
+    const sysid_real x17 = ((sysid_real)0.5)/(x14 ? x13 : (sysid_real)1.0);
+    const sysid_real x18 = -x16*x17;
+    const sysid_real x19 = x12 ? -x7 : x10;
+    const int x20 = (x14 && (x15 < x18)) && (x18 < x19);
+    const int x21 = (sysid_real)0.0 < x13;
+    const sysid_real x22 = (x20 && x21) ? x18 : x15;
+    const sysid_real x23 = sysid_pwm_a_discharge_bipolynomial_coefficients[2]*x2;
+    const sysid_real x24 = sysid_pwm_a_discharge_bipolynomial_coefficients[1]*x4;
+    const sysid_real x25 = sysid_pwm_a_discharge_bipolynomial_coefficients[0] + x23 + x24;
+    const int x26 = flow_kg_s < x22*(x13*x22 + x16) + x25;
+    const int x27 = x13 < (sysid_real)0.0;
+    const sysid_real x28 = (x20 && x27) ? x18 : x19;
+    const int x29 = x25 + x28*(x13*x28 + x16) < flow_kg_s;
+    const sysid_real x30 = sysid_sqrt(sysid_maximum(sysid_square(x16) - (-flow_kg_s +
+        x25)*((sysid_real)4.0*sysid_pwm_a_discharge_bipolynomial_coefficients[6] +
+        (sysid_real)4.0*x3 + (sysid_real)4.0*x5), (sysid_real)0.0));
+    const sysid_real x31 = x16 + x30;
+    const int x32 = x31 != (sysid_real)0.0;
+    const sysid_real x33 = x26 ? x22 : (x29 ? x28 : sysid_minimum(sysid_maximum(((sysid_real)0.0
+        <= x16) ? (x32 ? ((sysid_real)2.0*flow_kg_s -
+        (sysid_real)2.0*sysid_pwm_a_discharge_bipolynomial_coefficients[0] - (sysid_real)2.0*x23 -
+        (sysid_real)2.0*x24)/(x32 ? x31 : (sysid_real)1.0) : x22) : x17*(-x16 + x30), x22), x28));
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | (x26 ? SYSID_BELOW : 0u) | (x29 ?
+            SYSID_ABOVE : 0u) | (x20 && ((x26 && x21) || (x29 && x27)) ? SYSID_NO_ROOT : 0u) | (x12
+            || ((x13 == (sysid_real)0.0) && (x16 == (sysid_real)0.0)) ? SYSID_DECREASING : 0u);
+    }
+    return sysid_known_flagged_duty(x12 ? -x33 : x33, flags);
 }
 
-/* Mean flow, kg/s, that the network maps to this duty: its forward map. */
+static const sysid_real sysid_pwm_a_discharge_network_duty_range[2] = {
+    (sysid_real)0.02, (sysid_real)0.74
+};
+static const sysid_real sysid_pwm_a_discharge_network_pressure_range[2] = {
+    (sysid_real)123712.22359142273, (sysid_real)309116.42611047137
+};
+static const sysid_real sysid_pwm_a_discharge_network_pressure[25] = {
+    (sysid_real)123712.22359142273, (sysid_real)131437.39869638308, (sysid_real)139162.57380134345, (sysid_real)146887.7489063038,
+    (sysid_real)154612.92401126417, (sysid_real)162338.09911622453, (sysid_real)170063.2742211849, (sysid_real)177788.44932614526,
+    (sysid_real)185513.62443110562, (sysid_real)193238.79953606596, (sysid_real)200963.97464102635, (sysid_real)208689.14974598668,
+    (sysid_real)216414.32485094707, (sysid_real)224139.4999559074, (sysid_real)231864.67506086777, (sysid_real)239589.85016582813,
+    (sysid_real)247315.0252707885, (sysid_real)255040.20037574886, (sysid_real)262765.3754807092, (sysid_real)270490.5505856696,
+    (sysid_real)278215.7256906299, (sysid_real)285940.9007955903, (sysid_real)293666.07590055064, (sysid_real)301391.25100551103,
+    (sysid_real)309116.42611047137
+};
+static const sysid_real sysid_pwm_a_discharge_network_flow_low[25] = {
+    (sysid_real)-2.4025211287139824e-05, (sysid_real)-4.211280025840134e-05, (sysid_real)-6.742782333162733e-05, (sysid_real)-9.60705401612551e-05,
+    (sysid_real)-0.00011377034555466193, (sysid_real)-0.0001566775648015729, (sysid_real)-0.0001878308974355373, (sysid_real)-0.00020613161086076035,
+    (sysid_real)-0.00024133094176894578, (sysid_real)-0.0002653371554492664, (sysid_real)-0.0002673601779260847, (sysid_real)-0.00027009879169995584,
+    (sysid_real)-0.0002701176969692777, (sysid_real)-0.0002701303004821589, (sysid_real)-0.00027212925675242615, (sysid_real)-0.0002744245606176119,
+    (sysid_real)-0.00027594459217010427, (sysid_real)-0.00027822327338515015, (sysid_real)-0.0002813982566969767, (sysid_real)-0.00028380645008094436,
+    (sysid_real)-0.0002877759784756406, (sysid_real)-0.00029240576091395357, (sysid_real)-0.0002954922825394955, (sysid_real)-0.0002954922825394955,
+    (sysid_real)-0.000276413222288717
+};
+static const sysid_real sysid_pwm_a_discharge_network_flow_high[25] = {
+    (sysid_real)-6.33325327789406e-06, (sysid_real)-2.426124046737104e-06, (sysid_real)-2.426124046737104e-06, (sysid_real)-4.080402746735579e-06,
+    (sysid_real)-2.6523540817084613e-06, (sysid_real)-2.6523540817084613e-06, (sysid_real)-3.4475881766471888e-06, (sysid_real)-1.460240069587481e-06,
+    (sysid_real)-1.460240069587481e-06, (sysid_real)-1.7371978223664413e-06, (sysid_real)-2.088052158501918e-05, (sysid_real)-2.7957919586422665e-05,
+    (sysid_real)-1.1106104337203433e-05, (sysid_real)-1.1106104337203433e-05, (sysid_real)-1.948213978535562e-05, (sysid_real)-7.2288208979199456e-06,
+    (sysid_real)-7.2288208979199456e-06, (sysid_real)-4.170933395977564e-06, (sysid_real)-4.170933395977564e-06, (sysid_real)-2.554682634737737e-06,
+    (sysid_real)-2.554682634737737e-06, (sysid_real)-1.4117430372945917e-07, (sysid_real)-1.4117430372945917e-07, (sysid_real)3.2964378397928136e-08,
+    (sysid_real)3.2964378397928136e-08
+};
+static const sysid_real sysid_pwm_a_discharge_network_flow_weights[10] = {
+    (sysid_real)0.7313879168146602, (sysid_real)1.233755231611696, (sysid_real)0.08981988488621742, (sysid_real)0.5444134423922969,
+    (sysid_real)0.2616612647434948, (sysid_real)-2.3939791239016937, (sysid_real)-2.358825112544839, (sysid_real)-5.726302830441622,
+    (sysid_real)-0.23516822334032342, (sysid_real)5.430857700356015
+};
+static const sysid_real sysid_pwm_a_discharge_network_pressure_weights[10] = {
+    (sysid_real)9.40828659548611, (sysid_real)4.870563959426811, (sysid_real)3.8212375931343328, (sysid_real)11.803865710398236,
+    (sysid_real)0.5899384666169131, (sysid_real)0.8392184044023436, (sysid_real)0.9103459483472968, (sysid_real)0.013299174473703483,
+    (sysid_real)-0.8313035687830804, (sysid_real)0.7916777662594674
+};
+static const sysid_real sysid_pwm_a_discharge_network_hidden_bias[10] = {
+    (sysid_real)-10.544751649063876, (sysid_real)-5.2047013306393675, (sysid_real)1.7247062635494446, (sysid_real)1.4662390178650575,
+    (sysid_real)-0.46204096210570433, (sysid_real)-0.18687897542882526, (sysid_real)-0.24184470070997174, (sysid_real)-1.9051288871099077,
+    (sysid_real)0.38136870008498386, (sysid_real)3.6998235736266056
+};
+static const sysid_real sysid_pwm_a_discharge_network_output_weights[10] = {
+    (sysid_real)0.41284496933676074, (sysid_real)0.06262806626352932, (sysid_real)0.3392969386916422, (sysid_real)-0.05450382699166957,
+    (sysid_real)5.3186735907008105, (sysid_real)-0.7439625656489515, (sysid_real)0.7258503031509304, (sysid_real)-0.030245744209667375,
+    (sysid_real)3.287177391069977, (sysid_real)0.048579098252880454
+};
+static const sysid_real sysid_pwm_a_discharge_network_output_bias[1] = {
+    (sysid_real)0.716671384075675
+};
+static const sysid_real sysid_pwm_a_discharge_network_scaling[6] = {
+    (sysid_real)-0.00014794826769088437, (sysid_real)0.00014781804889360368, (sysid_real)216570.90263255802, (sysid_real)92000.19607774711,
+    (sysid_real)0.38, (sysid_real)0.36
+};
+
+/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa; flags may be NULL. */
 static inline sysid_real sysid_pwm_a_discharge_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
@@ -1289,10 +1269,273 @@ static inline sysid_real sysid_pwm_a_discharge_network_flow(
         }
         return (sysid_real)NAN;
     }
-    return sysid_known_flagged(sysid_network_flow(&sysid_pwm_a_discharge_network, duty, pressure_pa, flags), flags);
+    const sysid_real x0 = sysid_minimum(sysid_maximum(duty,
+        sysid_pwm_a_discharge_network_duty_range[0]), sysid_pwm_a_discharge_network_duty_range[1]);
+    const sysid_real x1 = (sysid_real)1.0/sysid_pwm_a_discharge_network_scaling[1];
+    const sysid_real x2 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_a_discharge_network_pressure_range[0]),
+        sysid_pwm_a_discharge_network_pressure_range[1]);
+    const sysid_real x3 = sysid_interpolate(x2, sysid_pwm_a_discharge_network_pressure,
+        sysid_pwm_a_discharge_network_flow_low, 25);
+    const sysid_real x4 = -x3;
+    const sysid_real x5 = x1*(-sysid_pwm_a_discharge_network_scaling[0] - x4);
+    const sysid_real x6 = (-sysid_pwm_a_discharge_network_scaling[2] +
+        x2)/sysid_pwm_a_discharge_network_scaling[3];
+    const sysid_real x7 = sysid_pwm_a_discharge_network_hidden_bias[0] +
+        sysid_pwm_a_discharge_network_pressure_weights[0]*x6;
+    const sysid_real x8 = sysid_pwm_a_discharge_network_hidden_bias[1] +
+        sysid_pwm_a_discharge_network_pressure_weights[1]*x6;
+    const sysid_real x9 = sysid_pwm_a_discharge_network_hidden_bias[2] +
+        sysid_pwm_a_discharge_network_pressure_weights[2]*x6;
+    const sysid_real x10 = sysid_pwm_a_discharge_network_hidden_bias[3] +
+        sysid_pwm_a_discharge_network_pressure_weights[3]*x6;
+    const sysid_real x11 = sysid_pwm_a_discharge_network_hidden_bias[4] +
+        sysid_pwm_a_discharge_network_pressure_weights[4]*x6;
+    const sysid_real x12 = sysid_pwm_a_discharge_network_hidden_bias[5] +
+        sysid_pwm_a_discharge_network_pressure_weights[5]*x6;
+    const sysid_real x13 = sysid_pwm_a_discharge_network_hidden_bias[6] +
+        sysid_pwm_a_discharge_network_pressure_weights[6]*x6;
+    const sysid_real x14 = sysid_pwm_a_discharge_network_hidden_bias[7] +
+        sysid_pwm_a_discharge_network_pressure_weights[7]*x6;
+    const sysid_real x15 = sysid_pwm_a_discharge_network_hidden_bias[8] +
+        sysid_pwm_a_discharge_network_pressure_weights[8]*x6;
+    const sysid_real x16 = sysid_pwm_a_discharge_network_hidden_bias[9] +
+        sysid_pwm_a_discharge_network_pressure_weights[9]*x6;
+    const sysid_real x17 = sysid_pwm_a_discharge_network_scaling[4] +
+        sysid_pwm_a_discharge_network_scaling[5]*(sysid_pwm_a_discharge_network_output_bias[0] +
+        sysid_pwm_a_discharge_network_output_weights[0]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[0]*x5
+        + x7) +
+        sysid_pwm_a_discharge_network_output_weights[1]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[1]*x5
+        + x8) +
+        sysid_pwm_a_discharge_network_output_weights[2]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[2]*x5
+        + x9) +
+        sysid_pwm_a_discharge_network_output_weights[3]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[3]*x5
+        + x10) +
+        sysid_pwm_a_discharge_network_output_weights[4]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[4]*x5
+        + x11) +
+        sysid_pwm_a_discharge_network_output_weights[5]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[5]*x5
+        + x12) +
+        sysid_pwm_a_discharge_network_output_weights[6]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[6]*x5
+        + x13) +
+        sysid_pwm_a_discharge_network_output_weights[7]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[7]*x5
+        + x14) +
+        sysid_pwm_a_discharge_network_output_weights[8]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[8]*x5
+        + x15) +
+        sysid_pwm_a_discharge_network_output_weights[9]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[9]*x5
+        + x16));
+    const int x18 = x0 <= x17;
+    const sysid_real x19 = -sysid_pwm_a_discharge_network_scaling[0];
+    const sysid_real x20 = sysid_interpolate(x2, sysid_pwm_a_discharge_network_pressure,
+        sysid_pwm_a_discharge_network_flow_high, 25);
+    const sysid_real x21 = x20 + x4;
+    const sysid_real x46 = (sysid_real)1.0/x21;
+    sysid_real s0_0, s0_1, s0_2, s0_3;
+    int ik0;
+    {
+        s0_0 = x18 ? (sysid_real)1.0 : (sysid_real)0.0;
+        s0_1 = x3;
+        s0_2 = x3;
+        s0_3 = x17;
+    }
+    for (ik0 = 0; ik0 < 32; ik0++) {
+        const sysid_real k0 = (sysid_real)ik0;
+        const sysid_real x22 = x21*(((sysid_real)0.03125)*k0 + (sysid_real)0.03125) + x3;
+        const sysid_real x23 = x1*(x19 + x22);
+        const sysid_real x24 = sysid_pwm_a_discharge_network_scaling[4] +
+            sysid_pwm_a_discharge_network_scaling[5]*(sysid_pwm_a_discharge_network_output_bias[0] +
+            sysid_pwm_a_discharge_network_output_weights[0]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[0]*x23
+            + x7) +
+            sysid_pwm_a_discharge_network_output_weights[1]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[1]*x23
+            + x8) +
+            sysid_pwm_a_discharge_network_output_weights[2]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[2]*x23
+            + x9) +
+            sysid_pwm_a_discharge_network_output_weights[3]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[3]*x23
+            + x10) +
+            sysid_pwm_a_discharge_network_output_weights[4]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[4]*x23
+            + x11) +
+            sysid_pwm_a_discharge_network_output_weights[5]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[5]*x23
+            + x12) +
+            sysid_pwm_a_discharge_network_output_weights[6]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[6]*x23
+            + x13) +
+            sysid_pwm_a_discharge_network_output_weights[7]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[7]*x23
+            + x14) +
+            sysid_pwm_a_discharge_network_output_weights[8]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[8]*x23
+            + x15) +
+            sysid_pwm_a_discharge_network_output_weights[9]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[9]*x23
+            + x16));
+        const sysid_real x25 = (x0 <= x24) ? (sysid_real)1.0 : s0_0;
+        const int x26 = s0_3 < x24;
+        const sysid_real y0 = x25;
+        const sysid_real y1 = ((sysid_real)0.0 < x25) ? s0_1 : x22;
+        const sysid_real y2 = x26 ? x22 : s0_2;
+        const sysid_real y3 = x26 ? x24 : s0_3;
+        s0_0 = y0;
+        s0_1 = y1;
+        s0_2 = y2;
+        s0_3 = y3;
+    }
+    sysid_real s1_0, s1_1, s1_2, s1_3;
+    int ik1;
+    {
+        s1_0 = s0_1;
+        s1_1 = s0_1 + ((sysid_real)0.03125)*x20 - (sysid_real)0.03125*x3;
+        s1_2 = (sysid_real)1.0*s0_1 + (sysid_real)0.015625*x20 - (sysid_real)0.015625*x3;
+        s1_3 = (sysid_real)1.0;
+    }
+    for (ik1 = 0; ik1 < 60; ik1++) {
+        if (!((sysid_real)2.220446049250313e-16 < s1_3)) {
+            break;
+        }
+        const sysid_real x27 = x1*(s1_2 + x19);
+        const sysid_real x28 = sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[0]*x27 +
+            x7);
+        const sysid_real x29 = sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[1]*x27 +
+            x8);
+        const sysid_real x30 = sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[2]*x27 +
+            x9);
+        const sysid_real x31 = sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[3]*x27 +
+            x10);
+        const sysid_real x32 = sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[4]*x27 +
+            x11);
+        const sysid_real x33 = sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[5]*x27 +
+            x12);
+        const sysid_real x34 = sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[6]*x27 +
+            x13);
+        const sysid_real x35 = sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[7]*x27 +
+            x14);
+        const sysid_real x36 = sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[8]*x27 +
+            x15);
+        const sysid_real x37 = sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[9]*x27 +
+            x16);
+        const sysid_real x38 = sysid_pwm_a_discharge_network_scaling[4] +
+            sysid_pwm_a_discharge_network_scaling[5]*(sysid_pwm_a_discharge_network_output_bias[0] +
+            sysid_pwm_a_discharge_network_output_weights[0]*x28 +
+            sysid_pwm_a_discharge_network_output_weights[1]*x29 +
+            sysid_pwm_a_discharge_network_output_weights[2]*x30 +
+            sysid_pwm_a_discharge_network_output_weights[3]*x31 +
+            sysid_pwm_a_discharge_network_output_weights[4]*x32 +
+            sysid_pwm_a_discharge_network_output_weights[5]*x33 +
+            sysid_pwm_a_discharge_network_output_weights[6]*x34 +
+            sysid_pwm_a_discharge_network_output_weights[7]*x35 +
+            sysid_pwm_a_discharge_network_output_weights[8]*x36 +
+            sysid_pwm_a_discharge_network_output_weights[9]*x37);
+        const int x39 = x0 <= x38;
+        const sysid_real x40 = x39 ? s1_0 : s1_2;
+        const sysid_real x41 = x39 ? s1_2 : s1_1;
+        const sysid_real x42 =
+            sysid_pwm_a_discharge_network_scaling[5]*x1*(sysid_pwm_a_discharge_network_flow_weights[0]*sysid_pwm_a_discharge_network_output_weights[0]*((sysid_real)1.0
+            - sysid_square(x28)) +
+            sysid_pwm_a_discharge_network_flow_weights[1]*sysid_pwm_a_discharge_network_output_weights[1]*((sysid_real)1.0
+            - sysid_square(x29)) +
+            sysid_pwm_a_discharge_network_flow_weights[2]*sysid_pwm_a_discharge_network_output_weights[2]*((sysid_real)1.0
+            - sysid_square(x30)) +
+            sysid_pwm_a_discharge_network_flow_weights[3]*sysid_pwm_a_discharge_network_output_weights[3]*((sysid_real)1.0
+            - sysid_square(x31)) +
+            sysid_pwm_a_discharge_network_flow_weights[4]*sysid_pwm_a_discharge_network_output_weights[4]*((sysid_real)1.0
+            - sysid_square(x32)) +
+            sysid_pwm_a_discharge_network_flow_weights[5]*sysid_pwm_a_discharge_network_output_weights[5]*((sysid_real)1.0
+            - sysid_square(x33)) +
+            sysid_pwm_a_discharge_network_flow_weights[6]*sysid_pwm_a_discharge_network_output_weights[6]*((sysid_real)1.0
+            - sysid_square(x34)) +
+            sysid_pwm_a_discharge_network_flow_weights[7]*sysid_pwm_a_discharge_network_output_weights[7]*((sysid_real)1.0
+            - sysid_square(x35)) +
+            sysid_pwm_a_discharge_network_flow_weights[8]*sysid_pwm_a_discharge_network_output_weights[8]*((sysid_real)1.0
+            - sysid_square(x36)) +
+            sysid_pwm_a_discharge_network_flow_weights[9]*sysid_pwm_a_discharge_network_output_weights[9]*((sysid_real)1.0
+            - sysid_square(x37)));
+        const sysid_real x43 = s1_2 - (-x0 + x38)/((x42 == (sysid_real)0.0) ? (sysid_real)1.0 :
+            x42);
+        const int x44 = (x40 <= x43) && (x43 <= x41);
+        const sysid_real x45 = x44 ? x43 : (sysid_real)0.5*x40 + (sysid_real)0.5*x41;
+        const sysid_real y0 = x40;
+        const sysid_real y1 = x41;
+        const sysid_real y2 = x45;
+        const sysid_real y3 = x44 ? (sysid_real)0.000244140625*x46*sysid_fabs(-s1_2 + x45) :
+            x46*(-x40 + x41);
+        s1_0 = y0;
+        s1_1 = y1;
+        s1_2 = y2;
+        s1_3 = y3;
+    }
+    const int x47 = (sysid_real)0.0 < s0_0;
+    if (flags) {
+        *flags = (x2 != pressure_pa ? SYSID_PRESSURE : 0u) |
+            ((sysid_pwm_a_discharge_network_duty_range[1] + (sysid_real)1e-09 < duty) || !x47 ?
+            SYSID_ABOVE : 0u) | ((duty < sysid_pwm_a_discharge_network_duty_range[0] +
+            (sysid_real)-1e-09) || (x0 < x17) ? SYSID_BELOW : 0u);
+    }
+    return sysid_known_flagged(x18 ? x3 : (x47 ? s1_2 : s0_2), flags);
 }
 
-static const sysid_real sysid_pwm_b_fill_bipolynomial_pressure_pa[25] = {
+/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_a_discharge_network_duty(
+    sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
+{
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_a_discharge_network_pressure_range[0]),
+        sysid_pwm_a_discharge_network_pressure_range[1]);
+    const sysid_real x1 = sysid_interpolate(x0, sysid_pwm_a_discharge_network_pressure,
+        sysid_pwm_a_discharge_network_flow_low, 25);
+    const sysid_real x2 = sysid_interpolate(x0, sysid_pwm_a_discharge_network_pressure,
+        sysid_pwm_a_discharge_network_flow_high, 25);
+    const sysid_real x3 = (-sysid_pwm_a_discharge_network_scaling[0] +
+        sysid_minimum(sysid_maximum(flow_kg_s, x1), x2))/sysid_pwm_a_discharge_network_scaling[1];
+    const sysid_real x4 = (-sysid_pwm_a_discharge_network_scaling[2] +
+        x0)/sysid_pwm_a_discharge_network_scaling[3];
+    const sysid_real x5 = sysid_pwm_a_discharge_network_scaling[4] +
+        sysid_pwm_a_discharge_network_scaling[5]*(sysid_pwm_a_discharge_network_output_bias[0] +
+        sysid_pwm_a_discharge_network_output_weights[0]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[0]*x3
+        + sysid_pwm_a_discharge_network_hidden_bias[0] +
+        sysid_pwm_a_discharge_network_pressure_weights[0]*x4) +
+        sysid_pwm_a_discharge_network_output_weights[1]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[1]*x3
+        + sysid_pwm_a_discharge_network_hidden_bias[1] +
+        sysid_pwm_a_discharge_network_pressure_weights[1]*x4) +
+        sysid_pwm_a_discharge_network_output_weights[2]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[2]*x3
+        + sysid_pwm_a_discharge_network_hidden_bias[2] +
+        sysid_pwm_a_discharge_network_pressure_weights[2]*x4) +
+        sysid_pwm_a_discharge_network_output_weights[3]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[3]*x3
+        + sysid_pwm_a_discharge_network_hidden_bias[3] +
+        sysid_pwm_a_discharge_network_pressure_weights[3]*x4) +
+        sysid_pwm_a_discharge_network_output_weights[4]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[4]*x3
+        + sysid_pwm_a_discharge_network_hidden_bias[4] +
+        sysid_pwm_a_discharge_network_pressure_weights[4]*x4) +
+        sysid_pwm_a_discharge_network_output_weights[5]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[5]*x3
+        + sysid_pwm_a_discharge_network_hidden_bias[5] +
+        sysid_pwm_a_discharge_network_pressure_weights[5]*x4) +
+        sysid_pwm_a_discharge_network_output_weights[6]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[6]*x3
+        + sysid_pwm_a_discharge_network_hidden_bias[6] +
+        sysid_pwm_a_discharge_network_pressure_weights[6]*x4) +
+        sysid_pwm_a_discharge_network_output_weights[7]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[7]*x3
+        + sysid_pwm_a_discharge_network_hidden_bias[7] +
+        sysid_pwm_a_discharge_network_pressure_weights[7]*x4) +
+        sysid_pwm_a_discharge_network_output_weights[8]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[8]*x3
+        + sysid_pwm_a_discharge_network_hidden_bias[8] +
+        sysid_pwm_a_discharge_network_pressure_weights[8]*x4) +
+        sysid_pwm_a_discharge_network_output_weights[9]*sysid_tanh(sysid_pwm_a_discharge_network_flow_weights[9]*x3
+        + sysid_pwm_a_discharge_network_hidden_bias[9] +
+        sysid_pwm_a_discharge_network_pressure_weights[9]*x4));
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | ((x2 < flow_kg_s) ||
+            (sysid_pwm_a_discharge_network_duty_range[1] < x5) ? SYSID_ABOVE : 0u) | ((flow_kg_s <
+            x1) || (x5 < sysid_pwm_a_discharge_network_duty_range[0]) ? SYSID_BELOW : 0u);
+    }
+    return sysid_known_flagged_duty(sysid_minimum(sysid_maximum(x5, sysid_pwm_a_discharge_network_duty_range[0]),
+        sysid_pwm_a_discharge_network_duty_range[1]), flags);
+}
+
+static const sysid_real sysid_pwm_b_fill_bipolynomial_duty_range[2] = {
+    (sysid_real)0.02, (sysid_real)0.8999999999999999
+};
+static const sysid_real sysid_pwm_b_fill_bipolynomial_pressure_range[2] = {
+    (sysid_real)105538.83443826473, (sysid_real)311999.4628866854
+};
+static const sysid_real sysid_pwm_b_fill_bipolynomial_pressure[25] = {
     (sysid_real)105538.83443826473, (sysid_real)114141.36062361559, (sysid_real)122743.88680896646, (sysid_real)131346.4129943173,
     (sysid_real)139948.93917966817, (sysid_real)148551.46536501904, (sysid_real)157153.9915503699, (sysid_real)165756.51773572076,
     (sysid_real)174359.04392107163, (sysid_real)182961.57010642247, (sysid_real)191564.09629177337, (sysid_real)200166.6224771242,
@@ -1319,48 +1562,18 @@ static const sysid_real sysid_pwm_b_fill_bipolynomial_duty_high[25] = {
     (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999,
     (sysid_real)0.8999999999999999
 };
-static const sysid_real sysid_pwm_b_fill_bipolynomial_flow_low_kg_s[25] = {
-    (sysid_real)7.540459674049476e-05, (sysid_real)5.183978526702637e-05, (sysid_real)2.0290030798815416e-05, (sysid_real)1.2253860536427687e-06,
-    (sysid_real)1.2253860536427687e-06, (sysid_real)6.013324165631573e-07, (sysid_real)6.013324165631573e-07, (sysid_real)2.467003542888902e-06,
-    (sysid_real)3.82846648973845e-07, (sysid_real)2.501949468845468e-07, (sysid_real)2.501949468845468e-07, (sysid_real)1.3802877703528539e-05,
-    (sysid_real)6.122658873023425e-06, (sysid_real)6.122658873023425e-06, (sysid_real)1.7025215448535213e-05, (sysid_real)7.687872324302064e-06,
-    (sysid_real)7.687872324302064e-06, (sysid_real)7.962411108829694e-06, (sysid_real)3.1029767090739937e-06, (sysid_real)3.1029767090739937e-06,
-    (sysid_real)4.201355153657115e-06, (sysid_real)1.2751066013439652e-06, (sysid_real)4.1365519547376014e-07, (sysid_real)8.403814134233772e-09,
-    (sysid_real)8.403814134233772e-09
+static const sysid_real sysid_pwm_b_fill_bipolynomial_coefficients[9] = {
+    (sysid_real)-0.00018915378212309435, (sysid_real)-0.00025434772243101994, (sysid_real)-1.9467050832665085e-05, (sysid_real)0.0009256739850218835,
+    (sysid_real)-0.00019075428431431098, (sysid_real)0.0005344116896062556, (sysid_real)-3.296859115316697e-05, (sysid_real)-0.00016334545882693471,
+    (sysid_real)-0.0004851443570602404
 };
-static const sysid_real sysid_pwm_b_fill_bipolynomial_flow_high_kg_s[25] = {
-    (sysid_real)0.0005363346907642722, (sysid_real)0.0008521270005267876, (sysid_real)0.0011043495301127247, (sysid_real)0.0011043495301127247,
-    (sysid_real)0.0010969802608662954, (sysid_real)0.00108580619373525, (sysid_real)0.0010783568156478862, (sysid_real)0.0009729501233765467,
-    (sysid_real)0.0007667896416377097, (sysid_real)0.0006293493204784853, (sysid_real)0.000548236661178386, (sysid_real)0.0005188208053631305,
-    (sysid_real)0.000511514726499075, (sysid_real)0.0004947270140717614, (sysid_real)0.0004652020676343406, (sysid_real)0.00044678789900792835,
-    (sysid_real)0.00041278816713821574, (sysid_real)0.00039157187878811347, (sysid_real)0.0003726311666328848, (sysid_real)0.0003544387727584697,
-    (sysid_real)0.0003078376054030566, (sysid_real)0.00027671553308184903, (sysid_real)0.00023300219708008782, (sysid_real)0.00018535082205580315,
-    (sysid_real)0.00012445067399892526
-};
-static const sysid_domain sysid_pwm_b_fill_bipolynomial_domain = {
-    {(sysid_real)0.02, (sysid_real)0.8999999999999999}, {(sysid_real)105538.83443826473, (sysid_real)311999.4628866854}, 25,
-    sysid_pwm_b_fill_bipolynomial_pressure_pa,
-    sysid_pwm_b_fill_bipolynomial_duty_low,
-    sysid_pwm_b_fill_bipolynomial_duty_high,
-    sysid_pwm_b_fill_bipolynomial_flow_low_kg_s,
-    sysid_pwm_b_fill_bipolynomial_flow_high_kg_s
-};
-static const sysid_bipolynomial sysid_pwm_b_fill_bipolynomial = {
-    {{(sysid_real)0.0002264887374753348, (sysid_real)-0.0003924704327178298, (sysid_real)7.674380666883434e-05},
-     {(sysid_real)0.0003939508677108261, (sysid_real)-0.00015005412683144018, (sysid_real)3.875470768876717e-05},
-     {(sysid_real)-3.191359623626545e-06, (sysid_real)-1.5811840414447278e-05, (sysid_real)-4.696197376343126e-05}},
-    {{(sysid_real)1.0, (sysid_real)0.0, (sysid_real)0.0},
-     {(sysid_real)-1.0454545454545454, (sysid_real)2.272727272727273, (sysid_real)0.0},
-     {(sysid_real)1.1859504132231402, (sysid_real)-9.50413223140496, (sysid_real)10.330578512396697}},
-    (sysid_real)208659.03613224928, (sysid_real)103120.20169398456,
-    {{(sysid_real)0.00018556376781360607, (sysid_real)-9.385644560877998e-10, (sysid_real)-3.661361841251897e-15},
-     {(sysid_real)0.00515340127213774, (sysid_real)-4.379534913940173e-08, (sysid_real)1.0051212095054785e-13},
-     {(sysid_real)-0.0031900213014652945, (sysid_real)3.649454334484006e-08, (sysid_real)-9.124592377693353e-14}},
-    &sysid_pwm_b_fill_bipolynomial_domain
+static const sysid_real sysid_pwm_b_fill_bipolynomial_pressure_scaling[2] = {
+    (sysid_real)208659.03613224928, (sysid_real)103120.20169398456
 };
 
-/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa (3.7.1); flags may be NULL. */
-static inline sysid_real sysid_pwm_b_fill_flow(sysid_real duty, sysid_real pressure_pa, unsigned *flags)
+/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_b_fill_flow(
+    sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
     if (!(isfinite(duty) && isfinite(pressure_pa))) {
         if (flags) {
@@ -1368,100 +1581,35 @@ static inline sysid_real sysid_pwm_b_fill_flow(sysid_real duty, sysid_real press
         }
         return (sysid_real)NAN;
     }
-    return sysid_known_flagged(sysid_bipolynomial_flow(&sysid_pwm_b_fill_bipolynomial, duty, pressure_pa, flags), flags);
-}
-
-/* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
-static inline sysid_real sysid_pwm_b_fill_duty(sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
-{
-    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
-        if (flags) {
-            *flags = SYSID_INVALID;
-        }
-        return 0;
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_b_fill_bipolynomial_pressure_range[0]),
+        sysid_pwm_b_fill_bipolynomial_pressure_range[1]);
+    const sysid_real x1 = -sysid_pwm_b_fill_bipolynomial_pressure_scaling[0] + x0;
+    const sysid_real x2 = (sysid_real)-1.0 +
+        (sysid_real)2.0*sysid_square(x1)/sysid_square(sysid_pwm_b_fill_bipolynomial_pressure_scaling[1]);
+    const sysid_real x3 = x1/sysid_pwm_b_fill_bipolynomial_pressure_scaling[1];
+    const sysid_real x4 = sysid_minimum(sysid_maximum(duty,
+        sysid_pwm_b_fill_bipolynomial_duty_range[0]), sysid_pwm_b_fill_bipolynomial_duty_range[1]);
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | (sysid_interpolate(x0,
+            sysid_pwm_b_fill_bipolynomial_pressure, sysid_pwm_b_fill_bipolynomial_duty_high, 25) +
+            (sysid_real)1e-09 < duty ? SYSID_ABOVE : 0u) | (duty < sysid_interpolate(x0,
+            sysid_pwm_b_fill_bipolynomial_pressure, sysid_pwm_b_fill_bipolynomial_duty_low, 25) +
+            (sysid_real)-1e-09 ? SYSID_BELOW : 0u);
     }
-    return sysid_known_flagged_duty(sysid_bipolynomial_duty(&sysid_pwm_b_fill_bipolynomial, flow_kg_s, pressure_pa, flags), flags);
+    return sysid_known_flagged(sysid_pwm_b_fill_bipolynomial_coefficients[0] +
+        sysid_pwm_b_fill_bipolynomial_coefficients[1]*x3 +
+        sysid_pwm_b_fill_bipolynomial_coefficients[2]*x2 +
+        x4*(sysid_pwm_b_fill_bipolynomial_coefficients[3] +
+        sysid_pwm_b_fill_bipolynomial_coefficients[4]*x3 +
+        sysid_pwm_b_fill_bipolynomial_coefficients[5]*x2 +
+        x4*(sysid_pwm_b_fill_bipolynomial_coefficients[6] +
+        sysid_pwm_b_fill_bipolynomial_coefficients[7]*x3 +
+        sysid_pwm_b_fill_bipolynomial_coefficients[8]*x2)), flags);
 }
 
-static const sysid_real sysid_pwm_b_fill_network_pressure_pa[25] = {
-    (sysid_real)105538.83443826473, (sysid_real)114141.36062361559, (sysid_real)122743.88680896646, (sysid_real)131346.4129943173,
-    (sysid_real)139948.93917966817, (sysid_real)148551.46536501904, (sysid_real)157153.9915503699, (sysid_real)165756.51773572076,
-    (sysid_real)174359.04392107163, (sysid_real)182961.57010642247, (sysid_real)191564.09629177337, (sysid_real)200166.6224771242,
-    (sysid_real)208769.14866247505, (sysid_real)217371.67484782595, (sysid_real)225974.2010331768, (sysid_real)234576.72721852767,
-    (sysid_real)243179.25340387854, (sysid_real)251781.77958922938, (sysid_real)260384.30577458022, (sysid_real)268986.8319599311,
-    (sysid_real)277589.35814528196, (sysid_real)286191.8843306328, (sysid_real)294794.4105159837, (sysid_real)303396.93670133455,
-    (sysid_real)311999.4628866854
-};
-static const sysid_real sysid_pwm_b_fill_network_duty_low[25] = {
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.02, (sysid_real)0.06000000000000001, (sysid_real)0.06000000000000001, (sysid_real)0.1,
-    (sysid_real)0.22000000000000006, (sysid_real)0.2599999999999999, (sysid_real)0.29999999999999993, (sysid_real)0.37999999999999995,
-    (sysid_real)0.37999999999999995, (sysid_real)0.37999999999999995, (sysid_real)0.42, (sysid_real)0.42,
-    (sysid_real)0.42, (sysid_real)0.4600000000000002, (sysid_real)0.4600000000000002, (sysid_real)0.4600000000000002,
-    (sysid_real)0.5, (sysid_real)0.5399999999999997, (sysid_real)0.5399999999999997, (sysid_real)0.6199999999999997,
-    (sysid_real)0.66
-};
-static const sysid_real sysid_pwm_b_fill_network_duty_high[25] = {
-    (sysid_real)0.42, (sysid_real)0.6999999999999997, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999,
-    (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999,
-    (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999,
-    (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999,
-    (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999,
-    (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999, (sysid_real)0.8999999999999999,
-    (sysid_real)0.8999999999999999
-};
-static const sysid_real sysid_pwm_b_fill_network_flow_low_kg_s[25] = {
-    (sysid_real)7.540459674049476e-05, (sysid_real)5.183978526702637e-05, (sysid_real)2.0290030798815416e-05, (sysid_real)1.2253860536427687e-06,
-    (sysid_real)1.2253860536427687e-06, (sysid_real)6.013324165631573e-07, (sysid_real)6.013324165631573e-07, (sysid_real)2.467003542888902e-06,
-    (sysid_real)3.82846648973845e-07, (sysid_real)2.501949468845468e-07, (sysid_real)2.501949468845468e-07, (sysid_real)1.3802877703528539e-05,
-    (sysid_real)6.122658873023425e-06, (sysid_real)6.122658873023425e-06, (sysid_real)1.7025215448535213e-05, (sysid_real)7.687872324302064e-06,
-    (sysid_real)7.687872324302064e-06, (sysid_real)7.962411108829694e-06, (sysid_real)3.1029767090739937e-06, (sysid_real)3.1029767090739937e-06,
-    (sysid_real)4.201355153657115e-06, (sysid_real)1.2751066013439652e-06, (sysid_real)4.1365519547376014e-07, (sysid_real)8.403814134233772e-09,
-    (sysid_real)8.403814134233772e-09
-};
-static const sysid_real sysid_pwm_b_fill_network_flow_high_kg_s[25] = {
-    (sysid_real)0.0005363346907642722, (sysid_real)0.0008521270005267876, (sysid_real)0.0011043495301127247, (sysid_real)0.0011043495301127247,
-    (sysid_real)0.0010969802608662954, (sysid_real)0.00108580619373525, (sysid_real)0.0010783568156478862, (sysid_real)0.0009729501233765467,
-    (sysid_real)0.0007667896416377097, (sysid_real)0.0006293493204784853, (sysid_real)0.000548236661178386, (sysid_real)0.0005188208053631305,
-    (sysid_real)0.000511514726499075, (sysid_real)0.0004947270140717614, (sysid_real)0.0004652020676343406, (sysid_real)0.00044678789900792835,
-    (sysid_real)0.00041278816713821574, (sysid_real)0.00039157187878811347, (sysid_real)0.0003726311666328848, (sysid_real)0.0003544387727584697,
-    (sysid_real)0.0003078376054030566, (sysid_real)0.00027671553308184903, (sysid_real)0.00023300219708008782, (sysid_real)0.00018535082205580315,
-    (sysid_real)0.00012445067399892526
-};
-static const sysid_domain sysid_pwm_b_fill_network_domain = {
-    {(sysid_real)0.02, (sysid_real)0.8999999999999999}, {(sysid_real)105538.83443826473, (sysid_real)311999.4628866854}, 25,
-    sysid_pwm_b_fill_network_pressure_pa,
-    sysid_pwm_b_fill_network_duty_low,
-    sysid_pwm_b_fill_network_duty_high,
-    sysid_pwm_b_fill_network_flow_low_kg_s,
-    sysid_pwm_b_fill_network_flow_high_kg_s
-};
-static const sysid_real sysid_pwm_b_fill_network_w1[20] = {
-    (sysid_real)-0.6304845663612827, (sysid_real)-1.808536055610547, (sysid_real)3.4274348889107595, (sysid_real)17.951609335605635,
-    (sysid_real)0.3737330771655974, (sysid_real)-6.833378762186506, (sysid_real)-2.0201825908185604, (sysid_real)-7.161529650238918,
-    (sysid_real)0.19233053448684923, (sysid_real)-27.540702256682238, (sysid_real)-0.35596585782012713, (sysid_real)-0.3125559262690042,
-    (sysid_real)0.17530188195016075, (sysid_real)-6.12068118568076, (sysid_real)0.5351525139315148, (sysid_real)-0.3201923373223731,
-    (sysid_real)0.06261815260240207, (sysid_real)6.466519163884764, (sysid_real)-1.2208758462603384, (sysid_real)7.3876337037131075
-};
-static const sysid_real sysid_pwm_b_fill_network_b1[10] = {
-    (sysid_real)-1.0379906158509755, (sysid_real)-16.130706365707873, (sysid_real)-2.963442963903213, (sysid_real)4.35661106743212,
-    (sysid_real)-11.326602520173939, (sysid_real)-0.05527699836320029, (sysid_real)-2.4126189659939428, (sysid_real)1.2182585304460092,
-    (sysid_real)2.250672999118026, (sysid_real)5.049482020688875
-};
-static const sysid_real sysid_pwm_b_fill_network_w2[10] = {
-    (sysid_real)0.44400228370514494, (sysid_real)4.841792432016738, (sysid_real)-2.081583201399783, (sysid_real)-0.12580384925502536,
-    (sysid_real)-0.4153975426795375, (sysid_real)-3.5025280828133276, (sysid_real)4.136035422644651, (sysid_real)1.14689153510867,
-    (sysid_real)2.0179079053473266, (sysid_real)0.05808473210669972
-};
-static const sysid_network sysid_pwm_b_fill_network = {
-    10, sysid_pwm_b_fill_network_w1, sysid_pwm_b_fill_network_b1, sysid_pwm_b_fill_network_w2,
-    (sysid_real)4.851551592134436,
-    {(sysid_real)0.0005521987190650476, (sysid_real)0.0005521508110476771}, {(sysid_real)208659.03613224928, (sysid_real)103120.20169398456}, {(sysid_real)0.46, (sysid_real)0.44},
-    &sysid_pwm_b_fill_network_domain
-};
-
-/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa, by the network (3.7.4). */
-static inline sysid_real sysid_pwm_b_fill_network_duty(
+/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_b_fill_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
     if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
@@ -1470,10 +1618,124 @@ static inline sysid_real sysid_pwm_b_fill_network_duty(
         }
         return 0;
     }
-    return sysid_known_flagged_duty(sysid_network_duty(&sysid_pwm_b_fill_network, flow_kg_s, pressure_pa, flags), flags);
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_b_fill_bipolynomial_pressure_range[0]),
+        sysid_pwm_b_fill_bipolynomial_pressure_range[1]);
+    const sysid_real x1 = -sysid_pwm_b_fill_bipolynomial_pressure_scaling[0] + x0;
+    const sysid_real x2 = (sysid_real)-1.0 +
+        (sysid_real)2.0*sysid_square(x1)/sysid_square(sysid_pwm_b_fill_bipolynomial_pressure_scaling[1]);
+    const sysid_real x3 = sysid_pwm_b_fill_bipolynomial_coefficients[8]*x2;
+    const sysid_real x4 = x1/sysid_pwm_b_fill_bipolynomial_pressure_scaling[1];
+    const sysid_real x5 = sysid_pwm_b_fill_bipolynomial_coefficients[7]*x4;
+    const sysid_real x6 = (sysid_real)2.0*sysid_pwm_b_fill_bipolynomial_coefficients[6] +
+        (sysid_real)2.0*x3 + (sysid_real)2.0*x5;
+    const sysid_real x7 = sysid_interpolate(x0, sysid_pwm_b_fill_bipolynomial_pressure,
+        sysid_pwm_b_fill_bipolynomial_duty_low, 25);
+    const sysid_real x8 = sysid_pwm_b_fill_bipolynomial_coefficients[3] +
+        sysid_pwm_b_fill_bipolynomial_coefficients[4]*x4 +
+        sysid_pwm_b_fill_bipolynomial_coefficients[5]*x2;
+    const sysid_real x9 = x6*x7 + x8;
+    const sysid_real x10 = sysid_interpolate(x0, sysid_pwm_b_fill_bipolynomial_pressure,
+        sysid_pwm_b_fill_bipolynomial_duty_high, 25);
+    const sysid_real x11 = x10*x6 + x8;
+    const int x12 = ((x9 <= (sysid_real)0.0) && (x11 <= (sysid_real)0.0)) && ((x9 <
+        (sysid_real)0.0) || (x11 < (sysid_real)0.0));
+    const sysid_real x13 = sysid_pwm_b_fill_bipolynomial_coefficients[6] + x3 + x5;
+    const int x14 = x13 != (sysid_real)0.0;
+    const sysid_real x15 = x12 ? -x10 : x7;
+    const sysid_real x16 = x12 ? -x8 : x8;
+    const sysid_real x17 = ((sysid_real)0.5)/(x14 ? x13 : (sysid_real)1.0);
+    const sysid_real x18 = -x16*x17;
+    const sysid_real x19 = x12 ? -x7 : x10;
+    const int x20 = (x14 && (x15 < x18)) && (x18 < x19);
+    const int x21 = (sysid_real)0.0 < x13;
+    const sysid_real x22 = (x20 && x21) ? x18 : x15;
+    const sysid_real x23 = sysid_pwm_b_fill_bipolynomial_coefficients[2]*x2;
+    const sysid_real x24 = sysid_pwm_b_fill_bipolynomial_coefficients[1]*x4;
+    const sysid_real x25 = sysid_pwm_b_fill_bipolynomial_coefficients[0] + x23 + x24;
+    const int x26 = flow_kg_s < x22*(x13*x22 + x16) + x25;
+    const int x27 = x13 < (sysid_real)0.0;
+    const sysid_real x28 = (x20 && x27) ? x18 : x19;
+    const int x29 = x25 + x28*(x13*x28 + x16) < flow_kg_s;
+    const sysid_real x30 = sysid_sqrt(sysid_maximum(sysid_square(x16) - (-flow_kg_s +
+        x25)*((sysid_real)4.0*sysid_pwm_b_fill_bipolynomial_coefficients[6] + (sysid_real)4.0*x3 +
+        (sysid_real)4.0*x5), (sysid_real)0.0));
+    const sysid_real x31 = x16 + x30;
+    const int x32 = x31 != (sysid_real)0.0;
+    const sysid_real x33 = x26 ? x22 : (x29 ? x28 : sysid_minimum(sysid_maximum(((sysid_real)0.0
+        <= x16) ? (x32 ? ((sysid_real)2.0*flow_kg_s -
+        (sysid_real)2.0*sysid_pwm_b_fill_bipolynomial_coefficients[0] - (sysid_real)2.0*x23 -
+        (sysid_real)2.0*x24)/(x32 ? x31 : (sysid_real)1.0) : x22) : x17*(-x16 + x30), x22), x28));
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | (x26 ? SYSID_BELOW : 0u) | (x29 ?
+            SYSID_ABOVE : 0u) | (x20 && ((x26 && x21) || (x29 && x27)) ? SYSID_NO_ROOT : 0u) | (x12
+            || ((x13 == (sysid_real)0.0) && (x16 == (sysid_real)0.0)) ? SYSID_DECREASING : 0u);
+    }
+    return sysid_known_flagged_duty(x12 ? -x33 : x33, flags);
 }
 
-/* Mean flow, kg/s, that the network maps to this duty: its forward map. */
+static const sysid_real sysid_pwm_b_fill_network_duty_range[2] = {
+    (sysid_real)0.02, (sysid_real)0.8999999999999999
+};
+static const sysid_real sysid_pwm_b_fill_network_pressure_range[2] = {
+    (sysid_real)105538.83443826473, (sysid_real)311999.4628866854
+};
+static const sysid_real sysid_pwm_b_fill_network_pressure[25] = {
+    (sysid_real)105538.83443826473, (sysid_real)114141.36062361559, (sysid_real)122743.88680896646, (sysid_real)131346.4129943173,
+    (sysid_real)139948.93917966817, (sysid_real)148551.46536501904, (sysid_real)157153.9915503699, (sysid_real)165756.51773572076,
+    (sysid_real)174359.04392107163, (sysid_real)182961.57010642247, (sysid_real)191564.09629177337, (sysid_real)200166.6224771242,
+    (sysid_real)208769.14866247505, (sysid_real)217371.67484782595, (sysid_real)225974.2010331768, (sysid_real)234576.72721852767,
+    (sysid_real)243179.25340387854, (sysid_real)251781.77958922938, (sysid_real)260384.30577458022, (sysid_real)268986.8319599311,
+    (sysid_real)277589.35814528196, (sysid_real)286191.8843306328, (sysid_real)294794.4105159837, (sysid_real)303396.93670133455,
+    (sysid_real)311999.4628866854
+};
+static const sysid_real sysid_pwm_b_fill_network_flow_low[25] = {
+    (sysid_real)7.540459674049476e-05, (sysid_real)5.183978526702637e-05, (sysid_real)2.0290030798815416e-05, (sysid_real)1.2253860536427687e-06,
+    (sysid_real)1.2253860536427687e-06, (sysid_real)6.013324165631573e-07, (sysid_real)6.013324165631573e-07, (sysid_real)2.467003542888902e-06,
+    (sysid_real)3.82846648973845e-07, (sysid_real)2.501949468845468e-07, (sysid_real)2.501949468845468e-07, (sysid_real)1.3802877703528539e-05,
+    (sysid_real)6.122658873023425e-06, (sysid_real)6.122658873023425e-06, (sysid_real)1.7025215448535213e-05, (sysid_real)7.687872324302064e-06,
+    (sysid_real)7.687872324302064e-06, (sysid_real)7.962411108829694e-06, (sysid_real)3.1029767090739937e-06, (sysid_real)3.1029767090739937e-06,
+    (sysid_real)4.201355153657115e-06, (sysid_real)1.2751066013439652e-06, (sysid_real)4.1365519547376014e-07, (sysid_real)8.403814134233772e-09,
+    (sysid_real)8.403814134233772e-09
+};
+static const sysid_real sysid_pwm_b_fill_network_flow_high[25] = {
+    (sysid_real)0.0005363346907642722, (sysid_real)0.0008521270005267876, (sysid_real)0.0011043495301127247, (sysid_real)0.0011043495301127247,
+    (sysid_real)0.0010969802608662954, (sysid_real)0.00108580619373525, (sysid_real)0.0010783568156478862, (sysid_real)0.0009729501233765467,
+    (sysid_real)0.0007667896416377097, (sysid_real)0.0006293493204784853, (sysid_real)0.000548236661178386, (sysid_real)0.0005188208053631305,
+    (sysid_real)0.000511514726499075, (sysid_real)0.0004947270140717614, (sysid_real)0.0004652020676343406, (sysid_real)0.00044678789900792835,
+    (sysid_real)0.00041278816713821574, (sysid_real)0.00039157187878811347, (sysid_real)0.0003726311666328848, (sysid_real)0.0003544387727584697,
+    (sysid_real)0.0003078376054030566, (sysid_real)0.00027671553308184903, (sysid_real)0.00023300219708008782, (sysid_real)0.00018535082205580315,
+    (sysid_real)0.00012445067399892526
+};
+static const sysid_real sysid_pwm_b_fill_network_flow_weights[10] = {
+    (sysid_real)-0.6304845663612827, (sysid_real)3.4274348889107595, (sysid_real)0.3737330771655974, (sysid_real)-2.0201825908185604,
+    (sysid_real)0.19233053448684923, (sysid_real)-0.35596585782012713, (sysid_real)0.17530188195016075, (sysid_real)0.5351525139315148,
+    (sysid_real)0.06261815260240207, (sysid_real)-1.2208758462603384
+};
+static const sysid_real sysid_pwm_b_fill_network_pressure_weights[10] = {
+    (sysid_real)-1.808536055610547, (sysid_real)17.951609335605635, (sysid_real)-6.833378762186506, (sysid_real)-7.161529650238918,
+    (sysid_real)-27.540702256682238, (sysid_real)-0.3125559262690042, (sysid_real)-6.12068118568076, (sysid_real)-0.3201923373223731,
+    (sysid_real)6.466519163884764, (sysid_real)7.3876337037131075
+};
+static const sysid_real sysid_pwm_b_fill_network_hidden_bias[10] = {
+    (sysid_real)-1.0379906158509755, (sysid_real)-16.130706365707873, (sysid_real)-2.963442963903213, (sysid_real)4.35661106743212,
+    (sysid_real)-11.326602520173939, (sysid_real)-0.05527699836320029, (sysid_real)-2.4126189659939428, (sysid_real)1.2182585304460092,
+    (sysid_real)2.250672999118026, (sysid_real)5.049482020688875
+};
+static const sysid_real sysid_pwm_b_fill_network_output_weights[10] = {
+    (sysid_real)0.44400228370514494, (sysid_real)4.841792432016738, (sysid_real)-2.081583201399783, (sysid_real)-0.12580384925502536,
+    (sysid_real)-0.4153975426795375, (sysid_real)-3.5025280828133276, (sysid_real)4.136035422644651, (sysid_real)1.14689153510867,
+    (sysid_real)2.0179079053473266, (sysid_real)0.05808473210669972
+};
+static const sysid_real sysid_pwm_b_fill_network_output_bias[1] = {
+    (sysid_real)4.851551592134436
+};
+static const sysid_real sysid_pwm_b_fill_network_scaling[6] = {
+    (sysid_real)0.0005521987190650476, (sysid_real)0.0005521508110476771, (sysid_real)208659.03613224928, (sysid_real)103120.20169398456,
+    (sysid_real)0.46, (sysid_real)0.44
+};
+
+/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa; flags may be NULL. */
 static inline sysid_real sysid_pwm_b_fill_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
@@ -1483,10 +1745,261 @@ static inline sysid_real sysid_pwm_b_fill_network_flow(
         }
         return (sysid_real)NAN;
     }
-    return sysid_known_flagged(sysid_network_flow(&sysid_pwm_b_fill_network, duty, pressure_pa, flags), flags);
+    const sysid_real x0 = sysid_minimum(sysid_maximum(duty,
+        sysid_pwm_b_fill_network_duty_range[0]), sysid_pwm_b_fill_network_duty_range[1]);
+    const sysid_real x1 = (sysid_real)1.0/sysid_pwm_b_fill_network_scaling[1];
+    const sysid_real x2 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_b_fill_network_pressure_range[0]), sysid_pwm_b_fill_network_pressure_range[1]);
+    const sysid_real x3 = sysid_interpolate(x2, sysid_pwm_b_fill_network_pressure,
+        sysid_pwm_b_fill_network_flow_low, 25);
+    const sysid_real x4 = -x3;
+    const sysid_real x5 = x1*(-sysid_pwm_b_fill_network_scaling[0] - x4);
+    const sysid_real x6 = (-sysid_pwm_b_fill_network_scaling[2] +
+        x2)/sysid_pwm_b_fill_network_scaling[3];
+    const sysid_real x7 = sysid_pwm_b_fill_network_hidden_bias[0] +
+        sysid_pwm_b_fill_network_pressure_weights[0]*x6;
+    const sysid_real x8 = sysid_pwm_b_fill_network_hidden_bias[1] +
+        sysid_pwm_b_fill_network_pressure_weights[1]*x6;
+    const sysid_real x9 = sysid_pwm_b_fill_network_hidden_bias[2] +
+        sysid_pwm_b_fill_network_pressure_weights[2]*x6;
+    const sysid_real x10 = sysid_pwm_b_fill_network_hidden_bias[3] +
+        sysid_pwm_b_fill_network_pressure_weights[3]*x6;
+    const sysid_real x11 = sysid_pwm_b_fill_network_hidden_bias[4] +
+        sysid_pwm_b_fill_network_pressure_weights[4]*x6;
+    const sysid_real x12 = sysid_pwm_b_fill_network_hidden_bias[5] +
+        sysid_pwm_b_fill_network_pressure_weights[5]*x6;
+    const sysid_real x13 = sysid_pwm_b_fill_network_hidden_bias[6] +
+        sysid_pwm_b_fill_network_pressure_weights[6]*x6;
+    const sysid_real x14 = sysid_pwm_b_fill_network_hidden_bias[7] +
+        sysid_pwm_b_fill_network_pressure_weights[7]*x6;
+    const sysid_real x15 = sysid_pwm_b_fill_network_hidden_bias[8] +
+        sysid_pwm_b_fill_network_pressure_weights[8]*x6;
+    const sysid_real x16 = sysid_pwm_b_fill_network_hidden_bias[9] +
+        sysid_pwm_b_fill_network_pressure_weights[9]*x6;
+    const sysid_real x17 = sysid_pwm_b_fill_network_scaling[4] +
+        sysid_pwm_b_fill_network_scaling[5]*(sysid_pwm_b_fill_network_output_bias[0] +
+        sysid_pwm_b_fill_network_output_weights[0]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[0]*x5
+        + x7) +
+        sysid_pwm_b_fill_network_output_weights[1]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[1]*x5
+        + x8) +
+        sysid_pwm_b_fill_network_output_weights[2]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[2]*x5
+        + x9) +
+        sysid_pwm_b_fill_network_output_weights[3]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[3]*x5
+        + x10) +
+        sysid_pwm_b_fill_network_output_weights[4]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[4]*x5
+        + x11) +
+        sysid_pwm_b_fill_network_output_weights[5]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[5]*x5
+        + x12) +
+        sysid_pwm_b_fill_network_output_weights[6]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[6]*x5
+        + x13) +
+        sysid_pwm_b_fill_network_output_weights[7]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[7]*x5
+        + x14) +
+        sysid_pwm_b_fill_network_output_weights[8]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[8]*x5
+        + x15) +
+        sysid_pwm_b_fill_network_output_weights[9]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[9]*x5
+        + x16));
+    const int x18 = x0 <= x17;
+    const sysid_real x19 = -sysid_pwm_b_fill_network_scaling[0];
+    const sysid_real x20 = sysid_interpolate(x2, sysid_pwm_b_fill_network_pressure,
+        sysid_pwm_b_fill_network_flow_high, 25);
+    const sysid_real x21 = x20 + x4;
+    const sysid_real x46 = (sysid_real)1.0/x21;
+    sysid_real s0_0, s0_1, s0_2, s0_3;
+    int ik0;
+    {
+        s0_0 = x18 ? (sysid_real)1.0 : (sysid_real)0.0;
+        s0_1 = x3;
+        s0_2 = x3;
+        s0_3 = x17;
+    }
+    for (ik0 = 0; ik0 < 32; ik0++) {
+        const sysid_real k0 = (sysid_real)ik0;
+        const sysid_real x22 = x21*(((sysid_real)0.03125)*k0 + (sysid_real)0.03125) + x3;
+        const sysid_real x23 = x1*(x19 + x22);
+        const sysid_real x24 = sysid_pwm_b_fill_network_scaling[4] +
+            sysid_pwm_b_fill_network_scaling[5]*(sysid_pwm_b_fill_network_output_bias[0] +
+            sysid_pwm_b_fill_network_output_weights[0]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[0]*x23
+            + x7) +
+            sysid_pwm_b_fill_network_output_weights[1]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[1]*x23
+            + x8) +
+            sysid_pwm_b_fill_network_output_weights[2]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[2]*x23
+            + x9) +
+            sysid_pwm_b_fill_network_output_weights[3]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[3]*x23
+            + x10) +
+            sysid_pwm_b_fill_network_output_weights[4]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[4]*x23
+            + x11) +
+            sysid_pwm_b_fill_network_output_weights[5]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[5]*x23
+            + x12) +
+            sysid_pwm_b_fill_network_output_weights[6]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[6]*x23
+            + x13) +
+            sysid_pwm_b_fill_network_output_weights[7]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[7]*x23
+            + x14) +
+            sysid_pwm_b_fill_network_output_weights[8]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[8]*x23
+            + x15) +
+            sysid_pwm_b_fill_network_output_weights[9]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[9]*x23
+            + x16));
+        const sysid_real x25 = (x0 <= x24) ? (sysid_real)1.0 : s0_0;
+        const int x26 = s0_3 < x24;
+        const sysid_real y0 = x25;
+        const sysid_real y1 = ((sysid_real)0.0 < x25) ? s0_1 : x22;
+        const sysid_real y2 = x26 ? x22 : s0_2;
+        const sysid_real y3 = x26 ? x24 : s0_3;
+        s0_0 = y0;
+        s0_1 = y1;
+        s0_2 = y2;
+        s0_3 = y3;
+    }
+    sysid_real s1_0, s1_1, s1_2, s1_3;
+    int ik1;
+    {
+        s1_0 = s0_1;
+        s1_1 = s0_1 + ((sysid_real)0.03125)*x20 - (sysid_real)0.03125*x3;
+        s1_2 = (sysid_real)1.0*s0_1 + (sysid_real)0.015625*x20 - (sysid_real)0.015625*x3;
+        s1_3 = (sysid_real)1.0;
+    }
+    for (ik1 = 0; ik1 < 60; ik1++) {
+        if (!((sysid_real)2.220446049250313e-16 < s1_3)) {
+            break;
+        }
+        const sysid_real x27 = x1*(s1_2 + x19);
+        const sysid_real x28 = sysid_tanh(sysid_pwm_b_fill_network_flow_weights[0]*x27 + x7);
+        const sysid_real x29 = sysid_tanh(sysid_pwm_b_fill_network_flow_weights[1]*x27 + x8);
+        const sysid_real x30 = sysid_tanh(sysid_pwm_b_fill_network_flow_weights[2]*x27 + x9);
+        const sysid_real x31 = sysid_tanh(sysid_pwm_b_fill_network_flow_weights[3]*x27 + x10);
+        const sysid_real x32 = sysid_tanh(sysid_pwm_b_fill_network_flow_weights[4]*x27 + x11);
+        const sysid_real x33 = sysid_tanh(sysid_pwm_b_fill_network_flow_weights[5]*x27 + x12);
+        const sysid_real x34 = sysid_tanh(sysid_pwm_b_fill_network_flow_weights[6]*x27 + x13);
+        const sysid_real x35 = sysid_tanh(sysid_pwm_b_fill_network_flow_weights[7]*x27 + x14);
+        const sysid_real x36 = sysid_tanh(sysid_pwm_b_fill_network_flow_weights[8]*x27 + x15);
+        const sysid_real x37 = sysid_tanh(sysid_pwm_b_fill_network_flow_weights[9]*x27 + x16);
+        const sysid_real x38 = sysid_pwm_b_fill_network_scaling[4] +
+            sysid_pwm_b_fill_network_scaling[5]*(sysid_pwm_b_fill_network_output_bias[0] +
+            sysid_pwm_b_fill_network_output_weights[0]*x28 +
+            sysid_pwm_b_fill_network_output_weights[1]*x29 +
+            sysid_pwm_b_fill_network_output_weights[2]*x30 +
+            sysid_pwm_b_fill_network_output_weights[3]*x31 +
+            sysid_pwm_b_fill_network_output_weights[4]*x32 +
+            sysid_pwm_b_fill_network_output_weights[5]*x33 +
+            sysid_pwm_b_fill_network_output_weights[6]*x34 +
+            sysid_pwm_b_fill_network_output_weights[7]*x35 +
+            sysid_pwm_b_fill_network_output_weights[8]*x36 +
+            sysid_pwm_b_fill_network_output_weights[9]*x37);
+        const int x39 = x0 <= x38;
+        const sysid_real x40 = x39 ? s1_0 : s1_2;
+        const sysid_real x41 = x39 ? s1_2 : s1_1;
+        const sysid_real x42 =
+            sysid_pwm_b_fill_network_scaling[5]*x1*(sysid_pwm_b_fill_network_flow_weights[0]*sysid_pwm_b_fill_network_output_weights[0]*((sysid_real)1.0
+            - sysid_square(x28)) +
+            sysid_pwm_b_fill_network_flow_weights[1]*sysid_pwm_b_fill_network_output_weights[1]*((sysid_real)1.0
+            - sysid_square(x29)) +
+            sysid_pwm_b_fill_network_flow_weights[2]*sysid_pwm_b_fill_network_output_weights[2]*((sysid_real)1.0
+            - sysid_square(x30)) +
+            sysid_pwm_b_fill_network_flow_weights[3]*sysid_pwm_b_fill_network_output_weights[3]*((sysid_real)1.0
+            - sysid_square(x31)) +
+            sysid_pwm_b_fill_network_flow_weights[4]*sysid_pwm_b_fill_network_output_weights[4]*((sysid_real)1.0
+            - sysid_square(x32)) +
+            sysid_pwm_b_fill_network_flow_weights[5]*sysid_pwm_b_fill_network_output_weights[5]*((sysid_real)1.0
+            - sysid_square(x33)) +
+            sysid_pwm_b_fill_network_flow_weights[6]*sysid_pwm_b_fill_network_output_weights[6]*((sysid_real)1.0
+            - sysid_square(x34)) +
+            sysid_pwm_b_fill_network_flow_weights[7]*sysid_pwm_b_fill_network_output_weights[7]*((sysid_real)1.0
+            - sysid_square(x35)) +
+            sysid_pwm_b_fill_network_flow_weights[8]*sysid_pwm_b_fill_network_output_weights[8]*((sysid_real)1.0
+            - sysid_square(x36)) +
+            sysid_pwm_b_fill_network_flow_weights[9]*sysid_pwm_b_fill_network_output_weights[9]*((sysid_real)1.0
+            - sysid_square(x37)));
+        const sysid_real x43 = s1_2 - (-x0 + x38)/((x42 == (sysid_real)0.0) ? (sysid_real)1.0 :
+            x42);
+        const int x44 = (x40 <= x43) && (x43 <= x41);
+        const sysid_real x45 = x44 ? x43 : (sysid_real)0.5*x40 + (sysid_real)0.5*x41;
+        const sysid_real y0 = x40;
+        const sysid_real y1 = x41;
+        const sysid_real y2 = x45;
+        const sysid_real y3 = x44 ? (sysid_real)0.000244140625*x46*sysid_fabs(-s1_2 + x45) :
+            x46*(-x40 + x41);
+        s1_0 = y0;
+        s1_1 = y1;
+        s1_2 = y2;
+        s1_3 = y3;
+    }
+    const int x47 = (sysid_real)0.0 < s0_0;
+    if (flags) {
+        *flags = (x2 != pressure_pa ? SYSID_PRESSURE : 0u) |
+            ((sysid_pwm_b_fill_network_duty_range[1] + (sysid_real)1e-09 < duty) || !x47 ?
+            SYSID_ABOVE : 0u) | ((duty < sysid_pwm_b_fill_network_duty_range[0] +
+            (sysid_real)-1e-09) || (x0 < x17) ? SYSID_BELOW : 0u);
+    }
+    return sysid_known_flagged(x18 ? x3 : (x47 ? s1_2 : s0_2), flags);
 }
 
-static const sysid_real sysid_pwm_b_discharge_bipolynomial_pressure_pa[25] = {
+/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_b_fill_network_duty(
+    sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
+{
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_b_fill_network_pressure_range[0]), sysid_pwm_b_fill_network_pressure_range[1]);
+    const sysid_real x1 = sysid_interpolate(x0, sysid_pwm_b_fill_network_pressure,
+        sysid_pwm_b_fill_network_flow_low, 25);
+    const sysid_real x2 = sysid_interpolate(x0, sysid_pwm_b_fill_network_pressure,
+        sysid_pwm_b_fill_network_flow_high, 25);
+    const sysid_real x3 = (-sysid_pwm_b_fill_network_scaling[0] +
+        sysid_minimum(sysid_maximum(flow_kg_s, x1), x2))/sysid_pwm_b_fill_network_scaling[1];
+    const sysid_real x4 = (-sysid_pwm_b_fill_network_scaling[2] +
+        x0)/sysid_pwm_b_fill_network_scaling[3];
+    const sysid_real x5 = sysid_pwm_b_fill_network_scaling[4] +
+        sysid_pwm_b_fill_network_scaling[5]*(sysid_pwm_b_fill_network_output_bias[0] +
+        sysid_pwm_b_fill_network_output_weights[0]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[0]*x3
+        + sysid_pwm_b_fill_network_hidden_bias[0] + sysid_pwm_b_fill_network_pressure_weights[0]*x4)
+        +
+        sysid_pwm_b_fill_network_output_weights[1]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[1]*x3
+        + sysid_pwm_b_fill_network_hidden_bias[1] + sysid_pwm_b_fill_network_pressure_weights[1]*x4)
+        +
+        sysid_pwm_b_fill_network_output_weights[2]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[2]*x3
+        + sysid_pwm_b_fill_network_hidden_bias[2] + sysid_pwm_b_fill_network_pressure_weights[2]*x4)
+        +
+        sysid_pwm_b_fill_network_output_weights[3]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[3]*x3
+        + sysid_pwm_b_fill_network_hidden_bias[3] + sysid_pwm_b_fill_network_pressure_weights[3]*x4)
+        +
+        sysid_pwm_b_fill_network_output_weights[4]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[4]*x3
+        + sysid_pwm_b_fill_network_hidden_bias[4] + sysid_pwm_b_fill_network_pressure_weights[4]*x4)
+        +
+        sysid_pwm_b_fill_network_output_weights[5]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[5]*x3
+        + sysid_pwm_b_fill_network_hidden_bias[5] + sysid_pwm_b_fill_network_pressure_weights[5]*x4)
+        +
+        sysid_pwm_b_fill_network_output_weights[6]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[6]*x3
+        + sysid_pwm_b_fill_network_hidden_bias[6] + sysid_pwm_b_fill_network_pressure_weights[6]*x4)
+        +
+        sysid_pwm_b_fill_network_output_weights[7]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[7]*x3
+        + sysid_pwm_b_fill_network_hidden_bias[7] + sysid_pwm_b_fill_network_pressure_weights[7]*x4)
+        +
+        sysid_pwm_b_fill_network_output_weights[8]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[8]*x3
+        + sysid_pwm_b_fill_network_hidden_bias[8] + sysid_pwm_b_fill_network_pressure_weights[8]*x4)
+        +
+        sysid_pwm_b_fill_network_output_weights[9]*sysid_tanh(sysid_pwm_b_fill_network_flow_weights[9]*x3
+        + sysid_pwm_b_fill_network_hidden_bias[9] +
+        sysid_pwm_b_fill_network_pressure_weights[9]*x4));
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | ((x2 < flow_kg_s) ||
+            (sysid_pwm_b_fill_network_duty_range[1] < x5) ? SYSID_ABOVE : 0u) | ((flow_kg_s < x1) ||
+            (x5 < sysid_pwm_b_fill_network_duty_range[0]) ? SYSID_BELOW : 0u);
+    }
+    return sysid_known_flagged_duty(sysid_minimum(sysid_maximum(x5, sysid_pwm_b_fill_network_duty_range[0]),
+        sysid_pwm_b_fill_network_duty_range[1]), flags);
+}
+
+static const sysid_real sysid_pwm_b_discharge_bipolynomial_duty_range[2] = {
+    (sysid_real)0.02, (sysid_real)0.7400000000000001
+};
+static const sysid_real sysid_pwm_b_discharge_bipolynomial_pressure_range[2] = {
+    (sysid_real)135896.6743122265, (sysid_real)309250.49169166014
+};
+static const sysid_real sysid_pwm_b_discharge_bipolynomial_pressure[25] = {
     (sysid_real)135896.6743122265, (sysid_real)143119.75003636957, (sysid_real)150342.82576051264, (sysid_real)157565.9014846557,
     (sysid_real)164788.97720879878, (sysid_real)172012.05293294185, (sysid_real)179235.12865708492, (sysid_real)186458.204381228,
     (sysid_real)193681.28010537106, (sysid_real)200904.35582951413, (sysid_real)208127.43155365717, (sysid_real)215350.50727780024,
@@ -1513,48 +2026,18 @@ static const sysid_real sysid_pwm_b_discharge_bipolynomial_duty_high[25] = {
     (sysid_real)0.54, (sysid_real)0.58, (sysid_real)0.62, (sysid_real)0.7400000000000001,
     (sysid_real)0.7400000000000001
 };
-static const sysid_real sysid_pwm_b_discharge_bipolynomial_flow_low_kg_s[25] = {
-    (sysid_real)-2.2999761971492455e-05, (sysid_real)-4.121670050799171e-05, (sysid_real)-6.878070750047493e-05, (sysid_real)-0.00011081013707045007,
-    (sysid_real)-0.00016598484149064395, (sysid_real)-0.0001990088357980812, (sysid_real)-0.00024018669706845318, (sysid_real)-0.0002753415467299822,
-    (sysid_real)-0.00031960684046773865, (sysid_real)-0.00031960684046773865, (sysid_real)-0.0003195225681017383, (sysid_real)-0.00032076225490862474,
-    (sysid_real)-0.0003242012186993891, (sysid_real)-0.00032649386122656534, (sysid_real)-0.00032997052436935313, (sysid_real)-0.00033345765481862993,
-    (sysid_real)-0.0003357809915829624, (sysid_real)-0.00033922971385587694, (sysid_real)-0.0003426784361287914, (sysid_real)-0.00034501145789222364,
-    (sysid_real)-0.0003486060356154051, (sysid_real)-0.00035220061333858657, (sysid_real)-0.0003533988059129804, (sysid_real)-0.0003533988059129804,
-    (sysid_real)-0.00026580251497824564
+static const sysid_real sysid_pwm_b_discharge_bipolynomial_coefficients[9] = {
+    (sysid_real)-0.00024848310694471613, (sysid_real)-0.00015887331227227577, (sysid_real)0.00010526306122583782, (sysid_real)0.0007992122748023275,
+    (sysid_real)-0.0002551710485230962, (sysid_real)-0.0002394896703559503, (sysid_real)-0.0007443811583109569, (sysid_real)0.0012676177937613444,
+    (sysid_real)-0.00038486329855064703
 };
-static const sysid_real sysid_pwm_b_discharge_bipolynomial_flow_high_kg_s[25] = {
-    (sysid_real)-4.764869341547063e-06, (sysid_real)-4.764869341547063e-06, (sysid_real)-1.4788992186970294e-06, (sysid_real)-7.709251780510722e-08,
-    (sysid_real)-7.709251780510722e-08, (sysid_real)-1.0410301378310408e-06, (sysid_real)-1.1373710044856791e-06, (sysid_real)-1.1373710044856791e-06,
-    (sysid_real)-4.015243037550183e-06, (sysid_real)-1.565813914263326e-05, (sysid_real)-1.830584270566519e-05, (sysid_real)-2.7213579360986905e-05,
-    (sysid_real)-6.169994205084258e-06, (sysid_real)-6.169994205084258e-06, (sysid_real)-1.659266299946658e-05, (sysid_real)-6.050256846402628e-06,
-    (sysid_real)-6.050256846402628e-06, (sysid_real)-3.0712459562239146e-06, (sysid_real)-3.0712459562239146e-06, (sysid_real)-3.6966737735542142e-06,
-    (sysid_real)-6.72451185954192e-07, (sysid_real)-6.142713992077936e-07, (sysid_real)-2.5480834875775057e-07, (sysid_real)-1.4003964768040957e-08,
-    (sysid_real)-1.4003964768040957e-08
-};
-static const sysid_domain sysid_pwm_b_discharge_bipolynomial_domain = {
-    {(sysid_real)0.02, (sysid_real)0.7400000000000001}, {(sysid_real)135896.6743122265, (sysid_real)309250.49169166014}, 25,
-    sysid_pwm_b_discharge_bipolynomial_pressure_pa,
-    sysid_pwm_b_discharge_bipolynomial_duty_low,
-    sysid_pwm_b_discharge_bipolynomial_duty_high,
-    sysid_pwm_b_discharge_bipolynomial_flow_low_kg_s,
-    sysid_pwm_b_discharge_bipolynomial_flow_high_kg_s
-};
-static const sysid_bipolynomial sysid_pwm_b_discharge_bipolynomial = {
-    {{(sysid_real)-0.00010050698083848566, (sysid_real)9.347331743820828e-06, (sysid_real)-6.625641556621874e-05},
-     {(sysid_real)8.40537340149588e-05, (sysid_real)0.00025495865090478917, (sysid_real)-0.00019151487981159922},
-     {(sysid_real)-4.823589905855005e-05, (sysid_real)8.214163303573513e-05, (sysid_real)-2.4939141746081936e-05}},
-    {{(sysid_real)1.0, (sysid_real)0.0, (sysid_real)0.0},
-     {(sysid_real)-1.0555555555555556, (sysid_real)2.7777777777777772, (sysid_real)0.0},
-     {(sysid_real)1.2283950617283952, (sysid_real)-11.728395061728394, (sysid_real)15.432098765432093}},
-    (sysid_real)222883.0455618224, (sysid_real)86065.55360999223,
-    {{(sysid_real)0.0014695778578893825, (sysid_real)-1.4515305652388284e-08, (sysid_real)2.8421517229714622e-14},
-     {(sysid_real)-0.0015127548596210703, (sysid_real)2.5859873440881487e-08, (sysid_real)-6.466332741128335e-14},
-     {(sysid_real)-0.008804418478236691, (sysid_real)6.105024692249294e-08, (sysid_real)-1.0391488470370535e-13}},
-    &sysid_pwm_b_discharge_bipolynomial_domain
+static const sysid_real sysid_pwm_b_discharge_bipolynomial_pressure_scaling[2] = {
+    (sysid_real)222883.0455618224, (sysid_real)86065.55360999223
 };
 
-/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa (3.7.1); flags may be NULL. */
-static inline sysid_real sysid_pwm_b_discharge_flow(sysid_real duty, sysid_real pressure_pa, unsigned *flags)
+/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_b_discharge_flow(
+    sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
     if (!(isfinite(duty) && isfinite(pressure_pa))) {
         if (flags) {
@@ -1562,100 +2045,38 @@ static inline sysid_real sysid_pwm_b_discharge_flow(sysid_real duty, sysid_real 
         }
         return (sysid_real)NAN;
     }
-    return sysid_known_flagged(sysid_bipolynomial_flow(&sysid_pwm_b_discharge_bipolynomial, duty, pressure_pa, flags), flags);
-}
-
-/* Its inverse: duty for a wanted mean flow, kg/s, at a chamber pressure, Pa (3.7.3). */
-static inline sysid_real sysid_pwm_b_discharge_duty(sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
-{
-    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
-        if (flags) {
-            *flags = SYSID_INVALID;
-        }
-        return 0;
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_b_discharge_bipolynomial_pressure_range[0]),
+        sysid_pwm_b_discharge_bipolynomial_pressure_range[1]);
+    const sysid_real x1 = -sysid_pwm_b_discharge_bipolynomial_pressure_scaling[0] + x0;
+    const sysid_real x2 = (sysid_real)-1.0 +
+        (sysid_real)2.0*sysid_square(x1)/sysid_square(sysid_pwm_b_discharge_bipolynomial_pressure_scaling[1]);
+    const sysid_real x3 = x1/sysid_pwm_b_discharge_bipolynomial_pressure_scaling[1];
+    const sysid_real x4 = sysid_minimum(sysid_maximum(duty,
+        sysid_pwm_b_discharge_bipolynomial_duty_range[0]),
+        sysid_pwm_b_discharge_bipolynomial_duty_range[1]);
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | (sysid_interpolate(x0,
+            sysid_pwm_b_discharge_bipolynomial_pressure,
+            sysid_pwm_b_discharge_bipolynomial_duty_high, 25) + (sysid_real)1e-09 < duty ?
+            SYSID_ABOVE : 0u) | (duty < sysid_interpolate(x0,
+            sysid_pwm_b_discharge_bipolynomial_pressure,
+            sysid_pwm_b_discharge_bipolynomial_duty_low, 25) + (sysid_real)-1e-09 ? SYSID_BELOW :
+            0u);
     }
-    return sysid_known_flagged_duty(sysid_bipolynomial_duty(&sysid_pwm_b_discharge_bipolynomial, flow_kg_s, pressure_pa, flags), flags);
+    return sysid_known_flagged(sysid_pwm_b_discharge_bipolynomial_coefficients[0] +
+        sysid_pwm_b_discharge_bipolynomial_coefficients[1]*x3 +
+        sysid_pwm_b_discharge_bipolynomial_coefficients[2]*x2 +
+        x4*(sysid_pwm_b_discharge_bipolynomial_coefficients[3] +
+        sysid_pwm_b_discharge_bipolynomial_coefficients[4]*x3 +
+        sysid_pwm_b_discharge_bipolynomial_coefficients[5]*x2 +
+        x4*(sysid_pwm_b_discharge_bipolynomial_coefficients[6] +
+        sysid_pwm_b_discharge_bipolynomial_coefficients[7]*x3 +
+        sysid_pwm_b_discharge_bipolynomial_coefficients[8]*x2)), flags);
 }
 
-static const sysid_real sysid_pwm_b_discharge_network_pressure_pa[25] = {
-    (sysid_real)135896.6743122265, (sysid_real)143119.75003636957, (sysid_real)150342.82576051264, (sysid_real)157565.9014846557,
-    (sysid_real)164788.97720879878, (sysid_real)172012.05293294185, (sysid_real)179235.12865708492, (sysid_real)186458.204381228,
-    (sysid_real)193681.28010537106, (sysid_real)200904.35582951413, (sysid_real)208127.43155365717, (sysid_real)215350.50727780024,
-    (sysid_real)222573.5830019433, (sysid_real)229796.65872608637, (sysid_real)237019.73445022944, (sysid_real)244242.8101743725,
-    (sysid_real)251465.88589851558, (sysid_real)258688.96162265865, (sysid_real)265912.0373468017, (sysid_real)273135.1130709448,
-    (sysid_real)280358.18879508786, (sysid_real)287581.2645192309, (sysid_real)294804.340243374, (sysid_real)302027.41596751707,
-    (sysid_real)309250.49169166014
-};
-static const sysid_real sysid_pwm_b_discharge_network_duty_low[25] = {
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.02,
-    (sysid_real)0.18000000000000005
-};
-static const sysid_real sysid_pwm_b_discharge_network_duty_high[25] = {
-    (sysid_real)0.02, (sysid_real)0.02, (sysid_real)0.06000000000000002, (sysid_real)0.14000000000000007,
-    (sysid_real)0.22000000000000008, (sysid_real)0.22000000000000008, (sysid_real)0.2599999999999999, (sysid_real)0.29999999999999993,
-    (sysid_real)0.3399999999999999, (sysid_real)0.3399999999999999, (sysid_real)0.3399999999999999, (sysid_real)0.3399999999999999,
-    (sysid_real)0.37999999999999995, (sysid_real)0.37999999999999995, (sysid_real)0.37999999999999995, (sysid_real)0.42,
-    (sysid_real)0.42, (sysid_real)0.4600000000000001, (sysid_real)0.4600000000000001, (sysid_real)0.5,
-    (sysid_real)0.54, (sysid_real)0.58, (sysid_real)0.62, (sysid_real)0.7400000000000001,
-    (sysid_real)0.7400000000000001
-};
-static const sysid_real sysid_pwm_b_discharge_network_flow_low_kg_s[25] = {
-    (sysid_real)-2.2999761971492455e-05, (sysid_real)-4.121670050799171e-05, (sysid_real)-6.878070750047493e-05, (sysid_real)-0.00011081013707045007,
-    (sysid_real)-0.00016598484149064395, (sysid_real)-0.0001990088357980812, (sysid_real)-0.00024018669706845318, (sysid_real)-0.0002753415467299822,
-    (sysid_real)-0.00031960684046773865, (sysid_real)-0.00031960684046773865, (sysid_real)-0.0003195225681017383, (sysid_real)-0.00032076225490862474,
-    (sysid_real)-0.0003242012186993891, (sysid_real)-0.00032649386122656534, (sysid_real)-0.00032997052436935313, (sysid_real)-0.00033345765481862993,
-    (sysid_real)-0.0003357809915829624, (sysid_real)-0.00033922971385587694, (sysid_real)-0.0003426784361287914, (sysid_real)-0.00034501145789222364,
-    (sysid_real)-0.0003486060356154051, (sysid_real)-0.00035220061333858657, (sysid_real)-0.0003533988059129804, (sysid_real)-0.0003533988059129804,
-    (sysid_real)-0.00026580251497824564
-};
-static const sysid_real sysid_pwm_b_discharge_network_flow_high_kg_s[25] = {
-    (sysid_real)-4.764869341547063e-06, (sysid_real)-4.764869341547063e-06, (sysid_real)-1.4788992186970294e-06, (sysid_real)-7.709251780510722e-08,
-    (sysid_real)-7.709251780510722e-08, (sysid_real)-1.0410301378310408e-06, (sysid_real)-1.1373710044856791e-06, (sysid_real)-1.1373710044856791e-06,
-    (sysid_real)-4.015243037550183e-06, (sysid_real)-1.565813914263326e-05, (sysid_real)-1.830584270566519e-05, (sysid_real)-2.7213579360986905e-05,
-    (sysid_real)-6.169994205084258e-06, (sysid_real)-6.169994205084258e-06, (sysid_real)-1.659266299946658e-05, (sysid_real)-6.050256846402628e-06,
-    (sysid_real)-6.050256846402628e-06, (sysid_real)-3.0712459562239146e-06, (sysid_real)-3.0712459562239146e-06, (sysid_real)-3.6966737735542142e-06,
-    (sysid_real)-6.72451185954192e-07, (sysid_real)-6.142713992077936e-07, (sysid_real)-2.5480834875775057e-07, (sysid_real)-1.4003964768040957e-08,
-    (sysid_real)-1.4003964768040957e-08
-};
-static const sysid_domain sysid_pwm_b_discharge_network_domain = {
-    {(sysid_real)0.02, (sysid_real)0.7400000000000001}, {(sysid_real)135896.6743122265, (sysid_real)309250.49169166014}, 25,
-    sysid_pwm_b_discharge_network_pressure_pa,
-    sysid_pwm_b_discharge_network_duty_low,
-    sysid_pwm_b_discharge_network_duty_high,
-    sysid_pwm_b_discharge_network_flow_low_kg_s,
-    sysid_pwm_b_discharge_network_flow_high_kg_s
-};
-static const sysid_real sysid_pwm_b_discharge_network_w1[20] = {
-    (sysid_real)1.5224656596673172, (sysid_real)-9.073072760256393, (sysid_real)0.3372024828135144, (sysid_real)21.44551872853345,
-    (sysid_real)4.081039402357273, (sysid_real)86.08888241980713, (sysid_real)-0.263875569141844, (sysid_real)-4.228280841374572,
-    (sysid_real)-0.04620668569970403, (sysid_real)-0.3047258221898148, (sysid_real)0.26137015278983444, (sysid_real)-1.2064022509502674,
-    (sysid_real)-0.4376433281162447, (sysid_real)-17.17897086742309, (sysid_real)0.3842452557416901, (sysid_real)19.909014833273257,
-    (sysid_real)-0.5125537010646316, (sysid_real)-5.836584803418606, (sysid_real)0.11304641874218607, (sysid_real)-0.5422824751413088
-};
-static const sysid_real sysid_pwm_b_discharge_network_b1[10] = {
-    (sysid_real)-6.270975499522476, (sysid_real)7.481650803043049, (sysid_real)53.346016417066934, (sysid_real)6.121362215829745,
-    (sysid_real)1.0030359598345364, (sysid_real)-0.3522327846469938, (sysid_real)-5.99794804837728, (sysid_real)6.968244097356639,
-    (sysid_real)-2.417760405430211, (sysid_real)1.4341763274715713
-};
-static const sysid_real sysid_pwm_b_discharge_network_w2[10] = {
-    (sysid_real)0.06215791060875163, (sysid_real)-2.2540762752847274, (sysid_real)0.14038000078432938, (sysid_real)-5.739927658691555,
-    (sysid_real)-12.482974611278436, (sysid_real)0.5968043079748133, (sysid_real)1.7433034395224691, (sysid_real)3.9980848942785565,
-    (sysid_real)-0.22931055708708833, (sysid_real)7.434275447333298
-};
-static const sysid_network sysid_pwm_b_discharge_network = {
-    10, sysid_pwm_b_discharge_network_w1, sysid_pwm_b_discharge_network_b1, sysid_pwm_b_discharge_network_w2,
-    (sysid_real)7.988986901426538,
-    {(sysid_real)-0.00017674074998484882, (sysid_real)0.0001767267460200808}, {(sysid_real)222883.0455618224, (sysid_real)86065.55360999223}, {(sysid_real)0.38000000000000006, (sysid_real)0.36000000000000004},
-    &sysid_pwm_b_discharge_network_domain
-};
-
-/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa, by the network (3.7.4). */
-static inline sysid_real sysid_pwm_b_discharge_network_duty(
+/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_b_discharge_duty(
     sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
 {
     if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
@@ -1664,10 +2085,124 @@ static inline sysid_real sysid_pwm_b_discharge_network_duty(
         }
         return 0;
     }
-    return sysid_known_flagged_duty(sysid_network_duty(&sysid_pwm_b_discharge_network, flow_kg_s, pressure_pa, flags), flags);
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_b_discharge_bipolynomial_pressure_range[0]),
+        sysid_pwm_b_discharge_bipolynomial_pressure_range[1]);
+    const sysid_real x1 = -sysid_pwm_b_discharge_bipolynomial_pressure_scaling[0] + x0;
+    const sysid_real x2 = (sysid_real)-1.0 +
+        (sysid_real)2.0*sysid_square(x1)/sysid_square(sysid_pwm_b_discharge_bipolynomial_pressure_scaling[1]);
+    const sysid_real x3 = sysid_pwm_b_discharge_bipolynomial_coefficients[8]*x2;
+    const sysid_real x4 = x1/sysid_pwm_b_discharge_bipolynomial_pressure_scaling[1];
+    const sysid_real x5 = sysid_pwm_b_discharge_bipolynomial_coefficients[7]*x4;
+    const sysid_real x6 = (sysid_real)2.0*sysid_pwm_b_discharge_bipolynomial_coefficients[6] +
+        (sysid_real)2.0*x3 + (sysid_real)2.0*x5;
+    const sysid_real x7 = sysid_interpolate(x0, sysid_pwm_b_discharge_bipolynomial_pressure,
+        sysid_pwm_b_discharge_bipolynomial_duty_low, 25);
+    const sysid_real x8 = sysid_pwm_b_discharge_bipolynomial_coefficients[3] +
+        sysid_pwm_b_discharge_bipolynomial_coefficients[4]*x4 +
+        sysid_pwm_b_discharge_bipolynomial_coefficients[5]*x2;
+    const sysid_real x9 = x6*x7 + x8;
+    const sysid_real x10 = sysid_interpolate(x0, sysid_pwm_b_discharge_bipolynomial_pressure,
+        sysid_pwm_b_discharge_bipolynomial_duty_high, 25);
+    const sysid_real x11 = x10*x6 + x8;
+    const int x12 = ((x9 <= (sysid_real)0.0) && (x11 <= (sysid_real)0.0)) && ((x9 <
+        (sysid_real)0.0) || (x11 < (sysid_real)0.0));
+    const sysid_real x13 = sysid_pwm_b_discharge_bipolynomial_coefficients[6] + x3 + x5;
+    const int x14 = x13 != (sysid_real)0.0;
+    const sysid_real x15 = x12 ? -x10 : x7;
+    const sysid_real x16 = x12 ? -x8 : x8;
+    const sysid_real x17 = ((sysid_real)0.5)/(x14 ? x13 : (sysid_real)1.0);
+    const sysid_real x18 = -x16*x17;
+    const sysid_real x19 = x12 ? -x7 : x10;
+    const int x20 = (x14 && (x15 < x18)) && (x18 < x19);
+    const int x21 = (sysid_real)0.0 < x13;
+    const sysid_real x22 = (x20 && x21) ? x18 : x15;
+    const sysid_real x23 = sysid_pwm_b_discharge_bipolynomial_coefficients[2]*x2;
+    const sysid_real x24 = sysid_pwm_b_discharge_bipolynomial_coefficients[1]*x4;
+    const sysid_real x25 = sysid_pwm_b_discharge_bipolynomial_coefficients[0] + x23 + x24;
+    const int x26 = flow_kg_s < x22*(x13*x22 + x16) + x25;
+    const int x27 = x13 < (sysid_real)0.0;
+    const sysid_real x28 = (x20 && x27) ? x18 : x19;
+    const int x29 = x25 + x28*(x13*x28 + x16) < flow_kg_s;
+    const sysid_real x30 = sysid_sqrt(sysid_maximum(sysid_square(x16) - (-flow_kg_s +
+        x25)*((sysid_real)4.0*sysid_pwm_b_discharge_bipolynomial_coefficients[6] +
+        (sysid_real)4.0*x3 + (sysid_real)4.0*x5), (sysid_real)0.0));
+    const sysid_real x31 = x16 + x30;
+    const int x32 = x31 != (sysid_real)0.0;
+    const sysid_real x33 = x26 ? x22 : (x29 ? x28 : sysid_minimum(sysid_maximum(((sysid_real)0.0
+        <= x16) ? (x32 ? ((sysid_real)2.0*flow_kg_s -
+        (sysid_real)2.0*sysid_pwm_b_discharge_bipolynomial_coefficients[0] - (sysid_real)2.0*x23 -
+        (sysid_real)2.0*x24)/(x32 ? x31 : (sysid_real)1.0) : x22) : x17*(-x16 + x30), x22), x28));
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | (x26 ? SYSID_BELOW : 0u) | (x29 ?
+            SYSID_ABOVE : 0u) | (x20 && ((x26 && x21) || (x29 && x27)) ? SYSID_NO_ROOT : 0u) | (x12
+            || ((x13 == (sysid_real)0.0) && (x16 == (sysid_real)0.0)) ? SYSID_DECREASING : 0u);
+    }
+    return sysid_known_flagged_duty(x12 ? -x33 : x33, flags);
 }
 
-/* Mean flow, kg/s, that the network maps to this duty: its forward map. */
+static const sysid_real sysid_pwm_b_discharge_network_duty_range[2] = {
+    (sysid_real)0.02, (sysid_real)0.7400000000000001
+};
+static const sysid_real sysid_pwm_b_discharge_network_pressure_range[2] = {
+    (sysid_real)135896.6743122265, (sysid_real)309250.49169166014
+};
+static const sysid_real sysid_pwm_b_discharge_network_pressure[25] = {
+    (sysid_real)135896.6743122265, (sysid_real)143119.75003636957, (sysid_real)150342.82576051264, (sysid_real)157565.9014846557,
+    (sysid_real)164788.97720879878, (sysid_real)172012.05293294185, (sysid_real)179235.12865708492, (sysid_real)186458.204381228,
+    (sysid_real)193681.28010537106, (sysid_real)200904.35582951413, (sysid_real)208127.43155365717, (sysid_real)215350.50727780024,
+    (sysid_real)222573.5830019433, (sysid_real)229796.65872608637, (sysid_real)237019.73445022944, (sysid_real)244242.8101743725,
+    (sysid_real)251465.88589851558, (sysid_real)258688.96162265865, (sysid_real)265912.0373468017, (sysid_real)273135.1130709448,
+    (sysid_real)280358.18879508786, (sysid_real)287581.2645192309, (sysid_real)294804.340243374, (sysid_real)302027.41596751707,
+    (sysid_real)309250.49169166014
+};
+static const sysid_real sysid_pwm_b_discharge_network_flow_low[25] = {
+    (sysid_real)-2.2999761971492455e-05, (sysid_real)-4.121670050799171e-05, (sysid_real)-6.878070750047493e-05, (sysid_real)-0.00011081013707045007,
+    (sysid_real)-0.00016598484149064395, (sysid_real)-0.0001990088357980812, (sysid_real)-0.00024018669706845318, (sysid_real)-0.0002753415467299822,
+    (sysid_real)-0.00031960684046773865, (sysid_real)-0.00031960684046773865, (sysid_real)-0.0003195225681017383, (sysid_real)-0.00032076225490862474,
+    (sysid_real)-0.0003242012186993891, (sysid_real)-0.00032649386122656534, (sysid_real)-0.00032997052436935313, (sysid_real)-0.00033345765481862993,
+    (sysid_real)-0.0003357809915829624, (sysid_real)-0.00033922971385587694, (sysid_real)-0.0003426784361287914, (sysid_real)-0.00034501145789222364,
+    (sysid_real)-0.0003486060356154051, (sysid_real)-0.00035220061333858657, (sysid_real)-0.0003533988059129804, (sysid_real)-0.0003533988059129804,
+    (sysid_real)-0.00026580251497824564
+};
+static const sysid_real sysid_pwm_b_discharge_network_flow_high[25] = {
+    (sysid_real)-4.764869341547063e-06, (sysid_real)-4.764869341547063e-06, (sysid_real)-1.4788992186970294e-06, (sysid_real)-7.709251780510722e-08,
+    (sysid_real)-7.709251780510722e-08, (sysid_real)-1.0410301378310408e-06, (sysid_real)-1.1373710044856791e-06, (sysid_real)-1.1373710044856791e-06,
+    (sysid_real)-4.015243037550183e-06, (sysid_real)-1.565813914263326e-05, (sysid_real)-1.830584270566519e-05, (sysid_real)-2.7213579360986905e-05,
+    (sysid_real)-6.169994205084258e-06, (sysid_real)-6.169994205084258e-06, (sysid_real)-1.659266299946658e-05, (sysid_real)-6.050256846402628e-06,
+    (sysid_real)-6.050256846402628e-06, (sysid_real)-3.0712459562239146e-06, (sysid_real)-3.0712459562239146e-06, (sysid_real)-3.6966737735542142e-06,
+    (sysid_real)-6.72451185954192e-07, (sysid_real)-6.142713992077936e-07, (sysid_real)-2.5480834875775057e-07, (sysid_real)-1.4003964768040957e-08,
+    (sysid_real)-1.4003964768040957e-08
+};
+static const sysid_real sysid_pwm_b_discharge_network_flow_weights[10] = {
+    (sysid_real)1.5224656596673172, (sysid_real)0.3372024828135144, (sysid_real)4.081039402357273, (sysid_real)-0.263875569141844,
+    (sysid_real)-0.04620668569970403, (sysid_real)0.26137015278983444, (sysid_real)-0.4376433281162447, (sysid_real)0.3842452557416901,
+    (sysid_real)-0.5125537010646316, (sysid_real)0.11304641874218607
+};
+static const sysid_real sysid_pwm_b_discharge_network_pressure_weights[10] = {
+    (sysid_real)-9.073072760256393, (sysid_real)21.44551872853345, (sysid_real)86.08888241980713, (sysid_real)-4.228280841374572,
+    (sysid_real)-0.3047258221898148, (sysid_real)-1.2064022509502674, (sysid_real)-17.17897086742309, (sysid_real)19.909014833273257,
+    (sysid_real)-5.836584803418606, (sysid_real)-0.5422824751413088
+};
+static const sysid_real sysid_pwm_b_discharge_network_hidden_bias[10] = {
+    (sysid_real)-6.270975499522476, (sysid_real)7.481650803043049, (sysid_real)53.346016417066934, (sysid_real)6.121362215829745,
+    (sysid_real)1.0030359598345364, (sysid_real)-0.3522327846469938, (sysid_real)-5.99794804837728, (sysid_real)6.968244097356639,
+    (sysid_real)-2.417760405430211, (sysid_real)1.4341763274715713
+};
+static const sysid_real sysid_pwm_b_discharge_network_output_weights[10] = {
+    (sysid_real)0.06215791060875163, (sysid_real)-2.2540762752847274, (sysid_real)0.14038000078432938, (sysid_real)-5.739927658691555,
+    (sysid_real)-12.482974611278436, (sysid_real)0.5968043079748133, (sysid_real)1.7433034395224691, (sysid_real)3.9980848942785565,
+    (sysid_real)-0.22931055708708833, (sysid_real)7.434275447333298
+};
+static const sysid_real sysid_pwm_b_discharge_network_output_bias[1] = {
+    (sysid_real)7.988986901426538
+};
+static const sysid_real sysid_pwm_b_discharge_network_scaling[6] = {
+    (sysid_real)-0.00017674074998484882, (sysid_real)0.0001767267460200808, (sysid_real)222883.0455618224, (sysid_real)86065.55360999223,
+    (sysid_real)0.38000000000000006, (sysid_real)0.36000000000000004
+};
+
+/* Mean flow, kg/s, over duty (0 to 1) and chamber pressure, Pa; flags may be NULL. */
 static inline sysid_real sysid_pwm_b_discharge_network_flow(
     sysid_real duty, sysid_real pressure_pa, unsigned *flags)
 {
@@ -1677,7 +2212,264 @@ static inline sysid_real sysid_pwm_b_discharge_network_flow(
         }
         return (sysid_real)NAN;
     }
-    return sysid_known_flagged(sysid_network_flow(&sysid_pwm_b_discharge_network, duty, pressure_pa, flags), flags);
+    const sysid_real x0 = sysid_minimum(sysid_maximum(duty,
+        sysid_pwm_b_discharge_network_duty_range[0]), sysid_pwm_b_discharge_network_duty_range[1]);
+    const sysid_real x1 = (sysid_real)1.0/sysid_pwm_b_discharge_network_scaling[1];
+    const sysid_real x2 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_b_discharge_network_pressure_range[0]),
+        sysid_pwm_b_discharge_network_pressure_range[1]);
+    const sysid_real x3 = sysid_interpolate(x2, sysid_pwm_b_discharge_network_pressure,
+        sysid_pwm_b_discharge_network_flow_low, 25);
+    const sysid_real x4 = -x3;
+    const sysid_real x5 = x1*(-sysid_pwm_b_discharge_network_scaling[0] - x4);
+    const sysid_real x6 = (-sysid_pwm_b_discharge_network_scaling[2] +
+        x2)/sysid_pwm_b_discharge_network_scaling[3];
+    const sysid_real x7 = sysid_pwm_b_discharge_network_hidden_bias[0] +
+        sysid_pwm_b_discharge_network_pressure_weights[0]*x6;
+    const sysid_real x8 = sysid_pwm_b_discharge_network_hidden_bias[1] +
+        sysid_pwm_b_discharge_network_pressure_weights[1]*x6;
+    const sysid_real x9 = sysid_pwm_b_discharge_network_hidden_bias[2] +
+        sysid_pwm_b_discharge_network_pressure_weights[2]*x6;
+    const sysid_real x10 = sysid_pwm_b_discharge_network_hidden_bias[3] +
+        sysid_pwm_b_discharge_network_pressure_weights[3]*x6;
+    const sysid_real x11 = sysid_pwm_b_discharge_network_hidden_bias[4] +
+        sysid_pwm_b_discharge_network_pressure_weights[4]*x6;
+    const sysid_real x12 = sysid_pwm_b_discharge_network_hidden_bias[5] +
+        sysid_pwm_b_discharge_network_pressure_weights[5]*x6;
+    const sysid_real x13 = sysid_pwm_b_discharge_network_hidden_bias[6] +
+        sysid_pwm_b_discharge_network_pressure_weights[6]*x6;
+    const sysid_real x14 = sysid_pwm_b_discharge_network_hidden_bias[7] +
+        sysid_pwm_b_discharge_network_pressure_weights[7]*x6;
+    const sysid_real x15 = sysid_pwm_b_discharge_network_hidden_bias[8] +
+        sysid_pwm_b_discharge_network_pressure_weights[8]*x6;
+    const sysid_real x16 = sysid_pwm_b_discharge_network_hidden_bias[9] +
+        sysid_pwm_b_discharge_network_pressure_weights[9]*x6;
+    const sysid_real x17 = sysid_pwm_b_discharge_network_scaling[4] +
+        sysid_pwm_b_discharge_network_scaling[5]*(sysid_pwm_b_discharge_network_output_bias[0] +
+        sysid_pwm_b_discharge_network_output_weights[0]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[0]*x5
+        + x7) +
+        sysid_pwm_b_discharge_network_output_weights[1]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[1]*x5
+        + x8) +
+        sysid_pwm_b_discharge_network_output_weights[2]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[2]*x5
+        + x9) +
+        sysid_pwm_b_discharge_network_output_weights[3]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[3]*x5
+        + x10) +
+        sysid_pwm_b_discharge_network_output_weights[4]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[4]*x5
+        + x11) +
+        sysid_pwm_b_discharge_network_output_weights[5]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[5]*x5
+        + x12) +
+        sysid_pwm_b_discharge_network_output_weights[6]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[6]*x5
+        + x13) +
+        sysid_pwm_b_discharge_network_output_weights[7]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[7]*x5
+        + x14) +
+        sysid_pwm_b_discharge_network_output_weights[8]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[8]*x5
+        + x15) +
+        sysid_pwm_b_discharge_network_output_weights[9]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[9]*x5
+        + x16));
+    const int x18 = x0 <= x17;
+    const sysid_real x19 = -sysid_pwm_b_discharge_network_scaling[0];
+    const sysid_real x20 = sysid_interpolate(x2, sysid_pwm_b_discharge_network_pressure,
+        sysid_pwm_b_discharge_network_flow_high, 25);
+    const sysid_real x21 = x20 + x4;
+    const sysid_real x46 = (sysid_real)1.0/x21;
+    sysid_real s0_0, s0_1, s0_2, s0_3;
+    int ik0;
+    {
+        s0_0 = x18 ? (sysid_real)1.0 : (sysid_real)0.0;
+        s0_1 = x3;
+        s0_2 = x3;
+        s0_3 = x17;
+    }
+    for (ik0 = 0; ik0 < 32; ik0++) {
+        const sysid_real k0 = (sysid_real)ik0;
+        const sysid_real x22 = x21*(((sysid_real)0.03125)*k0 + (sysid_real)0.03125) + x3;
+        const sysid_real x23 = x1*(x19 + x22);
+        const sysid_real x24 = sysid_pwm_b_discharge_network_scaling[4] +
+            sysid_pwm_b_discharge_network_scaling[5]*(sysid_pwm_b_discharge_network_output_bias[0] +
+            sysid_pwm_b_discharge_network_output_weights[0]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[0]*x23
+            + x7) +
+            sysid_pwm_b_discharge_network_output_weights[1]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[1]*x23
+            + x8) +
+            sysid_pwm_b_discharge_network_output_weights[2]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[2]*x23
+            + x9) +
+            sysid_pwm_b_discharge_network_output_weights[3]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[3]*x23
+            + x10) +
+            sysid_pwm_b_discharge_network_output_weights[4]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[4]*x23
+            + x11) +
+            sysid_pwm_b_discharge_network_output_weights[5]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[5]*x23
+            + x12) +
+            sysid_pwm_b_discharge_network_output_weights[6]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[6]*x23
+            + x13) +
+            sysid_pwm_b_discharge_network_output_weights[7]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[7]*x23
+            + x14) +
+            sysid_pwm_b_discharge_network_output_weights[8]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[8]*x23
+            + x15) +
+            sysid_pwm_b_discharge_network_output_weights[9]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[9]*x23
+            + x16));
+        const sysid_real x25 = (x0 <= x24) ? (sysid_real)1.0 : s0_0;
+        const int x26 = s0_3 < x24;
+        const sysid_real y0 = x25;
+        const sysid_real y1 = ((sysid_real)0.0 < x25) ? s0_1 : x22;
+        const sysid_real y2 = x26 ? x22 : s0_2;
+        const sysid_real y3 = x26 ? x24 : s0_3;
+        s0_0 = y0;
+        s0_1 = y1;
+        s0_2 = y2;
+        s0_3 = y3;
+    }
+    sysid_real s1_0, s1_1, s1_2, s1_3;
+    int ik1;
+    {
+        s1_0 = s0_1;
+        s1_1 = s0_1 + ((sysid_real)0.03125)*x20 - (sysid_real)0.03125*x3;
+        s1_2 = (sysid_real)1.0*s0_1 + (sysid_real)0.015625*x20 - (sysid_real)0.015625*x3;
+        s1_3 = (sysid_real)1.0;
+    }
+    for (ik1 = 0; ik1 < 60; ik1++) {
+        if (!((sysid_real)2.220446049250313e-16 < s1_3)) {
+            break;
+        }
+        const sysid_real x27 = x1*(s1_2 + x19);
+        const sysid_real x28 = sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[0]*x27 +
+            x7);
+        const sysid_real x29 = sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[1]*x27 +
+            x8);
+        const sysid_real x30 = sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[2]*x27 +
+            x9);
+        const sysid_real x31 = sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[3]*x27 +
+            x10);
+        const sysid_real x32 = sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[4]*x27 +
+            x11);
+        const sysid_real x33 = sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[5]*x27 +
+            x12);
+        const sysid_real x34 = sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[6]*x27 +
+            x13);
+        const sysid_real x35 = sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[7]*x27 +
+            x14);
+        const sysid_real x36 = sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[8]*x27 +
+            x15);
+        const sysid_real x37 = sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[9]*x27 +
+            x16);
+        const sysid_real x38 = sysid_pwm_b_discharge_network_scaling[4] +
+            sysid_pwm_b_discharge_network_scaling[5]*(sysid_pwm_b_discharge_network_output_bias[0] +
+            sysid_pwm_b_discharge_network_output_weights[0]*x28 +
+            sysid_pwm_b_discharge_network_output_weights[1]*x29 +
+            sysid_pwm_b_discharge_network_output_weights[2]*x30 +
+            sysid_pwm_b_discharge_network_output_weights[3]*x31 +
+            sysid_pwm_b_discharge_network_output_weights[4]*x32 +
+            sysid_pwm_b_discharge_network_output_weights[5]*x33 +
+            sysid_pwm_b_discharge_network_output_weights[6]*x34 +
+            sysid_pwm_b_discharge_network_output_weights[7]*x35 +
+            sysid_pwm_b_discharge_network_output_weights[8]*x36 +
+            sysid_pwm_b_discharge_network_output_weights[9]*x37);
+        const int x39 = x0 <= x38;
+        const sysid_real x40 = x39 ? s1_0 : s1_2;
+        const sysid_real x41 = x39 ? s1_2 : s1_1;
+        const sysid_real x42 =
+            sysid_pwm_b_discharge_network_scaling[5]*x1*(sysid_pwm_b_discharge_network_flow_weights[0]*sysid_pwm_b_discharge_network_output_weights[0]*((sysid_real)1.0
+            - sysid_square(x28)) +
+            sysid_pwm_b_discharge_network_flow_weights[1]*sysid_pwm_b_discharge_network_output_weights[1]*((sysid_real)1.0
+            - sysid_square(x29)) +
+            sysid_pwm_b_discharge_network_flow_weights[2]*sysid_pwm_b_discharge_network_output_weights[2]*((sysid_real)1.0
+            - sysid_square(x30)) +
+            sysid_pwm_b_discharge_network_flow_weights[3]*sysid_pwm_b_discharge_network_output_weights[3]*((sysid_real)1.0
+            - sysid_square(x31)) +
+            sysid_pwm_b_discharge_network_flow_weights[4]*sysid_pwm_b_discharge_network_output_weights[4]*((sysid_real)1.0
+            - sysid_square(x32)) +
+            sysid_pwm_b_discharge_network_flow_weights[5]*sysid_pwm_b_discharge_network_output_weights[5]*((sysid_real)1.0
+            - sysid_square(x33)) +
+            sysid_pwm_b_discharge_network_flow_weights[6]*sysid_pwm_b_discharge_network_output_weights[6]*((sysid_real)1.0
+            - sysid_square(x34)) +
+            sysid_pwm_b_discharge_network_flow_weights[7]*sysid_pwm_b_discharge_network_output_weights[7]*((sysid_real)1.0
+            - sysid_square(x35)) +
+            sysid_pwm_b_discharge_network_flow_weights[8]*sysid_pwm_b_discharge_network_output_weights[8]*((sysid_real)1.0
+            - sysid_square(x36)) +
+            sysid_pwm_b_discharge_network_flow_weights[9]*sysid_pwm_b_discharge_network_output_weights[9]*((sysid_real)1.0
+            - sysid_square(x37)));
+        const sysid_real x43 = s1_2 - (-x0 + x38)/((x42 == (sysid_real)0.0) ? (sysid_real)1.0 :
+            x42);
+        const int x44 = (x40 <= x43) && (x43 <= x41);
+        const sysid_real x45 = x44 ? x43 : (sysid_real)0.5*x40 + (sysid_real)0.5*x41;
+        const sysid_real y0 = x40;
+        const sysid_real y1 = x41;
+        const sysid_real y2 = x45;
+        const sysid_real y3 = x44 ? (sysid_real)0.000244140625*x46*sysid_fabs(-s1_2 + x45) :
+            x46*(-x40 + x41);
+        s1_0 = y0;
+        s1_1 = y1;
+        s1_2 = y2;
+        s1_3 = y3;
+    }
+    const int x47 = (sysid_real)0.0 < s0_0;
+    if (flags) {
+        *flags = (x2 != pressure_pa ? SYSID_PRESSURE : 0u) |
+            ((sysid_pwm_b_discharge_network_duty_range[1] + (sysid_real)1e-09 < duty) || !x47 ?
+            SYSID_ABOVE : 0u) | ((duty < sysid_pwm_b_discharge_network_duty_range[0] +
+            (sysid_real)-1e-09) || (x0 < x17) ? SYSID_BELOW : 0u);
+    }
+    return sysid_known_flagged(x18 ? x3 : (x47 ? s1_2 : s0_2), flags);
+}
+
+/* Duty for a wanted mean flow, kg/s, at a chamber pressure, Pa; flags may be NULL. */
+static inline sysid_real sysid_pwm_b_discharge_network_duty(
+    sysid_real flow_kg_s, sysid_real pressure_pa, unsigned *flags)
+{
+    if (!(isfinite(flow_kg_s) && isfinite(pressure_pa))) {
+        if (flags) {
+            *flags = SYSID_INVALID;
+        }
+        return 0;
+    }
+    const sysid_real x0 = sysid_minimum(sysid_maximum(pressure_pa,
+        sysid_pwm_b_discharge_network_pressure_range[0]),
+        sysid_pwm_b_discharge_network_pressure_range[1]);
+    const sysid_real x1 = sysid_interpolate(x0, sysid_pwm_b_discharge_network_pressure,
+        sysid_pwm_b_discharge_network_flow_low, 25);
+    const sysid_real x2 = sysid_interpolate(x0, sysid_pwm_b_discharge_network_pressure,
+        sysid_pwm_b_discharge_network_flow_high, 25);
+    const sysid_real x3 = (-sysid_pwm_b_discharge_network_scaling[0] +
+        sysid_minimum(sysid_maximum(flow_kg_s, x1), x2))/sysid_pwm_b_discharge_network_scaling[1];
+    const sysid_real x4 = (-sysid_pwm_b_discharge_network_scaling[2] +
+        x0)/sysid_pwm_b_discharge_network_scaling[3];
+    const sysid_real x5 = sysid_pwm_b_discharge_network_scaling[4] +
+        sysid_pwm_b_discharge_network_scaling[5]*(sysid_pwm_b_discharge_network_output_bias[0] +
+        sysid_pwm_b_discharge_network_output_weights[0]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[0]*x3
+        + sysid_pwm_b_discharge_network_hidden_bias[0] +
+        sysid_pwm_b_discharge_network_pressure_weights[0]*x4) +
+        sysid_pwm_b_discharge_network_output_weights[1]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[1]*x3
+        + sysid_pwm_b_discharge_network_hidden_bias[1] +
+        sysid_pwm_b_discharge_network_pressure_weights[1]*x4) +
+        sysid_pwm_b_discharge_network_output_weights[2]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[2]*x3
+        + sysid_pwm_b_discharge_network_hidden_bias[2] +
+        sysid_pwm_b_discharge_network_pressure_weights[2]*x4) +
+        sysid_pwm_b_discharge_network_output_weights[3]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[3]*x3
+        + sysid_pwm_b_discharge_network_hidden_bias[3] +
+        sysid_pwm_b_discharge_network_pressure_weights[3]*x4) +
+        sysid_pwm_b_discharge_network_output_weights[4]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[4]*x3
+        + sysid_pwm_b_discharge_network_hidden_bias[4] +
+        sysid_pwm_b_discharge_network_pressure_weights[4]*x4) +
+        sysid_pwm_b_discharge_network_output_weights[5]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[5]*x3
+        + sysid_pwm_b_discharge_network_hidden_bias[5] +
+        sysid_pwm_b_discharge_network_pressure_weights[5]*x4) +
+        sysid_pwm_b_discharge_network_output_weights[6]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[6]*x3
+        + sysid_pwm_b_discharge_network_hidden_bias[6] +
+        sysid_pwm_b_discharge_network_pressure_weights[6]*x4) +
+        sysid_pwm_b_discharge_network_output_weights[7]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[7]*x3
+        + sysid_pwm_b_discharge_network_hidden_bias[7] +
+        sysid_pwm_b_discharge_network_pressure_weights[7]*x4) +
+        sysid_pwm_b_discharge_network_output_weights[8]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[8]*x3
+        + sysid_pwm_b_discharge_network_hidden_bias[8] +
+        sysid_pwm_b_discharge_network_pressure_weights[8]*x4) +
+        sysid_pwm_b_discharge_network_output_weights[9]*sysid_tanh(sysid_pwm_b_discharge_network_flow_weights[9]*x3
+        + sysid_pwm_b_discharge_network_hidden_bias[9] +
+        sysid_pwm_b_discharge_network_pressure_weights[9]*x4));
+    if (flags) {
+        *flags = (x0 != pressure_pa ? SYSID_PRESSURE : 0u) | ((x2 < flow_kg_s) ||
+            (sysid_pwm_b_discharge_network_duty_range[1] < x5) ? SYSID_ABOVE : 0u) | ((flow_kg_s <
+            x1) || (x5 < sysid_pwm_b_discharge_network_duty_range[0]) ? SYSID_BELOW : 0u);
+    }
+    return sysid_known_flagged_duty(sysid_minimum(sysid_maximum(x5, sysid_pwm_b_discharge_network_duty_range[0]),
+        sysid_pwm_b_discharge_network_duty_range[1]), flags);
 }
 
 /* --- controllers ----------------------------------------------------------------------- */
