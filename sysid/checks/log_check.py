@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid import signals
-from sysid.blocks.plots import bars, one_axes
+from sysid.blocks.drawing import plot_panels
+from sysid.blocks.figures import Panel, Scale, grouped_bars
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
 from sysid.checks.bench import BENCH_LAWS, COLUMNS, bench_identified, bench_kind
@@ -157,14 +158,13 @@ class LogCheck(Shown):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Each channel's range over its noise and over its resolution."""
-        ax = one_axes(ax)
-        shares = {
+        shares: dict[str, Sequence[float]] = {
             "range over noise": [_ratio(c, c.noise_std) for c in self.channels],
             "range over resolution": [_ratio(c, c.quantum) for c in self.channels],
         }
-        bars(ax, [c.name for c in self.channels], shares)
-        ax.set_yscale("log")
-        return ax
+        shown, ticks = grouped_bars([c.name for c in self.channels], shares)
+        panel = Panel(Scale(ticks=ticks), Scale(kind="log"), shown, legend="beside")
+        return plot_panels((panel,), ax)[0]
 
     @classmethod
     def from_json(cls, content: dict[str, Any]) -> LogCheck:

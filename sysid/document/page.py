@@ -207,7 +207,7 @@ def _parts(
         return next_section(bundle, diagnosis, campaign.path.name)
 
     def own() -> Section | None:
-        from sysid.document.own_component import own_section
+        from sysid.validation.shown_own import own_section
 
         part = bundle.component
         return None if part is None else own_section(part, campaign, validation)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.blocks.plots import bars, legend, one_axes, some_axes
+from sysid.blocks.drawing import plot_panels
+from sysid.blocks.figures import Line, Panel, Scale, grouped_bars
 from sysid.blocks.shown import Shown
 from sysid.parameters import Validation
 from sysid.types import FloatArray
@@ -160,17 +161,17 @@ class TestResult:
             columns[f"{name}_simulated"] = self.simulated[name]
         return pd.DataFrame(columns)
 
+    def curves(self, channel: str, label: str = "simulated") -> tuple[Line, Line]:
+        """A channel as measured and as simulated, SI."""
+        return (
+            Line(self.time, self.measured[channel], "measured", "measured"),
+            Line(self.time, self.simulated[channel], "model", label),
+        )
+
     def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
         """Each channel as measured and as simulated, one panel each; returns the axes."""
-        panels = some_axes(len(self.measured), axes)
-        for ax, name in zip(panels, self.measured, strict=True):
-            ax.plot(self.time, self.measured[name], color="0.5", label="measured")
-            ax.plot(self.time, self.simulated[name], label="simulated")
-            ax.set_ylabel(name)
-        panels[0].set_title(f"{self.log}, test {self.test}, {self.model} valves")
-        legend(panels[0])
-        panels[-1].set_xlabel("time_s")
-        return panels
+        panels = [Panel(Scale("time_s"), Scale(name), self.curves(name)) for name in self.measured]
+        return plot_panels(panels, axes, f"{self.log}, test {self.test}, {self.model} valves")
 
     def to_json(self) -> dict[str, Any]:
         return {
@@ -264,9 +265,8 @@ class ValidationResult(Shown):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Fit percentage by channel, one bar per log and valve model; returns the axes."""
-        ax = one_axes(ax)
         names = list(dict.fromkeys(name for log in self.logs for name in log.channels))
-        fits: dict[str, list[float]] = {}
+        fits: dict[str, Sequence[float]] = {}
         for log in self.logs:
             found = [log.channels.get(name) for name in names]
             known = [None if c is None else c.errors.fit_percentage for c in found]
@@ -274,9 +274,9 @@ class ValidationResult(Shown):
             while label in fits:
                 label += "'"
             fits[label] = [math.nan if v is None else v for v in known]
-        bars(ax, names, fits)
-        ax.set_ylabel("fit (%)")
-        return ax
+        shown, ticks = grouped_bars(names, fits)
+        panel = Panel(Scale(ticks=ticks), Scale("fit", "%"), shown, legend="beside")
+        return plot_panels((panel,), ax)[0]
 
     def record(self) -> Validation:
         """The bundle's `validation`."""

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
-from sysid.blocks.figures import Picture
+from sysid.blocks.figures import Figure, Line, Panel, Rule, Scale
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, FigureGroup, Section
 from sysid.blocks.tables import table
-from sysid.document import svg
-from sysid.document.svg import COLOUR
+from sysid.io.campaign import Campaign
 from sysid.parameters import ComponentRecord
-
-if TYPE_CHECKING:
-    from sysid.io.campaign import Campaign
-    from sysid.validation import ValidationResult
-    from sysid.validation.results import TestResult
+from sysid.validation.results import TestResult, ValidationResult
 
 # Tests whose curves are drawn.
 _MOST_TESTS = 4
@@ -25,10 +19,7 @@ _MOST_TESTS = 4
 def own_section(
     part: ComponentRecord, campaign: Campaign, validation: ValidationResult | None
 ) -> Section:
-    """Its parameters; with a validation also the errors and the curves of held-out tests.
-
-    To be called within `sysid.document.svg.styled()`.
-    """
+    """Its parameters; with a validation also the errors and the curves of held-out tests."""
     units = {} if campaign.own is None else campaign.own.columns
     blocks: list[Block] = [_parameters(part)]
     where = f"class {part.name} of {part.file}" if part.file else f"class {part.name}"
@@ -85,22 +76,18 @@ def _group(name: str, tests: Sequence[TestResult], unit: str, used: str) -> Figu
     return FigureGroup(caption, figures)
 
 
-def _figure(key: str, name: str, test: TestResult, unit: str) -> Picture:
+def _figure(key: str, name: str, test: TestResult, unit: str) -> Figure:
     of = f"{test.log}, test {test.test}" if test.test else test.log
-    figure, (above, below) = svg.panels(f"{name}: {of}", (2.0, 1.0))
-    above.plot(test.time, test.measured[name], color=COLOUR["muted"], label="measured")
-    above.plot(test.time, test.simulated[name], color=COLOUR["model"], label="modelled")
-    svg.legend(above)
-    left = test.residual(name)
-    below.plot(test.time, left, color=COLOUR["second"], linewidth=0.8)
-    below.axhline(0.0, color=COLOUR["muted"], linewidth=0.7)
-    shown = f" ({unit})" if unit else ""
-    above.set_ylabel(f"{name}{shown}")
-    below.set_ylabel("Residual")
-    below.set_xlabel("Time (s)")
+    left = Line(test.time, test.residual(name), "second", width=0.8)
+    time = Scale("Time", "s")
+    panels = (
+        Panel(time, Scale(name, unit), test.curves(name, "modelled"), 2.0),
+        Panel(time, Scale("Residual"), (left, Rule(0.0)), legend="none"),
+    )
     rmse = number(test.channels[name].errors.rmse)
     description = f"{name} of {of}, as measured and as modelled: RMSE {rmse} {unit}".rstrip() + "."
-    return svg.to_figure(figure, f"fig-own-{key}", f"{name}, measured and modelled", description)
+    title, heading = f"{name}, measured and modelled", f"{name}: {of}"
+    return Figure(f"fig-own-{key}", title, description, panels, heading)
 
 
 __all__ = ["own_section"]
