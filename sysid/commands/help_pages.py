@@ -38,8 +38,8 @@ PAGES = {
 # They raise for whoever calls them.
 _HELPERS = ("sysid.errors", "sysid.io.samples", "sysid.io.user_code")
 _SHARED = (
-    *("check_each_once", "damaged", "open_input", "read_as", "read_bytes", "read_toml"),
-    *("reject_misspelt", "require"),
+    *("check_each_once", "damaged", "decoded", "open_input", "read_as", "read_bytes"),
+    *("read_toml", "reject_misspelt", "require"),
 )
 
 

@@ -56,9 +56,9 @@ def most_bytes() -> int:
     return BYTES_EACH * most_cells()
 
 
-def chunks(file: BinaryIO, size: int = 1 << 20) -> Iterator[bytes]:
-    """The rest of an open file, so many bytes at a time."""
-    return iter(lambda: file.read(size), b"")
+def chunks(file: BinaryIO) -> Iterator[bytes]:
+    """The rest of an open file, a megabyte at a time."""
+    return iter(lambda: file.read(1 << 20), b"")
 
 
 @dataclass

@@ -112,6 +112,15 @@ def read_as(
         raise damaged(path, what, error, *filter(None, [mend])) from None
 
 
+def decoded(path: Path, raw: bytes, encoding: str = "utf-8") -> str:
+    """A file's bytes as text; InputError that names the line where they are none."""
+    try:
+        return raw.decode(encoding)
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise input_error(f"{path}, line {line}", "is not UTF-8 text", "save it as UTF-8") from None
+
+
 def kind_by_content(path: Path, file: BinaryIO) -> FileKind | None:
     """What a file is by its first bytes; None for text, and for what has no signature.
 
@@ -219,6 +228,7 @@ __all__ = [
     "TDMS_HEAD",
     "FileKind",
     "damaged",
+    "decoded",
     "is_bag",
     "kind_by_content",
     "kind_by_name",

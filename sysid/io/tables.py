@@ -37,6 +37,7 @@ from sysid.io.file_kinds import (
     FOREIGN_SUFFIXES,
     PARQUET_HEAD,
     PARQUET_SUFFIXES,
+    decoded,
     read_as,
     reject_bag,
     reject_foreign,
@@ -384,7 +385,7 @@ def _read_csv(path: Path, raw: bytes, wanted: Collection[str], text: Collection[
     import pandas as pd
 
     digest = hashlib.sha256(raw).hexdigest()
-    body = _decoded(path, raw)
+    body = _plain(path, raw)
     header_line, header = _header(path, body)
     _reject_doubled(f"{path}, line {header_line}", header, "the header", wanted)
     header = _told_apart(header)
@@ -418,20 +419,15 @@ def _read_csv(path: Path, raw: bytes, wanted: Collection[str], text: Collection[
     return table
 
 
-def _decoded(path: Path, raw: bytes) -> bytes:
+def _plain(path: Path, raw: bytes) -> bytes:
     """The file without its byte order mark, checked to be UTF-8 text."""
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise input_error(path, "is UTF-16 text", "save it as UTF-8")
     body = raw.removeprefix(b"\xef\xbb\xbf")
     if b"\0" in body[:65536]:
         raise input_error(path, "is a binary file, not CSV", "import it with `sysid convert`")
-    if body.isascii():
-        return body
-    try:
-        body.decode("utf-8")
-    except UnicodeDecodeError as error:
-        line = body.count(b"\n", 0, error.start) + 1
-        raise input_error(f"{path}, line {line}", "is not UTF-8 text", "save it as UTF-8") from None
+    if not body.isascii():
+        decoded(path, body)
     return body
 
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -71,7 +72,7 @@ CANONICAL_UNITS: dict[str, str | None] = {
 _COLUMN_NUMBER = re.compile(r"#(\d{1,6})")
 _TABLE_KEYS = ("column", "unit", "from", "to")
 # Digits of a factor that a person gave, those of a double, and the powers of ten that are exact.
-_SHORT, _DIGITS = 10, 15
+_SHORT, _DIGITS = 10, sys.float_info.dig
 _TENS = np.array([10.0**k for k in range(23)])
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from sysid.errors import InputError, input_error
 from sysid.io.bounds import MOST_DEPTH, VARIABLE, check_columns, most_cells
+from sysid.io.file_kinds import decoded
 from sysid.io.foreign.table import Column, ForeignTable, ReadOptions
 
 # By its first signs, whatever its name: an object with a key, or an array of objects or arrays.
@@ -44,11 +45,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
 
 def _text(path: Path, raw: bytes) -> str:
     is_utf16 = raw.startswith((b"\xff\xfe", b"\xfe\xff"))
-    try:
-        return raw.decode("utf-16" if is_utf16 else "utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        raise input_error(f"{path}, line {line}", "is not UTF-8 text", "save it as UTF-8") from None
+    return decoded(path, raw, "utf-16" if is_utf16 else "utf-8-sig")
 
 
 def _check_size(path: Path, text: str) -> None:

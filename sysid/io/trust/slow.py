@@ -10,10 +10,15 @@ import numpy as np
 
 from sysid.types import FloatArray
 
-# Rows from one reversal to the next from which a motion is resolved: of a sine the acceleration
-# comes out 1 % too small with 9.
-_FEWEST = 9
-WANTED_ROWS = 20
+
+def _rows_for(error: float) -> int:
+    """Rows from one reversal of a sine to the next with which its acceleration comes out smaller by
+    this share: with n rows, second differences give it times (sin(x) / x)^2 with x = pi / 2n."""
+    return round(0.5 * math.pi / math.sqrt(3.0 * error))
+
+
+# From which a motion is resolved at all, and well.
+_FEWEST, WANTED_ROWS = _rows_for(1e-2), _rows_for(2e-3)
 # Reversals that show a motion, and the share of the test's range that each crosses.
 _REVERSALS = 8
 _CROSSED = 0.05
