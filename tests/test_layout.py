@@ -118,6 +118,28 @@ def test_a_bundle_is_not_walked_by_keys() -> None:
     assert not {m: hits for m, hits in found.items() if hits}
 
 
+def test_units_of_a_motion_have_one_address() -> None:
+    """What rotary and linear quantities are measured in and called: `rig.units`, `bundle.units`."""
+    words = "N|Nm|n|nm|m|rad|force|torque|linear|rotary"
+    spelled = re.compile(rf"""["'](?:{words})["'] if \S*is_linear""")
+    found = {m for m, path in MODULES.items() if spelled.search(path.read_text("utf-8"))}
+    assert not found
+
+
+def test_keys_of_friction_have_one_address() -> None:
+    """A parameter has one name inside; its key in a file has the unit in it."""
+    key = re.compile(r"(?:static|coulomb)_nm?|viscous_nm?_s_per_\w+")
+    found = {
+        module
+        for module, path in MODULES.items()
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if key.fullmatch(node.value)
+    }
+    # The bundle's own class requires either the one or the other.
+    assert found == {"sysid.io.motion", "sysid.parameters.friction"}
+
+
 def test_a_class_name_has_one_meaning() -> None:
     owners: dict[str, list[str]] = {}
     for module in INSIDE:

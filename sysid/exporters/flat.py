@@ -196,7 +196,8 @@ def inertia_name(rig: Rig) -> tuple[str, str]:
 
 def gravity_name(rig: Rig) -> tuple[str, str]:
     """Exported name and unit of gravity's amplitude."""
-    return ("weight_n", "N") if rig.is_linear else ("gravity_moment_nm", "Nm")
+    word = "weight" if rig.is_linear else "gravity_moment"
+    return f"{word}_{rig.units.suffix}", rig.units.effort
 
 
 def _add_load(table: NumberTable, rig: Rig, missing: dict[str, str]) -> None:

@@ -23,6 +23,7 @@ from sysid.io.declaration import LONGEST_TEXT, range_of
 from sysid.io.exclusion import Exclusion
 from sysid.io.log_constants import ShownConstants, shown_constants
 from sysid.io.logs import Log, log_of, log_table
+from sysid.io.motion import units_of
 from sysid.io.rig import ASSUMED, BARE, Rig, rig_from_content
 from sysid.io.rig_sections import Air, Cylinder, Motor
 from sysid.io.tables import LogTable
@@ -117,7 +118,7 @@ def _reference(is_linear: bool, name: str) -> dict[str, Any]:
     full: dict[str, Any] = json.loads(text)["rig"]
     radius = full["cylinder"]["pitch_radius_m"]
     inertia, torque = full["inertia"]["equivalent_kg_m2"], full["motor"]["max_torque_nm"]
-    motion = "linear" if is_linear else "rotary"
+    motion = units_of(is_linear).motion
     counts = full["sensors"]["encoder_counts_per_rev"]
     content = {
         "rig": {"name": name, "motion": motion, "orientation": full["rig"]["orientation"]},

@@ -2,7 +2,8 @@
 
 `content` declares its content (parts: `friction`, `valves`, `component`, `effects`,
 `validation`, `refinement`, `provenance`), `bundle` its operations, `assembled_model` the
-model that it describes, `assumptions` what its numbers rest on that nobody declared; `files` reads
+model that it describes, `table` every number of it in one table, `declared` those of the rig file,
+`assumptions` what its numbers rest on that nobody declared; `files` reads
 and writes it, `schema` generates its JSON schema from these classes.
 """
 
