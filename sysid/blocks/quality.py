@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from sysid.blocks.numbers import MISSING, number
-from sysid.blocks.tables import Table, table
+from sysid.blocks.numbers import MISSING, number, unit
+from sysid.blocks.tables import NotedCell, Table, table
 from sysid.estimation.quality import lack_of_fit_text
 
-QUALITY_COLUMNS = ("Fit", "RMSE", "Unit", "Of the spread, %", "R2", "Lack of fit", "Verdict")
+_COLUMNS = ("Fit", "RMSE", "Unit", "Of the spread, %", "R2", "Lack of fit", "Verdict")
 _WORDS = {
     "valves": "",
     "a": "valve A",
@@ -43,13 +43,13 @@ class Judged(Protocol):
         """The bundle's object."""
 
 
-def quality_cells(judged: Judged) -> tuple[str, ...]:
+def _cells(judged: Judged) -> tuple[str, ...]:
     """The cells after the first."""
     found = judged.to_json()
     share, r2 = found["rmse_share"], found["r2"]
     return (
         number(found["rmse"]),
-        found["unit"],
+        NotedCell(unit(found["unit"]), plain=found["unit"]),
         MISSING if share is None else number(100.0 * share, 2),
         MISSING if r2 is None else f"{r2:.4f}",
         lack_of_fit_text(found["lack_of_fit"]),
@@ -57,10 +57,12 @@ def quality_cells(judged: Judged) -> tuple[str, ...]:
     )
 
 
-def quality_table(found: Mapping[str, Judged]) -> Table:
+def quality_table(
+    found: Mapping[str, Judged], caption: str = "How well the laws follow their tests"
+) -> Table:
     """One row per judgement, by its place in a bundle."""
-    rows = [(quality_name(place), *quality_cells(one)) for place, one in found.items()]
-    return table("How well the laws follow their tests", QUALITY_COLUMNS, rows, text=(2, 5, 6))
+    rows = [(quality_name(place), *_cells(one)) for place, one in found.items()]
+    return table(caption, _COLUMNS, rows, text=(2, 5, 6))
 
 
-__all__ = ["QUALITY_COLUMNS", "Judged", "quality_cells", "quality_name", "quality_table"]
+__all__ = ["Judged", "quality_name", "quality_table"]

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from sysid.blocks.numbers import unit
-from sysid.blocks.quality import QUALITY_COLUMNS, quality_cells, quality_name
+from sysid.blocks.quality import quality_table
 from sysid.blocks.sections import Section
-from sysid.blocks.tables import table
 from sysid.estimation.quality import GOOD_SHARE, LEAST_EXPLAINED, USABLE_SHARE
 from sysid.parameters import Bundle
 
@@ -15,11 +13,6 @@ def fits_section(bundle: Bundle) -> Section | None:
     judged = bundle.qualities()
     if not judged:
         return None
-    rows = [
-        (quality_name(place), cells[0], unit(cells[1]), *cells[2:])
-        for place, one in sorted(judged.items(), key=lambda item: _side(item[0]))
-        for cells in [quality_cells(one)]
-    ]
     intro = (
         "Each law against the tests that it was fitted to (PWM: tests left out of the fit, where "
         "there are enough). The verdict goes by what the law misses of the signal's spread beyond "
@@ -31,7 +24,9 @@ def fits_section(bundle: Bundle) -> Section | None:
         "residual over the measurement's known scatter, else a test of the residual's runs. A "
         "significant one shows that the law lacks something, which may be small.",
     )
-    blocks = (table("Fits", QUALITY_COLUMNS, rows, text=(2, 5, 6)),)
+    # Friction first, then valve A, then B.
+    ordered = dict(sorted(judged.items(), key=lambda item: _side(item[0])))
+    blocks = (quality_table(ordered, "Fits"),)
     return Section("fits", "How well the laws follow their tests", intro, blocks)
 
 
