@@ -32,6 +32,7 @@ from sysid.parameters import read_bundle
 from sysid.pipeline.control import ControlledRun
 from sysid.pipeline.control import control as control_bundle
 from sysid.pipeline.control_table import ControlTable, control_table
+from sysid.surfaces.kinds import SURFACES
 from sysid.thesis import TABLES
 from sysid.types import Progress, no_progress
 
@@ -53,7 +54,7 @@ _run_options = options(
     click.option("--plant-bundle", type=PathArgument, help="The plant, else BUNDLE's own model."),
     click.option(
         "--inverse",
-        type=click.Choice(["averaged", "bipolynomial", "ann"]),
+        type=click.Choice(["averaged", *SURFACES]),
         help="Where backstepping's duties come from (default: averaged).",
     ),
     click.option("--horizon", type=int, metavar="N", help="Ticks that dvmpc predicts."),

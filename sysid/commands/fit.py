@@ -66,6 +66,7 @@ from sysid.parameters import (
 from sysid.parameters.assumptions import FROM_LOG
 from sysid.parameters.base import read_number
 from sysid.pipeline.fit import PartResult, bench_fit, fit_campaign
+from sysid.surfaces.kinds import SURFACES
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
 
@@ -194,7 +195,7 @@ def _valve_discrete(valve: str | None, as_json: bool, **files: Any) -> None:
 @_valve_option
 @click.option(
     "--surface",
-    type=click.Choice(["bipolynomial", "ann", "both"]),
+    type=click.Choice([*SURFACES, "both"]),
     default="both",
     show_default=True,
     help="Which surface to fit; both are compared on held-out tests.",

@@ -49,12 +49,13 @@ from sysid.io.files import make_folder, remove_leftovers
 from sysid.io.locks import working_in
 from sysid.parameters import Bundle, read_bundle
 from sysid.plant.effects.catalogue import catalogue_with
+from sysid.surfaces.kinds import SURFACES
 from sysid.types import Progress, no_progress
 
 run_options = options(
     click.option(
         "--surface",
-        type=click.Choice(["bipolynomial", "ann", "both"]),
+        type=click.Choice([*SURFACES, "both"]),
         default="both",
         show_default=True,
         help="Which PWM surfaces to fit.",

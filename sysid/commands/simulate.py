@@ -36,6 +36,7 @@ from sysid.plant.trials import (
     simulated_table,
     starts_on_supply,
 )
+from sysid.surfaces.kinds import SURFACES
 from sysid.types import FloatArray
 
 
@@ -45,7 +46,7 @@ from sysid.types import FloatArray
 @click.option("-o", "output", required=True, type=PathArgument, help="CSV or Parquet to write.")
 @click.option(
     "--valve-model",
-    type=click.Choice(["discrete", "averaged", "bipolynomial", "ann"]),
+    type=click.Choice(["discrete", "averaged", *SURFACES]),
     help="Default: the on/off law where the bundle has it.",
 )
 @map_option

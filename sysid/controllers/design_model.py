@@ -20,8 +20,9 @@ from sysid.plant.base import Array, Parameters
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model
 from sysid.surfaces.hull import ValveLaw
+from sysid.surfaces.kinds import SURFACES
 
-INVERSES = ("averaged", "bipolynomial", "ann")
+INVERSES = ("averaged", *SURFACES)
 # Constants of a rig that no controller uses.
 _NOT_USED = ("cylinder.stroke_m", "sampling.period_s")
 

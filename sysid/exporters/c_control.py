@@ -16,12 +16,12 @@ from sysid.controllers.pva import PvaController
 from sysid.controllers.sensing import filter_coefficients
 from sysid.controllers.task import HORIZON, MOTOR_SHARE
 from sysid.exporters.c_printer import all_statements, reduced
-from sysid.exporters.c_surfaces import KINDS
 from sysid.exporters.c_text import Names, comment_text, indented, literal, wrapped
 from sysid.exporters.control_laws import ControlLaw
 from sysid.exporters.control_model import ControlModel
 from sysid.exporters.flat import DIRECTIONS, Flat
 from sysid.io.channels import SIDES
+from sysid.surfaces.kinds import SURFACES
 
 AVERAGED = "averaged"
 # A space at which no line breaks.
@@ -52,13 +52,15 @@ _MEANING = {
 
 
 def inverses(flat: Flat) -> list[str]:
-    """The inverses that the header can choose from: the averaged law's, then the surfaces'."""
-    found = [AVERAGED]
-    for kind, name in KINDS.items():
-        maps = [flat.valves[side].pwm[direction] for side in SIDES for direction in DIRECTIONS]
-        if all(getattr(part, kind) is not None for part in maps):
-            found.append(name)
-    return found
+    """The inverses that the header can choose from: the averaged law's, then kinds of surface."""
+    maps = [flat.valves[side].pwm[direction] for side in SIDES for direction in DIRECTIONS]
+    held = [kind for kind in SURFACES if all(part.surfaces[kind] is not None for part in maps)]
+    return [AVERAGED, *held]
+
+
+def _choice(inverse: str) -> str:
+    """The macro of an inverse."""
+    return f"@P@{SURFACES[inverse].c_name if inverse in SURFACES else inverse}".upper()
 
 
 def controllers(flat: Flat, model: ControlModel, n: Names) -> str:
@@ -118,7 +120,7 @@ def _values(defaults: Any) -> dict[str, Any]:
 
 
 def _choices(flat: Flat) -> str:
-    names = ", ".join(f"@P@{name.upper()}" for name in inverses(flat))
+    names = ", ".join(map(_choice, inverses(flat)))
     return f"/* Inverses from flow to duty that this header holds. */\nenum {{ {names} }};\n"
 
 
@@ -168,11 +170,11 @@ def _function(law: ControlLaw, n: Names) -> str:
 def _inverse(flat: Flat, side: str, n: Names) -> str:
     """The duty of one valve by the inverse chosen."""
     lines = []
-    for name in inverses(flat)[1:]:
-        suffix = "" if name == "bipolynomial" else f"_{name}"
+    for kind in inverses(flat)[1:]:
+        suffix = SURFACES[kind].c_suffix
         fill, out = (f"@p@pwm_{side}_{d}{suffix}_duty" for d in DIRECTIONS)
         lines += [
-            f"    if (inverse == @P@{name.upper()}) {{",
+            f"    if (inverse == {_choice(kind)}) {{",
             f"        return flow_kg_s >= 0 ? {fill}(flow_kg_s, pressure_pa, 0)",
             f"                              : {out}(flow_kg_s, pressure_pa, 0);",
             "    }",

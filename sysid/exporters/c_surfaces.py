@@ -18,9 +18,8 @@ from sysid.exporters.c_text import Names, array, indented, real
 from sysid.exporters.flat import DIRECTIONS, Flat
 from sysid.exporters.replay import Replay, simple
 from sysid.surfaces.hull import FlowLaw
+from sysid.surfaces.kinds import SURFACES
 
-# Kind of the bundle -> name in C.
-KINDS = {"bipolynomial": "bipolynomial", "ann": "network"}
 _UNITS = {"flow": "kg_s", "duty": "", "pressure": "pa"}
 
 
@@ -89,13 +88,13 @@ def slots(flat: Flat) -> Iterator[tuple[str, str, Any]]:
     """Each surface that a bundle can hold: its C name (`pwm_a_fill`), kind, and itself."""
     for side, valve in flat.valves.items():
         for direction in DIRECTIONS:
-            for kind in KINDS:
-                yield f"pwm_{side}_{direction}", kind, getattr(valve.pwm[direction], kind)
+            for kind in SURFACES:
+                yield f"pwm_{side}_{direction}", kind, valve.pwm[direction].surfaces[kind]
 
 
 def macro(name: str, kind: str) -> str:
     """Feature macro of a surface, without prefix."""
-    return f"HAS_{name}_{KINDS[kind]}".upper()
+    return f"HAS_{name}_{SURFACES[kind].c_name}".upper()
 
 
 def surface_functions(flat: Flat) -> Iterator[SurfaceFunction]:
@@ -103,9 +102,8 @@ def surface_functions(flat: Flat) -> Iterator[SurfaceFunction]:
     for slot, kind, surface in slots(flat):
         if surface is None:
             continue
-        name = slot if kind == "bipolynomial" else f"{slot}_{KINDS[kind]}"
+        name, table = (slot + SURFACES[kind].c_suffix, f"{slot}_{SURFACES[kind].c_name}")
         for result in ("flow", "duty"):
-            table = f"{slot}_{KINDS[kind]}"
             yield SurfaceFunction(f"{name}_{result}", table, result, surface.model.law)
 
 
@@ -141,4 +139,4 @@ def _named(law: FlowLaw, name: str) -> FlowLaw:
     return dataclasses.replace(law, **values)
 
 
-__all__ = ["KINDS", "SurfaceFunction", "macro", "slots", "surface_functions", "surfaces"]
+__all__ = ["SurfaceFunction", "macro", "slots", "surface_functions", "surfaces"]

@@ -24,9 +24,9 @@ from sysid.parameters.assembled_model import negative_friction
 from sysid.parameters.friction import StaticAtPosition
 from sysid.parameters.table import ParameterTable
 from sysid.plant.base import CRITICAL_RATIO
+from sysid.surfaces.kinds import SURFACES
 
 DIRECTIONS = ("fill", "discharge")
-KINDS = ("bipolynomial", "ann")
 FORMAT = "sysid-controller/1"
 
 # Sections of the rig file that are exported whole, under their own names.
@@ -48,11 +48,10 @@ NumberTable = dict[str, ExportedNumber]
 
 @dataclass(frozen=True)
 class PwmMap:
-    """Surfaces of one valve in one direction, at one PWM period and supply pressure."""
+    """Surfaces of one valve in one direction by kind, at one PWM period and supply pressure."""
 
     conditions: NumberTable
-    bipolynomial: ExportedSurface | None
-    ann: ExportedSurface | None
+    surfaces: dict[str, ExportedSurface | None]
 
 
 @dataclass(frozen=True)
@@ -313,11 +312,12 @@ def _pwm_map(
         "supply_pressure_pa": ExportedNumber(supply, "Pa"),
     }
     surfaces: dict[str, ExportedSurface | None] = {}
-    for kind, held in (("bipolynomial", part.bipolynomial), ("ann", part.ann)):
+    for kind in SURFACES:
+        held = getattr(part, kind)
         surfaces[kind] = None if held is None else read_surface(held, f"{place}.{kind}")
         if held is None and found is not None:
             missing[f"{name}.{kind}"] = _NO_PART
-    return PwmMap(conditions, surfaces["bipolynomial"], surfaces["ann"])
+    return PwmMap(conditions, surfaces)
 
 
 def _effect(effect: EffectEntry, where: str) -> ExportedEffect:

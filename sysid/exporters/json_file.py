@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from sysid.exporters.flat import DIRECTIONS, FORMAT, KINDS, Flat, clean_text, units, values
+import numpy as np
+
+from sysid.exporters.flat import DIRECTIONS, FORMAT, Flat, clean_text, units, values
 from sysid.exporters.surface_tables import (
     DOMAIN_UNITS,
     ExportedSurface,
-    coefficient_units,
     domain_arrays,
 )
-from sysid.surfaces.bipolynomial import EXPONENTS, Bipolynomial
+from sysid.surfaces.kinds import SURFACES
 
 _STATIC = "static_by_position"
 
@@ -54,7 +55,7 @@ def content(flat: Flat) -> dict[str, Any]:
         table["valves"][side] = {"discrete": units(valve.discrete), "pwm": {}}
         for direction in DIRECTIONS:
             part = valve.pwm[direction]
-            pairs = {kind: surface_content(getattr(part, kind)) for kind in KINDS}
+            pairs = {kind: surface_content(part.surfaces[kind]) for kind in SURFACES}
             numbers["valves"][side]["pwm"][direction] = {
                 **values(part.conditions),
                 **{kind: pair[0] for kind, pair in pairs.items()},
@@ -89,27 +90,10 @@ def surface_content(surface: ExportedSurface | None) -> tuple[dict[str, Any] | N
     if surface is None:
         return None, None
     model = surface.model
-    if isinstance(model, Bipolynomial):
-        numbers: dict[str, Any] = {
-            "exponents": [list(pair) for pair in EXPONENTS],
-            "coefficients": model.coefficients_.tolist(),
-            "scaled_coefficients": model.scaled_coefficients_.tolist(),
-        }
-        table: dict[str, Any] = {
-            "exponents": "1",
-            "coefficients": coefficient_units(),
-            "scaled_coefficients": "kg/s",
-        }
-        scaled = {"duty": "1", "pressure_pa": "Pa"}
-    else:
-        numbers = {
-            "hidden_weights": model.hidden_weights_.tolist(),
-            "hidden_bias": model.hidden_bias_.tolist(),
-            "output_weights": model.output_weights_.tolist(),
-            "output_bias": model.output_bias_,
-        }
-        table = dict.fromkeys(numbers, "1")
-        scaled = {"flow_kg_s": "kg/s", "pressure_pa": "Pa", "duty": "1"}
+    exported = model.exported()
+    numbers: dict[str, Any] = {part.key: np.asarray(part.values).tolist() for part in exported}
+    table: dict[str, Any] = {part.key: part.unit for part in exported}
+    scaled = model.scaled_units
     numbers["scaling"] = {
         name: {"centre": row[0], "half_range": row[1]}
         for name, row in zip(scaled, model.scaling_.tolist(), strict=True)

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from sysid import __version__
-from sysid.exporters.flat import DIRECTIONS, KINDS, Flat
+from sysid.exporters.flat import DIRECTIONS, Flat
 from sysid.exporters.json_file import content
 from sysid.exporters.surface_tables import ExportedSurface
-from sysid.surfaces.bipolynomial import Bipolynomial
+from sysid.surfaces.kinds import SURFACES
 
 _HEADER = 116  # bytes of descriptive text at the start of a MAT 5 file
 
@@ -43,8 +43,8 @@ def _struct(flat: Flat) -> dict[str, Any]:
         for direction in DIRECTIONS:
             for part, fill in ((tree, _surface), (tree["units"], _surface_units)):
                 slots = part["valves"][side]["pwm"][direction]
-                for kind in KINDS:
-                    slots[kind] = fill(getattr(valve.pwm[direction], kind), slots[kind])
+                for kind in SURFACES:
+                    slots[kind] = fill(valve.pwm[direction].surfaces[kind], slots[kind])
     tree["effects"] = _cells(tree["effects"])
     tree["units"]["effects"] = _cells(tree["units"]["effects"])
     struct = {key: _matlab(value) for key, value in tree.items()}
@@ -56,20 +56,12 @@ def _surface(surface: ExportedSurface | None, numbers: dict[str, Any] | None) ->
     """A surface's struct: matrices in place of the JSON's lists."""
     if surface is None or numbers is None:
         return np.empty((0, 0))
-    model = surface.model
     rest = {key: numbers[key] for key in ("scaling", "domain", "errors")}
-    if isinstance(model, Bipolynomial):
-        matrices: dict[str, Any] = {
-            "C": model.coefficients_.reshape(3, 3),
-            "C_scaled": model.scaled_coefficients_.reshape(3, 3),
-        }
-    else:
-        matrices = {
-            "W1": model.hidden_weights_,
-            "b1": model.hidden_bias_[:, None],
-            "W2": model.output_weights_[None, :],
-            "b2": model.output_bias_,
-        }
+    matrices = {
+        part.matlab: np.reshape(part.values, part.shape)[()]
+        for part in surface.model.exported()
+        if part.matlab
+    }
     return {**matrices, **rest}
 
 
@@ -77,10 +69,14 @@ def _surface_units(surface: ExportedSurface | None, table: dict[str, Any] | None
     if surface is None or table is None:
         return np.empty((0, 0))
     rest = {key: table[key] for key in ("scaling", "domain", "errors")}
-    if isinstance(surface.model, Bipolynomial):
-        cells = np.array(table["coefficients"], dtype=object).reshape(3, 3)
-        return {"C": cells, "C_scaled": table["scaled_coefficients"], **rest}
-    return {**dict.fromkeys(("W1", "b1", "W2", "b2"), "1"), **rest}
+    cells = {
+        part.matlab: np.array(part.unit, dtype=object).reshape(part.shape)
+        if isinstance(part.unit, list)
+        else part.unit
+        for part in surface.model.exported()
+        if part.matlab
+    }
+    return {**cells, **rest}
 
 
 def _cells(items: list[Any]) -> Any:

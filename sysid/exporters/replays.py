@@ -16,11 +16,11 @@ from sysid.controllers.payload import PayloadEstimator, payload_mass
 from sysid.controllers.prediction import Motion, euler_step, loaded, point_at
 from sysid.controllers.pva import PvaController
 from sysid.controllers.sensing import Readings, SensingMemory, filter_coefficients, sense
-from sysid.exporters.c_control import gains, inverses
+from sysid.exporters.c_control import AVERAGED, gains, inverses
 from sysid.exporters.flat import DIRECTIONS, Flat
 from sysid.exporters.replay import Columns, Replay, simple
 from sysid.io.channels import SIDES
-from sysid.surfaces.hull import ValveLaw
+from sysid.surfaces.hull import FlowLaw, ValveLaw
 from sysid.types import BoolArray, FloatArray
 
 _MOTION = ("position", "velocity", "pressure", "pressure")
@@ -212,14 +212,20 @@ def _backstepping(flat: Flat, design: DesignModel) -> Replay:
     )
 
 
-def _with_inverse(flat: Flat, design: DesignModel, name: str) -> DesignModel:
+def _with_inverse(flat: Flat, design: DesignModel, kind: str) -> DesignModel:
     """The design with the surfaces themselves as inverses; the averaged laws are its own."""
-    if name == inverses(flat)[0]:
+    if kind == AVERAGED:
         return design
-    kind = "ann" if name == "network" else name
-    maps = {side: [flat.valves[side].pwm[d] for d in DIRECTIONS] for side in SIDES}
-    a, b = (ValveLaw(*(getattr(m, kind).model.law for m in maps[side])) for side in SIDES)
+    a, b = (ValveLaw(*_laws(flat, side, kind)) for side in SIDES)
     return dataclasses.replace(design, inverse_a=a, inverse_b=b)
+
+
+def _laws(flat: Flat, side: str, kind: str) -> Iterator[FlowLaw]:
+    """A valve's laws of a kind that it holds in both directions."""
+    for direction in DIRECTIONS:
+        held = flat.valves[side].pwm[direction].surfaces[kind]
+        assert held is not None
+        yield held.model.law
 
 
 def _grouped(

@@ -72,11 +72,7 @@ def _check_numbers(model: Bipolynomial | DutyNetwork, where: str) -> None:
     domain = model.domain_
     numbers = [model.scaling_, *domain_arrays(domain).values()]
     numbers += [np.array(domain.duty_range), np.array(domain.pressure_range)]
-    if isinstance(model, Bipolynomial):
-        numbers += [model.coefficients_, model.scaled_coefficients_]
-    else:
-        numbers += [model.hidden_weights_, model.hidden_bias_, model.output_weights_]
-        numbers += [np.array(model.output_bias_)]
+    numbers += [np.asarray(part.values, dtype=float) for part in model.exported()]
     if not all(np.isfinite(array).all() for array in numbers):
         raise input_error(where, "holds a number that is not finite", _AGAIN)
     if model.scaling_.shape[1] != 2 or not (model.scaling_[:, 1] > 0.0).all():
@@ -103,8 +99,3 @@ def domain_arrays(domain: Domain) -> dict[str, FloatArray]:
         "flow_low_kg_s": domain.flow_low,
         "flow_high_kg_s": domain.flow_high,
     }
-
-
-def coefficient_units() -> list[str]:
-    """Unit of each of the nine coefficients, in the thesis' order."""
-    return ["kg/s" if j == 0 else f"kg/(s Pa^{j})" if j > 1 else "kg/(s Pa)" for _, j in EXPONENTS]

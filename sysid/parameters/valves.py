@@ -10,10 +10,11 @@ from sysid.estimation.linear import Estimate
 from sysid.parameters.base import Absent, Lenient, Number, Part, Unread
 from sysid.parameters.correlation import CorrelatedPart
 from sysid.parameters.quality import Quality, QualityByName
+from sysid.surfaces.kinds import SURFACES
 
 Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
 DIRECTIONS = ("fill", "discharge")
-SURFACE_KINDS = ("bipolynomial", "ann")
+SURFACE_KINDS = tuple(SURFACES)
 AVERAGED = "averaged"
 # The flow parameters of a valve's law: the model's names, and the bundle's keys.
 LAW_KEYS = {
@@ -151,8 +152,8 @@ class PwmSurfaces(Part):
     reason: Lenient[str | None] = None
 
     def surface(self, kind: str) -> Surface | None:
-        """The surface of a kind ("bipolynomial" or "ann"); None without a readable one."""
-        found = self.ann if kind == "ann" else self.bipolynomial
+        """The surface of one of SURFACE_KINDS; None without a readable one."""
+        found = getattr(self, kind)
         return found if isinstance(found, Surface) else None
 
     def surfaces(self) -> dict[str, Surface]:

@@ -13,6 +13,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from sysid.errors import InputError, input_error
+from sysid.surfaces.kinds import SURFACES
 
 if TYPE_CHECKING:
     from sysid.surfaces.ann import DutyNetwork, SizeSweep, sweep_hidden_size
@@ -81,17 +82,11 @@ def surface_from_dict(
     Raises InputError, which begins with `where`, for content that neither estimator wrote.
     """
     kind = content.get("kind")
-    if kind not in ("bipolynomial", "ann"):
-        raise input_error(where, f"kind = {kind!r} is unknown", "use bipolynomial or ann")
+    if not isinstance(kind, str) or kind not in SURFACES:
+        known = " or ".join(SURFACES)
+        raise input_error(where, f"kind = {kind!r} is unknown", f"use {known}")
     try:
-        if kind == "bipolynomial":
-            from sysid.surfaces.bipolynomial import Bipolynomial
-
-            found: Bipolynomial | DutyNetwork = Bipolynomial.from_dict(content)
-        else:
-            from sysid.surfaces.ann import DutyNetwork
-
-            found = DutyNetwork.from_dict(content)
+        found: Bipolynomial | DutyNetwork = SURFACES[kind].load().from_dict(content)
         _check_scaling(found)
         return found
     except InputError as error:

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.surfaces.domain import Domain, duty_levels
-from sysid.surfaces.estimator import Regressor, checked_samples, checked_weights, columns
+from sysid.surfaces.estimator import (
+    ExportedNumbers,
+    Regressor,
+    checked_samples,
+    checked_weights,
+    columns,
+)
 from sysid.surfaces.inverse import FlagArray, evaluated
 from sysid.surfaces.left_out import group_folds, hold_out_groups
 from sysid.surfaces.network_law import NetworkLaw
@@ -189,6 +195,19 @@ class DutyNetwork(Regressor):
         seen at the pressure; where the network is not monotone, the lowest such flow.
         """
         return evaluated(self.law.bounded_flow, duty, pressure)
+
+    def exported(self) -> tuple[ExportedNumbers, ...]:
+        """Its numbers for other programs, for centre + half (W2 tanh(W1 x + b1) + b2)."""
+        hidden = len(self.hidden_bias_)
+        return (
+            ExportedNumbers("hidden_weights", self.hidden_weights_, "1", "W1", (hidden, 2)),
+            ExportedNumbers("hidden_bias", self.hidden_bias_, "1", "b1", (hidden, 1)),
+            ExportedNumbers("output_weights", self.output_weights_, "1", "W2", (1, hidden)),
+            ExportedNumbers("output_bias", self.output_bias_, "1", "b2"),
+        )
+
+    scaled_units: ClassVar = {"flow_kg_s": "kg/s", "pressure_pa": "Pa", "duty": "1"}
+    """Unit of each row of `scaling_`, by its name."""
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-able: weights, scaling, domain, errors and seeds. `from_dict` reads it."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,13 @@ from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.surfaces.bipolynomial_law import BipolynomialLaw
 from sysid.surfaces.domain import Domain
-from sysid.surfaces.estimator import Regressor, checked_samples, checked_weights, columns
+from sysid.surfaces.estimator import (
+    ExportedNumbers,
+    Regressor,
+    checked_samples,
+    checked_weights,
+    columns,
+)
 from sysid.surfaces.inverse import FlagArray, evaluated
 from sysid.types import FloatArray
 
@@ -186,6 +192,20 @@ class Bipolynomial(Regressor):
                 EXPONENTS, self.coefficients_, self.std_, self.interval_, strict=True
             )
         }
+
+    def exported(self) -> tuple[ExportedNumbers, ...]:
+        """Its numbers for other programs; C(i, j) of MATLAB multiplies u^(i-1) P^(j-1)."""
+        units = [("kg/s", "kg/(s Pa)", "kg/(s Pa^2)")[j] for _, j in EXPONENTS]
+        return (
+            ExportedNumbers("exponents", [list(pair) for pair in EXPONENTS], "1"),
+            ExportedNumbers("coefficients", self.coefficients_, units, "C", (3, 3)),
+            ExportedNumbers(
+                "scaled_coefficients", self.scaled_coefficients_, "kg/s", "C_scaled", (3, 3)
+            ),
+        )
+
+    scaled_units: ClassVar = {"duty": "1", "pressure_pa": "Pa"}
+    """Unit of each row of `scaling_`, by its name."""
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-able: coefficients in the thesis' units with std and interval, scaling,

@@ -7,7 +7,7 @@ and `__sklearn_tags__`; only the last needs scikit-learn, and only scikit-learn 
 from __future__ import annotations
 
 import inspect
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,19 @@ from sysid.errors import input_error
 from sysid.types import FloatArray
 
 _Self = TypeVar("_Self", bound="Regressor")
+
+
+class ExportedNumbers(NamedTuple):
+    """Numbers of a surface for another program: `key` in JSON, `matlab` in MAT files (None: not).
+
+    `values` in the shape of the JSON, `shape` that of MATLAB; `unit` one, or a list of each one's.
+    """
+
+    key: str
+    values: Any
+    unit: str | list[str]
+    matlab: str | None = None
+    shape: tuple[int, ...] = ()
 
 
 class Regressor:
