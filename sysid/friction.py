@@ -24,18 +24,9 @@ from sysid.identification.friction.combinations import (
     unidentified,
 )
 from sysid.identification.friction.effort import (
-    KINDS,
-    MOTION,
-    SLIDING,
-    STATIC,
-    EvenTrial,
     TrialUse,
     against_motion,
     by_reason,
-    classify,
-    classify_trial,
-    even_trial,
-    pause_line,
     pushed_along,
     titles,
 )
@@ -66,6 +57,9 @@ from sysid.io.logs import Trial, any_contradiction, with_channels
 from sysid.io.motion import MotionUnits
 from sysid.io.rig import Rig
 from sysid.parallel import Failure, error_of, on_its_own
+from sysid.recording.even import pause_line, recorded
+from sysid.recording.friction_kind import KINDS, MOTION, SLIDING, STATIC, classify, classify_trial
+from sysid.recording.recording import Recording
 from sysid.signals import DEFAULT_CUTOFF_HZ
 
 __all__ = [
@@ -104,7 +98,7 @@ class _Fit:
     rig: Rig
     units: MotionUnits
     cutoff_hz: float
-    by_kind: dict[str, list[EvenTrial]]
+    by_kind: dict[str, list[Recording]]
     uses: list[TrialUse] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
     failures: dict[str, Failure] = field(default_factory=dict)
@@ -297,7 +291,7 @@ def _prepared(
             fit.uses.append(use)
             fit.notices.append(f"{use.title}: left out, {use.reason}")
             continue
-        even = even_trial(trial, rig, fit.notices)
+        even = recorded(trial, rig, fit.notices)
         full = _kind(name) if name else classify(even)
         if full == STATIC and not trial.has_its_start:
             use = TrialUse(trial.label, trial.source, full)
@@ -319,7 +313,7 @@ def _prepared(
     fit.notices += [f"{titles(own)}: {said}" for said, own in pauses.items()]
     if effort_is_read(moving, rig):
         commanded = with_commands(moving, rig)
-        fit.by_kind[MOTION] = [even_trial(trial, rig, fit.notices) for trial in commanded]
+        fit.by_kind[MOTION] = [recorded(trial, rig, fit.notices) for trial in commanded]
         fit.notices.append(readings_line(rig))
     fit.by_kind = {name: _told_apart(own) for name, own in fit.by_kind.items()}
     pushed = pushed_along([e for kind in (SLIDING, MOTION) for e in fit.by_kind[kind]])
@@ -336,18 +330,18 @@ def _prepared(
     return fit
 
 
-def _told_apart(trials: Sequence[EvenTrial]) -> list[EvenTrial]:
+def _told_apart(trials: Sequence[Recording]) -> list[Recording]:
     """The trials of one kind; where their files number them alike, the file is in the label."""
     count = Counter(trial.label for trial in trials)
     return [
-        replace(trial, label=f"{trial.label} of {Path(_file(trial)).name}")
+        trial.named(f"{trial.label} of {Path(_file(trial)).name}")
         if trial.label and count[trial.label] > 1
         else trial
         for trial in trials
     ]
 
 
-def _file(trial: EvenTrial) -> str:
+def _file(trial: Recording) -> str:
     return trial.source.removesuffix(f", test {trial.label}")
 
 
@@ -375,7 +369,7 @@ def _static(fit: _Fit) -> StaticFriction | None:
     return result
 
 
-def _sliding(trials: Sequence[EvenTrial], fit: _Fit, inertia: float | None) -> SlidingFriction:
+def _sliding(trials: Sequence[Recording], fit: _Fit, inertia: float | None) -> SlidingFriction:
     points, uses = sliding_points(trials, inertia, fit.units, fit.notices)
     fit.uses += uses
     if points is None:
@@ -647,5 +641,5 @@ def friction_rmse(result: FrictionResult, trials: Sequence[Trial], rig: Rig) -> 
         raise NotIdentifiedError(f"the effort in motion: {_WANTED[MOTION]}")
     offset = own.get("offset")
     constant = offset.value if offset is not None and offset.identified else 0.0
-    even = [even_trial(trial, rig, []) for trial in trials]
+    even = [recorded(trial, rig, []) for trial in trials]
     return effort_rmse(even, coulomb.value, viscous.value, constant, inertia, result.cutoff_hz)

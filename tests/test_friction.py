@@ -39,13 +39,13 @@ from sysid.friction import (
     friction_rmse,
     static_summary,
 )
-from sysid.identification.friction.effort import even_trial
 from sysid.identification.friction.static import find_onset
 from sysid.io.logs import Trial
 from sysid.io.motion import ROTARY
 from sysid.io.rig import Rig, rig_from_content
 from sysid.io.rig_sections import Air
 from sysid.parameters import Friction
+from sysid.recording.even import recorded
 from sysid.types import FloatArray
 
 
@@ -110,7 +110,7 @@ def test_a_slip_that_stops_again_is_not_sustained_motion() -> None:
     slip = 1.5e-3 * STROKE / RADIUS
     when = round(1.0 / PERIOD)
     theta[when:] += slip * np.minimum(np.arange(len(theta) - when) / 20.0, 1.0)
-    onset = find_onset(even_trial(trial("slip", effort, theta), RIG, []))
+    onset = find_onset(recorded(trial("slip", effort, theta), RIG, []))
     assert not isinstance(onset, str)
     assert 0.19 * onset.time == pytest.approx(0.333, rel=0.01)
 

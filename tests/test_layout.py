@@ -21,7 +21,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("blocks",),
     ("io",),
     ("plant",),
-    ("surfaces",),
+    ("recording", "surfaces"),
     ("parameters",),
     ("identification",),
     ("friction", "valve_discrete", "valve_pwm"),

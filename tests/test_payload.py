@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sysid.validation.effort_balance import effort_rmse
 
 from datasets.generator.campaign import SMALL, GeneratedCampaign, make_campaign
 from datasets.generator.files import write_log
@@ -26,7 +27,6 @@ from sysid.plant.effects.linkage import LinkFlexibility
 from sysid.plant.tangents import simulate_tangents
 from sysid.plant.trials import inputs_from_trial, simulate_trials
 from sysid.validation import validate
-from sysid.validation.effort_balance import effort_rmse
 from sysid.validation.motion_tests import prepare_all
 
 PAYLOAD = 0.6

@@ -12,7 +12,6 @@ from sysid.checks.bench import BENCH_LAWS, bench_identified
 from sysid.checks.friction import Identification, friction_together
 from sysid.checks.identifiability import valves_identified
 from sysid.checks.log_check import LogCheck, check_campaign, kind_of, listed
-from sysid.identification.friction.effort import balances
 from sysid.io.campaign import (
     BENCH_KINDS,
     FRICTION_KINDS,
@@ -23,6 +22,7 @@ from sysid.io.campaign import (
 )
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
+from sysid.recording.friction_kind import balances
 
 # Times the noise that the rig file declares from which a sensor's is said to be above it.
 _NOISY = 3.0

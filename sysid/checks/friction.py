@@ -9,16 +9,11 @@ from functools import partial
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.friction import FrictionResult, fit_friction
-from sysid.identification.friction.effort import (
-    MOTION,
-    SLIDING,
-    STATIC,
-    balances,
-)
 from sysid.io.campaign import FRICTION_KINDS, FRICTION_POINTS, MOTION_KINDS
 from sysid.io.logs import Trial
 from sysid.io.motion import MotionUnits
 from sysid.io.rig import Rig
+from sysid.recording.friction_kind import MOTION, SLIDING, STATIC, balances
 
 _MOVING = "needs friction-sliding or friction-motion tests in both directions"
 _NO_TEST = "the campaign declares no friction or motion test of it"

@@ -19,7 +19,6 @@ from sysid.checks.bench import BENCH_LAWS, COLUMNS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import located_contradictions, readings_of
 from sysid.checks.friction import Identification
 from sysid.checks.identifiability import excitation, identifications
-from sysid.identification.friction.effort import MOTION, classify_trial
 from sysid.io.campaign import FRICTION_POINTS, Campaign
 from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
 from sysid.io.exclusion import Excluded
@@ -27,6 +26,7 @@ from sysid.io.logs import Log, Trial
 from sysid.io.measured_speed import velocity_channel
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active, is_held, rows_per_ripple
+from sysid.recording.friction_kind import MOTION, classify_trial
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:

@@ -43,7 +43,6 @@ from sysid.commands.printing import (
 )
 from sysid.errors import SysidError, input_error
 from sysid.friction import fit_friction
-from sysid.identification.friction.effort import classify_trial
 from sysid.identification.friction.volts import friction_in_volts
 from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import FRICTION_POINTS, Campaign, CampaignLog
@@ -66,6 +65,7 @@ from sysid.parameters import (
 from sysid.parameters.assumptions import FROM_LOG
 from sysid.parameters.base import read_number
 from sysid.pipeline.fit import PartResult, bench_fit, fit_campaign
+from sysid.recording.friction_kind import classify_trial
 from sysid.surfaces.kinds import SURFACES
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm

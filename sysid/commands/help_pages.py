@@ -23,6 +23,7 @@ PAGES = {
     "sysid.io.declaration": "reference/rig-file",
     "sysid.io.campaign": "reference/campaign-file",
     "sysid.parameters": "reference/bundle",
+    "sysid.recording.even": "reference/log-format",
     "sysid.identification": "reference/log-format",
     "sysid.friction": "reference/log-format",
     "sysid.valve_discrete": "reference/log-format",

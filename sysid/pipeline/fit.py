@@ -9,7 +9,6 @@ from typing import Protocol
 
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.friction import fit_friction
-from sysid.identification.friction.effort import MOTION, balances
 from sysid.identification.friction.result import FrictionResult
 from sysid.io.campaign import (
     BENCH_KINDS,
@@ -23,6 +22,7 @@ from sysid.io.rig import Rig
 from sysid.io.source import Source
 from sysid.parallel import Failure, attempt_all, error_of, on_its_own
 from sysid.parameters import Bundle, Parts
+from sysid.recording.friction_kind import MOTION, balances
 from sysid.types import Progress, no_progress
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm

@@ -23,13 +23,14 @@ from sysid.checks.consistency.levels import (
 from sysid.checks.consistency.offsets import OffsetReading, offset_lines, offset_of
 from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
 from sysid.errors import SysidError
-from sysid.identification.friction.effort import EvenTrial, even_trial
 from sysid.identification.friction.result import FrictionResult
 from sysid.io.campaign import MOTION_KINDS, Campaign
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.parallel import Failure, on_its_own
+from sysid.recording.even import recorded
+from sysid.recording.recording import Recording
 
 _STATIC = "static friction"
 _COULOMB = "Coulomb friction"
@@ -135,11 +136,11 @@ def quantities(rig: Rig) -> tuple[SharedQuantity, ...]:
 # --- inertia ------------------------------------------------------------------------------
 
 
-def _even(trial: Trial, rig: Rig) -> EvenTrial | None:
+def _even(trial: Trial, rig: Rig) -> Recording | None:
     if rig.cylinder is not None and not all(n in trial for n in CHAMBER_PRESSURES):
         return None
     try:
-        return even_trial(trial, rig, [])
+        return recorded(trial, rig, [])
     except SysidError:
         return None
 

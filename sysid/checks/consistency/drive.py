@@ -15,8 +15,8 @@ import numpy as np
 
 from sysid import signals
 from sysid.estimation.linear import t_quantile
-from sysid.identification.friction.effort import MIN_SAMPLES, EvenTrial
 from sysid.identification.friction.motion_samples import default_cutoff, left_out
+from sysid.recording.recording import MIN_SAMPLES, Recording
 from sysid.types import FloatArray
 
 _BLOCKS = 10
@@ -43,7 +43,7 @@ class Gain:
     high: float
 
 
-def gains(trials: Sequence[EvenTrial], inertia: float) -> list[Gain]:
+def gains(trials: Sequence[Recording], inertia: float) -> list[Gain]:
     """The gains that a log's trials identify; `inertia` kg m2, or kg."""
     parts = [_rows(t) for t in trials if len(t) >= MIN_SAMPLES]
     if not parts:
@@ -76,7 +76,7 @@ def gains(trials: Sequence[EvenTrial], inertia: float) -> list[Gain]:
     return found
 
 
-def takes_energy_out(trials: Sequence[EvenTrial]) -> bool:
+def takes_energy_out(trials: Sequence[Recording]) -> bool:
     """Whether the efforts brake the motion on the whole, which nothing then drives."""
     power, size = 0.0, 0.0
     for trial in trials:
@@ -88,7 +88,7 @@ def takes_energy_out(trials: Sequence[EvenTrial]) -> bool:
     return power < _TAKEN_OUT * size
 
 
-def _rows(trial: EvenTrial) -> FloatArray:
+def _rows(trial: Recording) -> FloatArray:
     """(n, 7): motor, cylinder, gravity, sign of speed, speed, 1 and acceleration, filtered."""
     dt = trial.period
     cutoff = default_cutoff(trial, signals.DEFAULT_CUTOFF_HZ)

@@ -7,18 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.errors import InputError
-from sysid.identification.friction.effort import (
-    SLIDING,
-    STATIC,
-    EvenTrial,
-    classify,
-    constant_run,
-    even_trial,
-)
 from sysid.io.channels import DUTIES, SWITCHES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active
+from sysid.recording.even import recorded
+from sysid.recording.friction_kind import SLIDING, STATIC, classify, constant_run
+from sysid.recording.recording import Recording
 
 # Of a log's tests: single ones may look like the other kind.
 _MOST = 0.8
@@ -58,14 +53,14 @@ def other_kind(trials: Sequence[Trial], kind: str, name: str, rig: Rig) -> str |
 def _shape(trial: Trial, rig: Rig) -> str:
     """The kind of a friction test by its effort; empty where that is not clear."""
     try:
-        even = even_trial(trial, rig, [])
+        even = recorded(trial, rig, [])
     except InputError:
         return ""
     kind = classify(even)
     return "" if kind == SLIDING and _begins_as_ramp(even) else kind
 
 
-def _begins_as_ramp(trial: EvenTrial) -> bool:
+def _begins_as_ramp(trial: Recording) -> bool:
     """Whether the effort grows for a while, without falling back, before it is constant."""
     start, _ = constant_run(trial.motor)
     before = np.abs(trial.motor[: start + 1])

@@ -17,13 +17,14 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import input_error
-from sysid.io.channels import SIDES, VALVE_COMMANDS
+from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import NO_LOAD, Rig
 from sysid.io.trial_kind import is_held
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs, Shared, open_intervals
 from sysid.plant.valve_timing import OpenIntervals
+from sysid.recording.even import on_even_grid
 from sysid.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -202,7 +203,7 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
     for file, kind, trial in tests:
         if len(trial) * trial.period < 3.0 * WINDOW_S:
             continue
-        uniform = _uniform(trial, rig)
+        uniform = on_even_grid(trial, rig)
         on = starts_on_supply(uniform, rig) if kind == "valve-pwm" else (False, False)
         inputs = inputs_from_trial(uniform, rig, on)
         stop = start + len(uniform)
@@ -236,17 +237,6 @@ def _carried(runs: Sequence[TestRun]) -> FloatArray:
         if columns:
             found[run.rows] = load.inertia, load.gravity_moment, load.weight
     return found
-
-
-def _uniform(trial: Trial, rig: Rig) -> Trial:
-    """The test on an even grid: commands held, signals joined by a spline."""
-    grid = signals.uniform_grid(trial.time)
-    commands = (*VALVE_COMMANDS, rig.effort_channel)
-    channels = {
-        name: signals.resample(trial.time, values, grid, hold=name in commands)
-        for name, values in trial.channels.items()
-    }
-    return replace(trial, time=grid, channels=channels)
 
 
 def _channels(trial: Trial, rig: Rig, inputs: Inputs) -> dict[str, FloatArray]:

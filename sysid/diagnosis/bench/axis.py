@@ -24,7 +24,6 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
-from sysid.identification.friction.effort import MOTION, EvenTrial, even_trial
 from sysid.identification.friction.motion_samples import tells_speeds
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -38,6 +37,9 @@ from sysid.plant.effects.linear import ROTARY_ONLY
 from sysid.plant.effects.linkage import InertiaMismatch
 from sysid.plant.effects.motor import TorqueSaturation
 from sysid.plant.ports import Model, Point, overrides
+from sysid.recording.even import recorded
+from sysid.recording.friction_kind import MOTION
+from sysid.recording.recording import Recording
 from sysid.types import FloatArray
 from sysid.validation.effort_balance import ImposedMotion, effort_gap, imposed_motion
 
@@ -270,7 +272,7 @@ def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
     pieces = 1 if len(trials) >= _FEWEST_TESTS else math.ceil(_STRETCHES / max(len(trials), 1))
     for trial in trials:
         # The friction fit has already reported notices about its channels.
-        cases += _cases(trial, even_trial(trial, rig, []), rig, pieces)
+        cases += _cases(trial, recorded(trial, rig, []), rig, pieces)
     if not cases:
         raise NotIdentifiedError(
             "friction: the axis hardly moves in these tests; give motion that crosses the stroke "
@@ -281,7 +283,7 @@ def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
     return Axis(rig, tuple(cases), tuple(trials), tells_speeds(speed, load))
 
 
-def _cases(trial: Trial, even: EvenTrial, rig: Rig, pieces: int) -> list[ImposedMotion]:
+def _cases(trial: Trial, even: Recording, rig: Rig, pieces: int) -> list[ImposedMotion]:
     """A trial as one test, or cut into stretches of equal length."""
     whole = imposed_motion(trial, even, rig)
     rows = whole.rows

@@ -26,7 +26,7 @@ from sysid.identification.friction.combinations import (
     combined,
     unidentified,
 )
-from sysid.identification.friction.effort import MIN_SAMPLES, MOTION, EvenTrial, TrialUse
+from sysid.identification.friction.effort import TrialUse
 from sysid.identification.friction.low_speed import SlidingLimits, bins_of_speed, sliding_only
 from sysid.identification.friction.motion_regression import (
     MOST_NOISE,
@@ -49,6 +49,8 @@ from sysid.identification.friction.motion_samples import (
     tells_speeds,
 )
 from sysid.io.motion import MotionUnits
+from sysid.recording.friction_kind import MOTION
+from sysid.recording.recording import MIN_SAMPLES, Recording
 from sysid.types import FloatArray
 
 MIN_TRIALS_APART = 3
@@ -99,7 +101,7 @@ class _Found:
 
 
 def usable_motion(
-    trials: Sequence[EvenTrial], cutoff_hz: float, notices: list[str]
+    trials: Sequence[Recording], cutoff_hz: float, notices: list[str]
 ) -> tuple[list[MotionSamples], list[TrialUse]]:
     """The samples of the trials that move, and the outcome of every trial."""
     uses, samples = [], []
@@ -120,7 +122,7 @@ def usable_motion(
     return samples, uses
 
 
-def _why_few(trial: EvenTrial, chosen: MotionSamples, cutoff_hz: float) -> str:
+def _why_few(trial: Recording, chosen: MotionSamples, cutoff_hz: float) -> str:
     """Why a test has few samples that count: it rests, or its rows are too far apart.
 
     The latter where the time for which it moves would give enough of them at the filter's usual
@@ -471,7 +473,7 @@ def _explained(effort: FloatArray, rmse: float) -> float:
 
 
 def effort_rmse(
-    trials: Sequence[EvenTrial],
+    trials: Sequence[Recording],
     coulomb: float,
     viscous: float,
     offset: float,

@@ -24,15 +24,7 @@ from sysid.estimation.quality import (
     root_mean_square,
 )
 from sysid.identification.friction.combinations import Combination
-from sysid.identification.friction.effort import (
-    KINDS,
-    MOTION,
-    SLIDING,
-    STATIC,
-    TrialUse,
-    left_out_lines,
-    tests_left_out,
-)
+from sysid.identification.friction.effort import TrialUse, left_out_lines, tests_left_out
 from sysid.identification.friction.low_speed import RULE as LOW_SPEED_RULE
 from sysid.identification.friction.motion import MotionFriction
 from sysid.identification.friction.motion_samples import RULE
@@ -41,6 +33,7 @@ from sysid.identification.friction.static import CRITERION, StaticFriction, brea
 from sysid.io.motion import MotionUnits
 from sysid.parameters import Correlation, Friction, Parts
 from sysid.parameters.quality import records_of
+from sysid.recording.friction_kind import KINDS, MOTION, SLIDING, STATIC
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:

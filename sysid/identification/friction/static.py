@@ -25,8 +25,10 @@ from sysid.estimation.linear import (
     t_quantile,
 )
 from sysid.estimation.quality import FitQuality, repeats_lack_of_fit
-from sysid.identification.friction.effort import STATIC, EvenTrial, TrialUse, titles
+from sysid.identification.friction.effort import TrialUse, titles
 from sysid.io.motion import MotionUnits
+from sysid.recording.friction_kind import STATIC
+from sysid.recording.recording import Recording
 from sysid.types import FloatArray
 
 TRAVEL_SHARE = 1e-3  # of the stroke: motion beyond it is more than presliding
@@ -117,7 +119,7 @@ class StaticFriction:
 
 
 def fit_static(
-    trials: Sequence[EvenTrial], units: MotionUnits, notices: list[str]
+    trials: Sequence[Recording], units: MotionUnits, notices: list[str]
 ) -> tuple[StaticFriction | None, list[TrialUse]]:
     """Static friction from ramps; None where none of them moved."""
     uses = [breakaway(trial, units) for trial in trials]
@@ -137,12 +139,12 @@ def fit_static(
         )
     values = np.array([abs(use.values["breakaway"]) for use in used])
     starts = np.array([use.values["position"] for use in used])
-    places = _places(starts, trials[0].travel)
+    places = _places(starts, trials[0].rig.travel)
     directions = np.array([use.values["direction"] for use in used])
     return static_summary(values, starts, places, directions, units.effort), uses
 
 
-def breakaway(trial: EvenTrial, units: MotionUnits) -> TrialUse:
+def breakaway(trial: Recording, units: MotionUnits) -> TrialUse:
     """One ramp's breakaway effort, signed, in `values`; or why it is left out."""
     use = TrialUse(trial.label, trial.source, STATIC)
     found = find_onset(trial)
@@ -202,13 +204,13 @@ def _carried_on(times: FloatArray, effort: FloatArray, when: float) -> float:
     return float(effort.mean()) + (slope * (when - float(times.mean())) if rises else 0.0)
 
 
-def find_onset(trial: EvenTrial) -> Onset | str:
+def find_onset(trial: Recording) -> Onset | str:
     """Onset of sustained motion in a ramp, or why there is none."""
     x, dt = trial.position, trial.period
     if len(x) < 20:
         return "it is too short"
     noise = trial.position_noise
-    span = trial.travel if trial.travel is not None else 20.0 * float(np.ptp(x))
+    span = trial.rig.travel if trial.rig.travel is not None else 20.0 * float(np.ptp(x))
     counts = _counts(trial, TRAVEL_SHARE * span)
     hold = max(2, round(REST_S / dt), _rest_in_counts(counts))
     drift = trial.drift(hold)
@@ -231,7 +233,7 @@ def find_onset(trial: EvenTrial) -> Onset | str:
     )
 
 
-def _counts(trial: EvenTrial, presliding: float) -> NDArray[np.intp]:
+def _counts(trial: Recording, presliding: float) -> NDArray[np.intp]:
     """Samples (k,) after which a coarse encoder counts; none of one that counts in presliding.
 
     Nor of one whose noise counts. A count that the next one takes back is jitter at the edge of a
@@ -275,7 +277,7 @@ def _first_of_its_counts(counts: NDArray[np.intp], start: int) -> int:
     return min(start, int(counts[row])) if row < len(counts) else start
 
 
-def _locate(trial: EvenTrial, before: int, after: int, threshold: float, hold: int) -> Onset:
+def _locate(trial: Recording, before: int, after: int, threshold: float, hold: int) -> Onset:
     """Onset of the movement between two samples: rest, then a (t-t0)^2 + b (t-t0)^3.
 
     With a drop from static to Coulomb friction the acceleration jumps (a); without one it

@@ -11,18 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
-from sysid.identification.friction.effort import (
-    BLOCK_S,
-    SLIDING,
-    EvenTrial,
-    TrialUse,
-    constant_run,
-    level_tolerance,
-    titles,
-)
+from sysid.identification.friction.effort import BLOCK_S, TrialUse, titles
 from sysid.identification.friction.sliding import SlidingPoints
 from sysid.identification.friction.within_trial import trial_law
 from sysid.io.motion import MotionUnits
+from sysid.recording.friction_kind import SLIDING, constant_run, level_tolerance
+from sysid.recording.recording import Recording
 from sysid.types import FloatArray
 
 STEADY = 0.05  # an interval is steady while its blocks stay within this share of its speed
@@ -44,7 +38,7 @@ class SteadyStretch:
     drift: float
 
 
-def find_stretch(trial: EvenTrial) -> SteadyStretch | str:
+def find_stretch(trial: Recording) -> SteadyStretch | str:
     """The interval of constant effort and, if possible, steady speed; or why there is none.
 
     Starts after the kick, once all later blocks of 50 ms stay within 5 % of the median speed
@@ -86,7 +80,7 @@ def _stalls(speed: FloatArray, noise: float) -> bool:
 
 
 def _settled(
-    trial: EvenTrial, speed: FloatArray, marks: NDArray[np.intp], noise: float, stop: int
+    trial: Recording, speed: FloatArray, marks: NDArray[np.intp], noise: float, stop: int
 ) -> SteadyStretch:
     reference = float(np.median(speed[len(speed) // 2 :]))
     off = np.flatnonzero(np.abs(speed - reference) > STEADY * reference + noise)
@@ -103,7 +97,7 @@ def _settled(
 
 
 def _before_rest(
-    trial: EvenTrial, speed: FloatArray, marks: NDArray[np.intp], noise: float
+    trial: Recording, speed: FloatArray, marks: NDArray[np.intp], noise: float
 ) -> SteadyStretch | str:
     """The stretch of a trial that comes to rest: against a stop, a cushion, a spring, gravity.
 
@@ -143,7 +137,7 @@ def _is_steady(speed: FloatArray, noise: float) -> bool:
 
 
 def momentum_balance(
-    trial: EvenTrial, stretch: SteadyStretch, inertia: float | None
+    trial: Recording, stretch: SteadyStretch, inertia: float | None
 ) -> dict[str, float]:
     """Mean friction and mean speed over an interval, in weak form (thesis 3.4.2 integrated).
 
@@ -179,7 +173,7 @@ def momentum_balance(
 
 
 def sliding_points(
-    trials: Sequence[EvenTrial], inertia: float | None, units: MotionUnits, notices: list[str]
+    trials: Sequence[Recording], inertia: float | None, units: MotionUnits, notices: list[str]
 ) -> tuple[SlidingPoints | None, list[TrialUse]]:
     """One point per trial; trials that stall or are unusable are left out, with a notice.
 
@@ -213,17 +207,17 @@ def sliding_points(
     return points, uses
 
 
-def levels_of_tests(trials: Sequence[EvenTrial]) -> list[EvenTrial]:
+def levels_of_tests(trials: Sequence[Recording]) -> list[Recording]:
     """Each stretch of constant effort as a trial of its own, of tests that hold several, as far as
     its speed becomes steady; tests of one level as they are."""
-    found: list[EvenTrial] = []
+    found: list[Recording] = []
     for trial in trials:
         levels = [part for part in _levels(trial) if _is_settled(part)]
         found += levels if len(levels) > 1 else [trial]
     return found
 
 
-def _levels(trial: EvenTrial) -> Iterator[EvenTrial]:
+def _levels(trial: Recording) -> Iterator[Recording]:
     """The stretches in which the motor's effort stays at a level other than zero."""
     drive = trial.motor
     tolerance = level_tolerance(drive)
@@ -239,7 +233,7 @@ def _levels(trial: EvenTrial) -> Iterator[EvenTrial]:
         yield trial.part(start, stop, f"{trial.label} level {number}".strip())
 
 
-def _is_settled(trial: EvenTrial) -> bool:
+def _is_settled(trial: Recording) -> bool:
     stretch = find_stretch(trial)
     return not isinstance(stretch, str) and stretch.steady
 
@@ -272,7 +266,7 @@ def _spread(values: FloatArray) -> float:
     return float(np.ptp(values))
 
 
-def _use(trial: EvenTrial, inertia: float | None) -> TrialUse:
+def _use(trial: Recording, inertia: float | None) -> TrialUse:
     use = TrialUse(trial.label, trial.source, SLIDING)
     stretch = find_stretch(trial)
     if isinstance(stretch, str):

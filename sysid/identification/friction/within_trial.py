@@ -15,11 +15,11 @@ from __future__ import annotations
 import numpy as np
 
 from sysid.estimation.linear import linear_fit
-from sysid.identification.friction.effort import EvenTrial
+from sysid.recording.recording import Recording
 from sysid.types import FloatArray
 
 
-def trial_law(trial: EvenTrial, start: int, stop: int, inertia: float) -> tuple[float, float]:
+def trial_law(trial: Recording, start: int, stop: int, inertia: float) -> tuple[float, float]:
     """Friction at zero speed (signed) and its slope over speed, over rows [start, stop).
 
     `inertia` is the rig file's, kg m2 or kg; what the trial's payload is more is added.

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
-from sysid.identification.friction.effort import MIN_SAMPLES, EvenTrial
+from sysid.recording.recording import MIN_SAMPLES, Recording
 from sysid.types import FloatArray
 
 REST_NOISE_TIMES = 5.0
@@ -76,7 +76,7 @@ class MotionSamples:
         )
 
 
-def motion_samples(trial: EvenTrial, cutoff_hz: float) -> MotionSamples:
+def motion_samples(trial: Recording, cutoff_hz: float) -> MotionSamples:
     """Filter both sides of the torque balance and select the samples that count."""
     dt = trial.period
     length = signals.filter_length(dt, cutoff_hz)
@@ -126,7 +126,7 @@ def _about_reversals(
     return np.asarray(since), np.asarray(until)
 
 
-def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
+def left_out(trial: Recording, cutoff_hz: float) -> NDArray[np.bool_]:
     """Samples (n,) that do not count, by `RULE`."""
     dt = trial.period
     length = signals.filter_length(dt, cutoff_hz)
@@ -138,12 +138,12 @@ def left_out(trial: EvenTrial, cutoff_hz: float) -> NDArray[np.bool_]:
     return found
 
 
-def fastest_cutoff(trial: EvenTrial) -> float:
+def fastest_cutoff(trial: Recording) -> float:
     """The highest cut-off, Hz, that stays clear of the Nyquist frequency of the readings."""
     return 0.2 / (trial.stride * trial.period)
 
 
-def default_cutoff(trial: EvenTrial, highest_hz: float) -> float:
+def default_cutoff(trial: Recording, highest_hz: float) -> float:
     """The highest cut-off up to `highest_hz`, Hz, at which the motion exceeds the noise.
 
     It stays clear of the Nyquist frequency of the position's readings, and is halved until the
@@ -188,7 +188,7 @@ def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
     return False
 
 
-def _filtered_noise(trial: EvenTrial, cutoff_hz: float) -> tuple[float, float]:
+def _filtered_noise(trial: Recording, cutoff_hz: float) -> tuple[float, float]:
     """Noise of the filtered speed and acceleration, from that of what was measured."""
     if trial.speed_noise is None:
         measured = trial.position_noise

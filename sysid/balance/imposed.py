@@ -13,15 +13,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from sysid.identification.friction.motion_samples import default_cutoff, left_out
 
 from sysid import signals
-from sysid.identification.friction.effort import EvenTrial, even_trial
-from sysid.identification.friction.motion_samples import default_cutoff, left_out
 from sysid.io.logs import Trial
 from sysid.io.rig import NO_LOAD, Load, Rig
 from sysid.plant import plant
 from sysid.plant.base import bare_parameters
 from sysid.plant.ports import Model, Point, with_load
+from sysid.recording.even import recorded
+from sysid.recording.recording import Recording
 from sysid.types import FloatArray, IntArray
 
 FASTEST_CUTOFF_HZ = 20.0
@@ -49,7 +50,7 @@ class ImposedMotion:
     carried: Load = NO_LOAD
 
 
-def imposed_motion(trial: Trial, even: EvenTrial, rig: Rig) -> ImposedMotion:
+def imposed_motion(trial: Trial, even: Recording, rig: Rig) -> ImposedMotion:
     """A trial's motion; `even` is the trial on even time. Rows are thinned to a filter's length."""
     wide = default_cutoff(even, _WIDER * FASTEST_CUTOFF_HZ)
     cutoff = wide / _WIDER
@@ -107,7 +108,7 @@ def effort_rmse(trials: Sequence[Trial], rig: Rig, model: Model) -> float:
     """
     squares, count = 0.0, 0
     for trial in trials:
-        motion = imposed_motion(trial, even_trial(trial, rig, []), rig)
+        motion = imposed_motion(trial, recorded(trial, rig, []), rig)
         left = effort_gap(motion, model)[motion.rows]
         squares, count = squares + float(left @ left), count + len(left)
     return math.sqrt(squares / count) if count else math.nan

@@ -1,0 +1,81 @@
+"""Which kind of friction test a recording is, and the stretch over which its effort is constant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sysid import signals
+from sysid.errors import InputError
+from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.measured_speed import place_needed, velocity_channel
+from sysid.io.rig import Rig
+from sysid.io.samples import Trial
+from sysid.recording.even import recorded
+from sysid.recording.recording import MIN_SAMPLES, Recording
+from sysid.types import FloatArray
+
+STATIC, SLIDING, MOTION = "friction-static", "friction-sliding", "friction-motion"
+KINDS = (STATIC, SLIDING, MOTION)
+
+
+def balances(trial: Trial, rig: Rig) -> bool:
+    """Whether a motion trial has every channel of the balance that friction closes: without a
+    pressure, what the cylinder does would be taken for friction."""
+    pressures = () if rig.cylinder is None else CHAMBER_PRESSURES
+    shows_motion = rig.position_channel in trial or (
+        velocity_channel(rig) in trial and place_needed(rig) is None
+    )
+    return shows_motion and all(c in trial for c in (rig.effort_channel, *pressures))
+
+
+def classify_trial(trial: Trial, rig: Rig) -> str:
+    """`friction-static`, `friction-sliding` or `friction-motion`, by the trial's content.
+
+    Static: the motor's effort grows from zero, without falling back, for most of the test.
+    Sliding: it is constant to within 1 % for at least half of the test. A test in which a
+    valve moves, and any other test, is motion. Of a ramp whose start is excluded the rest is one.
+    """
+    try:
+        recording = recorded(trial, rig, [])
+    except InputError:
+        return MOTION
+    return classify(recording)
+
+
+def classify(recording: Recording) -> str:
+    """`classify_trial` of what is already recorded on an even grid."""
+    drive = recording.motor
+    if recording.valves_move or len(recording) < MIN_SAMPLES or not np.any(drive):
+        return MOTION
+    if _is_ramp(drive, recording.trial.has_its_start):
+        return STATIC
+    start, stop = constant_run(drive)
+    return SLIDING if stop - start >= 0.5 * len(drive) and drive[start] != 0.0 else MOTION
+
+
+def _is_ramp(drive: FloatArray, from_zero: bool) -> bool:
+    size = np.abs(drive)
+    top = int(np.argmax(size))
+    still = int(np.argmax(size > 0.02 * size[top]))
+    rise = drive[still : top + 1]
+    if len(rise) < 0.5 * len(drive) or (from_zero and size[0] > 0.1 * size[top]):
+        return False
+    way = float(np.sum(np.abs(np.diff(rise))))
+    straight = np.corrcoef(np.arange(len(rise)), rise)[0, 1] if len(rise) > 2 else 0.0
+    return way < 1.2 * abs(rise[-1] - rise[0]) and abs(float(straight)) > 0.98
+
+
+def constant_run(drive: FloatArray) -> tuple[int, int]:
+    """Longest interval [start, stop) in which the drive stays at its level.
+
+    The tolerance is 1 % of the largest drive, or five times its noise where it was measured.
+    """
+    n = len(drive)
+    level = float(np.median(drive[n // 2 :])) if n else 0.0
+    return signals.longest_run(np.abs(drive - level) <= level_tolerance(drive))
+
+
+def level_tolerance(drive: FloatArray) -> float:
+    """What a drive (n,) may vary by at one level."""
+    noise = signals.noise_floor(drive).noise if len(np.unique(drive)) > 10 else 0.0
+    return max(0.01 * float(np.max(np.abs(drive))), 5.0 * noise)

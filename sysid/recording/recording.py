@@ -1,0 +1,178 @@
+"""One test on a time grid: what every fit, balance and check of a motion is computed from.
+
+"Effort" is torque (Nm) on a rotary rig and force (N) on a linear one; "position" is rad
+or m accordingly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sysid import signals
+from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
+from sysid.io.rig import Rig
+from sysid.io.samples import Trial
+from sysid.plant.base import cylinder_effort, gravity_effort
+from sysid.types import BoolArray, FloatArray
+
+MIN_SAMPLES = 50
+# Samples within this share of the stroke from an end are not part of the model (log-format.md).
+END_MARGIN = 0.01
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One test, its channels (n,) by their names in the log format, SI, on an even time grid.
+
+    `trial` holds the channels, with the test's label, source, payload and what is excluded of it.
+    `period` s. `lost` (n,): samples in pauses of the recording, of which nothing is known.
+    `gravity_moment`: of what the test carries, Nm, or the weight in N on a linear rig.
+    `stride`: samples of the position whose errors are shared; `spline`: samples from one reading to
+    the next of a position on a spline through them, else 0. `speed_noise`: of the measured speed
+    whose integral the position is; None where the position was measured.
+    """
+
+    trial: Trial
+    rig: Rig
+    period: float
+    lost: BoolArray
+    gravity_moment: float = 0.0
+    stride: int = 1
+    spline: float = 0.0
+    speed_noise: signals.NoiseFloor | None = None
+
+    def __len__(self) -> int:
+        return len(self.trial)
+
+    def __contains__(self, channel: str) -> bool:
+        return channel in self.trial
+
+    def __getitem__(self, channel: str) -> FloatArray:
+        return self.trial[channel]
+
+    @property
+    def label(self) -> str:
+        return self.trial.label
+
+    @property
+    def source(self) -> str:
+        return self.trial.source
+
+    @cached_property
+    def time(self) -> FloatArray:
+        """(n,) s from the first sample on."""
+        return np.asarray(self.trial.time - self.trial.time[0])
+
+    def named(self, label: str) -> Recording:
+        """The same under another label."""
+        return replace(self, trial=replace(self.trial, label=label))
+
+    def part(self, start: int, stop: int, label: str) -> Recording:
+        """The samples [start, stop) as a recording of their own."""
+        rows = slice(start, stop)
+        channels = {name: values[rows] for name, values in self.trial.channels.items()}
+        trial = replace(self.trial, label=label, time=self.time[rows], channels=channels)
+        return replace(self, trial=trial, lost=self.lost[rows])
+
+    # --- motion ---------------------------------------------------------------------------
+
+    @property
+    def position(self) -> FloatArray:
+        """(n,) rad or m."""
+        return self.trial[self.rig.position_channel]
+
+    @cached_property
+    def inside(self) -> BoolArray:
+        """Samples (n,) at a sufficient distance from both end stops; all where neither the stroke
+        nor the place in it is known."""
+        travel = self.rig.travel
+        if travel is None or not self.trial.place_known:
+            return np.ones(len(self), dtype=bool)
+        return np.asarray(np.abs(self.position) < (0.5 - END_MARGIN) * travel)
+
+    @cached_property
+    def position_noise(self) -> signals.NoiseFloor:
+        """Of a speed's integral: how far it has drifted by the end."""
+        if self.speed_noise is not None:
+            return signals.NoiseFloor(self.drift(len(self)), 0.0)
+        return signals.noise_floor(self.position, stride=self.stride)
+
+    def drift(self, samples: int) -> float:
+        """Noise of the position, of a speed's integral as it grows over so many samples."""
+        if self.speed_noise is not None:
+            return self.speed_noise.total * self.period * math.sqrt(samples)
+        return self.position_noise.total
+
+    def mean_speed_noise(self, samples: int) -> float:
+        """Noise of the mean speed over so many samples."""
+        if self.speed_noise is not None:
+            return self.speed_noise.total / math.sqrt(samples)
+        return self.position_noise.total / (samples * self.period)
+
+    # --- efforts (thesis 3.3.7) -----------------------------------------------------------
+
+    @property
+    def has_motor(self) -> bool:
+        return self.rig.effort_channel in self.trial
+
+    @cached_property
+    def motor(self) -> FloatArray:
+        """The motor's effort (n,), within its limit; 0 where none is logged."""
+        if not self.has_motor:
+            return np.zeros(len(self))
+        effort, limit = self.trial[self.rig.effort_channel], self.rig.max_effort
+        return effort if limit is None else np.clip(effort, -limit, limit)
+
+    def pressure(self, channel: str) -> FloatArray:
+        """A chamber's pressure (n,) Pa; the atmosphere's where it is not logged."""
+        if channel in self.trial:
+            return self.trial[channel]
+        air = self.rig.require("air", "and the cylinder's effort is relative to its pressure")
+        return np.full(len(self), float(air.atmospheric_pressure_pa))
+
+    @cached_property
+    def cylinder(self) -> FloatArray:
+        """The cylinder's effort (n,); 0 without a cylinder, or where no pressure is logged."""
+        c = self.rig.cylinder
+        if c is None or not any(name in self.trial for name in CHAMBER_PRESSURES):
+            return np.zeros(len(self))
+        air = self.rig.require("air", "and the cylinder's effort is relative to its pressure")
+        p0 = float(air.atmospheric_pressure_pa)
+        a, b = map(self.pressure, CHAMBER_PRESSURES)
+        return np.asarray(cylinder_effort(a, b, c.area_a_m2, c.area_b_m2, p0, c.pitch_radius_m))
+
+    @cached_property
+    def gravity(self) -> FloatArray:
+        """Gravity's effort (n,), which resists positive motion."""
+        moment, linear = self.gravity_moment, self.rig.is_linear
+        weights = (0.0, moment) if linear else (moment, 0.0)
+        return np.asarray(gravity_effort(self.position, *weights)) + np.zeros(len(self))
+
+    @property
+    def applied(self) -> FloatArray:
+        """What friction and inertia balance (n,): motor + cylinder - gravity (3.4.2)."""
+        return self.motor + self.cylinder - self.gravity
+
+    @property
+    def added_inertia(self) -> float:
+        """What the test's payload is more than the rig file's, kg m2 or kg."""
+        return float(self.rig.load_of(self.trial.payload_kg).inertia)
+
+    # --- valves ---------------------------------------------------------------------------
+
+    @property
+    def valves_on(self) -> bool:
+        """Whether a valve is on at any time."""
+        return any(name in self and bool(np.any(self[name])) for name in VALVE_COMMANDS)
+
+    @property
+    def valves_move(self) -> bool:
+        """Whether a valve's command ever changes."""
+        return any(name in self and bool(np.ptp(self[name]) > 0.0) for name in VALVE_COMMANDS)
+
+
+__all__ = ["END_MARGIN", "MIN_SAMPLES", "Recording"]
