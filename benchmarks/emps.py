@@ -26,9 +26,8 @@ import numpy as np
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
-from sysid.validation.effort_balance import effort_rmse  # noqa: E402
-
 import sysid as si  # noqa: E402
+from sysid.balance.imposed import effort_rmse  # noqa: E402
 from sysid.io.campaign import Campaign  # noqa: E402
 from sysid.plant.ports import Model  # noqa: E402
 from sysid.refinement.refine import motion_tests_of  # noqa: E402

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from sysid.balance.motion import default_cutoff
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import LEAST_EXPLAINED, SCATTER_TIMES
@@ -37,7 +38,6 @@ from sysid.identification.friction.motion import (
     fit_motion,
     usable_motion,
 )
-from sysid.identification.friction.motion_samples import default_cutoff
 from sysid.identification.friction.result import FrictionResult
 from sysid.identification.friction.sliding import (
     ANOTHER_LEVEL,

@@ -22,7 +22,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("io",),
     ("plant",),
     ("recording", "surfaces"),
-    ("parameters",),
+    ("balance", "parameters"),
     ("identification",),
     ("friction", "valve_discrete", "valve_pwm"),
     ("validation",),

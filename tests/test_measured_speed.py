@@ -11,8 +11,8 @@ import pytest
 from friction_trials import INERTIA as SIMULATED_INERTIA
 from friction_trials import UNWRITTEN, simulated
 from own_components import done, refused
-from sysid.identification.friction.motion_samples import _noise_gains, _noise_gains_of_speed
 
+from sysid.balance.motion import _noise_gains, _noise_gains_of_speed
 from sysid.checks.log_check import check_log
 from sysid.errors import InputError
 from sysid.friction import fit_friction

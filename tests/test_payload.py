@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sysid.validation.effort_balance import effort_rmse
 
 from datasets.generator.campaign import SMALL, GeneratedCampaign, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.rigs import random_rig, rig_toml
+from sysid.balance.imposed import effort_rmse
 from sysid.checks.consistency.campaign import check_consistency
 from sysid.commands.app import main
 from sysid.diagnosis.actuator.equation_error import EFFORT, equation_error

@@ -10,14 +10,14 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from sysid.identification.friction.motion_samples import default_cutoff, left_out
 
 from sysid import signals
+from sysid.balance.motion import FilteredMotion, default_cutoff
+from sysid.balance.residuals import effort_residual
 from sysid.io.logs import Trial
-from sysid.io.rig import NO_LOAD, Load, Rig
+from sysid.io.rig import Rig
 from sysid.plant import plant
 from sysid.plant.base import bare_parameters
 from sysid.plant.ports import Model, Point, with_load
@@ -34,55 +34,42 @@ _LEAST_SCALE = 1e-3
 
 @dataclass(frozen=True)
 class ImposedMotion:
-    """A test, or a stretch of one: where the shaft is at every sample, and the rows that count.
+    """A recording's motion as points (n,) at which a model's ports are evaluated.
 
-    `point`, `acceleration` (rad/s2 or m/s2) and `load` (the cylinder's effort, Nm or N) are the
-    whole test's, (n,); `period` in s. `carried`: beyond the rig file's payload.
+    `seen` is the motion that nonlinear laws see, `balanced` that under the filter of the balance,
+    of which `rows` count here: all that do, or those of a stretch.
     """
 
-    label: str
+    seen: FilteredMotion
+    balanced: FilteredMotion
     point: Point
-    acceleration: FloatArray
-    period: float
-    cutoff_hz: float
     rows: IntArray
-    load: FloatArray
-    carried: Load = NO_LOAD
+
+    @property
+    def recording(self) -> Recording:
+        return self.seen.recording
 
 
-def imposed_motion(trial: Trial, even: Recording, rig: Rig) -> ImposedMotion:
-    """A trial's motion; `even` is the trial on even time. Rows are thinned to a filter's length."""
-    wide = default_cutoff(even, _WIDER * FASTEST_CUTOFF_HZ)
-    cutoff = wide / _WIDER
-    rows = np.flatnonzero(~left_out(even, cutoff))
-    thin = max(1, signals.filter_length(even.period, cutoff) // 4, len(rows) // _SAMPLES_A_TEST)
-    position = signals.lowpass(even.position, even.period, wide)
-    velocity = signals.first_derivative(position, even.period)
-    grid = even.time + trial.time[0]
-    bare = bare_parameters(rig)
+def imposed_motion(recording: Recording) -> ImposedMotion:
+    """A recording's motion. Rows are thinned to a filter's length."""
+    seen = FilteredMotion(recording, default_cutoff(recording, _WIDER * FASTEST_CUTOFF_HZ))
+    balanced = FilteredMotion(recording, seen.cutoff_hz / _WIDER)
+    rows = np.flatnonzero(balanced.counts)
+    thin = max(1, balanced.length // 4, len(rows) // _SAMPLES_A_TEST)
+    bare = bare_parameters(recording.rig)
     point = Point(
-        time=even.time + trial.begun_s,
-        position=position,
-        velocity=velocity,
-        pressure_a=_channel(trial, "pressure_a_pa", grid, bare.atmosphere),
-        pressure_b=_channel(trial, "pressure_b_pa", grid, bare.atmosphere),
-        motor=signals.held_about_rows(even.motor),
-        open_a=np.zeros(len(even)),
-        open_b=np.zeros(len(even)),
-        direction=np.sign(velocity),
+        time=recording.time + recording.trial.begun_s,
+        position=seen.position,
+        velocity=seen.speed,
+        pressure_a=_pressure(recording, "pressure_a_pa", float(bare.atmosphere)),
+        pressure_b=_pressure(recording, "pressure_b_pa", float(bare.atmosphere)),
+        motor=signals.held_about_rows(recording.motor),
+        open_a=np.zeros(len(recording)),
+        open_b=np.zeros(len(recording)),
+        direction=np.sign(seen.speed),
         parameters=bare,
     )
-    acceleration = signals.second_derivative(position, even.period)
-    return ImposedMotion(
-        trial.title,
-        point,
-        acceleration,
-        even.period,
-        cutoff,
-        rows[::thin],
-        even.cylinder,
-        rig.load_of(trial.payload_kg),
-    )
+    return ImposedMotion(seen, balanced, point, rows[::thin])
 
 
 def effort_gap(motion: ImposedMotion, model: Model) -> FloatArray:
@@ -90,15 +77,15 @@ def effort_gap(motion: ImposedMotion, model: Model) -> FloatArray:
 
     In the logged command's own units: otherwise a motor gain of 0 would explain everything.
     """
-    parameters = with_load(model.at(motion.point.time), motion.carried)
+    recording = motion.recording
+    carried = recording.rig.load_of(recording.trial.payload_kg)
+    parameters = with_load(model.at(motion.point.time), carried)
     point = dataclasses.replace(motion.point, parameters=parameters)
-    driven = plant.applied_effort(point, model)
-    resisted = plant.sliding_friction(point, model) + parameters.inertia * motion.acceleration
     given, taken = motion.point.motor, plant.motor_effort(point, model)
     power = float(given @ given)
     scale = float(taken @ given) / power if power > 0.0 else 1.0
-    gap = np.asarray(driven - resisted) / (scale if abs(scale) > _LEAST_SCALE else 1.0)
-    return signals.lowpass(gap, motion.period, motion.cutoff_hz)
+    left = -effort_residual(point, motion.seen.acceleration, model)
+    return motion.balanced.smooth(left / (scale if abs(scale) > _LEAST_SCALE else 1.0))
 
 
 def effort_rmse(trials: Sequence[Trial], rig: Rig, model: Model) -> float:
@@ -108,16 +95,14 @@ def effort_rmse(trials: Sequence[Trial], rig: Rig, model: Model) -> float:
     """
     squares, count = 0.0, 0
     for trial in trials:
-        motion = imposed_motion(trial, recorded(trial, rig, []), rig)
+        motion = imposed_motion(recorded(trial, rig, []))
         left = effort_gap(motion, model)[motion.rows]
         squares, count = squares + float(left @ left), count + len(left)
     return math.sqrt(squares / count) if count else math.nan
 
 
-def _channel(trial: Trial, name: str, grid: FloatArray, default: Any) -> FloatArray:
-    if name not in trial:
-        return np.full(len(grid), float(default))
-    return np.asarray(signals.resample(trial.time, trial[name], grid))
+def _pressure(recording: Recording, channel: str, default: float) -> FloatArray:
+    return recording[channel] if channel in recording else np.full(len(recording), default)
 
 
 __all__ = ["FASTEST_CUTOFF_HZ", "ImposedMotion", "effort_gap", "effort_rmse", "imposed_motion"]

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from sysid.balance.imposed import effort_rmse
 from sysid.blocks.numbers import ascii_text
 from sysid.errors import InputError, NotIdentifiedError, SimulationError, input_error
 from sysid.estimation.autoregression import Autoregression
@@ -57,7 +58,6 @@ from sysid.refinement.unknowns import (
 from sysid.refinement.updating import updated
 from sysid.refinement.whole_tests import correlation, rmse, whole_residuals
 from sysid.types import FloatArray, Progress, no_progress
-from sysid.validation.effort_balance import effort_rmse
 from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, prepare_all
 
 SEGMENT_S = 1.0

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid import signals
+from sysid.balance.motion import FilteredMotion, default_cutoff, fastest_cutoff
 from sysid.estimation.linear import t_quantile
-from sysid.identification.friction.motion_samples import default_cutoff, left_out
 from sysid.recording.recording import MIN_SAMPLES, Recording
 from sysid.types import FloatArray
 
@@ -81,36 +81,27 @@ def takes_energy_out(trials: Sequence[Recording]) -> bool:
     power, size = 0.0, 0.0
     for trial in trials:
         if len(trial) >= MIN_SAMPLES:
-            cutoff = min(signals.DEFAULT_CUTOFF_HZ, 0.2 / trial.period)
-            smooth = signals.lowpass(trial.position, trial.period, cutoff)
-            products = trial.applied * signals.first_derivative(smooth, trial.period)
+            cutoff = min(signals.DEFAULT_CUTOFF_HZ, fastest_cutoff(trial))
+            products = trial.applied * FilteredMotion(trial, cutoff).speed
             power, size = power + float(products.sum()), size + float(np.abs(products).sum())
     return power < _TAKEN_OUT * size
 
 
-def _rows(trial: Recording) -> FloatArray:
+def _rows(recording: Recording) -> FloatArray:
     """(n, 7): motor, cylinder, gravity, sign of speed, speed, 1 and acceleration, filtered."""
-    dt = trial.period
-    cutoff = default_cutoff(trial, signals.DEFAULT_CUTOFF_HZ)
-
-    def smooth(values: FloatArray) -> FloatArray:
-        return signals.lowpass(values, dt, cutoff)
-
-    position = smooth(trial.position)
-    speed = signals.first_derivative(position, dt)
+    motion = FilteredMotion(recording, default_cutoff(recording, signals.DEFAULT_CUTOFF_HZ))
     table = np.column_stack(
         [
-            smooth(signals.held_about_rows(trial.motor)),
-            smooth(trial.cylinder),
-            smooth(trial.gravity),
-            smooth(np.sign(speed)),
-            speed,
-            np.ones(len(speed)),
-            signals.second_derivative(position, dt),
+            motion.smooth(signals.held_about_rows(recording.motor)),
+            motion.smooth(recording.cylinder),
+            motion.smooth(recording.gravity),
+            motion.way,
+            motion.speed,
+            np.ones(len(recording)),
+            motion.acceleration,
         ]
     )
-    rows = np.flatnonzero(~left_out(trial, cutoff))
-    return np.asarray(table[rows[:: max(1, signals.filter_length(dt, cutoff) // 4)]])
+    return np.asarray(table[motion.rows])
 
 
 def _drives(table: FloatArray, column: int) -> bool:

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.balance.residuals import breakaway_residual, effort_residual, modelled_rate
 from sysid.diagnosis.actuator import states as extra_states
 from sysid.diagnosis.actuator.samples import Rows, Traces, opening, selected, selection, smooth
 from sysid.diagnosis.actuator.states import integrate_states, point_of
 from sysid.io.channels import SIDES
 from sysid.parallel import give_back, kept_per_thread
-from sysid.plant import plant
 from sysid.plant.ports import Effect, Model, Point, overrides
 from sysid.types import FloatArray
 
@@ -135,11 +135,9 @@ def equation_error(
             found[name] = _MECHANICAL[name](here, point, model)
             continue
         side = name[-1]
-        # Each sample holds a share of filling and one of exhaust.
-        flow = plant.shared_flow(side, point.is_open(side), point, model)
-        rate = plant.pressure_rate(side, flow, point, model)
+        rate = modelled_rate(side, point, model)
         if shows:
-            rate = _as_shown(here, side, np.asarray(rate), shows)
+            rate = _as_shown(here, side, rate, shows)
         shown = getattr(traces, name)
         if own is not None:
             shown = shown[own.index]
@@ -149,15 +147,11 @@ def equation_error(
 
 
 def _effort_error(traces: Traces, point: Point, model: Model) -> FloatArray:
-    applied = plant.applied_effort(point, model)
-    friction = plant.sliding_friction(point, model)
-    return np.asarray(point.parameters.inertia * traces.acceleration - (applied - friction))
+    return effort_residual(point, traces.acceleration, model)
 
 
-def _breakaway_error(traces: Traces, point: Point, model: Model) -> FloatArray:
-    applied = np.asarray(plant.applied_effort(point, model))
-    limit = plant.breakaway_effort(applied, point, model)
-    return np.asarray(np.abs(applied) - limit)
+def _breakaway_error(_traces: Traces, point: Point, model: Model) -> FloatArray:
+    return breakaway_residual(point, model)
 
 
 _MECHANICAL = {EFFORT: _effort_error, BREAKAWAY: _breakaway_error}

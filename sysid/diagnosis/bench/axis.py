@@ -19,12 +19,13 @@ from typing import Any
 import numpy as np
 
 from sysid import signals
+from sysid.balance.imposed import ImposedMotion, effort_gap, imposed_motion
+from sysid.balance.samples import tells_speeds
 from sysid.diagnosis.bench.component import Component, Law, bends, law_held, rmse, smallest_probe
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
-from sysid.identification.friction.motion_samples import tells_speeds
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Friction, Parts
@@ -41,7 +42,6 @@ from sysid.recording.even import recorded
 from sysid.recording.friction_kind import MOTION
 from sysid.recording.recording import Recording
 from sysid.types import FloatArray
-from sysid.validation.effort_balance import ImposedMotion, effort_gap, imposed_motion
 
 # Fewest tests: fewer trials than this are cut into stretches.
 _FEWEST_TESTS = 3
@@ -74,7 +74,7 @@ class Axis(Component):
 
     @property
     def tests(self) -> tuple[str, ...]:
-        return tuple(case.label for case in self.cases)
+        return tuple(case.recording.trial.title for case in self.cases)
 
     @property
     def travel(self) -> float:
@@ -93,7 +93,7 @@ class Axis(Component):
             found.append(Parameter(u.key("viscous"), 0.1 * steep, u.viscous_unit, 0.0, scale=steep))
             found.append(Parameter(u.key("offset"), 0.0, u.effort, scale=effort))
         if self.rig.total_inertia() is None:
-            steep = float(np.mean([np.std(c.acceleration) for c in self.cases]))
+            steep = float(np.mean([np.std(c.seen.acceleration) for c in self.cases]))
             start = 0.1 * effort / steep if steep > 0.0 else 1.0
             found.append(Parameter(u.key("inertia"), start, u.inertia_unit, 0.0))
         return found
@@ -181,7 +181,7 @@ class Axis(Component):
             own = {
                 "velocity": p.velocity,
                 "position" if self.rig.is_linear else "angle": p.position,
-                "acceleration": case.acceleration,
+                "acceleration": case.seen.acceleration,
                 "motor": p.motor,
                 "time": p.time,
             }
@@ -201,7 +201,7 @@ class Axis(Component):
         found = []
         for case, left in zip(self.cases, self.residuals(law, range(len(self.cases))), strict=True):
             step = max(1, int(np.median(np.diff(case.rows)))) if len(case.rows) > 1 else 1
-            lag = max(1, math.ceil(signals.filter_length(case.period, case.cutoff_hz) / step))
+            lag = max(1, math.ceil(case.balanced.length / step))
             if len(left) > 2 * lag:
                 near = np.ptp(np.stack([case.rows[2 * lag :], case.rows[: -2 * lag]]), axis=0)
                 found.append(bends(left, lag)[near <= 3 * lag * step])
@@ -272,22 +272,22 @@ def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
     pieces = 1 if len(trials) >= _FEWEST_TESTS else math.ceil(_STRETCHES / max(len(trials), 1))
     for trial in trials:
         # The friction fit has already reported notices about its channels.
-        cases += _cases(trial, recorded(trial, rig, []), rig, pieces)
+        cases += _cases(recorded(trial, rig, []), pieces)
     if not cases:
         raise NotIdentifiedError(
             "friction: the axis hardly moves in these tests; give motion that crosses the stroke "
             "in both directions"
         )
     speed = np.concatenate([np.asarray(c.point.velocity)[c.rows] for c in cases])
-    load = np.concatenate([c.load[c.rows] for c in cases])
+    load = np.concatenate([c.recording.cylinder[c.rows] for c in cases])
     return Axis(rig, tuple(cases), tuple(trials), tells_speeds(speed, load))
 
 
-def _cases(trial: Trial, even: Recording, rig: Rig, pieces: int) -> list[ImposedMotion]:
-    """A trial as one test, or cut into stretches of equal length."""
-    whole = imposed_motion(trial, even, rig)
+def _cases(recording: Recording, pieces: int) -> list[ImposedMotion]:
+    """A recording as one test, or cut into stretches of equal length."""
+    whole = imposed_motion(recording)
     rows = whole.rows
-    edges = np.linspace(0, len(even), pieces + 1)
+    edges = np.linspace(0, len(recording), pieces + 1)
     found = []
     for k in range(pieces):
         own = rows[(rows >= edges[k]) & (rows < edges[k + 1])]

@@ -27,8 +27,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.balance.samples import COULOMB, MotionSamples
 from sysid.estimation.linear import t_quantile
-from sysid.identification.friction.motion_samples import COULOMB, MotionSamples
 from sysid.types import FloatArray
 
 BINS = 20

@@ -1,6 +1,6 @@
 """Friction and inertia from any motion by inverse dynamics (Janot, Gautier, Brunot 2019).
 
-The effort balance of `motion_samples` is linear in its parameters (`motion_regression`). Motion in
+The effort balance of `balance/samples` is linear in its parameters (`motion_regression`). Motion in
 one direction or at one speed identifies sums of the parameters (`combinations`), which are fitted
 in their place. Samples at low speed and after reversals are left out where the law of the others
 does not predict them (`low_speed`).
@@ -16,6 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
+from sysid.balance.motion import A_LENGTH, FilteredMotion, fastest_cutoff
+from sysid.balance.samples import (
+    COULOMB,
+    INERTIA,
+    NAMES,
+    OFFSET,
+    VISCOUS,
+    MotionSamples,
+    motion_samples,
+    tells_speeds,
+)
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.covariance import JointCovariance, shrunk
 from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
@@ -35,18 +46,6 @@ from sysid.identification.friction.motion_regression import (
     own_variance,
     regression,
     scaled,
-)
-from sysid.identification.friction.motion_samples import (
-    A_LENGTH,
-    COULOMB,
-    INERTIA,
-    NAMES,
-    OFFSET,
-    VISCOUS,
-    MotionSamples,
-    fastest_cutoff,
-    motion_samples,
-    tells_speeds,
 )
 from sysid.io.motion import MotionUnits
 from sysid.recording.friction_kind import MOTION
@@ -128,8 +127,7 @@ def _why_few(trial: Recording, chosen: MotionSamples, cutoff_hz: float) -> str:
     The latter where the time for which it moves would give enough of them at the filter's usual
     cut-off, which the sampling does not allow, nor does the noise demand a lower one.
     """
-    smooth = signals.lowpass(trial.position, trial.period, cutoff_hz)
-    speed = np.abs(signals.first_derivative(smooth, trial.period))
+    speed = np.abs(FilteredMotion(trial, cutoff_hz).speed)
     moves = (speed > chosen.rest_speed) & trial.inside & ~trial.lost
     enough_s = MIN_SAMPLES / (A_LENGTH * signals.DEFAULT_CUTOFF_HZ)
     fastest = fastest_cutoff(trial)

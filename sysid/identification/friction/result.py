@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.balance.motion import RULE
 from sysid.blocks.plots import legend, one_axes
 from sysid.blocks.quality import quality_table
 from sysid.blocks.shown import Shown
@@ -27,7 +28,6 @@ from sysid.identification.friction.combinations import Combination
 from sysid.identification.friction.effort import TrialUse, left_out_lines, tests_left_out
 from sysid.identification.friction.low_speed import RULE as LOW_SPEED_RULE
 from sysid.identification.friction.motion import MotionFriction
-from sysid.identification.friction.motion_samples import RULE
 from sysid.identification.friction.sliding import SlidingFriction, missed_by
 from sysid.identification.friction.static import CRITERION, StaticFriction, breakaway_of
 from sysid.io.motion import MotionUnits

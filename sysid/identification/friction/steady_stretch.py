@@ -1,4 +1,4 @@
-"""The steady interval of a constant-effort trial, and the balance of momentum over it."""
+"""The steady interval of a constant-effort trial, and its friction from the momentum over it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
+from sysid.balance.momentum import momentum_balance
 from sysid.identification.friction.effort import BLOCK_S, TrialUse, titles
 from sysid.identification.friction.sliding import SlidingPoints
 from sysid.identification.friction.within_trial import trial_law
@@ -23,7 +24,6 @@ STEADY = 0.05  # an interval is steady while its blocks stay within this share o
 STALL = 0.02  # of the fastest block: slower is a stall
 COAST = 0.2  # of the fastest block: a trial that comes to rest counts while it is faster
 MIN_STRETCH_S = 0.2
-TAPER_S = 0.1
 SETTLE_S = 0.1
 STALLED = "it stalls: the shaft comes to rest under the constant effort"
 
@@ -136,42 +136,6 @@ def _is_steady(speed: FloatArray, noise: float) -> bool:
     return high - low <= STEADY * (high + low) + 2.0 * noise
 
 
-def momentum_balance(
-    trial: Recording, stretch: SteadyStretch, inertia: float | None
-) -> dict[str, float]:
-    """Mean friction and mean speed over an interval, in weak form (thesis 3.4.2 integrated).
-
-    Both sides of friction = motor + cylinder - gravity - inertia * acceleration are averaged
-    with a trapezoidal weight g, so that speed and acceleration need no differentiation:
-    the integral of g v is minus that of g' x, and so on. Without an inertia the last term
-    is left out.
-    """
-    rows = slice(stretch.start, stretch.stop)
-    x, dt = trial.position[rows], trial.period
-    n = len(x)
-    taper = max(1, min(round(TAPER_S / dt), (n - 1) // 3))
-    rise = np.minimum(np.arange(n), np.arange(n)[::-1])
-    weight = np.minimum(rise / taper, 1.0)
-    area = float(np.sum(weight)) * dt
-    first, last = np.trapezoid(x[: taper + 1]), np.trapezoid(x[-taper - 1 :])
-    speed = float(last - first) / taper / area
-    gained = float((x[-1] - x[-1 - taper]) - (x[taper] - x[0])) / (taper * dt)
-
-    def mean(effort: FloatArray) -> float:
-        return float(weight @ effort[rows]) * dt / area
-
-    inertial = 0.0 if inertia is None else (inertia + trial.added_inertia) * gained / area
-    motor, cylinder, gravity = map(mean, (trial.motor, trial.cylinder, trial.gravity))
-    return {
-        "speed": speed,
-        "motor": motor,
-        "cylinder": cylinder,
-        "gravity": gravity,
-        "inertial": inertial,
-        "friction": motor + cylinder - gravity - inertial,
-    }
-
-
 def sliding_points(
     trials: Sequence[Recording], inertia: float | None, units: MotionUnits, notices: list[str]
 ) -> tuple[SlidingPoints | None, list[TrialUse]]:
@@ -275,7 +239,7 @@ def _use(trial: Recording, inertia: float | None) -> TrialUse:
     if not stretch.steady and inertia is None:
         use.leave_out("its speed is not steady, and the rig file gives no inertia")
         return use
-    balance = momentum_balance(trial, stretch, inertia)
+    balance = momentum_balance(trial, stretch.start, stretch.stop, inertia)
     use.values = balance
     if balance["friction"] * balance["speed"] <= 0.0:
         use.leave_out(

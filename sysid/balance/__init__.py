@@ -1,0 +1,6 @@
+"""What efforts and flows leave over: residuals of the equations along a measured motion.
+
+`residuals.py`: of shaft and chambers through the model's ports; `motion.py`: the one filter, and
+which samples count; `samples.py`: the effort balance as rows of a regression; `imposed.py`: a
+recording's motion imposed on a model; `momentum.py`: the balance over an interval, in weak form.
+"""

@@ -1,0 +1,175 @@
+"""A recording's motion under a zero-phase filter, and the samples of it that count in a balance.
+
+Both sides of a balance of efforts go through the same filter: the efforts, and every term of the
+motion, sign(v) among them, so that a reversal within the filter's length biases nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from sysid import signals
+from sysid.recording.recording import Recording
+from sysid.types import BoolArray, FloatArray, IntArray
+
+REST_NOISE_TIMES = 5.0
+REST_S = 0.005
+A_LENGTH = 4
+"""Samples that are kept of each length of the filter."""
+_HALVINGS = 6
+_REST_SHARE = 0.5
+RULE = (
+    f"samples count where the filtered speed exceeds {REST_NOISE_TIMES:g} times its own noise; "
+    f"where it does not for at least {1000.0 * REST_S:g} ms the shaft may rest, its friction is "
+    "anything up to static friction, and these samples are left out, with the filter's length on "
+    "either side; so are samples within 1 % of the stroke from an end and the log's ends"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredMotion:
+    """The motion of a recording as a low-pass of `cutoff_hz` (one pass) leaves it, (n,) each."""
+
+    recording: Recording
+    cutoff_hz: float
+
+    def smooth(self, values: FloatArray) -> FloatArray:
+        """Values (n,) or (n, m) through the filter."""
+        return signals.lowpass(values, self.recording.period, self.cutoff_hz)
+
+    @cached_property
+    def position(self) -> FloatArray:
+        """rad or m."""
+        return self.smooth(self.recording.position)
+
+    @cached_property
+    def speed(self) -> FloatArray:
+        """rad/s or m/s."""
+        return signals.first_derivative(self.position, self.recording.period)
+
+    @cached_property
+    def acceleration(self) -> FloatArray:
+        """rad/s2 or m/s2."""
+        return signals.second_derivative(self.position, self.recording.period)
+
+    @cached_property
+    def way(self) -> FloatArray:
+        """The speed's sign, filtered."""
+        return self.smooth(np.sign(self.speed))
+
+    @property
+    def length(self) -> int:
+        """Samples over which the filter spreads an event."""
+        return signals.filter_length(self.recording.period, self.cutoff_hz)
+
+    @property
+    def speed_noise(self) -> float:
+        """Standard deviation of the speed's noise, rad/s or m/s."""
+        return self._noise[0]
+
+    @property
+    def acceleration_noise(self) -> float:
+        """Standard deviation of the acceleration's noise, rad/s2 or m/s2."""
+        return self._noise[1]
+
+    @cached_property
+    def _noise(self) -> tuple[float, float]:
+        """From that of what was measured."""
+        own = self.recording
+        if own.speed_noise is None:
+            measured = own.position_noise
+            gains = _noise_gains(own.period, self.cutoff_hz, own.stride, own.spline)
+        else:
+            measured, gains = own.speed_noise, _noise_gains_of_speed(own.period, self.cutoff_hz)
+        return measured.total * gains[0], measured.total * gains[1]
+
+    @property
+    def rest_speed(self) -> float:
+        """The speed below which the shaft may rest, rad/s or m/s."""
+        return REST_NOISE_TIMES * self.speed_noise
+
+    @cached_property
+    def counts(self) -> BoolArray:
+        """Samples (n,) that count, by `RULE`."""
+        own, length = self.recording, self.length
+        slow = np.abs(self.speed) <= self.rest_speed
+        rests = signals.long_runs(slow, max(1, round(REST_S / own.period)))
+        found = signals.widened(rests | ~own.inside | own.lost, length)
+        found[:length] = found[-length:] = True
+        return ~found
+
+    @property
+    def rows(self) -> IntArray:
+        """Samples that count, thinned to `A_LENGTH` of each length of the filter."""
+        return np.flatnonzero(self.counts)[:: max(1, self.length // A_LENGTH)]
+
+
+def fastest_cutoff(recording: Recording) -> float:
+    """The highest cut-off, Hz, that stays clear of the Nyquist frequency of the readings."""
+    return 0.2 / (recording.stride * recording.period)
+
+
+def default_cutoff(recording: Recording, highest_hz: float) -> float:
+    """The highest cut-off up to `highest_hz`, Hz, at which the motion exceeds the noise.
+
+    It stays clear of the Nyquist frequency of the position's readings, and is halved until the
+    limit of rest is well below the speeds of the motion.
+    """
+    cutoff = min(highest_hz, fastest_cutoff(recording))
+    for _ in range(_HALVINGS):
+        motion = FilteredMotion(recording, cutoff)
+        fast = float(np.quantile(np.abs(motion.speed), 0.5))
+        if motion.rest_speed < _REST_SHARE * fast:
+            break
+        cutoff *= 0.5
+    return cutoff
+
+
+@lru_cache(maxsize=32)
+def _noise_gains_of_speed(period: float, cutoff_hz: float) -> tuple[float, float]:
+    """Noise of the filtered speed (-) and acceleration (1/s) over that of a measured speed,
+    whose integral by trapezoids is filtered and differentiated."""
+    half = 10 * signals.filter_length(period, cutoff_hz)
+    impulse = np.zeros(2 * half + 1)
+    impulse[half : half + 2] = 0.5 * period
+    smooth = signals.lowpass(np.cumsum(impulse), period, cutoff_hz)
+    inner = slice(2, -2)  # the integral ends on its step: the filter's ends see no impulse
+    speed = signals.first_derivative(smooth, period)[inner]
+    acceleration = signals.second_derivative(smooth, period)[inner]
+    return math.sqrt(float(speed @ speed)), math.sqrt(float(acceleration @ acceleration))
+
+
+@lru_cache(maxsize=32)
+def _noise_gains(
+    period: float, cutoff_hz: float, stride: int, spline: float = 0.0
+) -> tuple[float, float]:
+    """Noise of the filtered speed (1/s) and acceleration (1/s2) over that of the position.
+
+    Of samples on the line between readings `stride` of them apart an error takes in all samples to
+    the next readings: its mean square is that over where a sample lies between two of them. The
+    same of a spline through readings `spline` samples apart (0: it is none).
+    """
+    apart = spline or float(stride)
+    half = 10 * signals.filter_length(period, cutoff_hz) + math.ceil(apart)
+    away = np.arange(-half, half + 1) / apart
+    one = _cardinal_spline(away) if spline else np.maximum(0.0, 1.0 - np.abs(away))
+    smooth = signals.lowpass(one, period, cutoff_hz)
+    speed = signals.first_derivative(smooth, period)
+    acceleration = signals.second_derivative(smooth, period)
+    return (
+        math.sqrt(float(speed @ speed) / apart),
+        math.sqrt(float(acceleration @ acceleration) / apart),
+    )
+
+
+def _cardinal_spline(away: FloatArray) -> FloatArray:
+    """The cubic spline through 1 at 0 and 0 at all other whole numbers, at `away` (n,)."""
+    from scipy.interpolate import CubicSpline
+
+    last = math.ceil(float(np.max(np.abs(away)))) + 1
+    knots = np.arange(-last, last + 1.0)
+    return np.asarray(CubicSpline(knots, (knots == 0.0).astype(float))(away))
