@@ -30,9 +30,9 @@ import sysid as si  # noqa: E402
 from sysid.balance.imposed import effort_rmse  # noqa: E402
 from sysid.io.campaign import Campaign  # noqa: E402
 from sysid.plant.ports import Model  # noqa: E402
+from sysid.recording.motion_tests import MotionTest, Segment  # noqa: E402
+from sysid.recording.simulation import simulate_segments  # noqa: E402
 from sysid.refinement.refine import motion_tests_of  # noqa: E402
-from sysid.validation.motion_tests import MotionTest, Segment  # noqa: E402
-from sysid.validation.simulation import simulate_segments  # noqa: E402
 
 SET = REPOSITORY / "datasets" / "measured" / "emps"
 FILES = {"estimation": "DATA_EMPS.mat", "pulses": "DATA_EMPS_PULSES.mat"}

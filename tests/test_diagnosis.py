@@ -97,8 +97,8 @@ from sysid.plant.effects.stroke import EndCushion
 from sysid.plant.effects.supply import ExhaustBackPressure, SupplyDroop, SupplyPulsation
 from sysid.plant.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.plant.ports import Model
+from sysid.recording.motion_tests import prepare_all
 from sysid.types import FloatArray, no_progress
-from sysid.validation.motion_tests import prepare_all
 
 SEED = 900
 STEMS = (

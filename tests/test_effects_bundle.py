@@ -40,8 +40,10 @@ from sysid.plant.ports import Model
 from sysid.plant.sensors import before_sensors, through_sensors
 from sysid.plant.simulator import Inputs, ValveCommand, open_intervals, simulate
 from sysid.plant.trials import simulate_trials
-from sysid.validation import simulate_segments, validate
-from sysid.validation.motion_tests import ChannelNoise, MotionTest, Segment
+from sysid.recording.motion_tests import MotionTest, Segment
+from sysid.recording.simulation import simulate_segments
+from sysid.recording.start_states import ChannelNoise
+from sysid.validation import validate
 from tests.export_bundles import RISING, whole_bundle
 from tests.test_validation import true_bundle, written
 
@@ -375,22 +377,22 @@ def _segments(test: MotionTest) -> list[tuple[MotionTest, Segment]]:
     return [(test, whole), (test, dataclasses.replace(whole, start=100))]
 
 
-def _motion_test(theta: float, pressure_a: float, pressure_b: float) -> MotionTest:
+def _motion_test(rig: Rig, theta: float, pressure_a: float, pressure_b: float) -> MotionTest:
     """A test whose every row, and so the state that is estimated there, shows these values."""
-    from sysid.validation.start_states import InitialState
+    from sysid.recording.start_states import InitialState
 
     time, valve = _commands()
     n = len(time)
     state = np.array([theta, 0.0, pressure_a, pressure_b])
+    shown = {"theta_rad": theta, "pressure_a_pa": pressure_a, "pressure_b_pa": pressure_b}
+    channels = {name: np.full(n, value) for name, value in shown.items()}
+    channels |= {"motor_torque_nm": np.full(n, 0.5), "valve_a": valve.values}
     return MotionTest(
-        label="1",
-        source="log.csv, test 1",
-        time=time,
-        motor=np.full(n, 0.5),
-        commands=(valve.values, None),
+        trial=Trial("1", time, channels, "log.csv, test 1"),
+        rig=rig,
+        period=float(time[1] - time[0]),
+        lost=np.zeros(n, dtype=bool),
         pulsed=False,
-        measured=np.tile(state[[0, 2, 3]][:, None], n),
-        near_stop=np.zeros(n, dtype=bool),
         noise=ChannelNoise(np.zeros(3), 0.0),
         whole=Segment(0, n, InitialState(state, np.zeros(4), np.ones(4, dtype=np.intp))),
     )
@@ -398,8 +400,8 @@ def _motion_test(theta: float, pressure_a: float, pressure_b: float) -> MotionTe
 
 def test_validation_sees_through_the_sensors(bundle: Bundle, rig: Rig) -> None:
     base = Model(parameters_from_bundle(bundle, rig))
-    true = simulate_segments(_segments(_motion_test(0.1, 1.4e5, 1.1e5)), base)
-    shown = _motion_test(0.1, 1.4e5 + 2e3, 1.1e5)
+    true = simulate_segments(_segments(_motion_test(rig, 0.1, 1.4e5, 1.1e5)), base)
+    shown = _motion_test(rig, 0.1, 1.4e5 + 2e3, 1.1e5)
     found = simulate_segments(_segments(shown), base + Sensor(2e3, side="a"))
     blind = simulate_segments(_segments(shown), base)
     for with_effect, without, bare in zip(found, true, blind, strict=True):
@@ -410,7 +412,7 @@ def test_validation_sees_through_the_sensors(bundle: Bundle, rig: Rig) -> None:
         assert np.abs(bare[0] - without[0]).max() > 1e-4
     # A drift goes on where the segment starts, 0.1 s into the test.
     found = simulate_segments(_segments(shown), base + Sensor(0.0, 0.0, 1e4, "b"))
-    lower = simulate_segments(_segments(_motion_test(0.1, 1.4e5 + 2e3, 1.1e5 - 1e3)), base)
+    lower = simulate_segments(_segments(_motion_test(rig, 0.1, 1.4e5 + 2e3, 1.1e5 - 1e3)), base)
     for with_effect, without, since in zip(found, (blind[0], lower[1]), (0.0, 0.1), strict=True):
         assert with_effect[2][0] == pytest.approx(1.1e5, abs=1e-6)
         drift = 1e4 * (since + 1e-3 * np.arange(len(without[2])))
@@ -419,7 +421,7 @@ def test_validation_sees_through_the_sensors(bundle: Bundle, rig: Rig) -> None:
 
 def test_a_chamber_that_is_not_logged_starts_at_the_atmosphere(bundle: Bundle, rig: Rig) -> None:
     model = Model(parameters_from_bundle(bundle, rig)) + Sensor(2e3, side="both")
-    test = _motion_test(0.1, 1.4e5, math.nan)
+    test = _motion_test(rig, 0.1, 1.4e5, math.nan)
     found = simulate_segments([(test, test.whole)], model)[0]
     assert found[1][0] == pytest.approx(1.4e5, abs=1e-6)
     assert found[2][0] == pytest.approx(1e5 + 2e3, abs=1e-6)

@@ -34,8 +34,8 @@ from sysid.io.own_kind import OwnKind, read_own_log
 from sysid.io.rig import read_rig
 from sysid.parameters import read_bundle
 from sysid.plant.trials import inputs_from_trial
+from sysid.recording.motion_tests import prepare, prepare_all
 from sysid.validation import validate
-from sysid.validation.motion_tests import prepare, prepare_all
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
 

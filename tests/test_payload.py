@@ -26,8 +26,8 @@ from sysid.parameters import Bundle
 from sysid.plant.effects.linkage import LinkFlexibility
 from sysid.plant.tangents import simulate_tangents
 from sysid.plant.trials import inputs_from_trial, simulate_trials
+from sysid.recording.motion_tests import prepare_all
 from sysid.validation import validate
-from sysid.validation.motion_tests import prepare_all
 
 PAYLOAD = 0.6
 STEMS = ("friction_static", "friction_sliding", "motion_motor_2", "motion_pwm_2")

@@ -30,12 +30,12 @@ from sysid.parameters import Bundle, read_bundle, write_bundle
 from sysid.parameters.effects import entry_of
 from sysid.pipeline.fit_part import fit
 from sysid.plant.effects.catalogue import catalogue
+from sysid.recording.motion_tests import prepare
 from sysid.refinement import lengthening
 from sysid.refinement.advice import advise
 from sysid.refinement.refine import motion_tests_of, refine
 from sysid.refinement.result import RefineResult
 from sysid.refinement.unknowns import chosen, model_at, unknowns_of, without_own_data
-from sysid.validation.motion_tests import prepare
 
 SCATTER = 0.02
 FITTED, HELD_OUT = 4, 2

@@ -17,6 +17,8 @@ from sysid.plant.effects.chamber import TubeLag
 from sysid.plant.effects.sensor import PressureLag
 from sysid.plant.ports import Model
 from sysid.plant.simulator import simulate
+from sysid.recording.motion_tests import Segment
+from sysid.recording.start_states import InitialState
 from sysid.refinement import lengthening
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.lengthening import _neighbours, _Piece
@@ -28,8 +30,6 @@ from sysid.refinement.scan import scanned
 from sysid.refinement.solver import Solution, solve
 from sysid.refinement.unknowns import MOST_FACTOR, Unknown, chosen, model_at, numbers_of
 from sysid.types import FloatArray
-from sysid.validation.motion_tests import Segment
-from sysid.validation.start_states import InitialState
 
 NAMES = ("coulomb_effort", "viscous", "choked_fill_a")
 OFF = (0.1, -0.1, 0.05)

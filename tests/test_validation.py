@@ -49,10 +49,11 @@ from sysid.parameters.valves import (
 from sysid.plant.arrays import put_together, take_apart
 from sysid.plant.base import Array, array_namespace, filling_flow
 from sysid.plant.effects.chamber import TubeLag
+from sysid.recording.motion_tests import MotionTest, channel_noise, prepare, prepare_all
+from sysid.recording.simulation import simulate_segments
 from sysid.surfaces import Bipolynomial
 from sysid.types import FloatArray
-from sysid.validation import simulate_segments, validate
-from sysid.validation.motion_tests import MotionTest, channel_noise, prepare, prepare_all
+from sysid.validation import validate
 from sysid.validation.residual_tests import fit_percentage
 from sysid.validation.results import Errors, LogResult, ValidationResult
 

@@ -58,7 +58,7 @@ def imposed_motion(recording: Recording) -> ImposedMotion:
     thin = max(1, balanced.length // 4, len(rows) // _SAMPLES_A_TEST)
     bare = bare_parameters(recording.rig)
     point = Point(
-        time=recording.time + recording.trial.begun_s,
+        time=recording.since_start,
         position=seen.position,
         velocity=seen.speed,
         pressure_a=_pressure(recording, "pressure_a_pa", float(bare.atmosphere)),
@@ -77,9 +77,7 @@ def effort_gap(motion: ImposedMotion, model: Model) -> FloatArray:
 
     In the logged command's own units: otherwise a motor gain of 0 would explain everything.
     """
-    recording = motion.recording
-    carried = recording.rig.load_of(recording.trial.payload_kg)
-    parameters = with_load(model.at(motion.point.time), carried)
+    parameters = with_load(model.at(motion.point.time), motion.recording.load)
     point = dataclasses.replace(motion.point, parameters=parameters)
     given, taken = motion.point.motor, plant.motor_effort(point, model)
     power = float(given @ given)

@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
-from sysid.io.rig import Rig
+from sysid.io.rig import Load, Rig
 from sysid.io.samples import Trial
 from sysid.plant.base import cylinder_effort, gravity_effort
 from sysid.types import BoolArray, FloatArray
@@ -26,7 +26,7 @@ END_MARGIN = 0.01
 
 @dataclass(frozen=True)
 class Recording:
-    """One test, its channels (n,) by their names in the log format, SI, on an even time grid.
+    """One test, its channels (n,) by their names in the log format, SI, on one time grid.
 
     `trial` holds the channels, with the test's label, source, payload and what is excluded of it.
     `period` s. `lost` (n,): samples in pauses of the recording, of which nothing is known.
@@ -67,6 +67,11 @@ class Recording:
         """(n,) s from the first sample on."""
         return np.asarray(self.trial.time - self.trial.time[0])
 
+    @property
+    def since_start(self) -> FloatArray:
+        """(n,) s since the test's start, what is excluded of it counted."""
+        return np.asarray(self.time + self.trial.begun_s)
+
     def named(self, label: str) -> Recording:
         """The same under another label."""
         return replace(self, trial=replace(self.trial, label=label))
@@ -86,13 +91,18 @@ class Recording:
         return self.trial[self.rig.position_channel]
 
     @cached_property
-    def inside(self) -> BoolArray:
-        """Samples (n,) at a sufficient distance from both end stops; all where neither the stroke
-        nor the place in it is known."""
+    def near_stop(self) -> BoolArray:
+        """Samples (n,) too near an end stop to count; none where the stroke, or the place in it, is
+        not known."""
         travel = self.rig.travel
         if travel is None or not self.trial.place_known:
-            return np.ones(len(self), dtype=bool)
-        return np.asarray(np.abs(self.position) < (0.5 - END_MARGIN) * travel)
+            return np.zeros(len(self), dtype=bool)
+        return np.asarray(np.abs(self.position) > (0.5 - END_MARGIN) * travel)
+
+    @property
+    def inside(self) -> BoolArray:
+        """Samples (n,) at a sufficient distance from both end stops."""
+        return ~self.near_stop
 
     @cached_property
     def position_noise(self) -> signals.NoiseFloor:
@@ -120,12 +130,17 @@ class Recording:
         return self.rig.effort_channel in self.trial
 
     @cached_property
-    def motor(self) -> FloatArray:
-        """The motor's effort (n,), within its limit; 0 where none is logged."""
+    def commanded(self) -> FloatArray:
+        """The effort (n,) that the motor is commanded; 0 where none is logged."""
         if not self.has_motor:
             return np.zeros(len(self))
-        effort, limit = self.trial[self.rig.effort_channel], self.rig.max_effort
-        return effort if limit is None else np.clip(effort, -limit, limit)
+        return np.asarray(self.trial[self.rig.effort_channel], dtype=float)
+
+    @cached_property
+    def motor(self) -> FloatArray:
+        """The motor's effort (n,), within its limit."""
+        limit = self.rig.max_effort
+        return self.commanded if limit is None else np.clip(self.commanded, -limit, limit)
 
     def pressure(self, channel: str) -> FloatArray:
         """A chamber's pressure (n,) Pa; the atmosphere's where it is not logged."""
@@ -158,9 +173,14 @@ class Recording:
         return self.motor + self.cylinder - self.gravity
 
     @property
+    def load(self) -> Load:
+        """What the test carries beyond the rig file's payload."""
+        return self.rig.load_of(self.trial.payload_kg)
+
+    @property
     def added_inertia(self) -> float:
         """What the test's payload is more than the rig file's, kg m2 or kg."""
-        return float(self.rig.load_of(self.trial.payload_kg).inertia)
+        return float(self.load.inertia)
 
     # --- valves ---------------------------------------------------------------------------
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
+from sysid.recording.motion_tests import MotionTest
 from sysid.refinement.estimation import FrictionScatter, estimate
 from sysid.refinement.lengthening import lengthened
 from sysid.refinement.options import AdviceSetting, plain_problem
 from sysid.refinement.runs import runs_of
 from sysid.types import Progress, no_progress
-from sysid.validation.motion_tests import MotionTest
 
 
 def with_expected_errors(

@@ -20,6 +20,7 @@ import numpy as np
 from sysid.errors import SimulationError
 from sysid.parallel import OutOfBudgetError
 from sysid.plant.ports import Model
+from sysid.recording.motion_tests import MotionTest, Segment
 from sysid.refinement.estimation import NO_INFORMATION, Estimated, followed, whitening_of
 from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.runs import Run, run_of
@@ -27,7 +28,6 @@ from sysid.refinement.solver import Solution, solve
 from sysid.refinement.unknowns import model_at
 from sysid.refinement.whole_tests import rmse, times, whole_residuals
 from sysid.types import BoolArray, FloatArray, Progress, no_progress
-from sysid.validation.motion_tests import MotionTest, Segment
 
 # So many segments are joined; 0: all of a test, from its first row.
 _JOINED = (3, 0)

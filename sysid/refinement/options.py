@@ -13,6 +13,7 @@ from sysid.errors import input_error
 from sysid.estimation.autoregression import Autoregression
 from sysid.io.rig import Rig
 from sysid.plant.ports import Model
+from sysid.recording.motion_tests import MotionTest, prepare
 from sysid.refinement.bench_candidates import bench_candidates
 from sysid.refinement.candidates import DURATION_S, CandidateMotion
 from sysid.refinement.estimation import Estimated
@@ -24,7 +25,6 @@ from sysid.refinement.refine import SEGMENT_S
 from sysid.refinement.runs import Run, runs_of
 from sysid.refinement.unknowns import Unknown
 from sysid.types import FloatArray
-from sysid.validation.motion_tests import MotionTest, prepare
 
 _SHORT_S = 5.0
 

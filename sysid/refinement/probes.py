@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model, overrides
 from sysid.plant.sensors import measured_channels
@@ -17,7 +18,6 @@ from sysid.refinement.problem import LOCAL
 from sysid.refinement.runs import Run
 from sysid.refinement.unknowns import Unknown, model_at
 from sysid.types import FloatArray
-from sysid.validation.motion_tests import CHAMBER_PRESSURES
 
 # Share of the usual size that is tried, and how well the slope must foretell what it changes.
 _SMALL, _LINEAR = 0.01, 0.3

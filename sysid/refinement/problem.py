@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.estimation.autoregression import Autoregression
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.parallel import spend
 from sysid.plant.differences import simulate_differences
 from sysid.plant.ports import Model, overrides
@@ -19,13 +20,12 @@ from sysid.plant.sensors import measured_channels
 from sysid.plant.simulator import MAX_STEP, Trajectory, simulate
 from sysid.plant.static_reading import static_ratio
 from sysid.plant.tangents import Direction, Tangents, number_of, simulate_tangents
+from sysid.recording.simulation import after_run_ups
 from sysid.refinement.factors import triangular
 from sysid.refinement.prior import prior_factor
 from sysid.refinement.runs import STATES, Run
 from sysid.refinement.unknowns import Unknown, model_at
 from sysid.types import BoolArray, FloatArray, IntArray
-from sysid.validation.motion_tests import CHAMBER_PRESSURES
-from sysid.validation.simulation import after_run_ups
 
 LOCAL = len(STATES) + 2
 """Unknowns of a run that it does not share with all: its start, its test's friction."""

@@ -26,7 +26,7 @@ from sysid.errors import InputError, NotIdentifiedError, SimulationError, input_
 from sysid.estimation.autoregression import Autoregression
 from sysid.estimation.linear import Estimate, t_quantile
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
-from sysid.io.logs import Trial
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.rig import Rig
 from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
 from sysid.parameters import Bundle
@@ -35,6 +35,7 @@ from sysid.parameters.declared import contradictions
 from sysid.parameters.friction import Friction
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
+from sysid.recording.motion_tests import MotionTest, prepare_all
 from sysid.refinement.estimation import (
     NO_INFORMATION,
     Estimated,
@@ -58,7 +59,6 @@ from sysid.refinement.unknowns import (
 from sysid.refinement.updating import updated
 from sysid.refinement.whole_tests import correlation, rmse, whole_residuals
 from sysid.types import FloatArray, Progress, no_progress
-from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, prepare_all
 
 SEGMENT_S = 1.0
 KINDS = (*MOTION_KINDS, "friction-motion")
@@ -324,18 +324,7 @@ def _effort(
 ) -> dict[str, tuple[float, float]]:
     """What both models leave of the motor's effort along the measured motion, RMSE by channel; NaN
     for tests that cannot be brought onto even time."""
-    position, effort = rig.position_channel, rig.effort_channel
-    trials = [
-        Trial(
-            t.label,
-            t.time,
-            {position: t.measured[0], effort: t.motor},
-            t.source,
-            begun_s=t.begun_s,
-            payload_kg=t.payload_kg,
-        )
-        for t in tests
-    ]
+    trials, effort = [test.trial for test in tests], rig.effort_channel
     try:
         return {effort: (effort_rmse(trials, rig, before), effort_rmse(trials, rig, after))}
     except InputError as error:

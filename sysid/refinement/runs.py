@@ -13,9 +13,9 @@ import numpy as np
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs
 from sysid.plant.sensors import true_start
+from sysid.recording.motion_tests import MotionTest, Segment
+from sysid.recording.simulation import inputs_of, run_up_of
 from sysid.types import FloatArray, IntArray
-from sysid.validation.motion_tests import MotionTest, Segment
-from sysid.validation.simulation import inputs_of, run_up_of
 
 STATES = ("position", "velocity", "pressure_a", "pressure_b")
 LEAST_ROWS = 50

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.plant.ports import Model
+from sysid.recording.motion_tests import MotionTest
+from sysid.recording.simulation import simulate_segments
 from sysid.types import FloatArray
-from sysid.validation.motion_tests import MotionTest
-from sysid.validation.simulation import simulate_segments
 
 # Whole training tests that are simulated this much worse (mean over the channels) say that an
 # estimation went elsewhere; less is the friction of single tests.

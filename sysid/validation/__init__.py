@@ -1,8 +1,7 @@
 """Validation: a bundle's model simulated open loop against the motion logs.
 
-`open_loop` goes through a campaign, `motion_tests` makes its logs into runs (`motion_checks`,
-`start_states`), `simulation` simulates them, `judging` compares (`residual_tests`) and `results`
-is what comes out.
+`open_loop` goes through a campaign, `judging` compares a simulated test with the measured one
+(`residual_tests`) and `results` is what comes out.
 """
 
 from sysid.validation.open_loop import VALIDATED_KINDS, VALVE_MODELS, validate
@@ -15,7 +14,6 @@ from sysid.validation.results import (
     TestResult,
     ValidationResult,
 )
-from sysid.validation.simulation import simulate_segments
 
 __all__ = [
     "HORIZONS_S",
@@ -27,6 +25,5 @@ __all__ = [
     "LogResult",
     "TestResult",
     "ValidationResult",
-    "simulate_segments",
     "validate",
 ]

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.io.campaign import CampaignLog
-from sysid.io.channels import SIDES
+from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.rig import Rig
+from sysid.recording.motion_tests import MotionTest
 from sysid.types import FloatArray
 from sysid.validation import residual_tests
-from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest
 from sysid.validation.results import (
     HORIZONS_S,
     ChannelResult,
@@ -85,7 +85,7 @@ def _finite_state(test: MotionTest, rig: Rig) -> FloatArray:
 def _named_inputs(test: MotionTest, rig: Rig, rows: slice) -> dict[str, FloatArray]:
     """The commands in these rows, by name."""
     prefix = "duty" if test.pulsed else "valve"
-    inputs = {rig.effort_channel: test.motor[rows]}
+    inputs = {rig.effort_channel: test.commanded[rows]}
     for side, command in zip(SIDES, test.commands, strict=True):
         if command is not None:
             inputs[f"{prefix}_{side}"] = command[rows]

@@ -31,9 +31,10 @@ from sysid.parameters.assembled_model import (
 )
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
+from sysid.recording.motion_tests import MotionTest, prepare_all
+from sysid.recording.simulation import simulate_segments
 from sysid.types import Progress
 from sysid.validation.judging import judged
-from sysid.validation.motion_tests import MotionTest, prepare_all
 from sysid.validation.results import (
     HORIZONS_S,
     LogResult,
@@ -41,7 +42,6 @@ from sysid.validation.results import (
     ValidationResult,
     pooled_channels,
 )
-from sysid.validation.simulation import simulate_segments
 
 VALIDATED_KINDS = (*MOTION_KINDS, "friction-motion")
 _OFFSET_EFFECT = "torque-offset"

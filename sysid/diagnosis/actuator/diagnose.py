@@ -28,13 +28,13 @@ from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import Because, why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.errors import NotIdentifiedError, SimulationError
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.parallel import Failure, limited, on_its_own, spend
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model, has_discrete_law
 from sysid.types import FloatArray
-from sysid.validation.motion_tests import CHAMBER_PRESSURES
 
 # Times the floor of noise and scatter: a model whose every channel exceeds it lacks something. On
 # campaigns with nothing missing the ratio is at most 1.8, and 2.6 with the right effects found.

@@ -14,9 +14,9 @@ from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.parallel import Failure, on_its_own
 from sysid.plant.ports import Model
+from sysid.recording.motion_tests import MotionTest, prepare_all
+from sysid.recording.simulation import simulate_segments
 from sysid.types import FloatArray
-from sysid.validation import simulate_segments
-from sysid.validation.motion_tests import MotionTest, prepare_all
 
 _HORIZON_S = 1.0
 # Draws of the tests' friction for the noise floor; the squares of these many are averaged.

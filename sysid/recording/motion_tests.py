@@ -10,29 +10,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid import signals
 from sysid.errors import input_error
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Trial
-from sysid.io.rig import NO_LOAD, Load, Rig
+from sysid.io.rig import Rig
 from sysid.io.trial_kind import rows_per_ripple
 from sysid.parallel import Failure, error_of, on_its_own
 from sysid.plant import valve_timing
-from sysid.types import FloatArray, IntArray
-from sysid.validation.motion_checks import (
+from sysid.recording.motion_checks import (
     MIN_ROWS,
     check_at_rest,
     check_channels,
     check_sampling,
     moves_at_start,
-    near_end_stop,
 )
-from sysid.validation.start_states import (
+from sysid.recording.recording import Recording
+from sysid.recording.start_states import (
     ChannelNoise,
     InitialState,
     ValveEdges,
@@ -41,6 +39,7 @@ from sysid.validation.start_states import (
     state_within,
     valve_edges,
 )
+from sysid.types import FloatArray, IntArray
 
 Commands = tuple[FloatArray | None, FloatArray | None]
 
@@ -68,43 +67,30 @@ class Segment:
     run_up: Segment | None = None
 
 
-@dataclass(frozen=True)
-class MotionTest:
-    """One test of a motion log, checked and ready for the simulator.
+@dataclass(frozen=True, kw_only=True)
+class MotionTest(Recording):
+    """One test of a motion log on its own time, checked and ready for the simulator.
 
-    `time` (n,) s; `motor` (n,) Nm or N; `commands` of valves A and B: (n,) duty if `pulsed`,
-    else 0 or 1, None for a valve that stays off; `measured` (3, n) position and pressures,
-    NaN where not logged; `near_stop` (n,): too near an end stop to count. `whole` starts at
-    the first row, `segments` within the test. Of a test whose start is excluded `begun_s` is how
-    long after it the first row is (s); its `whole` starts as segments do, after what a start state
-    and a run-up need. `load`: what it carries beyond the rig file's payload.
+    `pulsed`: its valves are commanded by duties, else by 0 or 1. `noise` is that of position and
+    pressures. `whole` starts at the first row, `segments` within the test; of a test whose start is
+    excluded `whole` starts as segments do, after what a start state and a run-up need.
     """
 
-    label: str
-    source: str
-    time: FloatArray
-    motor: FloatArray
-    commands: Commands
     pulsed: bool
-    measured: FloatArray
-    near_stop: NDArray[np.bool_]
     noise: ChannelNoise
     whole: Segment
     segments: tuple[Segment, ...] = ()
     notices: tuple[str, ...] = ()
-    begun_s: float = 0.0
-    load: Load = NO_LOAD
-    payload_kg: float | None = None
 
-    @property
-    def since_start(self) -> FloatArray:
-        """Time of each row (n,) since the test's start, s."""
-        return np.asarray(self.time - self.time[0] + self.begun_s)
+    @cached_property
+    def commands(self) -> Commands:
+        """Commands (n,) of valves A and B, None for a valve that stays off."""
+        return commands_of(self.trial, self.pulsed)
 
-    @property
-    def period(self) -> float:
-        """Mean sampling period, s."""
-        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+    @cached_property
+    def measured(self) -> FloatArray:
+        """(3, n) position and pressures, NaN where not logged."""
+        return measured_channels(self.trial, self.rig)
 
     def counted(self, segment: Segment) -> int:
         """How many rows of a segment count: those before the arm comes near an end stop."""
@@ -133,50 +119,50 @@ def prepare(
     """
     check_channels(trial, kind, rig)
     check_sampling(trial, kind, rig)
+    _check_commands(trial, kind)
     pulsed = kind == "motion-pwm"
-    commands = _commands(trial, kind)
     stride = rows_per_ripple(trial, rig) if pulsed else None
-    notices: list[str] = []
-    measured = _measured(trial, rig, notices)
+    measured = measured_channels(trial, rig)
     noise = channel_noise(measured, stride or 1, rig.sensors.pressure_noise_pa)
-    edges = (
-        valve_edges(trial.time, commands[0], pulsed, rig),
-        valve_edges(trial.time, commands[1], pulsed, rig),
-    )
-    motor = np.asarray(trial.channels.get(rig.effort_channel, np.zeros(len(trial))), dtype=float)
-    tolerance = 2.0 * noise.still
-    start = state_at_rest(trial.time, measured, noise, edges)
-    carried = rig.carrying(trial.payload_kg)
-    if not trial.has_its_start:
-        pass  # its whole starts within it
-    elif rig.is_motor_alone:
-        moved = moves_at_start(trial.time, motor, measured, tolerance, carried, inertia)
-        if moved is not None:
-            start = _state_in_motion(trial.time, measured, noise, edges)
-            notices.append(_MOVING.format(trial.source, moved))
-    else:
-        check_at_rest(trial.source, trial.time, motor, measured, tolerance, carried, inertia)
+    a, b = (valve_edges(trial.time, u, pulsed, rig) for u in commands_of(trial, pulsed))
+    edges, notices = (a, b), _not_logged(trial, rig)
     test = MotionTest(
-        label=trial.label,
-        source=trial.source,
-        time=trial.time,
-        motor=motor,
-        commands=commands,
+        trial=trial,
+        rig=rig,
+        period=float(trial.time[-1] - trial.time[0]) / (len(trial) - 1),
+        lost=np.zeros(len(trial), dtype=bool),
+        gravity_moment=rig.carrying(trial.payload_kg).gravity_moment(),
         pulsed=pulsed,
-        measured=measured,
-        near_stop=near_end_stop(measured[0], rig),
         noise=noise,
-        whole=Segment(0, len(trial), start),
-        begun_s=trial.begun_s,
-        load=rig.load_of(trial.payload_kg),
-        payload_kg=trial.payload_kg,
+        whole=Segment(0, len(trial), state_at_rest(trial.time, measured, noise, edges)),
     )
-    if not trial.has_its_start:
-        test = replace(test, whole=_whole_of_part(test, edges, rig, stride))
+    test = replace(test, whole=_whole(test, edges, inertia, stride, notices))
     if test.near_stop.any():
         notices.append(_stop_notice(test))
     segments = _segments(test, edges, horizon, rig, stride)
     return replace(test, segments=segments, notices=tuple(notices))
+
+
+def _whole(
+    test: MotionTest,
+    edges: tuple[ValveEdges, ValveEdges],
+    inertia: float | None,
+    stride: int | None,
+    notices: list[str],
+) -> Segment:
+    """All of a test, from rest; with a motor alone it may move at its start, by a notice."""
+    tolerance = 2.0 * test.noise.still
+    if not test.trial.has_its_start:
+        return _whole_of_part(test, edges, test.rig, stride)
+    if not test.rig.is_motor_alone:
+        check_at_rest(test, tolerance, inertia)
+        return test.whole
+    moved = moves_at_start(test, tolerance, inertia)
+    if moved is None:
+        return test.whole
+    notices.append(_MOVING.format(test.source, moved))
+    start = _state_in_motion(test.trial.time, test.measured, test.noise, edges)
+    return replace(test.whole, state=start)
 
 
 def prepare_all(
@@ -229,18 +215,18 @@ def _whole_of_part(
     first = half + math.ceil(max(delays) / test.period)
     run_up = round(_RUN_UP_S / test.period)
     allowed = _allowed_starts(test, rig)
-    allowed = allowed[(allowed >= first) & (allowed < len(test.time) - half)]
+    allowed = allowed[(allowed >= first) & (allowed < len(test) - half)]
     last = first + run_up + round(_SLACK * run_up)
     near = allowed[(allowed >= first + run_up) & (allowed <= last)]
     row = _best_start(test, edges, near, half * test.period)
-    if row is None or len(test.time) - row < MIN_ROWS:
+    if row is None or len(test) - row < MIN_ROWS:
         raise input_error(
             test.source,
-            f"is what excluded rows leave of a test, too short to be simulated ({len(test.time)} "
+            f"is what excluded rows leave of a test, too short to be simulated ({len(test)} "
             f"rows; its first {_RUN_UP_S:g} s show only how it starts)",
             "exclude less of it, or the test as a whole",
         )
-    whole = _segment(test, edges, slice(row, len(test.time)), stride)
+    whole = _segment(test, edges, slice(row, len(test)), stride)
     return replace(whole, run_up=_run_up(test, edges, row, allowed, stride))
 
 
@@ -248,13 +234,13 @@ def _stop_notice(test: MotionTest) -> str:
     first = int(np.argmax(test.near_stop))
     return (
         f"{test.source}: within 1 % of the stroke from an end stop at "
-        f"{test.time[first] - test.time[0]:.3f} s ({int(test.near_stop.sum())} of "
-        f"{len(test.time)} rows); a simulation counts until the arm comes that near"
+        f"{test.trial.time[first] - test.trial.time[0]:.3f} s ({int(test.near_stop.sum())} of "
+        f"{len(test)} rows); a simulation counts until the arm comes that near"
     )
 
 
-def _commands(trial: Trial, kind: str) -> Commands:
-    prefix, other = ("duty", "valve") if kind == "motion-pwm" else ("valve", "duty")
+def _check_commands(trial: Trial, kind: str) -> None:
+    other = "valve" if kind == "motion-pwm" else "duty"
     for side in SIDES:
         name = f"{other}_{side}"
         if name in trial and bool(np.any(trial[name] != 0.0)):
@@ -263,22 +249,30 @@ def _commands(trial: Trial, kind: str) -> Commands:
                 f"{name} is commanded in a {kind} test",
                 "name its kind in the campaign: motion-pwm for duties, motion-discrete for valves",
             )
-    return trial.channels.get(f"{prefix}_a"), trial.channels.get(f"{prefix}_b")
 
 
-def _measured(trial: Trial, rig: Rig, notices: list[str]) -> FloatArray:
-    rows = [trial[rig.position_channel]]
-    for name in CHAMBER_PRESSURES:
-        if name in trial:
-            rows.append(trial[name])
-            continue
-        if not rig.is_motor_alone:
-            notices.append(
-                f"{trial.source}: {name} is not logged; the chamber is taken to start at the "
-                "atmosphere's pressure, and the test is simulated as a whole only"
-            )
-        rows.append(np.full(len(trial), np.nan))
-    return np.array(rows, dtype=float)
+def commands_of(trial: Trial, pulsed: bool) -> Commands:
+    """Commands (n,) of valves A and B, None for a valve that stays off."""
+    prefix = "duty" if pulsed else "valve"
+    a, b = (trial.channels.get(f"{prefix}_{side}") for side in SIDES)
+    return a, b
+
+
+def measured_channels(trial: Trial, rig: Rig) -> FloatArray:
+    """(3, n) position and pressures of a trial, NaN where not logged."""
+    unknown = np.full(len(trial), np.nan)
+    names = (rig.position_channel, *CHAMBER_PRESSURES)
+    return np.array([trial.channels.get(name, unknown) for name in names], dtype=float)
+
+
+def _not_logged(trial: Trial, rig: Rig) -> list[str]:
+    """Notices of chambers whose pressure is not logged."""
+    return [
+        f"{trial.source}: {name} is not logged; the chamber is taken to start at the "
+        "atmosphere's pressure, and the test is simulated as a whole only"
+        for name in CHAMBER_PRESSURES
+        if name not in trial and not rig.is_motor_alone
+    ]
 
 
 def channel_noise(
@@ -321,7 +315,7 @@ def _segments(
     # A motor alone has no chambers whose pressure a start would need.
     if np.isnan(test.measured[: 1 if rig.is_motor_alone else None]).any():
         return ()
-    rows, n = round(horizon / test.period), len(test.time)
+    rows, n = round(horizon / test.period), len(test)
     half = half_window(test.period, stride)
     allowed = _allowed_starts(test, rig)
     segments = []
@@ -340,9 +334,9 @@ def _segment(
     test: MotionTest, edges: tuple[ValveEdges, ValveEdges], rows: slice, stride: int | None
 ) -> Segment:
     """These rows, from the state estimated at the first."""
-    half, at = half_window(test.period, stride), float(test.time[rows.start])
-    part = slice(rows.start - half, rows.start + half + 1)
-    state = state_within(at, test.time[part], test.measured[:, part], test.noise, edges, stride)
+    half, time = half_window(test.period, stride), test.trial.time
+    at, part = float(time[rows.start]), slice(rows.start - half, rows.start + half + 1)
+    state = state_within(at, time[part], test.measured[:, part], test.noise, edges, stride)
     starts_on = (edges[0].was_open(at), edges[1].was_open(at))
     settled = not any(e.pending(at) for e in edges)
     return Segment(rows.start, rows.stop, state, starts_on, settled)
@@ -359,7 +353,7 @@ def _run_up(
     half = half_window(test.period, stride)
     first = start - round(_RUN_UP_S / test.period)
     if first < half:
-        return replace(test.whole, stop=start + 1) if test.begun_s == 0.0 else None
+        return replace(test.whole, stop=start + 1) if test.trial.begun_s == 0.0 else None
     near = allowed[(allowed >= max(first - half, half)) & (allowed <= first)]
     row = _best_start(test, edges, near[::-1], half * test.period)
     return None if row is None else _segment(test, edges, slice(row, start + 1), stride)
@@ -368,12 +362,12 @@ def _run_up(
 def _allowed_starts(test: MotionTest, rig: Rig) -> IntArray:
     """Rows at which a separate run may start: under PWM, those that start a period."""
     if not test.pulsed:
-        return np.arange(len(test.time))
+        return np.arange(len(test))
     period = rig.require("pwm", "which a test under PWM needs").period_s
-    starts, _ = valve_timing.period_duties(test.time, np.zeros(len(test.time)), period)
-    row = np.searchsorted(test.time, starts - 1e-3 * test.period)
-    row = np.minimum(row, len(test.time) - 1)
-    return np.unique(row[np.abs(test.time[row] - starts) < 1e-3 * test.period])
+    starts, _ = valve_timing.period_duties(test.trial.time, np.zeros(len(test)), period)
+    row = np.searchsorted(test.trial.time, starts - 1e-3 * test.period)
+    row = np.minimum(row, len(test) - 1)
+    return np.unique(row[np.abs(test.trial.time[row] - starts) < 1e-3 * test.period])
 
 
 def _best_start(
@@ -387,9 +381,9 @@ def _best_start(
     clearances = (0.0,) if test.pulsed else (window, 0.25 * window, 0.0)
     for clearance in clearances:
         for row in rows:
-            if not any(e.moves_near(float(test.time[row]), clearance) for e in edges):
+            if not any(e.moves_near(float(test.trial.time[row]), clearance) for e in edges):
                 return int(row)
     return int(rows[0]) if rows.size else None
 
 
-__all__ = ["CHAMBER_PRESSURES", "SIDES", "MotionTest", "Segment", "channel_noise", "prepare"]
+__all__ = ["MotionTest", "Segment", "channel_noise", "prepare"]

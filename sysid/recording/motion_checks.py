@@ -5,18 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.errors import input_error
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, require_inertia
 from sysid.io.trial_kind import rows_per_period
-from sysid.plant import base
-from sysid.types import FloatArray
+from sysid.recording.recording import Recording
 
-MARGIN_OF_STROKE = 0.01
-"""Samples nearer to an end stop than this share of the stroke are left out."""
 MIN_ROWS = 20
 
 # A step this much longer than the median one is a gap.
@@ -73,47 +69,34 @@ def check_sampling(trial: Trial, kind: str, rig: Rig) -> None:
         )
 
 
-def check_at_rest(
-    source: str,
-    time: FloatArray,
-    motor: FloatArray,
-    measured: FloatArray,
-    tolerance: float,
-    rig: Rig,
-    fitted_inertia: float | None = None,
-) -> None:
+def check_at_rest(test: Recording, tolerance: float, fitted_inertia: float | None = None) -> None:
     """InputError where the shaft moves in the first 50 ms further than it could from rest.
 
     Arguments as those of `moves_at_start`.
     """
-    moved = moves_at_start(time, motor, measured, tolerance, rig, fitted_inertia)
+    moved = moves_at_start(test, tolerance, fitted_inertia)
     if moved is None:
         return
     raise input_error(
-        source,
+        test.source,
         f"starts while moving: {moved}",
         "start each test at rest, or cut off its beginning up to a standstill",
     )
 
 
 def moves_at_start(
-    time: FloatArray,
-    motor: FloatArray,
-    measured: FloatArray,
-    tolerance: float,
-    rig: Rig,
-    fitted_inertia: float | None = None,
+    test: Recording, tolerance: float, fitted_inertia: float | None = None
 ) -> str | None:
     """How far the shaft moves in the first 50 ms, in words, if further than it could from rest.
 
     From rest it cannot have gone further than the logged effort, friction aside, would have
-    driven it: the double integral of |effort|/inertia. `measured` (3, n) position and
-    pressures; `tolerance` is what the encoder may show at rest, rad or m. `fitted_inertia`
-    (kg m2 or kg) counts where the rig file declares none.
+    driven it: the double integral of |effort|/inertia. `tolerance` is what the encoder may show at
+    rest, rad or m. `fitted_inertia` (kg m2 or kg) counts where the rig file declares none.
     """
-    rows = int(np.count_nonzero(time - time[0] <= _START_S))
-    time, measured = time[:rows] - time[0], measured[:, :rows]
-    effort = np.abs(_applied_effort(motor[:rows], measured, rig))
+    rows = slice(0, int(np.count_nonzero(test.time <= _START_S)))
+    time, position = test.time[rows], test.position[rows]
+    effort = np.abs(test.commanded + test.cylinder - test.gravity)[rows]
+    rig = test.rig.carrying(test.trial.payload_kg)
     declared = rig.total_inertia()
     inertia = fitted_inertia if declared is None else declared
     rate = _EFFORT_MARGIN * effort / (require_inertia(rig) if inertia is None else inertia)
@@ -121,7 +104,7 @@ def moves_at_start(
     rate = np.maximum(rate[:-1], rate[1:]) * np.diff(time)
     speed = np.cumsum(rate)
     reach = np.concatenate([[0.0], np.cumsum(speed * np.diff(time))])
-    gone = np.abs(measured[0] - measured[0, 0])
+    gone = np.abs(position - position[0])
     beyond = np.flatnonzero(gone > reach + tolerance)
     if beyond.size == 0:
         return None
@@ -130,25 +113,3 @@ def moves_at_start(
         f"the position changes by {gone[at]:.3g} in its first {1000.0 * time[at]:.3g} ms, and "
         f"from rest the logged effort explains {reach[at]:.2g}"
     )
-
-
-def _applied_effort(motor: FloatArray, measured: FloatArray, rig: Rig) -> FloatArray:
-    """Cylinder + motor - gravity from the log, (n,) Nm or N."""
-    effort = np.asarray(motor, dtype=float)
-    if rig.cylinder is not None and rig.air is not None:
-        c, atmosphere = rig.cylinder, rig.air.atmospheric_pressure_pa
-        a, b = np.nan_to_num(measured[1:], nan=atmosphere)
-        effort = effort + base.cylinder_effort(
-            a, b, c.area_a_m2, c.area_b_m2, atmosphere, c.pitch_radius_m
-        )
-    gravity = rig.gravity_moment()
-    moment, weight = (0.0, gravity) if rig.is_linear else (gravity, 0.0)
-    return np.asarray(effort - base.gravity_effort(measured[0], moment, weight))
-
-
-def near_end_stop(position: FloatArray, rig: Rig) -> NDArray[np.bool_]:
-    """(n,) whether a position is within 1 % of the stroke from an end, or beyond it."""
-    if rig.travel is None:
-        return np.zeros(len(position), dtype=bool)
-    limit = (0.5 - MARGIN_OF_STROKE) * rig.travel
-    return np.asarray(np.abs(position) > limit)

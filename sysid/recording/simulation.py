@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.errors import SimulationError
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.plant.ports import Model
 from sysid.plant.sensors import after_seeing, measured_channels, true_start
+from sysid.recording.motion_tests import MotionTest, Segment
 from sysid.types import FloatArray
-from sysid.validation.motion_tests import CHAMBER_PRESSURES, MotionTest, Segment
 
 if TYPE_CHECKING:
     from sysid.plant.simulator import Inputs
@@ -77,8 +78,8 @@ def inputs_of(test: MotionTest, segment: Segment) -> Inputs:
     position, velocity, *pressures = segment.state.values
     known = [None if math.isnan(p) else float(p) for p in pressures]
     return Inputs(
-        time=test.time[rows],
-        motor=test.motor[rows],
+        time=test.trial.time[rows],
+        motor=test.commanded[rows],
         valve_a=valves[0],
         valve_b=valves[1],
         position=float(position),
