@@ -8,6 +8,13 @@ SIDES = ("a", "b")
 CHAMBER_PRESSURES = ("pressure_a_pa", "pressure_b_pa")
 PRESSURES = (*CHAMBER_PRESSURES, "supply_pressure_pa")
 
+
+def simulated_channels(position: str) -> tuple[str, ...]:
+    """What a simulated motion is compared with a measured one in, in the order of every array of
+    them: position, which the log calls `position`, and chamber pressures."""
+    return (position, *CHAMBER_PRESSURES)
+
+
 VELOCITY_CHANNELS = {"theta_rad": "velocity_rad_per_s", "position_m": "velocity_m_per_s"}
 """The channel of the speed that goes with a log's position channel."""
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import input_error
-from sysid.io.channels import CHAMBER_PRESSURES, SIDES
+from sysid.io.channels import CHAMBER_PRESSURES, SIDES, simulated_channels
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import rows_per_ripple
@@ -261,7 +261,7 @@ def commands_of(trial: Trial, pulsed: bool) -> Commands:
 def measured_channels(trial: Trial, rig: Rig) -> FloatArray:
     """(3, n) position and pressures of a trial, NaN where not logged."""
     unknown = np.full(len(trial), np.nan)
-    names = (rig.position_channel, *CHAMBER_PRESSURES)
+    names = simulated_channels(rig.position_channel)
     return np.array([trial.channels.get(name, unknown) for name in names], dtype=float)
 
 

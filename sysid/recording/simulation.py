@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.errors import SimulationError
-from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.channels import simulated_channels
 from sysid.plant.ports import Model
 from sysid.plant.sensors import after_seeing, measured_channels, true_start
 from sysid.recording.motion_tests import MotionTest, Segment
@@ -59,7 +59,7 @@ def simulate_segments(
         for i, run in zip(group, runs, strict=False):
             one = inputs[i]
             shown = measured_channels(run, position, models[i], one.elapsed, one.seen)
-            found[i] = np.array([shown[name] for name in (position, *CHAMBER_PRESSURES)])
+            found[i] = np.array([shown[name] for name in simulated_channels(position)])
             if not np.isfinite(found[i]).all():
                 why = "the simulation does not stay finite"
                 raise SimulationError(f"{segments[i][0].source}: {why}")

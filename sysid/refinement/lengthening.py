@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.errors import SimulationError
+from sysid.io.channels import simulated_channels
 from sysid.parallel import OutOfBudgetError
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import MotionTest, Segment
@@ -95,7 +96,7 @@ def _errors(found: Estimated, tests: Sequence[MotionTest]) -> FloatArray:
     try:
         return rmse(whole_residuals(tests, model, problem.position))
     except SimulationError:
-        return np.full(3, np.nan)
+        return np.full(len(simulated_channels(problem.position)), np.nan)
 
 
 def _longer(found: Estimated, tests: Sequence[MotionTest], joined: int) -> Estimated | None:

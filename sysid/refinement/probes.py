@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.channels import simulated_channels
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model, overrides
 from sysid.plant.sensors import measured_channels
@@ -123,7 +123,7 @@ def _simulated(problem: ProbedProblem, models: Sequence[Model]) -> list[list[Flo
     inputs = [run.inputs for run in problem.runs]
     every = [m for m in models for _ in inputs]
     found = iter(simulate(inputs * len(models), every))
-    names = (problem.position, *CHAMBER_PRESSURES)
+    names = simulated_channels(problem.position)
     rows: list[list[FloatArray]] = []
     for model in models:
         rows.append([])

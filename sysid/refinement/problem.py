@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.estimation.autoregression import Autoregression
-from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.channels import simulated_channels
 from sysid.parallel import spend
 from sysid.plant.differences import simulate_differences
 from sysid.plant.ports import Model, overrides
@@ -233,7 +233,7 @@ class Problem:
         """A run's position and pressures (3, n) as the sensors show them."""
         inputs = run.inputs
         channels = measured_channels(found, self.position, model, inputs.elapsed, inputs.seen)
-        return np.array([channels[n] for n in (self.position, *CHAMBER_PRESSURES)])
+        return np.array([channels[n] for n in simulated_channels(self.position)])
 
     def errors_alone(self, run: Run, found: Trajectory, model: Model) -> RunErrors:
         """A run's errors, simulated less measured, without slopes."""

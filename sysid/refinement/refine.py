@@ -26,7 +26,7 @@ from sysid.errors import InputError, NotIdentifiedError, SimulationError, input_
 from sysid.estimation.autoregression import Autoregression
 from sysid.estimation.linear import Estimate, t_quantile
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
-from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.channels import simulated_channels
 from sysid.io.rig import Rig
 from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
 from sysid.parameters import Bundle
@@ -153,7 +153,7 @@ def refine(
         parameters=parameters,
         correlation=matrix,
         fits=fits,
-        channels=(position, *CHAMBER_PRESSURES),
+        channels=simulated_channels(position),
         scatter=found.scatter.pair,
         evaluations=found.evaluations,
         converged=found.solution.converged,
@@ -313,7 +313,8 @@ def _fit(
             residuals = whole_residuals(tests, model, position)
         except SimulationError as error:
             notices.append(f"errors of whole tests are not known: {error}")
-            errors.append((np.full(3, math.nan), np.full(3, math.nan)))
+            unknown = np.full(len(simulated_channels(position)), math.nan)
+            errors.append((unknown, unknown))
             continue
         errors.append((rmse(residuals), correlation(residuals)))
     return Fit(errors[0][0], errors[1][0], errors[0][1], errors[1][1])

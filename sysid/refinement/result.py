@@ -92,7 +92,7 @@ class RefineResult(Shown):
     parameters: tuple[RefinedParameter, ...]
     correlation: FloatArray
     fits: Mapping[str, Fit]
-    channels: tuple[str, str, str]
+    channels: tuple[str, ...]
     scatter: tuple[float, float]
     evaluations: int
     converged: bool

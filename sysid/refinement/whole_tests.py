@@ -41,7 +41,7 @@ def rmse(residuals: Sequence[FloatArray]) -> FloatArray:
 def correlation(residuals: Sequence[FloatArray]) -> FloatArray:
     """(3,): autocorrelation from one sample to the next, pooled."""
     found = []
-    for channel in range(3):
+    for channel in range(len(residuals[0])):
         rows = [r[channel] for r in residuals if np.isfinite(r[channel]).all()]
         power = sum(float(r @ r) for r in rows)
         found.append(sum(float(r[1:] @ r[:-1]) for r in rows) / power if power else math.nan)

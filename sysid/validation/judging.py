@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.io.campaign import CampaignLog
-from sysid.io.channels import CHAMBER_PRESSURES, SIDES
+from sysid.io.channels import SIDES, simulated_channels
 from sysid.io.rig import Rig
 from sysid.recording.motion_tests import MotionTest
 from sysid.types import FloatArray
@@ -36,7 +36,7 @@ def judged(
     `whole` (3, rows) is the simulation of the whole test: position and pressures; `parts` those
     of its segments.
     """
-    names = (rig.position_channel, *CHAMBER_PRESSURES)
+    names = simulated_channels(rig.position_channel)
     counted = test.counted(test.whole)
     rows = slice(test.whole.start, test.whole.stop)
     inputs = _named_inputs(test, rig, rows)

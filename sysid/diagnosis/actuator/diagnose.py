@@ -28,7 +28,7 @@ from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import Because, why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.errors import NotIdentifiedError, SimulationError
-from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.channels import CHAMBER_PRESSURES, simulated_channels
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.parallel import Failure, limited, on_its_own, spend
@@ -184,7 +184,7 @@ def _held_out(logs: Sequence[tuple[str, str, Log]], rig: Rig) -> HeldOut:
 
 def _by_channel(errors: Sequence[FloatArray], rig: Rig) -> list[dict[str, float]]:
     """Errors (3,) each, by the logs' channels."""
-    names = (rig.position_channel, *CHAMBER_PRESSURES)
+    names = simulated_channels(rig.position_channel)
     return [dict(zip(names, map(float, one), strict=True)) for one in errors]
 
 
@@ -247,7 +247,7 @@ def _of_fitted_numbers(
     errors: FloatArray, floor: FloatArray, fitted: FloatArray | None, rig: Rig
 ) -> Iterator[str]:
     """Says which errors are of the fitted numbers, where they are far above noise and scatter."""
-    for i, name in enumerate((rig.position_channel, *CHAMBER_PRESSURES)):
+    for i, name in enumerate(simulated_channels(rig.position_channel)):
         if fitted is not None and errors[i] > _FAR_OFF * floor[i]:
             channel = channel_of(name)
             own, may = (number(channel.residual(float(e[i])), 3) for e in (errors, fitted))
