@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import copy
+import functools
 import json
 import math
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 from golden_folder import BUNDLED, BUNDLES, golden_bundle
+from pydantic import ValidationError
 
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
@@ -31,7 +36,7 @@ from sysid.parameters import (
     read_bundle,
     write_bundle,
 )
-from sysid.parameters.base import Part
+from sysid.parameters.base import FileContext, Part
 from sysid.parameters.files import SCHEMA_FILE, bundle_from_json, shipped_schema
 from sysid.parameters.schema import bundle_schema
 from sysid.pipeline.fit import fit_campaign
@@ -402,3 +407,59 @@ def test_a_bundle_of_the_last_version_is_read(name: str, tmp_path: Path) -> None
     bundle = read_bundle(written)
     assert bundle.sysid_version == "0.1.0"
     assert json.loads(bundle_text(bundle)) == content
+
+
+# --- one validation ----------------------------------------------------------------------
+
+_PARAMETER = {"value": 1.0, "std": 0.1, "unit": "N"}
+_REPLACED: tuple[Any, ...] = (
+    *(None, "x", "3", 3, 2.5, True, -1.0, [], {}, {"value": 1.0}, _PARAMETER),
+    *({**_PARAMETER, key: wrong} for key in _PARAMETER for wrong in (None, -1.0, "a", True)),
+    *({**_PARAMETER, "interval": wrong} for wrong in (None, [1.0], [None, 2], ["a", 2])),
+    *({"value": None, "identified": said, "reason": "x"} for said in (False, True)),
+    {"value": None, "identified": False},
+)
+
+
+def _places(content: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Every key of a file's content, of a list its first entry."""
+    if at:
+        yield at
+    entries = list(enumerate(content[:1])) if isinstance(content, list) else ()
+    for key, value in content.items() if isinstance(content, dict) else entries:
+        yield from _places(value, (*at, key))
+
+
+def _spoilt(content: Any, place: tuple[Any, ...]) -> Iterator[Any]:
+    """The content with something else, and with nothing, at a place."""
+    made = copy.deepcopy(content)
+    node = functools.reduce(lambda held, key: held[key], place[:-1], made)
+    for value in _REPLACED:
+        node[place[-1]] = value
+        yield made
+    del node[place[-1]]
+    yield made
+
+
+@pytest.mark.parametrize("name", ["friction_points", "linear_axis", "valve_time", "tank"])
+def test_the_classes_refuse_what_the_schema_refuses(name: str) -> None:
+    """They are the one validation; the schema words what they refuse."""
+    schema = jsonschema.Draft202012Validator(shipped_schema())
+    content = json.loads(golden_bundle(name).read_bytes())
+    for place in _places(content):
+        for spoilt in _spoilt(content, place):
+            try:
+                Bundle.model_validate(spoilt, context=FileContext())
+            except ValidationError:
+                assert not schema.is_valid(spoilt), place
+            else:
+                assert schema.is_valid(spoilt), place
+
+
+def test_a_sound_bundle_is_read_without_its_schema(tmp_path: Path) -> None:
+    program = (
+        "import sys; from pathlib import Path; from sysid.parameters import read_bundle;"
+        f"read_bundle(Path({str(golden_bundle('diagnosed'))!r}));"
+        "assert 'jsonschema' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, cwd=tmp_path)

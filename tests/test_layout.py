@@ -136,8 +136,7 @@ def test_keys_of_friction_have_one_address() -> None:
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
         if key.fullmatch(node.value)
     }
-    # The bundle's own class requires either the one or the other.
-    assert found == {"sysid.io.motion", "sysid.parameters.friction"}
+    assert found == {"sysid.io.motion"}
 
 
 def test_a_class_name_has_one_meaning() -> None:

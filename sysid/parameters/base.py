@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, TypeVar, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -14,6 +15,7 @@ from pydantic import (
     SerializerFunctionWrapHandler,
     Strict,
     ValidationError,
+    ValidationInfo,
     WithJsonSchema,
     model_serializer,
     model_validator,
@@ -44,7 +46,15 @@ class Part(BaseModel):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _remember_order(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+    def _remember_order(
+        cls, data: Any, handler: ModelWrapValidatorHandler[Self], info: ValidationInfo
+    ) -> Self:
+        if (
+            isinstance(info.context, FileContext)
+            and isinstance(data, dict)
+            and not info.context.within
+        ):
+            cls._check_form(data)
         made = handler(data)
         if isinstance(data, dict) and not made._order:
             made._order = tuple(data)
@@ -54,6 +64,22 @@ class Part(BaseModel):
     def _in_order(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         content = handler(self)
         return {key: content[key] for key in self.given()}
+
+    @classmethod
+    def _check_form(cls, data: Mapping[str, Any]) -> None:
+        """ValueError for what the schema refuses of a file's object, and the types do not."""
+        for name, field in cls.model_fields.items():
+            key = field.alias or name
+            form = (field.annotation, *get_args(field.annotation), *field.metadata)
+            said = [m for one in form for m in getattr(one, "__metadata__", ())]
+            if key not in data or any(isinstance(m, _OrUnread) for m in (*form, *said)):
+                continue
+            if data[key] is None and any(type(m) is SkipJsonSchema for m in said):
+                raise ValueError(f"{key} is null")
+            if Estimate in form:
+                held = data[key] if get_origin(field.annotation) is dict else {key: data[key]}
+                if not all(map(is_written_estimate, held.values())):
+                    raise ValueError(f"{key} is not a parameter")
 
     def given(self) -> tuple[str, ...]:
         """The keys that were given, in the file's order, then those added later."""
@@ -93,6 +119,28 @@ class Part(BaseModel):
         return {key: value for key, value in values.items() if isinstance(value, Estimate)}
 
 
+@dataclass
+class FileContext:
+    """A file's content is being validated; `within` so many lenient fields, whose form is free."""
+
+    within: int = 0
+
+
+def is_written_estimate(content: Any) -> bool:
+    """Whether a file's object is an `Estimate` as the schema has it."""
+    if not isinstance(content, Mapping) or content.get("value", _NOTHING) is _NOTHING:
+        return False
+    if content["value"] is None:
+        return content.get("identified") is False and isinstance(content.get("reason"), str)
+    std = content.get("std", _NOTHING)
+    known = std is None or (isinstance(std, int | float) and not std < 0.0)
+    # The interval's form is what `Estimate.from_json` refuses.
+    return known and isinstance(content.get("unit"), str)
+
+
+_NOTHING = object()
+
+
 @dataclass(frozen=True)
 class Unread:
     """Content in another form than sysid writes, kept as it is in the file."""
@@ -117,8 +165,8 @@ class _OrUnread:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
-        return core_schema.no_info_wrap_validator_function(
-            _or_unread,
+        return core_schema.with_info_wrap_validator_function(
+            functools.partial(_or_unread, is_object=bool(self.form)),
             handler(source),
             serialization=core_schema.wrap_serializer_function_ser_schema(_written),
         )
@@ -127,13 +175,25 @@ class _OrUnread:
         return dict(self.form)
 
 
-def _or_unread(value: Any, handler: Callable[[Any], Any]) -> Any:
+def _or_unread(
+    value: Any,
+    handler: Callable[[Any], Any],
+    info: core_schema.ValidationInfo,
+    *,
+    is_object: bool,
+) -> Any:
     if isinstance(value, Unread):
         return value
+    reading = info.context if isinstance(info.context, FileContext) else FileContext(within=1)
+    if is_object and not reading.within and not isinstance(value, Mapping):
+        raise ValueError("is not an object")
+    reading.within += 1
     try:
         return handler(value)
     except ValidationError:
         return Unread(value)
+    finally:
+        reading.within -= 1
 
 
 def _written(value: Any, handler: SerializerFunctionWrapHandler) -> Any:
@@ -161,4 +221,4 @@ else:
             return Annotated[kind, _OrUnread(form)]
 
 
-__all__ = ["Absent", "Lenient", "Number", "Part", "Unread", "read_number"]
+__all__ = ["Absent", "FileContext", "Lenient", "Number", "Part", "Unread", "read_number"]

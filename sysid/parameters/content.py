@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import ConfigDict, Field, JsonValue, PrivateAttr
 
@@ -68,6 +69,13 @@ class BundleContent(Part):
     provenance: Provenance
 
     _source: str = PrivateAttr("bundle")
+
+    @classmethod
+    def _check_form(cls, data: Mapping[str, Any]) -> None:
+        super()._check_form(data)
+        rig = data.get("rig")
+        if isinstance(rig, Mapping) and "rig" not in rig:
+            raise ValueError("rig lacks its head")
 
     @property
     def source(self) -> str:

@@ -27,11 +27,23 @@ _ERROR = {"type": ["number", "null"], "minimum": 0}
 Side = Literal["a", "b", "both"]
 
 
+def _require_within(least: float, most: float, *values: Any) -> None:
+    """ValueError for a number of a file beyond these limits."""
+    numbers = [value for value in values if isinstance(value, int | float)]
+    if not all(least <= value <= most for value in numbers):
+        raise ValueError(f"is not from {least:g} to {most:g}")
+
+
 class HeldOutError(Part):
     """RMSE on the held-out logs without and with an effect, in the channel's unit."""
 
     before: Annotated[Number | None, WithJsonSchema(_ERROR)]
     after: Annotated[Number | None, WithJsonSchema(_ERROR)]
+
+    @classmethod
+    def _check_form(cls, data: Mapping[str, Any]) -> None:
+        super()._check_form(data)
+        _require_within(0.0, math.inf, *data.values())
 
 
 class EffectEntry(Part):
@@ -42,6 +54,15 @@ class EffectEntry(Part):
     p_value: Annotated[Number | None, WithJsonSchema(_SHARE)] = None
     holdout_rmse: Absent[dict[str, HeldOutError]] = None
     ambiguous_with: list[str] = Field(default_factory=list)
+
+    @classmethod
+    def _check_form(cls, data: Mapping[str, Any]) -> None:
+        super()._check_form(data)
+        _require_within(0.0, 1.0, data.get("p_value"))
+        held = data.get("parameters")
+        given = held.values() if isinstance(held, Mapping) else ()
+        stds = [one.get("std") for one in given if isinstance(one, Mapping)]
+        _require_within(0.0, math.inf, *stds)
 
     def numbers(self) -> dict[str, Estimate]:
         """The parameters that are numbers, in the file's order."""

@@ -1,7 +1,7 @@
 """Bundles in files: read with every key checked, written whole or not at all.
 
 The contract is `spec/bundle.md`; the schema is `bundle.schema.json` in this package, generated
-from the classes of this package by `sysid.parameters.schema`. Reading a bundle never runs code.
+from the classes of this package by `sysid.parameters.schema`. FileContext a bundle never runs code.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from sysid.errors import InputError, input_error
 from sysid.io.channels import SIDES
 from sysid.io.files import write_atomic
 from sysid.io.tables import read_bytes
+from sysid.parameters.base import FileContext
 from sysid.parameters.bundle import Bundle
 from sysid.parameters.content import SCHEMA
 from sysid.parameters.valves import LAW_KEYS
@@ -32,7 +33,7 @@ SCHEMA_FILE = "bundle.schema.json"
 def write_bundle(bundle: Bundle, path: Path) -> None:
     """Check a bundle against the schema and write it, whole or not at all."""
     content = bundle.to_json()
-    _check(content, path)
+    bundle_from_json(content, path)
     write_atomic(path, _text(content), is_bundle=True)
 
 
@@ -86,14 +87,34 @@ def _check_flows(bundle: Bundle, path: Path) -> None:
 
 
 def bundle_from_json(content: Any, path: Path) -> Bundle:
-    """A bundle from a file's content, checked against the schema. Raises InputError."""
-    _check(content, path)
+    """A bundle from a file's content. Raises InputError, in the schema's words where it has any.
+
+    The classes, of which the schema is generated, are the one validation; they know besides what
+    no schema says (whether a matrix is a correlation).
+    """
+    if not isinstance(content, Mapping):
+        raise input_error(path, "is not a JSON object", "give a bundle written by sysid")
+    version = content.get("schema")
+    if version != SCHEMA:
+        found = "has no `schema`" if version is None else f"has schema {version!r}"
+        raise input_error(path, f"{found}, not {SCHEMA!r}", "fit again with this version of sysid")
     try:
-        return Bundle.model_validate(content).named(str(path))
+        return Bundle.model_validate(content, context=FileContext()).named(str(path))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise _unusable(path, place, first["msg"].removeprefix("Value error, ")) from None
+        raise _unusable(path, *_fault(content, error)) from None
+
+
+def _fault(content: Any, found: ValidationError) -> tuple[str, str]:
+    """The key that is wrong, and what of it."""
+    import jsonschema
+
+    validator = jsonschema.Draft202012Validator(shipped_schema())
+    error = jsonschema.exceptions.best_match(validator.iter_errors(content))
+    if error is not None:
+        return ".".join(str(p) for p in error.absolute_path) or "the bundle", error.message
+    first = found.errors(include_url=False)[0]
+    place = ".".join(str(part) for part in first["loc"])
+    return place, first["msg"].removeprefix("Value error, ")
 
 
 class _NotFiniteError(ValueError):
@@ -118,22 +139,6 @@ def shipped_schema() -> dict[str, Any]:
     text = resources.files("sysid.parameters").joinpath(SCHEMA_FILE).read_text("utf-8")
     schema: dict[str, Any] = json.loads(text)
     return schema
-
-
-def _check(content: Any, path: Path) -> None:
-    if not isinstance(content, Mapping):
-        raise input_error(path, "is not a JSON object", "give a bundle written by sysid")
-    version = content.get("schema")
-    if version != SCHEMA:
-        found = "has no `schema`" if version is None else f"has schema {version!r}"
-        raise input_error(path, f"{found}, not {SCHEMA!r}", "fit again with this version of sysid")
-    import jsonschema
-
-    validator = jsonschema.Draft202012Validator(shipped_schema())
-    error = jsonschema.exceptions.best_match(validator.iter_errors(content))
-    if error is not None:
-        key = ".".join(str(p) for p in error.absolute_path) or "the bundle"
-        raise _unusable(path, key, error.message)
 
 
 def _unusable(path: Path, key: str, what: str) -> InputError:

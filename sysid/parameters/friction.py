@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from pydantic import ConfigDict, Field, JsonValue
 
 from sysid.estimation.linear import Estimate
-from sysid.io.motion import LINEAR, ROTARY, MotionUnits
+from sysid.io.motion import FRICTION, LINEAR, ROTARY, MotionUnits
 from sysid.parameters.base import Absent, Lenient, Number, Part
 from sysid.parameters.correlation import CorrelatedPart
 from sysid.parameters.quality import QualityByName
@@ -64,6 +67,10 @@ class CombinationRecord(Part):
         return Estimate.from_json(self.to_json())
 
 
+# What a rotary rig's friction has to hold, or a linear one's.
+_WHOLE: list[list[str]] = [list(map(units.key, FRICTION)) for units in (ROTARY, LINEAR)]
+
+
 class Friction(CorrelatedPart):
     """Static, Coulomb and viscous friction (thesis 3.4.1), in Nm and rad or in N and m.
 
@@ -73,14 +80,7 @@ class Friction(CorrelatedPart):
     their parts are not; `correlation` of the errors of what moving tests gave.
     """
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "anyOf": [
-                {"required": ["static_nm", "coulomb_nm", "viscous_nm_s_per_rad"]},
-                {"required": ["static_n", "coulomb_n", "viscous_n_s_per_m"]},
-            ]
-        }
-    )
+    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": [*own]} for own in _WHOLE]})
 
     static_nm: Absent[Estimate] = None
     coulomb_nm: Absent[Estimate] = None
@@ -108,6 +108,12 @@ class Friction(CorrelatedPart):
     sliding_lack_of_fit: Lenient[FTestRecord | None] = None
     motion_rule: Lenient[str | None] = None
     cutoff_hz: Lenient[Number | None] = None
+
+    @classmethod
+    def _check_form(cls, data: Mapping[str, Any]) -> None:
+        super()._check_form(data)
+        if not any(data.keys() >= set(own) for own in _WHOLE):
+            raise ValueError("lacks static, Coulomb or viscous friction")
 
     def used(self, kind: str) -> list[TestUse]:
         """The tests of a kind that the fit used."""
