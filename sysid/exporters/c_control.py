@@ -16,7 +16,7 @@ from sysid.controllers.pva import PvaController
 from sysid.controllers.sensing import filter_coefficients
 from sysid.controllers.task import HORIZON, MOTOR_SHARE
 from sysid.exporters.c_printer import all_statements, reduced
-from sysid.exporters.c_text import Names, comment_text, indented, literal, wrapped
+from sysid.exporters.c_text import KEPT, Names, comment_text, indented, literal, wrapped
 from sysid.exporters.control_laws import ControlLaw
 from sysid.exporters.control_model import ControlModel
 from sysid.exporters.flat import DIRECTIONS, Flat
@@ -24,8 +24,6 @@ from sysid.io.channels import SIDES
 from sysid.surfaces.kinds import SURFACES
 
 AVERAGED = "averaged"
-# A space at which no line breaks.
-_KEPT = "\0"
 # Fields of the Python classes that C has as arguments, or not at all.
 _NO_GAINS = ("design", "estimator", "is_duty", "preview")
 _RENAMED = {"period": "period_s"}
@@ -160,10 +158,10 @@ def _function(law: ControlLaw, n: Names) -> str:
         lines += ["return 1;"] if law.kind == "int" else []
     else:
         lines.append(f"return {results[0]};")
-    arguments = ", ".join(argument.replace(" ", _KEPT) for argument in law.arguments)
+    arguments = ", ".join(argument.replace(" ", KEPT) for argument in law.arguments)
     head = f"static inline {law.kind} @p@{law.name}({arguments})"
     comment = "\n   ".join(wrapped(f"{law.meaning}.", 92))
-    start = "\n    ".join(wrapped(head.replace("@p@", n.lower), 92)).replace(_KEPT, " ")
+    start = "\n    ".join(wrapped(head.replace("@p@", n.lower), 92)).replace(KEPT, " ")
     return f"/* {comment} */\n{start}\n{{\n{indented(lines)}\n}}\n"
 
 

@@ -1,6 +1,6 @@
 """A bundle's content as one self-contained C99 header: constants and static functions.
 
-The functions are the laws of `sysid.plant.base` and `sysid.surfaces`, branch by branch. A
+The functions are the laws of `sysid.plant.base` and `sysid.surfaces`, evaluated on names. A
 law whose parameters are not all known is absent, and its feature macro is 0. Effects are their
 own classes, printed (`effect_laws`). Numbers are of the type SYSID_REAL, double by default.
 """
@@ -12,14 +12,14 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sysid.exporters.base_laws import BaseLaw, chamber, mechanics, valve_flows
 from sysid.exporters.c_effects import EffectsInC
 from sysid.exporters.c_guard import guarded
 from sysid.exporters.c_maths import mathematics
 from sysid.exporters.c_surfaces import macro, slots, surfaces
 from sysid.exporters.c_text import Names, comment_text, constant, has, names, real
-from sysid.exporters.flat import Flat, NumberTable, gravity_name, inertia_name, values
+from sysid.exporters.flat import Flat, NumberTable, inertia_name, values
 from sysid.io.channels import SIDES
-from sysid.io.motion import FRICTION
 from sysid.parameters import Bundle, assumptions
 from sysid.plant.effects.entry import CatalogueEffect
 
@@ -292,93 +292,21 @@ def _constant_lines(effects: EffectsInC, assumed: Collection[str], n: Names) -> 
 
 
 def _laws(flat: Flat, n: Names) -> Sequence[_Law]:
-    laws = [_cylinder(flat, n), _gravity(flat, n), *_friction(flat, n), _motor(flat, n)]
+    def made(laws: Iterable[BaseLaw]) -> list[_Law]:
+        return [_Law(law.feature, law.needs, law.text(flat, n)) for law in laws]
+
+    laws = [*made(mechanics(flat)), _motor(flat, n)]
     laws.append(_Law("HAS_INERTIA", (inertia_name(flat.rig)[0],)))
     for side in SIDES:
-        filling, exhaust = _filling_law(side, n), _exhaust_law(side, n)
-        valve = f"HAS_VALVE_{side.upper()}"
+        flows, valve = made(valve_flows(side)), f"HAS_VALVE_{side.upper()}"
         delays = tuple(f"valve_{side}_{edge}_delay_s" for edge in ("on", "off"))
         laws += [
-            filling,
-            exhaust,
-            _Law(f"{valve}_DISCRETE", filling.needs + exhaust.needs),
+            *flows,
+            _Law(f"{valve}_DISCRETE", flows[0].needs + flows[1].needs),
             _Law(f"{valve}_DELAYS", delays),
-            _chamber(flat, side, n),
+            *made(chamber(flat, side)),
         ]
     return laws
-
-
-def _motion(flat: Flat) -> tuple[str, str, str]:
-    """C names of position and velocity, and their units."""
-    if flat.rig.is_linear:
-        return "position_m", "velocity_m_s", "m, m/s"
-    return "theta_rad", "omega_rad_s", "rad, rad/s"
-
-
-def _cylinder(flat: Flat, n: Names) -> _Law:
-    word, unit = flat.rig.units.word, flat.rig.units.effort
-    p = n.lower
-    needs = ("area_a_m2", "area_b_m2", "pitch_radius_m", "atmospheric_pressure_pa")
-    text = f"""\
-/* {word.capitalize()} of the cylinder, {unit}, from absolute pressures, Pa (3.3.3). */
-static inline {real(n)} {p}cylinder_{word}({real(n)} pressure_a_pa, {real(n)} pressure_b_pa)
-{{
-    {real(n)} gauge_a = pressure_a_pa - {p}atmospheric_pressure_pa;
-    {real(n)} gauge_b = pressure_b_pa - {p}atmospheric_pressure_pa;
-    return (gauge_a * {p}area_a_m2 - gauge_b * {p}area_b_m2) * {p}pitch_radius_m;
-}}
-"""
-    return _Law("HAS_CYLINDER", needs, text)
-
-
-def _gravity(flat: Flat, n: Names) -> _Law:
-    word, unit = flat.rig.units.word, flat.rig.units.effort
-    position, _, _ = _motion(flat)
-    name, _ = gravity_name(flat.rig)
-    if flat.rig.is_linear:
-        where, body = "the weight", f"(void){position};\n    return {n.lower}{name};"
-    else:
-        where, body = "theta = 0 hangs down", f"return {n.lower}{name} * {n.lower}sin({position});"
-    text = f"""\
-/* {word.capitalize()} of gravity against positive motion, {unit} (3.3.8-10): {where}. */
-static inline {real(n)} {n.lower}gravity_{word}({real(n)} {position})
-{{
-    {body}
-}}
-"""
-    return _Law("HAS_GRAVITY", (name,), text)
-
-
-def _friction(flat: Flat, n: Names) -> Iterable[_Law]:
-    u = flat.rig.units
-    word, suffix, unit = u.word, u.suffix, u.effort
-    _, velocity, _ = _motion(flat)
-    p = n.lower
-    static, coulomb, viscous = (f"friction_{u.key(name)}" for name in FRICTION)
-    sliding = f"""\
-/* Friction while moving, {unit} (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
-static inline {real(n)} {p}sliding_friction_{word}({real(n)} {velocity})
-{{
-    return {p}{coulomb} * {p}sign({velocity}) + {p}{viscous} * {velocity};
-}}
-"""
-    whole = f"""\
-/* Friction in full, {unit} (3.4.1, corrected). applied = cylinder + motor - gravity, less the
-   constant friction_offset_{suffix} where it is known. At rest friction holds against what is
-   applied, up to static friction. */
-static inline {real(n)} {p}friction_{word}({real(n)} {velocity}, {real(n)} applied_{suffix})
-{{
-    if ({velocity} != 0) {{
-        return {p}sliding_friction_{word}({velocity});
-    }}
-    if (applied_{suffix} > {p}{static}) {{
-        return {p}{static};
-    }}
-    return applied_{suffix} < -{p}{static} ? -{p}{static} : applied_{suffix};
-}}
-"""
-    yield _Law("HAS_SLIDING_FRICTION", (coulomb, viscous), sliding)
-    yield _Law("HAS_FRICTION", (static, coulomb, viscous), whole)
 
 
 def _motor(flat: Flat, n: Names) -> _Law:
@@ -399,75 +327,3 @@ static inline {real(n)} {p}motor_{word}({real(n)} volts)
 }}
 """
     return _Law("HAS_MOTOR", (gain,), text)
-
-
-def _filling_law(side: str, n: Names) -> _Law:
-    p = n.lower
-    choked, unchoked = f"valve_{side}_choked_flow_fill_kg_s", f"valve_{side}_c_fill"
-    text = f"""\
-/* Flow into chamber {side.upper()}, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the
-   supply, in proportion to it; negative above the supply. */
-static inline {real(n)} {p}valve_{side}_filling_flow({real(n)} pressure_pa, {real(n)} supply_pa)
-{{
-    {real(n)} gap = supply_pa - pressure_pa;
-    if (pressure_pa <= {p}critical_ratio * supply_pa) {{
-        return {p}{choked} * (supply_pa / {p}supply_pressure_pa);
-    }}
-    return {p}{unchoked} * (gap < 0 ? -{p}sqrt(-gap) : {p}sqrt(gap));
-}}
-"""
-    return _Law(f"HAS_VALVE_{side.upper()}_FILLING", (choked, unchoked, "supply_pressure_pa"), text)
-
-
-def _exhaust_law(side: str, n: Names) -> _Law:
-    p = n.lower
-    choked, unchoked = f"valve_{side}_choked_flow_dis_kg_s", f"valve_{side}_c_dis"
-    text = f"""\
-/* Flow into chamber {side.upper()}, kg/s, with the valve off (3.6.7, 3.6.10): negative (out)
-   above the atmosphere, choked from atmosphere / 0.53 on; air comes in below it. */
-static inline {real(n)} {p}valve_{side}_exhaust_flow({real(n)} pressure_pa, {real(n)} atmosphere_pa)
-{{
-    if (pressure_pa >= (1 / {p}critical_ratio) * atmosphere_pa) {{
-        return -{p}{choked};
-    }}
-    return {p}{unchoked} * (atmosphere_pa - pressure_pa);
-}}
-"""
-    return _Law(f"HAS_VALVE_{side.upper()}_EXHAUST", (choked, unchoked), text)
-
-
-def _chamber(flat: Flat, side: str, n: Names) -> _Law:
-    """Pressure rate (3.3.6) and its inverse (3.5.3) of one chamber."""
-    p = n.lower
-    position, velocity, unit = _motion(flat)
-    sign = "+" if side == "a" else "-"
-    area, offset = f"area_{side}_m2", f"offset_{side}_m"
-    swept = f"{'-' if side == 'b' else ''}{p}pitch_radius_m * {velocity}"
-    volumes = f"""\
-    {real(n)} volume = ({p}{offset} {sign} {p}pitch_radius_m * {position}) * {p}{area};
-    {real(n)} volume_rate = {swept} * {p}{area};
-    if (!(volume > 0)) {{
-        return ({real(n)})NAN; /* no such position */
-    }}"""
-    text = f"""\
-/* dP/dt of chamber {side.upper()}, Pa/s (3.3.6): position and velocity in {unit}, flow into it
-   in kg/s. */
-static inline {real(n)} {p}pressure_rate_{side}({real(n)} pressure_pa, {real(n)} {position},
-                                             {real(n)} {velocity}, {real(n)} flow_kg_s)
-{{
-{volumes}
-    return ({p}k_r_t_j_per_kg * flow_kg_s - {p}heat_capacity_ratio * pressure_pa * volume_rate)
-           / volume;
-}}
-
-/* The flow into chamber {side.upper()}, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
-static inline {real(n)} {p}flow_for_pressure_rate_{side}({real(n)} rate_pa_s, {real(n)} pressure_pa,
-                                                      {real(n)} {position}, {real(n)} {velocity})
-{{
-{volumes}
-    return (volume * rate_pa_s + {p}heat_capacity_ratio * pressure_pa * volume_rate)
-           / {p}k_r_t_j_per_kg;
-}}
-"""
-    needs = (area, offset, "pitch_radius_m", "heat_capacity_ratio", "k_r_t_j_per_kg")
-    return _Law(f"HAS_CHAMBER_{side.upper()}", needs, text)

@@ -12,6 +12,8 @@ from sysid.errors import input_error
 _PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
 _UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;+=()@#%&<>/^_'-]")
 _LONGEST = 100
+KEPT = "\0"
+"""A space at which no line breaks."""
 
 
 @dataclass(frozen=True)

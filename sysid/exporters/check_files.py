@@ -7,11 +7,12 @@ from collections.abc import Iterable, Sequence
 from importlib import resources
 from pathlib import Path
 
+from sysid.exporters.base_laws import law_replays
 from sysid.exporters.c_constants import parameter_values
 from sysid.exporters.c_header import Header
+from sysid.exporters.c_surfaces import surface_functions
 from sysid.exporters.c_text import Names, names, number
 from sysid.exporters.flat import Flat
-from sysid.exporters.law_replays import law_replays
 from sysid.exporters.replay import Replay
 from sysid.exporters.replays import HELPERS, control_replays
 from sysid.exporters.vectors import Vectors, vectors
@@ -45,6 +46,7 @@ def checked_rows(flat: Flat, made: Header, rows: int = ROWS, seed: int = _SEED) 
     """The rows of every function of a header, in check.c's order."""
     parameters = Parameters(**parameter_values(flat, made.constants))
     replays = list(law_replays(flat, made.constants, made.features))
+    replays += [function.replay() for function in surface_functions(flat)]
     if made.control is not None:
         replays += control_replays(flat, made.control.design)
     return [vectors(replay, parameters, rows, seed) for replay in replays]

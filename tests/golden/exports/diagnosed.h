@@ -326,14 +326,15 @@ static const sysid_real sysid_valve_b_on_delay_s = (sysid_real)0.001495937555955
 static const sysid_real sysid_valve_b_off_delay_s = (sysid_real)0.0019577100167835846; /* s */
 
 /* Torque of the cylinder, Nm, from absolute pressures, Pa (3.3.3). */
-static inline sysid_real sysid_cylinder_torque(sysid_real pressure_a_pa, sysid_real pressure_b_pa)
+static inline sysid_real sysid_cylinder_torque(sysid_real pressure_a_pa,
+    sysid_real pressure_b_pa)
 {
     if (!(isfinite(pressure_a_pa) && isfinite(pressure_b_pa))) {
         return (sysid_real)NAN;
     }
-    sysid_real gauge_a = pressure_a_pa - sysid_atmospheric_pressure_pa;
-    sysid_real gauge_b = pressure_b_pa - sysid_atmospheric_pressure_pa;
-    return sysid_known((gauge_a * sysid_area_a_m2 - gauge_b * sysid_area_b_m2) * sysid_pitch_radius_m);
+    const sysid_real x0 = -sysid_atmospheric_pressure_pa;
+    return sysid_known(sysid_pitch_radius_m*(sysid_area_a_m2*(pressure_a_pa + x0) -
+        sysid_area_b_m2*(pressure_b_pa + x0)));
 }
 
 /* Torque of gravity against positive motion, Nm (3.3.8-10): theta = 0 hangs down. */
@@ -342,7 +343,7 @@ static inline sysid_real sysid_gravity_torque(sysid_real theta_rad)
     if (!isfinite(theta_rad)) {
         return (sysid_real)NAN;
     }
-    return sysid_known(sysid_gravity_moment_nm * sysid_sin(theta_rad));
+    return sysid_known(sysid_gravity_moment_nm*sysid_sin(theta_rad));
 }
 
 /* Friction while moving, Nm (3.4.1): Coulomb sign(w) + viscous w; 0 at rest. */
@@ -351,24 +352,22 @@ static inline sysid_real sysid_sliding_friction_torque(sysid_real omega_rad_s)
     if (!isfinite(omega_rad_s)) {
         return (sysid_real)NAN;
     }
-    return sysid_known(sysid_friction_coulomb_nm * sysid_sign(omega_rad_s) + sysid_friction_viscous_nm_s_per_rad * omega_rad_s);
+    return sysid_known(omega_rad_s*sysid_friction_viscous_nm_s_per_rad +
+        sysid_friction_coulomb_nm*sysid_sign(omega_rad_s));
 }
 
-/* Friction in full, Nm (3.4.1, corrected). applied = cylinder + motor - gravity, less the
-   constant friction_offset_nm where it is known. At rest friction holds against what is
-   applied, up to static friction. */
+/* Friction in full, Nm (3.4.1, corrected). applied = cylinder + motor - gravity, less the constant
+   friction_offset_nm where it is known. At rest friction holds against what is applied, up to
+   static friction. */
 static inline sysid_real sysid_friction_torque(sysid_real omega_rad_s, sysid_real applied_nm)
 {
     if (!(isfinite(omega_rad_s) && isfinite(applied_nm))) {
         return (sysid_real)NAN;
     }
-    if (omega_rad_s != 0) {
-        return sysid_known(sysid_sliding_friction_torque(omega_rad_s));
-    }
-    if (applied_nm > sysid_friction_static_nm) {
-        return sysid_known(sysid_friction_static_nm);
-    }
-    return sysid_known(applied_nm < -sysid_friction_static_nm ? -sysid_friction_static_nm : applied_nm);
+    return sysid_known((omega_rad_s == (sysid_real)0.0) ? sysid_minimum(sysid_maximum(applied_nm,
+        -sysid_friction_static_nm), sysid_friction_static_nm) :
+        omega_rad_s*sysid_friction_viscous_nm_s_per_rad +
+        sysid_friction_coulomb_nm*sysid_sign(omega_rad_s));
 }
 
 /* Torque of the motor at the output, Nm, from volts (3.3.4); within its declared limit. */
@@ -381,128 +380,116 @@ static inline sysid_real sysid_motor_torque(sysid_real volts)
     return sysid_known(sysid_maximum(sysid_minimum(effort, sysid_max_torque_nm), -sysid_max_torque_nm));
 }
 
-/* Flow into chamber A, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the
-   supply, in proportion to it; negative above the supply. */
-static inline sysid_real sysid_valve_a_filling_flow(sysid_real pressure_pa, sysid_real supply_pa)
+/* Flow into chamber A, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the supply, in
+   proportion to it; negative above the supply. */
+static inline sysid_real sysid_valve_a_filling_flow(sysid_real pressure_pa,
+    sysid_real supply_pa)
 {
     if (!(isfinite(pressure_pa) && isfinite(supply_pa))) {
         return (sysid_real)NAN;
     }
-    sysid_real gap = supply_pa - pressure_pa;
-    if (pressure_pa <= sysid_critical_ratio * supply_pa) {
-        return sysid_known(sysid_valve_a_choked_flow_fill_kg_s * (supply_pa / sysid_supply_pressure_pa));
-    }
-    return sysid_known(sysid_valve_a_c_fill * (gap < 0 ? -sysid_sqrt(-gap) : sysid_sqrt(gap)));
+    const sysid_real x0 = -pressure_pa + supply_pa;
+    const sysid_real x1 = sysid_sqrt(sysid_fabs(x0));
+    return sysid_known((pressure_pa <= (sysid_real)0.53*supply_pa) ?
+        supply_pa*sysid_valve_a_choked_flow_fill_kg_s/sysid_supply_pressure_pa :
+        sysid_valve_a_c_fill*((x0 < (sysid_real)0.0) ? -x1 : x1));
 }
 
-/* Flow into chamber A, kg/s, with the valve off (3.6.7, 3.6.10): negative (out)
-   above the atmosphere, choked from atmosphere / 0.53 on; air comes in below it. */
-static inline sysid_real sysid_valve_a_exhaust_flow(sysid_real pressure_pa, sysid_real atmosphere_pa)
+/* Flow into chamber A, kg/s, with the valve off (3.6.7, 3.6.10): negative (out) above the
+   atmosphere, choked from atmosphere / 0.53 on; air comes in below it. */
+static inline sysid_real sysid_valve_a_exhaust_flow(sysid_real pressure_pa,
+    sysid_real atmosphere_pa)
 {
     if (!(isfinite(pressure_pa) && isfinite(atmosphere_pa))) {
         return (sysid_real)NAN;
     }
-    if (pressure_pa >= (1 / sysid_critical_ratio) * atmosphere_pa) {
-        return sysid_known(-sysid_valve_a_choked_flow_dis_kg_s);
-    }
-    return sysid_known(sysid_valve_a_c_dis * (atmosphere_pa - pressure_pa));
+    return sysid_known(((sysid_real)1.8867924528301885*atmosphere_pa <= pressure_pa) ?
+        -sysid_valve_a_choked_flow_dis_kg_s : sysid_valve_a_c_dis*(atmosphere_pa - pressure_pa));
 }
 
-/* dP/dt of chamber A, Pa/s (3.3.6): position and velocity in rad, rad/s, flow into it
-   in kg/s. */
+/* dP/dt of chamber A, Pa/s (3.3.6), from the flow into it, kg/s; NaN where no volume is left. */
 static inline sysid_real sysid_pressure_rate_a(sysid_real pressure_pa, sysid_real theta_rad,
-                                             sysid_real omega_rad_s, sysid_real flow_kg_s)
+    sysid_real omega_rad_s, sysid_real flow_kg_s)
 {
     if (!(isfinite(pressure_pa) && isfinite(theta_rad) && isfinite(omega_rad_s) &&
         isfinite(flow_kg_s))) {
         return (sysid_real)NAN;
     }
-    sysid_real volume = (sysid_offset_a_m + sysid_pitch_radius_m * theta_rad) * sysid_area_a_m2;
-    sysid_real volume_rate = sysid_pitch_radius_m * omega_rad_s * sysid_area_a_m2;
-    if (!(volume > 0)) {
-        return (sysid_real)NAN; /* no such position */
-    }
-    return sysid_known((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / volume);
+    const sysid_real x0 = sysid_offset_a_m + sysid_pitch_radius_m*theta_rad;
+    return sysid_known(((sysid_real)0.0 < sysid_area_a_m2*x0) ?
+        sysid_heat_capacity_ratio*(flow_kg_s*sysid_gas_constant_j_per_kg_k*sysid_temperature_k -
+        omega_rad_s*pressure_pa*sysid_area_a_m2*sysid_pitch_radius_m)/(sysid_area_a_m2*x0) : NAN);
 }
 
 /* The flow into chamber A, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
-static inline sysid_real sysid_flow_for_pressure_rate_a(sysid_real rate_pa_s, sysid_real pressure_pa,
-                                                      sysid_real theta_rad, sysid_real omega_rad_s)
+static inline sysid_real sysid_flow_for_pressure_rate_a(sysid_real rate_pa_s,
+    sysid_real pressure_pa, sysid_real theta_rad, sysid_real omega_rad_s)
 {
     if (!(isfinite(rate_pa_s) && isfinite(pressure_pa) && isfinite(theta_rad) &&
         isfinite(omega_rad_s))) {
         return (sysid_real)NAN;
     }
-    sysid_real volume = (sysid_offset_a_m + sysid_pitch_radius_m * theta_rad) * sysid_area_a_m2;
-    sysid_real volume_rate = sysid_pitch_radius_m * omega_rad_s * sysid_area_a_m2;
-    if (!(volume > 0)) {
-        return (sysid_real)NAN; /* no such position */
-    }
-    return sysid_known((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / sysid_k_r_t_j_per_kg);
+    const sysid_real x0 = sysid_area_a_m2*(sysid_offset_a_m + sysid_pitch_radius_m*theta_rad);
+    return sysid_known(((sysid_real)0.0 < x0) ?
+        (omega_rad_s*pressure_pa*sysid_area_a_m2*sysid_pitch_radius_m +
+        rate_pa_s*x0/sysid_heat_capacity_ratio)/(sysid_gas_constant_j_per_kg_k*sysid_temperature_k)
+        : NAN);
 }
 
-/* Flow into chamber B, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the
-   supply, in proportion to it; negative above the supply. */
-static inline sysid_real sysid_valve_b_filling_flow(sysid_real pressure_pa, sysid_real supply_pa)
+/* Flow into chamber B, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the supply, in
+   proportion to it; negative above the supply. */
+static inline sysid_real sysid_valve_b_filling_flow(sysid_real pressure_pa,
+    sysid_real supply_pa)
 {
     if (!(isfinite(pressure_pa) && isfinite(supply_pa))) {
         return (sysid_real)NAN;
     }
-    sysid_real gap = supply_pa - pressure_pa;
-    if (pressure_pa <= sysid_critical_ratio * supply_pa) {
-        return sysid_known(sysid_valve_b_choked_flow_fill_kg_s * (supply_pa / sysid_supply_pressure_pa));
-    }
-    return sysid_known(sysid_valve_b_c_fill * (gap < 0 ? -sysid_sqrt(-gap) : sysid_sqrt(gap)));
+    const sysid_real x0 = -pressure_pa + supply_pa;
+    const sysid_real x1 = sysid_sqrt(sysid_fabs(x0));
+    return sysid_known((pressure_pa <= (sysid_real)0.53*supply_pa) ?
+        supply_pa*sysid_valve_b_choked_flow_fill_kg_s/sysid_supply_pressure_pa :
+        sysid_valve_b_c_fill*((x0 < (sysid_real)0.0) ? -x1 : x1));
 }
 
-/* Flow into chamber B, kg/s, with the valve off (3.6.7, 3.6.10): negative (out)
-   above the atmosphere, choked from atmosphere / 0.53 on; air comes in below it. */
-static inline sysid_real sysid_valve_b_exhaust_flow(sysid_real pressure_pa, sysid_real atmosphere_pa)
+/* Flow into chamber B, kg/s, with the valve off (3.6.7, 3.6.10): negative (out) above the
+   atmosphere, choked from atmosphere / 0.53 on; air comes in below it. */
+static inline sysid_real sysid_valve_b_exhaust_flow(sysid_real pressure_pa,
+    sysid_real atmosphere_pa)
 {
     if (!(isfinite(pressure_pa) && isfinite(atmosphere_pa))) {
         return (sysid_real)NAN;
     }
-    if (pressure_pa >= (1 / sysid_critical_ratio) * atmosphere_pa) {
-        return sysid_known(-sysid_valve_b_choked_flow_dis_kg_s);
-    }
-    return sysid_known(sysid_valve_b_c_dis * (atmosphere_pa - pressure_pa));
+    return sysid_known(((sysid_real)1.8867924528301885*atmosphere_pa <= pressure_pa) ?
+        -sysid_valve_b_choked_flow_dis_kg_s : sysid_valve_b_c_dis*(atmosphere_pa - pressure_pa));
 }
 
-/* dP/dt of chamber B, Pa/s (3.3.6): position and velocity in rad, rad/s, flow into it
-   in kg/s. */
+/* dP/dt of chamber B, Pa/s (3.3.6), from the flow into it, kg/s; NaN where no volume is left. */
 static inline sysid_real sysid_pressure_rate_b(sysid_real pressure_pa, sysid_real theta_rad,
-                                             sysid_real omega_rad_s, sysid_real flow_kg_s)
+    sysid_real omega_rad_s, sysid_real flow_kg_s)
 {
     if (!(isfinite(pressure_pa) && isfinite(theta_rad) && isfinite(omega_rad_s) &&
         isfinite(flow_kg_s))) {
         return (sysid_real)NAN;
     }
-    sysid_real volume = (sysid_offset_b_m - sysid_pitch_radius_m * theta_rad) * sysid_area_b_m2;
-    sysid_real volume_rate = -sysid_pitch_radius_m * omega_rad_s * sysid_area_b_m2;
-    if (!(volume > 0)) {
-        return (sysid_real)NAN; /* no such position */
-    }
-    return sysid_known((sysid_k_r_t_j_per_kg * flow_kg_s - sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / volume);
+    const sysid_real x0 = sysid_offset_b_m - sysid_pitch_radius_m*theta_rad;
+    return sysid_known(((sysid_real)0.0 < sysid_area_b_m2*x0) ?
+        sysid_heat_capacity_ratio*(flow_kg_s*sysid_gas_constant_j_per_kg_k*sysid_temperature_k +
+        omega_rad_s*pressure_pa*sysid_area_b_m2*sysid_pitch_radius_m)/(sysid_area_b_m2*x0) : NAN);
 }
 
 /* The flow into chamber B, kg/s, that gives this dP/dt, Pa/s: (3.3.6) solved. */
-static inline sysid_real sysid_flow_for_pressure_rate_b(sysid_real rate_pa_s, sysid_real pressure_pa,
-                                                      sysid_real theta_rad, sysid_real omega_rad_s)
+static inline sysid_real sysid_flow_for_pressure_rate_b(sysid_real rate_pa_s,
+    sysid_real pressure_pa, sysid_real theta_rad, sysid_real omega_rad_s)
 {
     if (!(isfinite(rate_pa_s) && isfinite(pressure_pa) && isfinite(theta_rad) &&
         isfinite(omega_rad_s))) {
         return (sysid_real)NAN;
     }
-    sysid_real volume = (sysid_offset_b_m - sysid_pitch_radius_m * theta_rad) * sysid_area_b_m2;
-    sysid_real volume_rate = -sysid_pitch_radius_m * omega_rad_s * sysid_area_b_m2;
-    if (!(volume > 0)) {
-        return (sysid_real)NAN; /* no such position */
-    }
-    return sysid_known((volume * rate_pa_s + sysid_heat_capacity_ratio * pressure_pa * volume_rate)
-           / sysid_k_r_t_j_per_kg);
+    const sysid_real x0 = sysid_offset_b_m - sysid_pitch_radius_m*theta_rad;
+    return sysid_known(((sysid_real)0.0 < sysid_area_b_m2*x0) ?
+        (-omega_rad_s*pressure_pa*sysid_area_b_m2*sysid_pitch_radius_m +
+        rate_pa_s*sysid_area_b_m2*x0/sysid_heat_capacity_ratio)/(sysid_gas_constant_j_per_kg_k*sysid_temperature_k)
+        : NAN);
 }
 
 /* --- effects that the laws above do not include --- */

@@ -300,7 +300,8 @@ static inline sysid_real sysid_sliding_friction_force(sysid_real velocity_m_s)
     if (!isfinite(velocity_m_s)) {
         return (sysid_real)NAN;
     }
-    return sysid_known(sysid_friction_coulomb_n * sysid_sign(velocity_m_s) + sysid_friction_viscous_n_s_per_m * velocity_m_s);
+    return sysid_known(sysid_friction_coulomb_n*sysid_sign(velocity_m_s) +
+        sysid_friction_viscous_n_s_per_m*velocity_m_s);
 }
 
 /* --- effects that the laws above do not include --- */
