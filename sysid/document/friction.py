@@ -15,6 +15,7 @@ from sysid.blocks.tables import Table, table
 from sysid.document import svg
 from sysid.document.svg import COLOUR
 from sysid.errors import NotIdentifiedError
+from sysid.estimation.jackknife import jackknife
 from sysid.estimation.linear import t_quantile
 from sysid.io.motion import MotionUnits
 from sysid.parameters import Bundle, Friction
@@ -115,7 +116,7 @@ def _sliding_figure(trials: Sequence[TestUse], friction: Friction, units: Motion
     values = [e.value if e is not None and e.identified else 0.0 for e in law]
     figure, ax = svg.panel("Friction over speed")
     grid = np.linspace(0.0, 1.06 * float(np.abs(speed).max()), 60)
-    spread = _jackknife(trials, units)
+    spread = _scatter(trials, units)
     for way, name, marker, role in _DIRECTIONS:
         rows = np.sign(speed) == way
         if not rows.any():
@@ -163,24 +164,20 @@ def _points(trials: Sequence[TestUse]) -> SlidingPoints:
     return SlidingPoints(labels, np.sign(speed), set_effort, effort, speed)
 
 
-def _jackknife(trials: Sequence[TestUse], units: MotionUnits) -> FloatArray | None:
+def _scatter(trials: Sequence[TestUse], units: MotionUnits) -> FloatArray | None:
     """Covariance (3, 3) of Coulomb, viscous, offset: the fit again without each test."""
     from sysid.friction import fit_sliding
 
-    found = []
-    for left_out in range(len(trials)):
-        kept = [t for i, t in enumerate(trials) if i != left_out]
-        try:
-            fit = fit_sliding(_points(kept), units)
-        except NotIdentifiedError:
-            return None
+    def without(i: int) -> FloatArray:
+        fit = fit_sliding(_points([*trials[:i], *trials[i + 1 :]]), units)
         offset = fit.offset.value if fit.offset.identified else 0.0
-        found.append((fit.coulomb.value, fit.viscous.value, offset))
-    values = np.array(found)
-    if len(values) < 4 or not np.isfinite(values).all():
+        return np.array([fit.coulomb.value, fit.viscous.value, offset])
+
+    try:
+        found = jackknife(without, len(trials))
+    except NotIdentifiedError:
         return None
-    off = values - values.mean(axis=0)
-    return np.asarray((len(values) - 1) / len(values) * off.T @ off, dtype=float)
+    return found if len(trials) > len(found) and np.isfinite(found).all() else None
 
 
 def _half_width(spread: FloatArray, speed: FloatArray, way: float, tests: int) -> FloatArray:

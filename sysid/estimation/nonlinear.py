@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from sysid.estimation.autocovariance import correlated_covariance
 from sysid.estimation.covariance import Covariance
+from sysid.estimation.jackknife import jackknife
 from sysid.estimation.linear import Estimate
 from sysid.types import FloatArray, IntArray
 
@@ -216,15 +217,15 @@ class LeastSquaresFit:
         known of a scatter then (the matrix holds the residuals' error).
         """
         factors = self._group_factors(groups)
-        moves = np.zeros((len(factors), len(self.values)))
         scale = np.linalg.norm(self.jacobian[:, self._free], axis=0)
-        for i in range(len(factors)):
-            left = _without(factors, i)
+
+        def move(i: int) -> FloatArray:
+            left, found = _without(factors, i), np.zeros(len(self.values))
             step, *_ = np.linalg.lstsq(left[:, :-1], -left[:, -1], rcond=_SHOWS)
-            moves[i, self._free] = step / scale
-        moves -= moves.mean(axis=0)
-        count = len(factors)
-        matrix = np.asarray((count - 1) / count * moves.T @ moves)
+            found[self._free] = step / scale
+            return found
+
+        matrix = jackknife(move, len(factors))
         shown = self._shown_by(factors)
         alone = np.flatnonzero(shown <= 1)
         matrix[alone, :] = matrix[:, alone] = 0.0

@@ -15,10 +15,12 @@ import numpy as np
 
 from sysid import signals
 from sysid.balance.motion import FilteredMotion, default_cutoff, fastest_cutoff
+from sysid.estimation.jackknife import jackknife
 from sysid.estimation.linear import t_quantile
 from sysid.recording.recording import MIN_SAMPLES, Recording
 from sysid.types import FloatArray
 
+# Of the rows in time, left out in turn.
 _BLOCKS = 10
 # Of the efforts of motor and chambers: a drive with less says nothing of its own gain.
 _LEAST_SHARE = 0.03
@@ -63,7 +65,13 @@ def gains(trials: Sequence[Recording], inertia: float) -> list[Gain]:
     rest = [i for i in (0, 1) if i not in columns]
     target = inertial + table[:, 2] - table[:, rest].sum(axis=1)
     regressors = table[:, [*columns, 3, 4, 5]]
-    values, errors = _jackknife(regressors, target)
+    values = _solve(regressors, target)
+    blocks = np.array_split(np.arange(len(target)), _BLOCKS)
+
+    def without(k: int) -> FloatArray:
+        return _solve(np.delete(regressors, blocks[k], axis=0), np.delete(target, blocks[k]))
+
+    errors = np.sqrt(np.diag(jackknife(without, _BLOCKS)))
     if np.var(target - regressors @ values) > (1.0 - _LEAST_R2) * np.var(target):
         return []
     factor = t_quantile(_BLOCKS - 1)
@@ -108,17 +116,6 @@ def _drives(table: FloatArray, column: int) -> bool:
     """Whether this drive takes a share in the efforts of the log."""
     sizes = table[:, :2].std(axis=0)
     return bool(sizes[column] > _LEAST_SHARE * sizes.sum() and sizes[column] > 0.0)
-
-
-def _jackknife(regressors: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coefficients and their standard errors, from leaving out each tenth of the rows."""
-    blocks = np.array_split(np.arange(len(target)), _BLOCKS)
-    whole = _solve(regressors, target)
-    left = np.array(
-        [_solve(np.delete(regressors, b, axis=0), np.delete(target, b)) for b in blocks]
-    )
-    scale = (_BLOCKS - 1) / _BLOCKS
-    return whole, np.sqrt(scale * np.sum((left - left.mean(axis=0)) ** 2, axis=0))
 
 
 def _solve(regressors: FloatArray, target: FloatArray) -> FloatArray:

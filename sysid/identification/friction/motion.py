@@ -29,6 +29,7 @@ from sysid.balance.samples import (
 )
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.covariance import JointCovariance, shrunk
+from sysid.estimation.jackknife import jackknife
 from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
 from sysid.estimation.quality import FitQuality, LeftOut, runs_test, spread
 from sysid.identification.friction.combinations import (
@@ -287,22 +288,21 @@ class _Model:
         """Standard errors with those of a jackknife over bins of speed added: what the law does not
         describe changes from bin to bin, but not from trial to trial."""
         bins = bins_of_speed(samples, _BINS)
-        rest = []
-        for k in range(_BINS):
+
+        def without(k: int) -> FloatArray:
             kept = [s.kept(own != k) for s, own in zip(samples, bins, strict=True)]
-            try:
-                rest.append(self.regression([s for s in kept if len(s.effort)]).coefficients)
-            except NotIdentifiedError:
-                continue
-        if len(rest) < _BINS:
+            return self.regression([s for s in kept if len(s.effort)]).coefficients
+
+        try:
+            scatter = jackknife(without, _BINS)
+        except NotIdentifiedError:
             return found
-        off = np.array(rest) - np.mean(rest, axis=0)
-        shares = np.vstack([found.stds**2, (_BINS - 1) / _BINS * np.sum(off**2, axis=0)])
+        shares = np.vstack([found.stds**2, np.diag(scatter)])
         total = [
             satterthwaite(own, np.array([dof, _BINS - 1.0]))
             for own, dof in zip(shares.T, found.dofs, strict=True)
         ]
-        bends = shrunk((_BINS - 1) / _BINS * (off.T @ off), _BINS - 1.0, towards=found.matrix)
+        bends = shrunk(scatter, _BINS - 1.0, towards=found.matrix)
         matrix = found.matrix + bends
         return _Found(found.values, np.sqrt(shares.sum(axis=0)), np.array(total), matrix)
 
