@@ -151,10 +151,24 @@ def test_a_class_name_has_one_meaning() -> None:
 
 # One job, one module: how the job's own code looks, as a pattern of source lines.
 JOBS: dict[str, tuple[str, str]] = {
-    # A predictor that its reversed self extends.
+    # A predictor that its reversed self extends, by a reflection coefficient.
     "autoregression": (
         r"(\w+) [-+] \w+ \* \1\[::-1\]|def _?(burg|levinson)",
         "estimation.autoregression",
+    ),
+    # The factor (n - 1)/n of the sum of squares.
+    "jackknife": (
+        r"\((\w+|len\(\w+\)) - 1(?:\.0)?\) / \1|def _?leave_one\w*\(",
+        "estimation.jackknife",
+    ),
+    # What an iteration corrects by the error that a `measure`, `sense` or actuator's port adds.
+    "sensors undone": (
+        r"for _ in range\(.*\n(.*\n){0,3}?.*(measured?|sense|through_sensors|error|motor_effort)\(",
+        "plant.sensors",
+    ),
+    "integration of sampled inputs": (
+        r"0\.5 \* \w+ \* \(\w+ \+ \w+\)|def _?(heun|rodas\w*|runge_kutta)\(",
+        "plant.steps",
     ),
 }
 

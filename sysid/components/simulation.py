@@ -1,9 +1,8 @@
 """The right-hand side of a dynamic component, compiled: many tests, and many laws, in one loop.
 
-Steps of Rodas3 from row to row (Sandu et al., Atmos. Environ. 31 (1997) 3459-3472): of order 3 and
-L-stable, as smoothed friction and air in a small volume are stiff. The model holds every term,
-those that a law lacks at strength 0, so that one compilation serves fit, screening and diagnosis;
-derivatives are those of the same loop, forwards.
+Steps of Rodas3 from row to row: of order 3 and L-stable, as smoothed friction and air in a small
+volume are stiff. The model holds every term, those that a law lacks at strength 0, so that one
+compilation serves fit, screening and diagnosis; derivatives are those of the same loop, forwards.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ import numpy as np
 from sysid import signals
 from sysid.components.definition import DynamicComponent, LogColumn
 from sysid.io.logs import Trial
+from sysid.plant.steps import rodas3
 from sysid.types import FloatArray
 
 # Laws and directions that one call takes: the rest of a smaller batch is padding.
@@ -176,7 +176,7 @@ def _one_run(
             # What changes within a step is taken at its middle.
             mixed = jnp.where(lines, u0 + share * (u1 - u0), u0)
             given = dict(zip(made.inputs, mixed, strict=True)) | {"time_s": t0 + share * (t1 - t0)}
-            return y + _rodas3(lambda z: rate(z, given), y, (t1 - t0) / made.substeps), None
+            return y + rodas3(lambda z: rate(z, given), y, (t1 - t0) / made.substeps), None
 
         middles = (jnp.arange(made.substeps) + 0.5) / made.substeps
         x, _ = jax.lax.scan(part, x, middles)
@@ -192,51 +192,6 @@ def _one_run(
         return jnp.stack([jnp.asarray(found[n], float) for n in made.outputs])
 
     return jax.vmap(shown)(path, inputs, time)
-
-
-def _rodas3(rate: Callable[[Any], Any], x: Any, h: Any) -> Any:
-    """The change of states (s,) over a step of h s; 0 where h is 0."""
-    from sysid.plant.jax_setup import jax, jnp
-
-    per_step = 1.0 / jnp.where(h > 0.0, h, 1.0)
-    slope = jax.jacfwd(rate)(x)
-    matrix = 2.0 * per_step * jnp.eye(x.shape[0]) - slope
-    solve = _solver(matrix)
-    here = rate(x)
-    u1 = solve(here)
-    u2 = solve(here + 4.0 * per_step * u1)
-    u3 = solve(rate(x + 2.0 * u1) + per_step * (u1 - u2))
-    u4 = solve(rate(x + 2.0 * u1 + u3) + per_step * (u1 - u2 - 8.0 / 3.0 * u3))
-    return jnp.where(h > 0.0, 2.0 * u1 + u3 + u4, 0.0)
-
-
-def _solver(matrix: Any) -> Callable[[Any], Any]:
-    """Solves for a small matrix (s, s), eliminated in place: a call of LAPACK costs far more.
-
-    Without pivoting: twice the inverse step stands on the diagonal.
-    """
-    from sysid.plant.jax_setup import jnp
-
-    size = matrix.shape[0]
-    rows = [[matrix[i, j] for j in range(size)] for i in range(size)]
-    for k in range(size):
-        for i in range(k + 1, size):
-            rows[i][k] = rows[i][k] / rows[k][k]
-            for j in range(k + 1, size):
-                rows[i][j] = rows[i][j] - rows[i][k] * rows[k][j]
-
-    def solve(right: Any) -> Any:
-        x = [right[i] for i in range(size)]
-        for i in range(size):
-            for j in range(i):
-                x[i] = x[i] - rows[i][j] * x[j]
-        for i in reversed(range(size)):
-            for j in range(i + 1, size):
-                x[i] = x[i] - rows[i][j] * x[j]
-            x[i] = x[i] / rows[i][i]
-        return jnp.stack(x)
-
-    return solve
 
 
 def _split(

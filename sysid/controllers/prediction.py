@@ -15,9 +15,7 @@ from sysid.io.rig import GRAVITY_M_PER_S2
 from sysid.plant import plant
 from sysid.plant.base import Array, array_namespace
 from sysid.plant.ports import Model, Point, overrides
-
-# Each divides the error of an inverted port by the port's slope, a few per cent.
-_ROUNDS = 2
+from sysid.plant.sensors import without_errors
 
 
 class Motion(NamedTuple):
@@ -80,11 +78,13 @@ def motor_command(effort: Array, point: Point, model: Model) -> Array:
     """The motor's command, Nm or N, at which it gives an effort, by its effects in the model."""
     if not any(overrides(e, "motor_effort") for e in model.effects):
         return effort
-    command = effort
-    for _ in range(_ROUNDS):
-        given = plant.motor_effort(dataclasses.replace(point, motor=command), model)
-        command = command + effort - given
-    return command
+
+    def error(given: dict[str, Array]) -> dict[str, Array]:
+        command = given["motor"]
+        moved = plant.motor_effort(dataclasses.replace(point, motor=command), model)
+        return {"motor": moved - command}
+
+    return without_errors({"motor": effort}, error)["motor"]
 
 
 def corrected(estimate: StateEstimate, model: Model) -> StateEstimate:
@@ -96,12 +96,14 @@ def corrected(estimate: StateEstimate, model: Model) -> StateEstimate:
     known = [e for e in known if not overrides(e, "start_sensing")]
     names = {"theta_rad": "position", "pressure_a_pa": "pressure_a", "pressure_b_pa": "pressure_b"}
     measured = {channel: getattr(estimate, field) for channel, field in names.items()}
-    true = measured
-    for _ in range(_ROUNDS if known else 0):
+
+    def error(true: dict[str, Array]) -> dict[str, Array]:
         shown = dict(true)
         for effect in known:
             shown, _ = effect.sense(shown, (), 0.0 * estimate.position, 1e-3)
-        true = {name: value - (shown[name] - true[name]) for name, value in measured.items()}
+        return {name: shown[name] - value for name, value in true.items()}
+
+    true = without_errors(measured, error) if known else measured
     return estimate._replace(**{field: true[channel] for channel, field in names.items()})
 
 

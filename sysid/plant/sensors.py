@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from sysid.plant.simulator import Inputs, Trajectory
 
 
+_Value = TypeVar("_Value", bound=Any)
 _STATE = ("position", "velocity", "pressure_a", "pressure_b")
-# Each iteration multiplies the error by the slope of the sensor's error, about 1e-2 or less.
 _ROUNDS = 2
 _ROW_S = 1e-3
 # What sensors have seen of a run-up, which is shorter: of a link at 25 Hz a fifth still rings then.
@@ -38,23 +38,39 @@ def through_sensors(
     return shown
 
 
+def without_errors(
+    measured: Mapping[str, _Value], error: Callable[[dict[str, _Value]], Mapping[str, _Value]]
+) -> dict[str, _Value]:
+    """The fixed point of true = measured - `error`(true), by channel or command.
+
+    Numbers or arrays, of any array library. Each of two iterations multiplies what is wrong by
+    the slope of the error, 1e-2 or less for a sensor.
+    """
+    true = dict(measured)
+    for _ in range(_ROUNDS):
+        found = error(true)
+        true = {name: value - found[name] for name, value in measured.items()}
+    return true
+
+
 def before_sensors(
     channels: Mapping[str, float], model: Model, elapsed: float = 0.0
 ) -> dict[str, float]:
     """The true values that the model's sensors show as `channels`, at rest.
 
-    `channels` by log-format names (rad or m, Pa), `elapsed` s since the test's start. A fixed
-    point of true = measured - (shown(true) - true) on two rows of a constant: offsets and
-    gains are undone; a lag and a delay do not change a constant.
+    `channels` by log-format names (rad or m, Pa), `elapsed` s since the test's start. On two rows
+    of a constant: offsets and gains are undone; a lag and a delay do not change a constant.
     """
     if not model.effects:
         return dict(channels)
     time = elapsed + np.array([0.0, _ROW_S])
     measured = {name: np.full(2, value, dtype=float) for name, value in channels.items()}
-    true = measured
-    for _ in range(_ROUNDS):
+
+    def error(true: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         shown = through_sensors(true, time, model)
-        true = {name: row - (shown[name] - true[name]) for name, row in measured.items()}
+        return {name: shown[name] - row for name, row in true.items()}
+
+    true = without_errors(measured, error)
     return {name: float(row[0]) for name, row in true.items()}
 
 
@@ -135,4 +151,5 @@ __all__ = [
     "measured_channels",
     "through_sensors",
     "true_start",
+    "without_errors",
 ]

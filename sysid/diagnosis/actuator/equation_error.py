@@ -19,6 +19,7 @@ from sysid.diagnosis.actuator.states import integrate_states, point_of
 from sysid.io.channels import SIDES
 from sysid.parallel import give_back, kept_per_thread
 from sysid.plant.ports import Effect, Model, Point, overrides
+from sysid.plant.sensors import without_errors
 from sysid.types import FloatArray
 
 EFFORT, RATE_A, RATE_B = "effort", "rate_a", "rate_b"
@@ -26,7 +27,6 @@ BALANCES = (EFFORT, RATE_A, RATE_B)
 BREAKAWAY = "breakaway"
 CHANNELS = (*BALANCES, BREAKAWAY)
 
-_SENSOR_ROUNDS = 2
 _SENSOR_CUTOFF_HZ = 80.0
 _INVERSE_CUTOFF_HZ = 45.0
 _TIMING_PORTS = ("pulses", "delays")
@@ -280,17 +280,18 @@ def _without_sensors(traces: Traces, sensors: tuple[Effect, ...]) -> Traces:
     logged = (traces.position, traces.pressure_a, traces.pressure_b)
     invertible = [e for e in sensors if overrides(e, "unmeasured")]
     others = tuple(e for e in sensors if e not in invertible)
-    shown = tuple(_unmeasured(traces, invertible, dict(zip(names, logged, strict=True))).values())
-    true = list(shown)
-    for _ in range(_SENSOR_ROUNDS if others else 0):
-        before = dict(zip(names, true, strict=True))
-        after = _measured(traces, others, before)
-        lost = [before[name] - after[name] for name in names]
-        true = [
-            channel + smooth(traces.runs, gap, _SENSOR_CUTOFF_HZ) if gap.any() else channel
-            for channel, gap in zip(shown, lost, strict=True)
-        ]
-    found = traces.with_channels(*true)
+    shown = _unmeasured(traces, invertible, dict(zip(names, logged, strict=True)))
+
+    def error(true: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        after = _measured(traces, others, true)
+        gaps = {name: after[name] - row for name, row in true.items()}
+        return {
+            name: smooth(traces.runs, gap, _SENSOR_CUTOFF_HZ) if gap.any() else gap
+            for name, gap in gaps.items()
+        }
+
+    true = without_errors(shown, error) if others else shown
+    found = traces.with_channels(*(true[name] for name in names))
     # Where it hardly moves without the sensors' errors it goes the way that is measured: elsewhere
     # no window is.
     if found.direction is traces.direction:

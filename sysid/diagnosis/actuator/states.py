@@ -21,6 +21,7 @@ from sysid.io.rig import Load
 from sysid.plant import base, plant
 from sysid.plant.base import Array
 from sysid.plant.ports import Model, Point, Structure, join, overrides, split, with_load
+from sysid.plant.steps import heun
 from sysid.types import BoolArray, FloatArray, IntArray
 
 _PIECE_S = 0.25
@@ -223,11 +224,11 @@ def _histories(
         rows = jnp.minimum(low + k, last)
         return {name: signal[rows] for name, signal in signals.items()}
 
-    def rates_at(sampled: dict[str, Any]) -> Callable[[Any], list[Any]]:
+    def rates_at(sampled: dict[str, Any]) -> Callable[[Any], Sequence[Any]]:
         here: Any = SimpleNamespace(**sampled)
         point = point_of(here, model)
 
-        def rates(state: Any) -> list[Any]:
+        def rates(state: Any) -> Sequence[Any]:
             now = replace(point, extra=dict(zip(names, state, strict=True)))
             flows = {side: measured_flow(side, here, now, model) for side in SIDES}
             found = plant.state_rates(now, flows, model)
@@ -240,10 +241,7 @@ def _histories(
         after = sample(k + 1)
         now, then = rates_at(here), rates_at(after)
         for _ in range(parts):
-            slope = now(state)
-            trial = [s + step * r for s, r in zip(state, slope, strict=True)]
-            pairs = zip(state, slope, then(trial), strict=True)
-            state = tuple(s + 0.5 * step * (r + q) for s, r, q in pairs)
+            state = heun(state, now(state), then, step)
         return (state, after), before
 
     first = sample(0)

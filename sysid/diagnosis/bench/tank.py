@@ -7,6 +7,7 @@ through the ports of the model, so that an effect acts here as it does in an act
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ from sysid.plant import base, plant
 from sysid.plant.base import Array, Parameters
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model, Point, stack_models
+from sysid.plant.sensors import before_sensors
+from sysid.plant.steps import heun
 from sysid.types import FloatArray
 
 KIND = "tank"
@@ -135,7 +138,8 @@ class TankComponent(Component):
         """All laws on all tests in one simulation, whose steps cost the same for one or many."""
         chosen = [self.discharges[t] for t in tests]
         models = [Model(self._with_law(law), law.effects) for law in laws]
-        starts = np.array([_true_start(d.start, model) for model in models for d in chosen])
+        shown = [{self.channel: d.start} for d in chosen]
+        starts = np.array([before_sensors(s, m)[self.channel] for m in models for s in shown])
         together = stack_models([m for m in models for _ in chosen]) if models[1:] else models[0]
         end, first = max(d.time[-1] for d in chosen), min(d.bin_s for d in chosen)
         times, *found = _simulated(starts, _grid(float(end), first), together)
@@ -339,19 +343,6 @@ def _binned(fall: _Fall, bin_s: float) -> Discharge:
     return Discharge(fall.trial.title, means[0], means[1], fall.start, bin_s)
 
 
-def _true_start(shown: float, model: Model) -> float:
-    """The pressure that a sensor with the model's effects shows as `shown`, Pa."""
-    if not model.effects:
-        return shown
-    true, at = np.array([shown]), np.zeros(1)
-    for _ in range(3):
-        channels: dict[str, Array] = {"pressure_a_pa": true}
-        for effect in model.effects:
-            channels = effect.measure(channels, at)
-        true = true + (shown - channels["pressure_a_pa"])
-    return float(true[0])
-
-
 def _point(time: float, pressure: FloatArray, extra: dict[str, Array], model: Model) -> Point:
     zero = np.zeros(len(pressure))
     # Without a chamber B its pressure is A's, so that nothing flows between the two.
@@ -386,18 +377,21 @@ def _simulated(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times (m,) s, pressures (m, tests) Pa and their rates, by Heun's steps."""
     pressures, rates = np.empty((2, len(times), len(starts)))
-    pressure = starts
-    extra = plant.initial_states(_point(0.0, pressure, {}, model), model)
+    extra = plant.initial_states(_point(0.0, starts, {}, model), model)
+    state: tuple[Array, ...] = (starts, *extra.values())
+
+    def slopes_at(time: float, state: Sequence[Array]) -> tuple[Array, ...]:
+        pressure, *others = state
+        rate, own = _rates(time, pressure, dict(zip(extra, others, strict=True)), model)
+        return (rate, *(own[name] for name in extra))
+
     for k, t in enumerate(times.tolist()):
-        r1, s1 = _rates(t, pressure, extra, model)
-        pressures[k], rates[k] = pressure, r1
+        slopes = slopes_at(t, state)
+        pressures[k], rates[k] = state[0], slopes[0]
         if k == len(times) - 1:
             break
         step = float(times[k + 1]) - t
-        ahead = {name: value + step * s1[name] for name, value in extra.items()}
-        r2, s2 = _rates(t + step, pressure + step * r1, ahead, model)
-        pressure = pressure + 0.5 * step * (r1 + r2)
-        extra = {n: v + 0.5 * step * (s1[n] + s2[n]) for n, v in extra.items()}
+        state = heun(state, slopes, functools.partial(slopes_at, t + step), step)
     return times, pressures, rates
 
 
