@@ -19,6 +19,12 @@ from sysid.errors import input_error
 from sysid.types import ComplexArray, FloatArray
 
 DEFAULT_CUTOFF_HZ = 50.0
+PER_LENGTH = 4
+"""Rows that are kept of each `filter_length`, which the filter leaves nearly independent."""
+PASSED = 8.0
+"""While the shaft moves, an encoder's reading lasts less than so many times as long as the second
+shortest of the two before and the two after: 7.5 times where a motion slows down and goes on as the
+cube of time, 6.3 where one of constant acceleration turns, at the worst place within a count."""
 FILTER_ORDER = 2
 # Below this share of the Nyquist frequency the filter cannot be computed.
 _LEAST_SHARE = 1e-7
@@ -213,6 +219,32 @@ def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     rows = np.arange(len(mask))
     high, low = np.minimum(rows + reach + 1, len(mask)), np.maximum(rows - reach, 0)
     return np.asarray(count[high] > count[low])
+
+
+def slow_stretches(speed: FloatArray, limit: FloatArray | float, length: int) -> NDArray[np.bool_]:
+    """Rows (n,) of a low-passed speed at which the shaft may rest: within `limit`, and not shortly.
+
+    Shortly: for less than the rows that are independent after a filter of `length` samples, as
+    where a motion turns.
+    """
+    return long_runs(np.abs(speed) <= limit, max(1, length // PER_LENGTH))
+
+
+def counts_at_rest(changes: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
+    """Which of the readings of an encoder that stay the same are rests, (k + 1,).
+
+    `changes` (k,): the rows at which the next reading begins, of `count` rows. A rest lasts longer
+    than a reading that a motion passes can, next to those around it (`PASSED`), and by more than
+    the sampling, which changes each by up to a row.
+    """
+    lengths = np.diff(np.concatenate([[0], changes, [count]]))
+    if len(lengths) == 1:
+        return np.ones(1, dtype=bool)
+    # The first and the last one are cut off: how long they last is not known.
+    known = np.concatenate([[count] * 3, lengths[1:-1], [count] * 3])
+    near = [known[2 + shift : 2 + shift + len(lengths)] for shift in (-2, -1, 1, 2)]
+    second = np.sort(near, axis=0)[1]
+    return np.asarray(lengths - 1 > PASSED * (second + 1))
 
 
 def longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:

@@ -166,11 +166,22 @@ JOBS: dict[str, tuple[str, str]] = {
         r"for _ in range\(.*\n(.*\n){0,3}?.*(measured?|sense|through_sensors|error|motor_effort)\(",
         "plant.sensors",
     ),
+    # Edges of bins of equal count.
+    "residual over a regressor": (r"\.unique\(np\.quantile\(", "diagnosis.binning"),
     "integration of sampled inputs": (
         r"0\.5 \* \w+ \* \(\w+ \+ \w+\)|def _?(heun|rodas\w*|runge_kutta)\(",
         "plant.steps",
     ),
 }
+
+# The old search is replaced whole: what it calls a rest goes with it.
+OWN_REST = {"sysid.diagnosis.actuator.breakaways", "sysid.diagnosis.actuator.samples"}
+
+
+def test_rest_has_one_meaning() -> None:
+    """No module says in seconds, or in a speed of its own, when a shaft is at rest."""
+    said = re.compile(r"^_?[A-Z_]*REST_(S|SPEED)\b.* = ", re.MULTILINE)
+    assert {m for m, p in MODULES.items() if said.search(p.read_text("utf-8"))} == OWN_REST
 
 
 @pytest.mark.parametrize("job", JOBS)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import signal
 
 from sysid import signals
 from sysid.errors import InputError
+from sysid.types import FloatArray
 
 PERIOD = 1e-3
 
@@ -147,3 +149,35 @@ def test_runs_of_a_mask() -> None:
 def test_a_step_whose_square_vanishes_is_none() -> None:
     values = 1e-170 * np.arange(40.0) % 7e-170
     assert signals.noise_floor(values).quantum == 0.0
+
+
+def readings_of(position: FloatArray) -> tuple[NDArray[np.intp], int]:
+    """Rows at which the next count of 1 begins, and how many rows there are."""
+    return np.flatnonzero(np.diff(np.floor(position))) + 1, len(position)
+
+
+@pytest.mark.parametrize("edge", [0.05, 0.3, 0.7, 0.999])
+@pytest.mark.parametrize("power", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("rows", [30, 300, 3000])
+def test_a_count_that_a_motion_passes_is_no_rest(power: float, edge: float, rows: int) -> None:
+    """At constant speed, where it turns and where it slows down, anywhere within a count."""
+    way = np.linspace(-2.0, 2.0, rows)
+    position = edge + np.sign(way) ** (power % 2.0) * np.abs(way) ** power
+    assert not signals.counts_at_rest(*readings_of(position)).any()
+
+
+def test_a_rest_between_two_motions_is_one() -> None:
+    way = np.linspace(0.0, 3.0, 60)
+    position = np.concatenate([way, np.full(400, 3.5), 3.5 + way])
+    changes, count = readings_of(position)
+    rests = signals.counts_at_rest(changes, count)
+    (rest,) = np.flatnonzero(rests)
+    assert (changes[rest - 1], changes[rest]) == (59, 470)
+    assert signals.counts_at_rest(np.empty(0, dtype=np.intp), 50).all()
+
+
+def test_a_slow_stretch_is_longer_than_a_reversal() -> None:
+    speed = np.ones(60)
+    speed[10:13] = speed[30:40] = 0.0
+    found = np.flatnonzero(signals.slow_stretches(speed, 0.1, 20))
+    np.testing.assert_array_equal(found, np.arange(30, 40))

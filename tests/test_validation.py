@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sysid.validation.start_states import ChannelNoise, state_at_rest, valve_edges
 
 from datasets.generator.campaign import (
     SMALL,
@@ -614,6 +615,21 @@ def test_start_states_are_as_good_as_they_say(made: GeneratedCampaign, stem: str
     assert np.all(sizes < 1.6)
     assert np.all(sizes > 0.3)
     assert np.max(np.abs(relative)) < 6.0
+
+
+def test_a_rest_counts_as_long_as_no_chamber_drifts(rig: Rig) -> None:
+    """However long it is: a rig ten times slower rests ten times longer."""
+    rng, rows = np.random.default_rng(4), 4000
+    time = np.arange(rows) * 1e-3
+    measured = rng.standard_normal((3, rows)) * np.array([[1e-4], [100.0], [100.0]])
+    noise = ChannelNoise(np.array([1e-4, 100.0, 100.0]), 0.0)
+    none = valve_edges(time, None, False, rig)
+    still = state_at_rest(time, measured, noise, (none, none))
+    assert still.samples[2] == rows and still.std[2] == pytest.approx(100.0 / np.sqrt(rows))
+    leaking = measured + np.array([[0.0], [0.0], [2e3]]) * time
+    found = state_at_rest(time, leaking, noise, (none, none))
+    assert 1 < found.samples[2] < rows // 8
+    assert abs(found.values[3]) < 5.0 * found.std[3]
 
 
 def test_pulses_are_no_noise(made: GeneratedCampaign) -> None:

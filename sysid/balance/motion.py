@@ -17,16 +17,14 @@ from sysid.recording.recording import Recording
 from sysid.types import BoolArray, FloatArray, IntArray
 
 REST_NOISE_TIMES = 5.0
-REST_S = 0.005
-A_LENGTH = 4
-"""Samples that are kept of each length of the filter."""
 _HALVINGS = 6
 _REST_SHARE = 0.5
 RULE = (
     f"samples count where the filtered speed exceeds {REST_NOISE_TIMES:g} times its own noise; "
-    f"where it does not for at least {1000.0 * REST_S:g} ms the shaft may rest, its friction is "
-    "anything up to static friction, and these samples are left out, with the filter's length on "
-    "either side; so are samples within 1 % of the stroke from an end and the log's ends"
+    f"where it does not for at least 1/{signals.PER_LENGTH} of the filter's length the shaft may "
+    "rest, its friction is anything up to static friction, and these samples are left out, with "
+    "the filter's length on either side; so are samples within 1 % of the stroke from an end and "
+    "the log's ends"
 )
 
 
@@ -96,16 +94,15 @@ class FilteredMotion:
     def counts(self) -> BoolArray:
         """Samples (n,) that count, by `RULE`."""
         own, length = self.recording, self.length
-        slow = np.abs(self.speed) <= self.rest_speed
-        rests = signals.long_runs(slow, max(1, round(REST_S / own.period)))
+        rests = signals.slow_stretches(self.speed, self.rest_speed, length)
         found = signals.widened(rests | ~own.inside | own.lost, length)
         found[:length] = found[-length:] = True
         return ~found
 
     @property
     def rows(self) -> IntArray:
-        """Samples that count, thinned to `A_LENGTH` of each length of the filter."""
-        return np.flatnonzero(self.counts)[:: max(1, self.length // A_LENGTH)]
+        """Samples that count, thinned to `signals.PER_LENGTH` of each length of the filter."""
+        return np.flatnonzero(self.counts)[:: max(1, self.length // signals.PER_LENGTH)]
 
 
 def fastest_cutoff(recording: Recording) -> float:

@@ -27,9 +27,8 @@ _FEWEST_ROWS = 40
 # A reading is half a sample early: clearly nearer to that than to none.
 _NEARER = 0.25
 _STANDARD_ERRORS = 2.0
-# Of the median speed, for so many seconds: a rest, whose friction is not the law's.
+# Of the median speed: a rest, whose friction is not the law's.
 _SLOW = 0.02
-_REST_S = 0.01
 
 
 def readings_line(rig: Rig) -> str:
@@ -141,7 +140,7 @@ def _case(trial: Trial, rig: Rig) -> tuple[FloatArray, FloatArray] | None:
     effort = signals.resample(trial.time, trial[rig.effort_channel], grid, hold=True)
     target = smooth(signals.held_about_rows(effort))
     lost = signals.widened(signals.in_pauses(trial.time, grid), length)
-    rows = np.flatnonzero(_moving(speed, dt, length) & ~lost)[:: max(1, length // 4)]
+    rows = np.flatnonzero(_moving(speed, length) & ~lost)[:: max(1, length // signals.PER_LENGTH)]
     if len(rows) < _FEWEST_ROWS:
         return None
     known = np.column_stack(columns)
@@ -150,10 +149,10 @@ def _case(trial: Trial, rig: Rig) -> tuple[FloatArray, FloatArray] | None:
     return np.column_stack([known, change])[rows], target[rows]
 
 
-def _moving(speed: FloatArray, period: float, reach: int) -> BoolArray:
+def _moving(speed: FloatArray, reach: int) -> BoolArray:
     """Rows (n,) farther than the filter reaches from a rest and from the ends."""
-    slow = np.abs(speed) <= _SLOW * float(np.median(np.abs(speed)))
-    rests = signals.long_runs(slow, math.floor(_REST_S / period) + 1)
+    slow = _SLOW * float(np.median(np.abs(speed)))
+    rests = signals.slow_stretches(speed, slow, reach)
     rests[:reach] = rests[-reach:] = True
     return ~signals.widened(rests, reach)
 

@@ -12,12 +12,11 @@ from sysid.io.rig import Rig
 from sysid.plant import valve_timing
 from sysid.types import FloatArray, IntArray
 
-# A test's rest is averaged over at most this time, s.
-_REST_S = 0.2
 # Half-widths of the smoothing around a start: s, periods of PWM ripple, and the fewest rows.
 _HALF_WINDOW_S = 0.010
 _HALF_WINDOW_RIPPLES = 4
 _LEAST_HALF = 4
+_TWO_SIDED = 1.96  # errors that are exceeded by chance in 5 %
 _NO_TIMES: FloatArray = np.zeros(0)
 
 
@@ -97,12 +96,18 @@ def state_at_rest(
 ) -> InitialState:
     """State at a test's first row: the mean while no valve has opened and nothing has moved.
 
-    `time` (n,) s, `measured` (3, n): position and pressures.
+    `time` (n,) s, `measured` (3, n): position and pressures. The rest is shortened to where no
+    channel drifts.
     """
     opened = min((float(e.effective.min()) for e in edges if e.effective.size), default=math.inf)
     moved = np.maximum.accumulate(np.abs(measured[0] - measured[0, 0]) > noise.still)
-    quiet = (time - time[0] <= _REST_S) & (time <= opened) & ~moved
-    samples = max(1, int(np.count_nonzero(quiet)))
+    samples = max(1, int(np.count_nonzero((time <= opened) & ~moved)))
+    rest = samples
+    while rest > 1 and _drifts(measured[:, :rest], noise.total):
+        rest //= 2
+    # A drift that noise just hides biases the mean of its rest by several errors, of half of it by
+    # one.
+    samples = rest if rest == samples else max(1, rest // 2)
     position, pressure_a, pressure_b = measured[:, :samples].mean(axis=1)
     std = noise.total / math.sqrt(samples)
     # A quantisation error that does not change is not averaged away.
@@ -112,6 +117,14 @@ def state_at_rest(
         np.array([std[0], 0.0, std[1], std[2]]),
         np.array([samples, 0, samples, samples]),
     )
+
+
+def _drifts(rest: FloatArray, noise: FloatArray) -> bool:
+    """Whether the halves of a rest (3, n) differ by more than their noise (3,) explains."""
+    half = rest.shape[1] // 2
+    change = rest[:, half : 2 * half].mean(axis=1) - rest[:, :half].mean(axis=1)
+    # One rest in twenty without a drift, a channel. One that is not logged, NaN, says nothing.
+    return bool(np.any(np.abs(change) > _TWO_SIDED * noise * math.sqrt(2.0 / half)))
 
 
 def half_window(period: float, stride: int | None) -> int:

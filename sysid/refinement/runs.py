@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid import signals
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs
 from sysid.plant.sensors import true_start
@@ -27,8 +28,6 @@ _LEAST_START_STD = (1e-9, 1e-9, 1e-3, 1e-3)
 _NOT_LOGGED = 1e3
 # A channel that shows no noise at all is not known exactly.
 _LEAST_NOISE = np.array([1e-7, 1.0, 1.0])
-# An encoder's count that stays this long, s, is that of a shaft at rest.
-_REST_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -73,9 +72,8 @@ class Run:
         count = len(self.inputs.time)
         changes = np.flatnonzero(np.diff(self.measured[0])) + 1
         first = np.concatenate([[0], changes])
-        length = np.diff(first, append=count)
-        row_s = float(np.ptp(self.inputs.time)) / max(count - 1, 1)
-        own = np.repeat(length * row_s < _REST_S, length)
+        rests = signals.counts_at_rest(changes, count)
+        own = np.repeat(~rests, np.diff(first, append=count))
         own[first] = True
         return np.flatnonzero(own)
 

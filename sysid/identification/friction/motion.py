@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
-from sysid.balance.motion import A_LENGTH, FilteredMotion, fastest_cutoff
+from sysid.balance.motion import FilteredMotion, fastest_cutoff
 from sysid.balance.samples import (
     COULOMB,
     INERTIA,
@@ -130,7 +130,7 @@ def _why_few(trial: Recording, chosen: MotionSamples, cutoff_hz: float) -> str:
     """
     speed = np.abs(FilteredMotion(trial, cutoff_hz).speed)
     moves = (speed > chosen.rest_speed) & trial.inside & ~trial.lost
-    enough_s = MIN_SAMPLES / (A_LENGTH * signals.DEFAULT_CUTOFF_HZ)
+    enough_s = MIN_SAMPLES / (signals.PER_LENGTH * signals.DEFAULT_CUTOFF_HZ)
     fastest = fastest_cutoff(trial)
     is_slow = fastest < signals.DEFAULT_CUTOFF_HZ and cutoff_hz >= 0.99 * fastest
     if not is_slow or np.count_nonzero(moves) * trial.period < enough_s:
@@ -405,7 +405,7 @@ def _quality(
         effort,
         np.concatenate(left),
         has_constant=model.shape.both,
-        lack_of_fit=runs_test([part[::A_LENGTH] for part in left]),
+        lack_of_fit=runs_test([part[:: signals.PER_LENGTH] for part in left]),
     )
 
 

@@ -34,7 +34,6 @@ from sysid.types import FloatArray
 TRAVEL_SHARE = 1e-3  # of the stroke: motion beyond it is more than presliding
 SUSTAINED_SHARE = 1e-2  # of the stroke: a movement that ends within it was a slip
 NOISE_TIMES, QUANTUM_TIMES = 8.0, 4.0
-REST_S = 0.03  # a shaft that moves by less than its noise for this long is at rest
 AVERAGE_S = 0.2  # of the efforts before the onset
 POSITION_GAP = 0.05  # of the stroke, between one start position and the next
 SIGNIFICANT = 0.05
@@ -206,13 +205,13 @@ def _carried_on(times: FloatArray, effort: FloatArray, when: float) -> float:
 
 def find_onset(trial: Recording) -> Onset | str:
     """Onset of sustained motion in a ramp, or why there is none."""
-    x, dt = trial.position, trial.period
+    x = trial.position
     if len(x) < 20:
         return "it is too short"
     noise = trial.position_noise
     span = trial.rig.travel if trial.rig.travel is not None else 20.0 * float(np.ptp(x))
     counts = _counts(trial, TRAVEL_SHARE * span)
-    hold = max(2, round(REST_S / dt), _rest_in_counts(counts))
+    hold = max(2, min(_onset_rows(trial, span), len(x) // 4), _rest_in_counts(counts))
     drift = trial.drift(hold)
     threshold = max(TRAVEL_SHARE * span, NOISE_TIMES * drift, QUANTUM_TIMES * noise.quantum)
     # Over `hold` samples a shaft at rest moves by less than this.
@@ -231,6 +230,21 @@ def find_onset(trial: Recording) -> Onset | str:
         f"it never moves by more than {threshold:.2g} (noise, counts, presliding): the ramp ends "
         "below breakaway, ramp higher"
     )
+
+
+def _onset_rows(trial: Recording, span: float) -> int:
+    """How long a motion from rest takes to show, in rows: it is at rest that moves less meanwhile.
+
+    Twice as long as the trial's own first motion takes for the second half of what is more than
+    presliding: for the first half it takes 2.4 times as long with a constant acceleration, 3.8
+    times where that grows with the ramp.
+    """
+    quantum = trial.position_noise.quantum
+    passed = max(TRAVEL_SHARE * span, NOISE_TIMES * trial.drift(1), QUANTUM_TIMES * quantum)
+    moved = np.abs(trial.position - trial.position[0])
+    end = int(np.argmax(moved > passed))
+    near = np.flatnonzero(moved[:end] <= 0.5 * passed)
+    return 2 * (end - int(near[-1])) if len(near) else 0
 
 
 def _counts(trial: Recording, presliding: float) -> NDArray[np.intp]:

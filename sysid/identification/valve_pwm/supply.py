@@ -25,8 +25,10 @@ _FEWEST_STARTS = 3
 _FEWEST_RESTS = 2
 _STANDARD_ERRORS = 3.0
 _SAME_DUTY = 1e-3
-_REST_S = 0.05
+# Of the supply: what a pressure may still change by and count as settled.
 _REST_SHARE = 0.01
+# Stretches of a test, over whose means its pressure settles, and the fewest rows of one.
+_STRETCHES, _FEWEST_ROWS = 20, 8
 
 
 def start_pressure(pressure: FloatArray, duty: float, period: float, rig: Rig) -> float:
@@ -41,10 +43,10 @@ def start_pressure(pressure: FloatArray, duty: float, period: float, rig: Rig) -
 def rest_pressure(test: PwmTest) -> float | None:
     """Pressure at which the test settles, Pa; None where it is still far from it.
 
-    From the means over the last three stretches of 50 ms: the remaining change is that of a
-    geometric series (Aitken), and must be small.
+    From the means over the last three stretches: the remaining change is that of a geometric
+    series (Aitken), and must be small.
     """
-    n = max(8, round(_REST_S / test.period))
+    n = _stretch(test)
     if len(test.pressure) < 4 * n or not test.usable[-3 * n :].all():
         return None
     early, middle, late = test.pressure[-3 * n :].reshape(3, n).mean(axis=1)
@@ -52,6 +54,10 @@ def rest_pressure(test: PwmTest) -> float | None:
     ratio = min(max(last / before, 0.0), 0.9) if before != 0.0 else 0.0
     left = last * ratio / (1.0 - ratio)
     return float(late) + left if abs(left) < _REST_SHARE * test.supply else None
+
+
+def _stretch(test: PwmTest) -> int:
+    return max(_FEWEST_ROWS, len(test.pressure) // _STRETCHES)
 
 
 def consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> list[PwmTest]:
@@ -210,7 +216,7 @@ def _rest_shift(test: PwmTest, rig: Rig) -> float | None:
     rest = rest_pressure(test) if open_share(test.duty, rig) >= 1.0 else None
     if rest is None:
         return None
-    last = float(test.pressure[-max(8, round(_REST_S / test.period)) :].mean())
+    last = float(test.pressure[-_stretch(test) :].mean())
     extrapolated = abs(rest - last) > 0.5 * _SAID_DEVIATION * test.supply
     return None if extrapolated else rest - test.supply_at_start
 
