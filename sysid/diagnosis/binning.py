@@ -1,12 +1,52 @@
-"""Means of a residual in bins of a regressor."""
+"""Means of a residual in bins of a regressor, and how much of it they predict in other tests."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from sysid.types import FloatArray, IntArray
+
+
+def equal_count_edges(regressor: FloatArray, count: int) -> FloatArray:
+    """Edges (k,) of at most so many bins of values (n,), of equal count; ties share a bin."""
+    return np.unique(np.quantile(regressor, np.linspace(0.0, 1.0, count + 1)))
+
+
+def bins_of(regressor: FloatArray, most: int, least: int) -> tuple[IntArray, int]:
+    """The bin of every value (n,) and how many there are: at most so many, of equal count.
+
+    A bin holds `least` values or more, but where there are no more distinct ones than `most`: those
+    have a bin each. Ties share a bin.
+    """
+    values, place = np.unique(regressor, return_inverse=True)
+    if len(values) <= most:
+        return place, len(values)
+    count = max(1, min(most, len(regressor) // least))
+    edges = equal_count_edges(regressor, count)
+    place = np.searchsorted(edges[1:-1], regressor, side="right")
+    return np.unique(place, return_inverse=True)[1], len(np.unique(place))
+
+
+def predicted_share(
+    values: FloatArray, place: IntArray, group: IntArray, folds: Sequence[Sequence[int]]
+) -> float:
+    """Share of the squares of values (n,) that bin means of the other groups predict, 0 to 1.
+
+    Groups (n,), by number, are left out in `folds`; 0 without any. Unlike the share within the
+    sample it credits no dependence that values next to one another in time only seem to have.
+    """
+    count = int(place.max()) + 1
+    taken = total = 0.0
+    for fold in folds:
+        out = np.isin(group, list(fold))
+        held = np.bincount(place[~out], minlength=count)
+        means = np.bincount(place[~out], values[~out], count) / np.maximum(held, 1)
+        taken += float(np.sum((values[out] - means[place[out]]) ** 2))
+        total += float(np.sum(values[out] ** 2))
+    return max(1.0 - taken / total, 0.0) if total > 0.0 else 0.0
 
 
 def binned_means(place: IntArray, values: FloatArray, group: IntArray) -> dict[str, Any]:
@@ -37,4 +77,4 @@ def binned_means(place: IntArray, values: FloatArray, group: IntArray) -> dict[s
     }
 
 
-__all__ = ["binned_means"]
+__all__ = ["binned_means", "bins_of", "equal_count_edges", "predicted_share"]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.diagnosis.binning import bins_of
 from sysid.types import FloatArray
 
 _BINS = 24
@@ -27,8 +28,8 @@ def strongest(
         return None
     found = []
     for name, x in regressors.items():
-        place = _bins(x)
-        if place is None:
+        place, count = bins_of(x, _BINS, _LEAST_IN_BIN)
+        if count < 3:
             continue
         means = np.bincount(place, contribution) / np.bincount(place)
         left = float(np.sum((contribution - means[place]) ** 2))
@@ -39,14 +40,6 @@ def strongest(
     least = min(left for left, *_ in found) + _AS_WELL * float(contribution @ contribution)
     _, name, place = next(item for item in found if item[0] <= least)
     return {"regressor": name, **_binned(contribution, regressors[name], place)}
-
-
-def _bins(x: FloatArray) -> Any:
-    """The bin of each sample, of equal count; None where there are fewer than three."""
-    count = min(_BINS, len(x) // _LEAST_IN_BIN)
-    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, count + 1)))
-    place = np.unique(np.searchsorted(edges[1:-1], x, side="right"), return_inverse=True)[1]
-    return place if place.max() >= 2 else None
 
 
 def _binned(values: FloatArray, x: FloatArray, place: Any) -> dict[str, list[float]]:

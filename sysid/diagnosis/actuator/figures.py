@@ -26,7 +26,7 @@ from sysid.diagnosis.actuator.suspects import (
     Suspect,
 )
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, regressors
-from sysid.diagnosis.binning import binned_means
+from sysid.diagnosis.binning import binned_means, equal_count_edges
 from sysid.diagnosis.influence import strongest
 from sysid.diagnosis.looked import Looked, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, mark_removed
@@ -143,7 +143,7 @@ def _bins(x: FloatArray) -> tuple[IntArray, float | None] | None:
         x = np.arcsinh(x / fine) if fine > 0.0 else x
         edges = np.linspace(x.min(), x.max(), _BINS + 1)
     else:
-        edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _BINS + 1)))
+        edges = equal_count_edges(x, _BINS)
     place = np.searchsorted(edges[1:-1], x, side="right")
     # Sparse bins are merged with the next one up, the last with the one below.
     joined, held, bins = np.zeros(len(edges), dtype=np.intp), 0, 0

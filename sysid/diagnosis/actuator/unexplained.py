@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.diagnosis.actuator.breakaways import rest_before
 from sysid.diagnosis.actuator.equation_error import (
@@ -20,9 +19,10 @@ from sysid.diagnosis.actuator.equation_error import (
 )
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.whitening import Frame
+from sysid.diagnosis.binning import binned_means, bins_of, predicted_share
 from sysid.diagnosis.remainder import Remainder, ResidualTable, remainder
 from sysid.io.rig import Rig
-from sysid.types import FloatArray
+from sysid.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from sysid.diagnosis.actuator.loop import Loop
@@ -41,7 +41,7 @@ _RATE = "Pa/s"
 class ResidualCurve:
     """Mean residual over a regressor, in bins of equal count: (bins,) each, and its share.
 
-    `share`: of the residual's variance in the channel, 0 to 1, adjusted for the bins.
+    `share`: of the residual's squares in the channel, predicted from other tests, 0 to 1.
     `centres` in the regressor's unit, `means` and `errors` (standard errors) in the
     residual's: Nm or N for `effort`, Pa/s for rates.
     """
@@ -92,12 +92,10 @@ def remainders(found: Loop, rig: Rig) -> tuple[Remainder, ...]:
             view.average(error[channel]),
             view.run,
         )
-        tests = np.unique(view.run)
-        folds = [tests[k::_FOLDS].tolist() for k in range(min(_FOLDS, len(tests)))]
         noise = math.sqrt(float(found.colour.covariance[channel][0]))
         unit = _RATE if channel != EFFORT else rig.units.effort
         name = log_channel(channel, rig)
-        rests.append(remainder(table, None, folds if len(folds) > 1 else [], noise, name, unit))
+        rests.append(remainder(table, None, _folds(view.run), noise, name, unit))
     return tuple(rest for rest in rests if rest is not None)
 
 
@@ -161,34 +159,35 @@ def curves(frame: Frame, error: EquationError, channel: str) -> list[ResidualCur
     if len(view) < _GROUP * BINS * _LEAST_IN_BIN:
         return []
     values = _grouped(view.average(error[channel]), view.stretch)
+    stretch, run = (
+        _grouped(labels, view.stretch).astype(np.intp) for labels in (view.stretch, view.run)
+    )
+    folds = _folds(run)
     found = []
     for name, regressor in regressors(frame.traces, channel).items():
         own = _grouped(view.average(regressor), view.stretch)
-        found.append(_curve(channel, name, own, values))
+        place, _ = bins_of(own, BINS, _LEAST_IN_BIN)
+        share = predicted_share(values, place, run, folds)
+        centres = np.bincount(place, own) / np.bincount(place)
+        means = binned_means(place, values, stretch)
+        found.append(
+            ResidualCurve(
+                channel, name, share, centres, np.array(means["means"]), np.array(means["errors"])
+            )
+        )
     return sorted(found, key=lambda c: -c.share)
 
 
-def _grouped(values: FloatArray, stretch: NDArray[np.intp]) -> FloatArray:
+def _folds(run: IntArray) -> list[list[int]]:
+    """Tests that are left out together; none of a single test."""
+    tests = np.unique(run)
+    folds = [tests[k::_FOLDS].tolist() for k in range(min(_FOLDS, len(tests)))]
+    return folds if len(folds) > 1 else []
+
+
+def _grouped(values: FloatArray | IntArray, stretch: IntArray) -> FloatArray:
     """Means of _GROUP windows in a row; groups that span two stretches are left out."""
     count = len(values) // _GROUP
     table = values[: count * _GROUP].reshape(count, _GROUP)
     same = stretch[: count * _GROUP].reshape(count, _GROUP)
     return np.asarray(table[same[:, 0] == same[:, -1]].mean(axis=1))
-
-
-def _curve(channel: str, name: str, regressor: FloatArray, values: FloatArray) -> ResidualCurve:
-    edges = np.unique(np.quantile(regressor, np.linspace(0.0, 1.0, BINS + 1)))
-    place = np.clip(np.searchsorted(edges, regressor, side="right") - 1, 0, max(len(edges) - 2, 0))
-    counts = np.bincount(place)
-    keep = counts >= _LEAST_IN_BIN
-    safe = np.maximum(counts, 1)
-    means = np.bincount(place, values) / safe
-    centres = np.bincount(place, regressor) / safe
-    inside = values - means[place]
-    spread = np.bincount(place, inside**2) / np.maximum(counts - 1, 1)
-    total = float(np.mean(values**2))
-    freedom = max(len(values) - len(means), 1)
-    share = 1.0 - float(inside @ inside) / freedom / total if total > 0.0 else 0.0
-    return ResidualCurve(
-        channel, name, max(share, 0.0), centres[keep], means[keep], np.sqrt(spread / safe)[keep]
-    )

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.selection import folds_of
-from sysid.diagnosis.binning import binned_means
+from sysid.diagnosis.binning import binned_means, bins_of, predicted_share
 from sysid.diagnosis.remainder import Remainder, ResidualTable, remainder
 from sysid.types import FloatArray
 
@@ -88,44 +87,15 @@ def curves(component: Component, before: Law, after: Law) -> list[BinnedResidual
     folds = folds_of(component)
     found = []
     for name, regressor in component.regressors(everything).items():
-        place, count = _bins(regressor)
+        place, count = bins_of(regressor, BINS, _LEAST_IN_BIN)
         if count < 3:
             continue
-        share = max(_predicted(left, place, count, test, folds), 0.0)
+        share = predicted_share(left, place, test, folds)
         centres = np.bincount(place, regressor) / np.bincount(place)
         pairs = (("before", given), ("after", left))
         parts = {key: binned_means(place, values, test) for key, values in pairs}
         found.append(BinnedResidual(component.channel, component.unit, name, share, centres, parts))
     return sorted(found, key=lambda curve: -curve.share)
-
-
-def _bins(regressor: FloatArray) -> tuple[NDArray[np.intp], int]:
-    """The bin of every sample and how many there are; ties share a bin."""
-    values, place = np.unique(regressor, return_inverse=True)
-    if len(values) <= BINS:
-        return place, len(values)
-    count = max(1, min(BINS, len(regressor) // _LEAST_IN_BIN))
-    edges = np.unique(np.quantile(regressor, np.linspace(0.0, 1.0, count + 1)))
-    place = np.searchsorted(edges[1:-1], regressor, side="right")
-    return np.unique(place, return_inverse=True)[1], len(np.unique(place))
-
-
-def _predicted(
-    left: FloatArray,
-    place: NDArray[np.intp],
-    count: int,
-    test: NDArray[np.intp],
-    folds: Sequence[Sequence[int]],
-) -> float:
-    """Share of the squares explained by the other tests' bin means, over all tests."""
-    taken = total = 0.0
-    for fold in folds:
-        out = np.isin(test, list(fold))
-        held = np.bincount(place[~out], minlength=count)
-        means = np.bincount(place[~out], left[~out], count) / np.maximum(held, 1)
-        taken += float(np.sum((left[out] - means[place[out]]) ** 2))
-        total += float(np.sum(left[out] ** 2))
-    return 1.0 - taken / total if total > 0.0 else 0.0
 
 
 def left_over(
