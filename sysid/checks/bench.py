@@ -43,11 +43,11 @@ def _is_of_a_tank(trial: Trial, rig: Rig) -> bool:
 def bench_identified(kind: str, trials: Sequence[Trial], rig: Rig) -> Iterator[Identification]:
     """Every parameter of the part's law in turn; one line where its tests cannot be used."""
     try:
-        fitted, count = bench_fit(kind, trials, rig)
+        fitted, recordings = bench_fit(kind, trials, rig)
     except (InputError, NotIdentifiedError) as error:
         yield Identification(f"the law of {kind} tests", False, _why(kind, trials, error))
         return
-    tests = f"{count} of {len(trials)} {kind} test{'s' * (len(trials) > 1)}"
+    tests = f"{len(set(recordings))} of {len(trials)} {kind} test{'s' * (len(trials) > 1)}"
     for name, estimate in fitted.items():
         yield Identification(name, estimate.identified, estimate.reason or tests)
 

@@ -147,20 +147,24 @@ def _tests(result: FrictionResult) -> str:
 def _of_points(trials: Sequence[Trial], rig: Rig) -> tuple[dict[str, Estimate], str]:
     """Readings taken by hand: the law of `sysid.diagnosis.bench`."""
     try:
-        fitted, count = bench_fit(FRICTION_POINTS, trials, rig)
+        fitted, tests = bench_fit(FRICTION_POINTS, trials, rig)
     except (InputError, NotIdentifiedError) as error:
         return {}, str(error)
-    return dict(fitted), f"{count} readings"
+    by_name = zip(rig.units.named(fitted), fitted.values(), strict=True)
+    return dict(by_name), f"{len(tests)} readings"
 
 
-def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig) -> tuple[Mapping[str, Estimate], int]:
-    """The law that tests of a part on a bench give, without effects, and how many of them do."""
+def bench_fit(
+    kind: str, trials: Sequence[Trial], rig: Rig
+) -> tuple[Mapping[str, Estimate], Sequence[str]]:
+    """The law that tests of a part on a bench give, without effects, by the keys of a bundle, and
+    the recording of each of its tests."""
     from sysid.diagnosis.bench.fitting import fit_law
     from sysid.diagnosis.bench.registry import component_of
 
     component = component_of(kind, trials, rig)
     fitted = fit_law(component, (), range(len(component.tests)))
-    return fitted.base_estimates(), len(component.recordings)
+    return fitted.base_estimates(), component.tests
 
 
 __all__ = ["Identification", "bench_fit", "friction_identified", "friction_together"]
