@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sysid.validation.start_states import ChannelNoise, state_at_rest, valve_edges
 
 from datasets.generator.campaign import (
     SMALL,
@@ -52,6 +51,7 @@ from sysid.plant.base import Array, array_namespace, filling_flow
 from sysid.plant.effects.chamber import TubeLag
 from sysid.recording.motion_tests import MotionTest, channel_noise, prepare, prepare_all
 from sysid.recording.simulation import simulate_segments
+from sysid.recording.start_states import ChannelNoise, state_at_rest, valve_edges
 from sysid.surfaces import Bipolynomial
 from sysid.types import FloatArray
 from sysid.validation import validate
