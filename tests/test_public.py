@@ -345,10 +345,10 @@ def test_a_test_of_a_validation_draws_its_curves(namespace: dict[str, Any]) -> N
 def test_plots_of_friction_hold_the_points_and_the_fit(namespace: dict[str, Any]) -> None:
     friction = namespace["friction"]
     ax = friction.plot()
-    points = [line for line in ax.lines if line.get_marker() == "o"]
+    points = [line for line in ax.lines if line.get_marker() in ("o", "s")]
     used = [use for use in friction.trials if use.used and use.kind == "friction-sliding"]
     assert sum(len(line.get_xdata()) for line in points) == len(used)
-    law = next(line for line in ax.lines if line.get_marker() != "o")
+    law = next(line for line in ax.lines if line.get_marker() not in ("o", "s"))
     first = friction.coulomb_nm.value + friction.offset_nm.value
     assert law.get_ydata()[0] == pytest.approx(first)
     plt.close("all")

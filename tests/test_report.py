@@ -624,11 +624,11 @@ def test_an_adequate_model_without_held_out_tests_is_said_so(made: Made) -> None
 
 def test_friction_band_agrees_with_the_fit_s_errors(made: Made) -> None:
     """The jackknife's standard errors against those of the regression itself."""
-    from sysid.document.friction import _jackknife
+    from sysid.identification.friction.shown import _scatter
 
     friction = made.bundle.friction
     assert friction is not None
-    spread = _jackknife(friction.used("friction-sliding"))
+    spread = _scatter(friction.used("friction-sliding"), friction.units)
     assert spread is not None
     for i, key in enumerate(("coulomb_nm", "viscous_nm_s_per_rad", "offset_nm")):
         ratio = math.sqrt(spread[i, i]) / friction.estimates()[key].std

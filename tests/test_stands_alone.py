@@ -23,9 +23,10 @@ from sysid.commands import stages
 from sysid.commands.printing import unless_failed
 from sysid.commands.run import RunReport, run_campaign
 from sysid.diagnosis.bench.diagnose import _held_out
-from sysid.document import friction, page, render_report
+from sysid.document import page, render_report
 from sysid.errors import InputError, NotIdentifiedError, SimulationError
 from sysid.estimation.linear import Estimate
+from sysid.identification.friction import shown as friction
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.io.logs import Log
 from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own

@@ -7,6 +7,7 @@ functions in colours of its own.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 
 # A legend with more lines than this hides the plot.
 _MOST_IN_LEGEND = 12
-# Of the panel's height, for a legend above the data.
-_LEGEND_ROOM = 0.2
+# Of a legend above the data: a row's height, inches, and how many letters fit into a row.
+_LEGEND_ROW, _LEGEND_LETTERS = 0.17, 40
 # A bitmap's colour cannot follow a page's scheme: one that works on light and dark.
 _CLOUD = "#8a96a3"
 _DASHES: Mapping[str, Any] = {
@@ -175,7 +176,10 @@ def _cells(ax: Axes, mark: figures.ColourMap, colours: Mapping[str, str], _: int
         rasterized=True,
     )  # fmt: skip
     ax.grid(False)
-    ax.set_facecolor(colours["grid"])
+    # Beneath the cells: where there is no value.
+    ax.fill_between(
+        [0.0, 1.0], 0.0, 1.0, transform=ax.transAxes, color=colours["grid"], linewidth=0, zorder=-1
+    )
     return mesh
 
 
@@ -261,11 +265,16 @@ def _legend(ax: Axes, panel: Panel) -> None:
     if panel.legend == "none" or not 0 < len(labels) <= _MOST_IN_LEGEND:
         return
     if panel.legend == "above":
+        # A line's sample takes about five letters.
+        is_short = sum(len(label) + 5 for label in labels) <= _LEGEND_LETTERS
+        columns = len(labels) if is_short else 2
+        height = ax.get_position().height * ax.get_figure(root=True).get_figheight()  # type: ignore[union-attr]
+        room = min(_LEGEND_ROW * math.ceil(len(labels) / columns) / height, 0.5)
         low, high = ax.get_ylim()
         is_log = panel.y.kind == "log"
-        room = high * (high / low) ** _LEGEND_ROOM if is_log else high + _LEGEND_ROOM * (high - low)
-        ax.set_ylim(low, room)
-        ax.legend(loc="upper right", ncols=min(len(labels), 3), columnspacing=0.8, handlelength=1.2)
+        share = 1.0 / (1.0 - room)
+        ax.set_ylim(low, low * (high / low) ** share if is_log else low + share * (high - low))
+        ax.legend(loc="upper right", ncols=columns, columnspacing=0.8, handlelength=1.2)
     elif panel.legend == "over":
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=3)
     elif panel.legend == "beside":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.blocks.channels import Channel
-from sysid.blocks.figures import Picture
+from sysid.blocks.figures import TALL_PANEL, Dash, Figure, Line, Mark, Panel, Role, Scale, Span
 from sysid.blocks.numbers import MISSING, number, percent
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Plot, Section
 from sysid.blocks.tables import Table, table
@@ -21,21 +21,21 @@ from sysid.document.shown_tests import (
     tests_of,
     tests_to_show,
 )
-from sysid.document.svg import COLOUR, MODEL_STYLES
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from sysid.validation import HorizonError, LogResult, ValidationResult
 
 
 NOISE_BAND = 1.96
 """Half-width of the noise band in standard deviations: 95 % of pure noise lies inside."""
-_BUCKETS = 260
 _GROWTH_POINTS = 40
-# As on the interactive page, and as the surfaces' own figures draw the two of the thesis.
-_STYLED = ("discrete", "bipolynomial", "ann", "averaged")
-MODEL_LINES = dict(zip(_STYLED, MODEL_STYLES, strict=True))
+MODEL_LINES: dict[str, tuple[Role, Dash]] = {
+    "discrete": ("model", "solid"),
+    "bipolynomial": ("second", "dashed"),
+    "ann": ("third", "dotted"),
+    "averaged": ("fourth", "dash-dot"),
+}
+"""How each valve model's curves are drawn."""
 
 
 def validation_section(validation: ValidationResult) -> Section:
@@ -144,16 +144,14 @@ def _loudest(log: LogResult, channel: str) -> str:
 def _growth(validation: ValidationResult) -> FigureGroup:
     figures = []
     for channel in shown_channels(validation):
-        figure, ax = svg.panel(f"{channel.title}: error over the horizon")
-        used = _growth_lines(ax, validation, channel)
-        ax.set_xlabel("Time since the start (s)")
-        ax.set_ylabel(f"RMS error ({channel.residual_unit})")
-        ax.set_ylim(0.0, 1.5 * ax.get_ylim()[1])
-        ax.set_xlim(left=0.0)
-        svg.legend(ax, loc="upper left")
-        description = f"{channel.title}, RMS over all starts within the tests: " + "; ".join(used)
+        lines, used = _growth_lines(validation, channel)
         title = f"{channel.title}: how the error grows"
-        figures.append(svg.to_figure(figure, f"fig-growth-{channel.key}", title, description))
+        description = f"{channel.title}, RMS over all starts within the tests: " + "; ".join(used)
+        x = Scale("Time since the start", "s", limits=(0.0, None))
+        y = Scale("RMS error", channel.residual_unit, limits=(0.0, None))
+        panel = Panel(x, y, lines, legend="above")
+        heading = f"{channel.title}: error over the horizon"
+        figures.append(Figure(f"fig-growth-{channel.key}", title, description, (panel,), heading))
     caption = (
         "How the open-loop error grows with the time since the simulation last started from the "
         "measured state; one line per valve model, over the held-out logs (all logs if none is)."
@@ -161,11 +159,13 @@ def _growth(validation: ValidationResult) -> FigureGroup:
     return FigureGroup(caption, tuple(figures))
 
 
-def _growth_lines(ax: Axes, validation: ValidationResult, channel: Channel) -> list[str]:
-    used = []
+def _growth_lines(
+    validation: ValidationResult, channel: Channel
+) -> tuple[tuple[Line, ...], list[str]]:
+    """A line for each valve model, and where it ends, in words."""
+    lines, used = [], []
     use = "holdout" if validation.select("holdout") else None
     for model, name in MODEL_NAMES.items():
-        colour, dashes = MODEL_LINES[model]
         curves, times = [], []
         for log in validation.select(use, model):
             for test in log.tests:
@@ -183,17 +183,18 @@ def _growth_lines(ax: Axes, validation: ValidationResult, channel: Channel) -> l
             np.add.reduceat(square, edges[:-1]) / np.diff(edges)
         )
         centres = 0.5 * (times[0][edges[:-1]] + times[0][edges[1:] - 1])
-        ax.plot(centres, shown, color=colour, linestyle=dashes, label=name)
+        role, dash = MODEL_LINES[model]
+        lines.append(Line(centres, shown, role, name, dash))
         used.append(
             f"{name} {number(float(shown[-1]))} {channel.residual_unit} after "
             f"{number(float(times[0][rows - 1]))} s"
         )
-    return used
+    return tuple(lines), used
 
 
 def _plot(index: int, test: ShownTest) -> Plot:
     channels = test.channels()
-    static = tuple(_overlay(f"fig-motion-{index}", test, channel) for channel in channels)
+    static = tuple(svg.picture(_overlay(f"fig-motion-{index}", test, c)) for c in channels)
     caption = f"{test.title}: measured and simulated, residual with the 95 % band of the "
     caption += "sensor noise."
     fits = "; ".join(_fits(test, channel) for channel in channels)
@@ -217,34 +218,23 @@ def _fits(test: ShownTest, channel: Channel) -> str:
     return f"{channel.title.lower()}, " + ", ".join(parts)
 
 
-def _overlay(prefix: str, test: ShownTest, channel: Channel) -> Picture:
-    figure, (top, bottom) = svg.panels(channel.title, (1.8, 1.0), svg.TALL_PANEL)
+def _overlay(prefix: str, test: ShownTest, channel: Channel) -> Figure:
     first = test.first
-    residuals = {m: r.residual(channel.key) for m, r in test.results.items()}
-    measured = first.measured[channel.key]
-    kept = svg.thinned(first.time, [measured, *residuals.values()], _BUCKETS)
-    time = first.time[kept]
-    top.plot(
-        time, measured[kept] * channel.scale, color=COLOUR["measured"], linewidth=2.4,
-        label="measured",
-    )  # fmt: skip
     noise = NOISE_BAND * first.channels[channel.key].noise_floor * channel.residual_scale
-    bottom.axhspan(-noise, noise, color=COLOUR["band"], alpha=0.35, linewidth=0, zorder=3)
+    measured = first.measured[channel.key] * channel.scale
+    above: list[Mark] = [Line(first.time, measured, "measured", "measured", width=2.4)]
+    below: list[Mark] = [Span(-noise, noise, alpha=0.35)]
     for model in reversed(list(test.results)):
-        result, (colour, dashes) = test.results[model], MODEL_LINES[model]
-        simulated = result.simulated[channel.key][kept] * channel.scale
-        top.plot(
-            time, simulated, color=colour, linestyle=dashes, linewidth=1.0,
-            label=MODEL_NAMES[model],
-        )  # fmt: skip
-        shown = residuals[model][kept] * channel.residual_scale
-        bottom.plot(time, shown, color=colour, linewidth=0.6)
-    top.set_ylabel(f"{channel.title} ({channel.unit})")
-    bottom.set_ylabel(f"Residual ({channel.residual_unit})")
-    bottom.set_xlabel("Time (s)")
-    svg.legend(top, loc="upper left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    low, high = top.get_ylim()
-    top.set_ylim(low, high + 0.28 * (high - low))
-    figure.align_ylabels([top, bottom])
+        result, (role, dash) = test.results[model], MODEL_LINES[model]
+        simulated = result.simulated[channel.key] * channel.scale
+        residual = result.residual(channel.key) * channel.residual_scale
+        above.append(Line(first.time, simulated, role, MODEL_NAMES[model], dash, width=1.0))
+        below.append(Line(first.time, residual, role, width=0.6))
+    x = Scale("Time", "s")
+    panels = (
+        Panel(x, Scale(channel.title, channel.unit), tuple(above), 1.8, legend="above"),
+        Panel(x, Scale("Residual", channel.residual_unit), tuple(below)),
+    )
     description = f"{test.kind}, measured and simulated open loop; {_fits(test, channel)}."
-    return svg.to_figure(figure, f"{prefix}-{channel.key}", channel.title, description)
+    id, title = f"{prefix}-{channel.key}", channel.title
+    return Figure(id, title, description, panels, size=TALL_PANEL)

@@ -171,17 +171,17 @@ def _parts(
     valves = bundle.valves or FittedValves()
 
     def friction() -> Section | None:
-        from sysid.document.friction import friction_section
+        from sysid.identification.friction.shown import friction_section
 
         return None if bundle.friction is None else friction_section(bundle)
 
     def discrete() -> Section | None:
-        from sysid.document.valves import discrete_section
+        from sysid.identification.valve_discrete.shown import discrete_section
 
         return discrete_section(bundle, _logs(campaign, "valve-discrete"), campaign.rig)
 
     def surfaces() -> Section | None:
-        from sysid.document.surfaces import surfaces_section
+        from sysid.identification.valve_pwm.shown import surfaces_section
 
         return surfaces_section(valves, _logs(campaign, "valve-pwm"), campaign.rig)
 

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.blocks.channels import Channel
-from sysid.blocks.figures import Picture
+from sysid.blocks.figures import SMALL_PANEL, Band, Figure, Line, Panel, Points, Rule, Scale
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import FigureGroup, Section
-from sysid.document import svg
 from sysid.document.motion import NOISE_BAND
 from sysid.document.shown_tests import MODEL_NAMES, ShownTest, shown_channels, speed, tests_of
-from sysid.document.svg import COLOUR
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -25,14 +23,13 @@ if TYPE_CHECKING:
 _BINS = 28
 _FEWEST = 20
 _CLOUD = 3000
-_CLOUD_COLOUR = "#8a96a3"  # drawn into a bitmap: it must work on light and dark backgrounds
 
 
 @dataclass(frozen=True)
 class _Regressor:
     key: str
     title: str
-    label: str
+    axis: Scale
 
 
 def residuals_section(validation: ValidationResult) -> Section:
@@ -74,11 +71,11 @@ def _regressors(test: ShownTest, channel: Channel) -> list[_Regressor]:
     pressure = channel.key if channel.key.startswith("pressure") else "pressure_a_pa"
     side = pressure.removeprefix("pressure_")[0].upper()
     return [
-        _Regressor("speed", "velocity", f"Velocity ({'mm/s' if linear else 'rad/s'})"),
+        _Regressor("speed", "velocity", Scale("Velocity", "mm/s" if linear else "rad/s")),
         _Regressor(position.key, "position" if linear else "angle",
-                   f"{'Position' if linear else 'Angle'} ({position.unit})"),
-        _Regressor(pressure, f"pressure {side}", f"Pressure {side} (kPa)"),
-        _Regressor("time", "time", "Time (s)"),
+                   Scale("Position" if linear else "Angle", position.unit)),
+        _Regressor(pressure, f"pressure {side}", Scale(f"Pressure {side}", "kPa")),
+        _Regressor("time", "time", Scale("Time", "s")),
     ]  # fmt: skip
 
 
@@ -102,26 +99,22 @@ def _values(
 
 def _panel(
     channel: Channel, regressor: _Regressor, x: FloatArray, y: FloatArray, noise: float
-) -> Picture:
-    title = f"{channel.title} over {regressor.title}"
-    figure, ax = svg.panel(title, svg.SMALL_PANEL)
+) -> Figure:
+    heading = f"{channel.title} over {regressor.title}"
     shown = np.random.default_rng(0).permutation(len(x))[:_CLOUD]
-    ax.plot(
-        x[shown], y[shown], ".", color=_CLOUD_COLOUR, markersize=1.6, alpha=0.35,
-        markeredgewidth=0, rasterized=True,
-    )  # fmt: skip
     centre, low, middle, high = _binned(x, y)
-    ax.fill_between(centre, low, high, color=COLOUR["second"], alpha=0.2, linewidth=0)
-    ax.plot(centre, middle, color=COLOUR["second"], linewidth=1.4)
-    for sign in (-1.0, 1.0):
-        ax.axhline(
-            sign * NOISE_BAND * noise, color=COLOUR["muted"], linewidth=0.7, linestyle=(0, (4, 3))
-        )
-    ax.set_xlim(*np.percentile(x, [0.2, 99.8]))
-    ax.set_xlabel(regressor.label)
-    ax.set_ylabel(f"Residual ({channel.residual_unit})")
-    reach = 1.15 * float(np.percentile(np.abs(y), 99.5))
-    ax.set_ylim(-max(reach, 2.5 * noise), max(reach, 2.5 * noise))
+    marks = (
+        Points(x[shown], y[shown], "measured", marker=".", size=1.6, alpha=0.35, is_cloud=True),
+        Band(centre, low, high, "second"),
+        Line(centre, middle, "second", width=1.4),
+        Rule(NOISE_BAND * noise, dash="dashed"),
+        Rule(-NOISE_BAND * noise, dash="dashed"),
+    )
+    first, last = np.percentile(x, [0.2, 99.8])
+    reach = max(1.15 * float(np.percentile(np.abs(y), 99.5)), 2.5 * noise)
+    axis = replace(regressor.axis, limits=(float(first), float(last)))
+    residual = Scale("Residual", channel.residual_unit, limits=(-reach, reach))
+    panel = Panel(axis, residual, marks)
     unit = channel.residual_unit
     description = (
         f"The median residual lies between {number(float(middle.min()))} and "
@@ -129,7 +122,7 @@ def _panel(
         f"{number(NOISE_BAND * noise)} {unit} either way."
     )
     id = f"fig-residual-{channel.key}-{regressor.key}"
-    return svg.to_figure(figure, id, f"Residual: {title}", description)
+    return Figure(id, f"Residual: {heading}", description, (panel,), heading, SMALL_PANEL)
 
 
 def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:

@@ -13,6 +13,8 @@ from typing import Literal
 
 import numpy as np
 
+from sysid.blocks.numbers import estimate_cells
+from sysid.blocks.tables import Table, table
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
 from sysid.parameters.base import Part
@@ -250,6 +252,13 @@ def _fill(found: FloatArray, known: list[str], names: list[str], matrix: FloatAr
                 found[i, j] = matrix[own, other]
 
 
+def parameters_table(caption: str, part: ParameterTable) -> Table:
+    """One row per parameter of a part, with its interval and its key there."""
+    rows = [(row.title, *estimate_cells(row.estimate), row.key) for row in part.rows]
+    columns = ("Parameter", "Value", "Std. error", "95 % interval", "Unit", "Key")
+    return table(caption, columns, rows, text=(4,), code=(5,))
+
+
 __all__ = [
     "DELAYS",
     "Origin",
@@ -258,5 +267,6 @@ __all__ = [
     "Status",
     "effect_names",
     "field_of",
+    "parameters_table",
     "table_of",
 ]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.balance.motion import RULE
-from sysid.blocks.plots import legend, one_axes
+from sysid.blocks.drawing import plot
 from sysid.blocks.quality import quality_table
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, estimate_records, estimate_table
@@ -28,6 +28,7 @@ from sysid.identification.friction.combinations import Combination
 from sysid.identification.friction.effort import TrialUse, left_out_lines, tests_left_out
 from sysid.identification.friction.low_speed import RULE as LOW_SPEED_RULE
 from sysid.identification.friction.motion import MotionFriction
+from sysid.identification.friction.shown import parameters_figure, speed_figure
 from sysid.identification.friction.sliding import SlidingFriction, missed_by
 from sysid.identification.friction.static import CRITERION, StaticFriction, breakaway_of
 from sysid.io.motion import MotionUnits
@@ -394,38 +395,9 @@ class FrictionResult(NamedEstimates, Shown):
 
         Without such tests the parameters with their 95 % intervals, side by side.
         """
-        ax = one_axes(ax)
-        points = [u for u in self.trials if u.used and u.kind == SLIDING]
-        if self.sliding is None or not points:
-            return self._plot_parameters(ax)
-        speed = np.array([u.values["speed"] for u in points])
-        effort = np.array([u.values["friction"] for u in points])
-        u = self.units
-        for way, name in ((1.0, "forwards"), (-1.0, "backwards")):
-            rows = np.sign(speed) == way
-            if rows.any():
-                (line,) = ax.plot(np.abs(speed[rows]), np.abs(effort[rows]), "o", label=name)
-                grid = np.linspace(0.0, float(np.abs(speed).max()))
-                law = self.parameters["coulomb"].value + self.parameters["viscous"].value * grid
-                ax.plot(grid, law + way * self._offset(), color=line.get_color())
-        ax.set_xlabel(f"speed ({u.speed})")
-        ax.set_ylabel(f"friction ({u.effort})")
-        legend(ax)
-        return ax
-
-    def _offset(self) -> float:
-        """The offset of the constant-effort tests, 0 where there is none."""
-        offset = self.parameters.get("offset")
-        return offset.value if offset is not None and offset.identified else 0.0
-
-    def _plot_parameters(self, ax: Axes) -> Axes:
-        known = [(key, e) for key, e in self.by_name().items() if e.identified]
-        for place, (_, e) in enumerate(known):
-            below, above = e.value - e.interval[0], e.interval[1] - e.value
-            limits = [[x if math.isfinite(x) else 0.0] for x in (below, above)]
-            ax.errorbar([place], [e.value], yerr=limits, fmt="o", capsize=4)
-        ax.set_xticks(range(len(known)), [f"{key}\n({e.unit})" for key, e in known])
-        return ax
+        fitted = self.part().friction
+        figure = None if fitted is None else speed_figure(fitted)
+        return plot(figure or parameters_figure(self.by_name()), ax)[0]
 
 
 def _test(test: FTest) -> dict[str, float]:

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from sysid.blocks.drawing import plot_panels
 from sysid.blocks.numbers import number
-from sysid.blocks.plots import legend, one_axes, some_axes
 from sysid.blocks.quality import quality_table
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, estimate_records, estimate_table
@@ -15,22 +15,12 @@ from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.estimation.named import NamedEstimates
 from sysid.estimation.quality import FitQuality
+from sysid.identification.valve_discrete.shown import PressureCurve, curves_panel
 from sysid.parameters import Correlation, DiscreteLaw, FittedValves, Parts, Valve
 from sysid.parameters.quality import records_of
-from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-
-@dataclass(frozen=True)
-class PressureCurve:
-    """One test's pressure, measured and simulated: `time` (n,) s, pressures (n,) Pa."""
-
-    test: str
-    time: FloatArray
-    measured: FloatArray
-    simulated: FloatArray
 
 
 @dataclass(frozen=True, repr=False)
@@ -74,16 +64,7 @@ class DiscreteFit(NamedEstimates, Shown):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Chamber pressure over time, each test as measured and as fitted; returns the axes."""
-        ax = one_axes(ax)
-        for i, curve in enumerate(self.curves):
-            names = ("measured", "fitted") if i == 0 else (None, None)
-            since = curve.time - curve.time[0]
-            ax.plot(since, 1e-3 * curve.measured, ".", color="0.6", markersize=2, label=names[0])
-            ax.plot(since, 1e-3 * curve.simulated, color="C0", linewidth=0.8, label=names[1])
-        ax.set_xlabel("time (s)")
-        ax.set_ylabel(f"pressure {self.valve.upper()} (kPa)")
-        legend(ax)
-        return ax
+        return plot_panels((curves_panel(self.valve, self.curves),), ax)[0]
 
     @property
     def correlation(self) -> Correlation | None:
@@ -132,8 +113,8 @@ class ValveDiscreteResult(Shown):
 
     def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
         """Chamber pressures as measured and as fitted, one panel per valve; returns the axes."""
-        panels = some_axes(len(self.valves), axes)
-        return [fit.plot(ax) for fit, ax in zip(self.valves.values(), panels, strict=True)]
+        panels = [curves_panel(v, fit.curves) for v, fit in self.valves.items()]
+        return plot_panels(panels, axes)
 
     def part(self) -> Parts:
         """The bundle's `valves`, each with its on/off law."""

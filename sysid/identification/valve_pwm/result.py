@@ -2,37 +2,35 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.blocks.plots import legend, one_axes, some_axes
+from sysid.blocks.drawing import plot_panels
+from sysid.blocks.figures import Panel
+from sysid.blocks.plots import some_axes
 from sysid.blocks.quality import quality_table
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table
 from sysid.estimation.quality import FitQuality
 from sysid.identification.valve_pwm.quality import duty_quality
 from sysid.identification.valve_pwm.samples import FlowSamples
+from sysid.identification.valve_pwm.shown import DIRECTIONS, flow_figure
 from sysid.parameters import FittedValves, Parts, PwmSurfaces, Valve
 from sysid.parameters.quality import QualityRecord, records_of
 from sysid.parameters.valves import AVERAGED, AveragedRecord, PwmDirections
 from sysid.surfaces.averaged_fit import AveragedFit
 from sysid.surfaces.bipolynomial import Bipolynomial
 from sysid.surfaces.comparison import ResolutionStudy, SurfaceComparison, SurfaceError
-from sysid.surfaces.domain import Domain
+from sysid.surfaces.domain import Domain, level_flows
 from sysid.surfaces.samples import SurfacePoints
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from sysid.surfaces.ann import DutyNetwork, SizeSweep
-
-DIRECTIONS = {"fill": "filling", "discharge": "discharging"}
-# Duties at which a plot draws a surface.
-_SHOWN_DUTIES = 7
 
 
 @dataclass(frozen=True, repr=False)
@@ -95,7 +93,7 @@ class DirectionFit(Shown):
     def headline(self) -> str:
         """Valve, direction and number of tests."""
         tests = len(np.unique(self.samples.test))
-        return f"valve {self.valve.upper()}, {DIRECTIONS[self.direction]}, {tests} tests"
+        return f"{self._title}, {tests} tests"
 
     def records(self) -> list[dict[str, Any]]:
         """One record per surface: its error in duty on held-out tests (else: training tests)."""
@@ -113,24 +111,17 @@ class DirectionFit(Shown):
         ]
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Mean flow over pressure: samples by duty, and the surfaces at some of the duties."""
-        ax = one_axes(ax)
+        """Mean flow over pressure at a few duties, as measured and by the surfaces; the axes."""
+        return plot_panels(self._panels(), ax, self._title)[0]
+
+    def _panels(self) -> tuple[Panel, ...]:
         s = self.samples
-        ax.scatter(1e-3 * s.pressure, 1e3 * s.flow, c=s.duty, s=4, vmin=0.0, vmax=1.0)
-        duties = np.linspace(*self.domain.duty_range, _SHOWN_DUTIES)
-        pressures = np.linspace(*self.domain.pressure_range)
-        lowest, highest = self.domain.duty_limits(pressures)
-        for (name, surface), style in zip(self.by_kind.items(), ("-", "--"), strict=False):
-            for i, duty in enumerate(duties):
-                flow = surface.flow(np.full_like(pressures, duty), pressures)[0]
-                flow = np.where((lowest <= duty) & (duty <= highest), flow, math.nan)
-                line = ax.plot(1e-3 * pressures, 1e3 * flow, style, color="0.3", linewidth=0.8)[0]
-                line.set_label(name if i == 0 else "_")
-        ax.set_xlabel("pressure (kPa)")
-        ax.set_ylabel("mean flow (g/s)")
-        ax.set_title(f"valve {self.valve.upper()}, {DIRECTIONS[self.direction]}")
-        legend(ax)
-        return ax
+        levels = level_flows(s.duty, s.pressure, s.flow)
+        return flow_figure(self._title, self.direction, levels, self.by_kind).panels
+
+    @property
+    def _title(self) -> str:
+        return f"valve {self.valve.upper()}, {DIRECTIONS[self.direction]}"
 
     def surfaces(self) -> PwmSurfaces:
         """`valves.<v>.pwm.<direction>` of a bundle."""

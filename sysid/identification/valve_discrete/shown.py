@@ -1,20 +1,17 @@
-"""The on/off valves: their parameters, and measured and fitted pressure (Figures 3.7, 3.8)."""
+"""On/off valves as they are shown: parameters, measured and fitted pressure (Figures 3.7, 3.8)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.blocks.figures import Picture
+from sysid.blocks.figures import TALL_PANEL, Figure, Line, Mark, Panel, Points, Rule, Scale
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.sections import Block, FigureGroup, Section
 from sysid.blocks.tables import Table, table
-from sysid.document import svg
-from sysid.document.friction import parameters_table
-from sysid.document.svg import COLOUR
 from sysid.estimation.linear import Estimate
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
 from sysid.identification.valve_discrete.trials import Piece, screen
@@ -22,28 +19,32 @@ from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, DiscreteLaw
 from sysid.parameters.base import read_number
+from sysid.parameters.table import parameters_table
 from sysid.types import FloatArray
 
 _FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
 _DELAYS = ("on_delay_s", "off_delay_s")
 _CLOSE_UP_S = (-0.02, 0.6)
-_BUCKETS = 320
 
 
 @dataclass(frozen=True)
-class _Curve:
-    """One test's pressure, kPa over s, measured and by the fitted law."""
+class PressureCurve:
+    """One test's pressure, measured and simulated: `time` (n,) s, pressures (n,) Pa.
 
-    label: str
+    `opens` and `closes`: when the valve is switched, s.
+    """
+
+    test: str
     time: FloatArray
     measured: FloatArray
-    fitted: FloatArray
-    opens: FloatArray
-    closes: FloatArray
+    simulated: FloatArray
+    opens: FloatArray = field(default_factory=lambda: np.zeros(0))
+    closes: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def rmse(self) -> float:
-        return math.sqrt(float(np.mean((self.measured - self.fitted) ** 2)))
+        """Pa."""
+        return math.sqrt(float(np.mean((self.measured - self.simulated) ** 2)))
 
 
 def discrete_section(
@@ -89,10 +90,10 @@ def _fit_table(fitted: Mapping[str, DiscreteLaw]) -> Table:
 
 def _curves(
     side: str, law: DiscreteLaw, logs: Sequence[tuple[str | None, Log]], rig: Rig
-) -> list[_Curve]:
+) -> list[PressureCurve]:
     """The training tests' curves, simulated from the bundle; none without all four flows."""
     valve = _valve(law, rig)
-    curves: list[_Curve] = []
+    curves: list[PressureCurve] = []
     if valve is None:
         return curves
     for named, log in logs:
@@ -123,25 +124,24 @@ def _valve(law: DiscreteLaw, rig: Rig) -> DiscreteValve | None:
     return DiscreteValve(**values)
 
 
-def _curve(piece: Piece, valve: DiscreteValve) -> _Curve:
+def _curve(piece: Piece, valve: DiscreteValve) -> PressureCurve:
     chamber = piece.chamber
     fitted = pressure_curve(chamber, valve, piece.initial, piece.supply_shift, piece.atmosphere)
     start = chamber.time[0]
     edges = (np.asarray(e)[np.isfinite(e)] - start for e in (chamber.opens, chamber.closes))
     opens, closes = (e[(e >= 0.0) & (e < chamber.time[-1] - start)] for e in edges)
-    return _Curve(
-        piece.label, chamber.time - start, piece.pressure / 1e3, fitted / 1e3, opens, closes
-    )
+    time = chamber.time - start
+    return PressureCurve(piece.label, time, piece.pressure, fitted, opens, closes)
 
 
-def _figures(side: str, curves: Sequence[_Curve]) -> FigureGroup:
+def _figures(side: str, curves: Sequence[PressureCurve]) -> FigureGroup:
     """The test with the worst fit: whole, and close-ups of one filling and one discharge."""
     worst = max(curves, key=lambda c: c.rmse)
     figures = [_panel(side, worst, "whole test", None, "whole")]
     for edges, name in ((worst.opens, "filling"), (worst.closes, "discharge")):
         if edges.size:
             figures.append(_panel(side, worst, name, float(edges[0]), name))
-    shown = f"test {worst.label}" if worst.label else "the test"
+    shown = f"test {worst.test}" if worst.test else "the test"
     caption = (
         f"Valve {side.upper()}, measured and fitted pressure, residual below. "
         f"Of {len(curves)} tests the one with the worst fit is shown: {shown}."
@@ -151,33 +151,45 @@ def _figures(side: str, curves: Sequence[_Curve]) -> FigureGroup:
     return FigureGroup(caption, tuple(figures))
 
 
-def _panel(side: str, curve: _Curve, what: str, edge: float | None, tag: str) -> Picture:
+def _panel(side: str, curve: PressureCurve, what: str, edge: float | None, tag: str) -> Figure:
     rows = slice(None)
     if edge is not None:
         first, last = (edge + d for d in _CLOSE_UP_S)
         near = np.flatnonzero((curve.time >= first) & (curve.time <= last))
         rows = slice(int(near[0]), int(near[-1]) + 1)
-    time, measured, fitted = curve.time[rows], curve.measured[rows], curve.fitted[rows]
+    time, measured, fitted = curve.time[rows], curve.measured[rows], curve.simulated[rows]
     residual = measured - fitted
-    figure, (top, bottom) = svg.panels(f"Valve {side.upper()}: {what}", (2.4, 1.0), svg.TALL_PANEL)
-    kept = svg.thinned(time, [measured, fitted, residual], _BUCKETS)
-    t = time[kept]
-    top.plot(t, measured[kept], color=COLOUR["measured"], linewidth=2.4, label="measured")
-    top.plot(t, fitted[kept], color=COLOUR["model"], linewidth=1.0, label="fitted")
-    bottom.plot(t, residual[kept], color=COLOUR["second"], linewidth=0.6)
-    bottom.axhline(0.0, color=COLOUR["muted"], linewidth=0.6)
-    top.set_ylabel("Pressure (kPa)")
-    bottom.set_ylabel("Residual (kPa)")
-    bottom.set_xlabel("Time (s)")
-    svg.legend(top, loc="best")
-    figure.align_ylabels([top, bottom])
+    both = (
+        Line(time, 1e-3 * measured, "measured", "measured", width=2.4),
+        Line(time, 1e-3 * fitted, "model", "fitted", width=1.0),
+    )
+    below = (Line(time, 1e-3 * residual, "second", width=0.6), Rule(0.0, width=0.6))
+    x = Scale("Time", "s")
     rmse = math.sqrt(float(np.mean(residual**2)))
     description = (
         f"Chamber {side.upper()} between {number(float(time[0]))} and {number(float(time[-1]))} s: "
-        f"measured pressure from {number(float(measured.min()))} to "
-        f"{number(float(measured.max()))} kPa; the fitted curve is off by {number(1e3 * rmse)} Pa "
-        f"rms, at most {number(1e3 * float(np.abs(residual).max()))} Pa."
+        f"measured pressure from {number(1e-3 * float(measured.min()))} to "
+        f"{number(1e-3 * float(measured.max()))} kPa; the fitted curve is off by {number(rmse)} Pa "
+        f"rms, at most {number(float(np.abs(residual).max()))} Pa."
     )
-    return svg.to_figure(
-        figure, f"fig-valve-{side}-{tag}", f"Valve {side.upper()}, {what}", description
+    return Figure(
+        f"fig-valve-{side}-{tag}",
+        f"Valve {side.upper()}: {what}",
+        description,
+        (Panel(x, Scale("Pressure", "kPa"), both, 2.4), Panel(x, Scale("Residual", "kPa"), below)),
+        size=TALL_PANEL,
     )
+
+
+def curves_panel(side: str, curves: Sequence[PressureCurve]) -> Panel:
+    """Every test over the time since its start, as measured and as fitted."""
+    marks: list[Mark] = []
+    for i, curve in enumerate(curves):
+        measured, fitted = ("measured", "fitted") if i == 0 else ("", "")
+        since = curve.time - curve.time[0]
+        marks.append(Points(since, 1e-3 * curve.measured, label=measured, marker=".", size=2.0))
+        marks.append(Line(since, 1e-3 * curve.simulated, "model", fitted, width=0.8))
+    return Panel(Scale("Time", "s"), Scale(f"Pressure {side.upper()}", "kPa"), tuple(marks))
+
+
+__all__ = ["PressureCurve", "curves_panel", "discrete_section"]

@@ -1,34 +1,30 @@
-"""The friction section: parameters, constant-effort tests against the fit, breakaway."""
+"""Friction as it is shown: parameters, constant-effort tests against the fit, breakaway."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sysid.blocks.figures import Picture
+from sysid.blocks.figures import Band, Figure, Intervals, Line, Mark, Panel, Points, Role, Scale
 from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, unit
 from sysid.blocks.sections import Block, FigureGroup, Lines, Section
-from sysid.blocks.tables import Table, table
-from sysid.document import svg
-from sysid.document.svg import COLOUR
+from sysid.blocks.tables import table
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.jackknife import jackknife
-from sysid.estimation.linear import t_quantile
+from sysid.estimation.linear import Estimate, t_quantile
+from sysid.identification.friction.sliding import SlidingPoints, fit_sliding
 from sysid.io.motion import MotionUnits
 from sysid.parameters import Bundle, Friction
-from sysid.parameters.friction import StaticAtPosition, TestUse
-from sysid.parameters.table import ParameterTable
+from sysid.parameters.friction import TestUse
+from sysid.parameters.table import parameters_table
+from sysid.recording.friction_kind import SLIDING, STATIC
 from sysid.types import FloatArray
 
-if TYPE_CHECKING:
-    from sysid.friction import SlidingPoints
-
-
-_PARAMETER_COLUMNS = ("Parameter", "Value", "Std. error", "95 % interval", "Unit", "Key")
-_DIRECTIONS = ((1.0, "forwards", "o", "model"), (-1.0, "backwards", "s", "second"))
+_DIRECTIONS: tuple[tuple[float, str, str, Role], ...] = (
+    (1.0, "forwards", "o", "model"),
+    (-1.0, "backwards", "s", "second"),
+)
 
 
 def friction_section(bundle: Bundle) -> Section:
@@ -40,14 +36,15 @@ def friction_section(bundle: Bundle) -> Section:
     if (check := parts.get("friction.cross_check")) is not None:
         caption = "Cross-check: the same parameters from general motion"
         blocks.append(parameters_table(caption, check))
-    figures = _figures(friction, units)
-    if figures:
+    figures = (speed_figure(friction), breakaway_figure(friction))
+    drawn = tuple(figure for figure in figures if figure is not None)
+    if drawn:
         caption = (
             "Friction over speed, one point per constant-effort test, with the fit to these tests "
             "alone and its 95 % band (jackknife over the tests); breakaway by starting position, "
             "with each position's mean and its 95 % interval."
         )
-        blocks.append(FigureGroup(caption, tuple(figures)))
+        blocks.append(FigureGroup(caption, drawn))
     blocks += _position_table(friction, units)
     blocks += _left_out(friction)
     source = {
@@ -57,12 +54,6 @@ def friction_section(bundle: Bundle) -> Section:
     }.get(str(friction.source))
     intro = (source,) if source else ()
     return Section("friction", "Friction", intro, tuple(blocks))
-
-
-def parameters_table(caption: str, part: ParameterTable) -> Table:
-    """One row per parameter of a part of the bundle, with its interval and its key there."""
-    rows = [(row.title, *estimate_cells(row.estimate), row.key) for row in part.rows]
-    return table(caption, _PARAMETER_COLUMNS, rows, text=(4, 5), code=(5,))
 
 
 def _combinations(friction: Friction) -> list[Block]:
@@ -99,24 +90,21 @@ def _left_out(friction: Friction) -> list[Block]:
 # --- figures ---------------------------------------------------------------------------
 
 
-def _figures(friction: Friction, units: MotionUnits) -> list[Picture]:
-    figures = []
-    sliding, static = friction.used("friction-sliding"), friction.used("friction-static")
-    if sliding and friction.coulomb is not None and friction.coulomb.identified:
-        figures.append(_sliding_figure(sliding, friction, units))
-    if static:
-        figures.append(_static_figure(static, friction, units))
-    return figures
+def speed_figure(friction: Friction) -> Figure | None:
+    """Friction over speed: a point for each constant-effort test, their fit and its 95 % band.
 
-
-def _sliding_figure(trials: Sequence[TestUse], friction: Friction, units: MotionUnits) -> Picture:
-    speed, effort = _readings(trials, "speed"), _readings(trials, "friction")
-    effort_unit = unit(units.effort)
-    law = (friction.coulomb, friction.viscous, friction.offset)
+    None without such tests, or where these do not identify Coulomb friction.
+    """
+    trials, coulomb = friction.used(SLIDING), friction.coulomb
+    if not trials or coulomb is None or not coulomb.identified:
+        return None
+    units, effort_unit = friction.units, unit(friction.units.effort)
+    speed, effort = _readings(trials, "speed"), np.abs(_readings(trials, "friction"))
+    law = (coulomb, friction.viscous, friction.offset)
     values = [e.value if e is not None and e.identified else 0.0 for e in law]
-    figure, ax = svg.panel("Friction over speed")
     grid = np.linspace(0.0, 1.06 * float(np.abs(speed).max()), 60)
     spread = _scatter(trials, units)
+    marks: list[Mark] = []
     for way, name, marker, role in _DIRECTIONS:
         rows = np.sign(speed) == way
         if not rows.any():
@@ -124,25 +112,58 @@ def _sliding_figure(trials: Sequence[TestUse], friction: Friction, units: Motion
         line = values[0] + values[1] * grid + way * values[2]
         if spread is not None:
             half = _half_width(spread, grid, way, len(trials))
-            ax.fill_between(
-                grid, line - half, line + half, color=COLOUR[role], alpha=0.16, linewidth=0
-            )
-        ax.plot(grid, line, color=COLOUR[role])
-        ax.plot(
-            np.abs(speed[rows]), np.abs(effort[rows]), marker, color=COLOUR[role],
-            markersize=3.5, markerfacecolor="none", label=name,
-        )  # fmt: skip
-    ax.set_xlabel(f"Speed ({units.speed})")
-    ax.set_ylabel(f"Friction {units.word} ({effort_unit})")
-    svg.legend(ax, loc="upper left")
+            marks.append(Band(grid, line - half, line + half, role))
+        marks.append(Line(grid, line, role))
+        marks.append(Points(np.abs(speed[rows]), effort[rows], role, name, marker))
     description = (
-        f"Friction of {len(trials)} constant-effort tests, {number(float(np.abs(effort).min()))} "
-        f"to {number(float(np.abs(effort).max()))} {effort_unit}, at speeds from "
+        f"Friction of {len(trials)} constant-effort tests, {number(float(effort.min()))} "
+        f"to {number(float(effort.max()))} {effort_unit}, at speeds from "
         f"{number(float(np.abs(speed).min()))} to {number(float(np.abs(speed).max()))} "
-        f"{units.speed}. The fitted line starts at {number(values[0])} {effort_unit} "
-        f"and rises by {number(values[1])} {effort_unit} per {units.speed}."
+        f"{units.speed}. The fitted line starts at {number(values[0])} {effort_unit} and rises "
+        f"by {number(values[1])} {effort_unit} per {units.speed}."
     )
-    return svg.to_figure(figure, "fig-sliding", "Friction over speed", description)
+    y = Scale(f"Friction {units.word}", effort_unit)
+    panel = Panel(Scale("Speed", units.speed), y, tuple(marks))
+    return Figure("fig-sliding", "Friction over speed", description, (panel,))
+
+
+def breakaway_figure(friction: Friction) -> Figure | None:
+    """Breakaway over the starting position, with each position's mean; None without such tests."""
+    trials, units = friction.used(STATIC), friction.units
+    if not trials:
+        return None
+    effort_unit = unit(units.effort)
+    place, way = _readings(trials, "position"), _readings(trials, "direction")
+    effort = np.abs(_readings(trials, "breakaway"))
+    marks: list[Mark] = [
+        Points(place[way == direction], effort[way == direction], role, name, marker)
+        for direction, name, marker, role in _DIRECTIONS
+        if np.any(way == direction)
+    ]
+    means = friction.positions()
+    if means:
+        rows = [(m.position, m.static.value, *m.static.interval) for m in means]
+        x, y, low, high = np.array(rows, dtype=float).T
+        marks.append(Intervals(x, y, low, high, marker="_"))
+    description = (
+        f"Breakaway {units.word} of {len(trials)} ramps from "
+        f"{len(means)} positions, between "
+        f"{number(float(effort.min()))} and {number(float(effort.max()))} {effort_unit}."
+    )
+    x = Scale("Starting position", units.position, margin=0.12)
+    y = Scale(f"Breakaway {units.word}", units.effort, margin=0.15)
+    panel = Panel(x, y, tuple(marks), legend="above")
+    return Figure("fig-static", "Breakaway by position", description, (panel,))
+
+
+def parameters_figure(estimates: Mapping[str, Estimate]) -> Figure:
+    """The identified parameters with their 95 % intervals, side by side."""
+    known = {name: e for name, e in estimates.items() if e.identified}
+    rows = [(i, e.value, *e.interval) for i, e in enumerate(known.values())]
+    ticks = tuple((float(i), f"{name}\n({e.unit})") for i, (name, e) in enumerate(known.items()))
+    marks = (Intervals(*np.array(rows, dtype=float).reshape(-1, 4).T),)
+    panel = Panel(Scale(ticks=ticks), Scale(), marks)
+    return Figure("fig-friction", "Friction parameters", "", (panel,))
 
 
 def _readings(trials: Sequence[TestUse], name: str) -> FloatArray:
@@ -151,9 +172,7 @@ def _readings(trials: Sequence[TestUse], name: str) -> FloatArray:
 
 
 def _points(trials: Sequence[TestUse]) -> SlidingPoints:
-    """The bundle's trials as the regression takes them (`sysid.friction`)."""
-    from sysid.friction import SlidingPoints
-
+    """The bundle's trials as the regression takes them ."""
     table = {k: _readings(trials, k) for k in ("motor", "gravity", "cylinder")}
     set_effort = table["motor"] - table["gravity"]
     applied = set_effort + table["cylinder"]
@@ -166,7 +185,6 @@ def _points(trials: Sequence[TestUse]) -> SlidingPoints:
 
 def _scatter(trials: Sequence[TestUse], units: MotionUnits) -> FloatArray | None:
     """Covariance (3, 3) of Coulomb, viscous, offset: the fit again without each test."""
-    from sysid.friction import fit_sliding
 
     def without(i: int) -> FloatArray:
         fit = fit_sliding(_points([*trials[:i], *trials[i + 1 :]]), units)
@@ -188,42 +206,4 @@ def _half_width(spread: FloatArray, speed: FloatArray, way: float, tests: int) -
     return np.asarray(half, dtype=float)
 
 
-def _static_figure(trials: Sequence[TestUse], friction: Friction, units: MotionUnits) -> Picture:
-    place, way = _readings(trials, "position"), _readings(trials, "direction")
-    effort, effort_unit = np.abs(_readings(trials, "breakaway")), unit(units.effort)
-    figure, ax = svg.panel("Breakaway by position")
-    for direction, name, marker, role in _DIRECTIONS:
-        rows = way == direction
-        if rows.any():
-            ax.plot(
-                place[rows], effort[rows], marker, color=COLOUR[role], markersize=3.5,
-                markerfacecolor="none", label=name,
-            )  # fmt: skip
-    for row in friction.positions():
-        _mean_bar(ax, row)
-    span = max(float(np.ptp(place)), 1e-9)
-    ax.set_xlim(float(place.min()) - 0.12 * span, float(place.max()) + 0.12 * span)
-    ax.set_xlabel(f"Starting position ({units.position})")
-    ax.set_ylabel(f"Breakaway {units.word} ({effort_unit})")
-    ax.margins(y=0.25)
-    svg.legend(ax, loc="upper right", ncols=2)
-    description = (
-        f"Breakaway {units.word} of {len(trials)} ramps from "
-        f"{len(friction.positions())} positions, between "
-        f"{number(float(effort.min()))} and {number(float(effort.max()))} {effort_unit}."
-    )
-    return svg.to_figure(figure, "fig-static", "Breakaway by position", description)
-
-
-def _mean_bar(ax: Any, row: StaticAtPosition) -> None:
-    value, (low, high) = row.static.value, row.static.interval
-    known = math.isfinite(low) and math.isfinite(high)
-    bars = [[value - low], [high - value]] if known else [[0.0], [0.0]]
-    if math.isfinite(value):
-        ax.errorbar(
-            [row.position], [value], yerr=bars, fmt="_", color=COLOUR["ink"], capsize=3,
-            markersize=9, elinewidth=1.0,
-        )  # fmt: skip
-
-
-__all__ = ["friction_section", "parameters_table"]
+__all__ = ["breakaway_figure", "friction_section", "parameters_figure", "speed_figure"]

@@ -1,32 +1,31 @@
-"""PWM surfaces: measured, fitted, their errors in duty, and which of the two to use."""
+"""PWM surfaces as they are shown: measured, fitted, errors in duty, and which one to use."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from sysid.blocks.figures import Picture
+from sysid.blocks.figures import ColourMap, Dash, Figure, Line, Mark, Panel, Points, Role, Scale
 from sysid.blocks.numbers import MISSING, estimate_cells, number
-from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Section
+from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section
 from sysid.blocks.tables import Table, table
-from sysid.document import svg
-from sysid.document.svg import COLOUR, MODEL_STYLES
+from sysid.identification.valve_pwm.remarks import Remarks
+from sysid.identification.valve_pwm.samples import sample_tests
+from sysid.identification.valve_pwm.selection import select_tests
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.parameters import FittedValves, PwmSurfaces
 from sysid.parameters.valves import AveragedRecord, DutyErrors, ResolutionRecord, SurfaceChoice
 from sysid.surfaces.comparison import obeys_averaged_law
+from sysid.surfaces.domain import LevelFlows, level_flows
 from sysid.types import FloatArray
 
-if TYPE_CHECKING:
-    from sysid.surfaces.domain import LevelFlows
-
-
 _NAMES = {"bipolynomial": "Bipolynomial", "ann": "Network", "averaged": "Averaged law"}
-_DIRECTIONS = {"fill": "filling", "discharge": "discharging"}
+DIRECTIONS = {"fill": "filling", "discharge": "discharging"}
+_STYLES: tuple[tuple[Role, Dash], ...] = (("model", "solid"), ("second", "dashed"))
 _LAW_NAMES = {
     "choked_flow_fill_kg_s": "Choked flow, filling",
     "choked_flow_dis_kg_s": "Choked flow, discharging",
@@ -95,7 +94,7 @@ class _Measured:
 
     @property
     def title(self) -> str:
-        return f"Valve {self.side.upper()}, {_DIRECTIONS[self.direction]}"
+        return f"Valve {self.side.upper()}, {DIRECTIONS[self.direction]}"
 
 
 def surfaces_section(
@@ -158,7 +157,7 @@ def _parts(
     found = []
     for side, valve in sorted(valves.sides().items()):
         levels = _levels(side, logs, rig) if valve.pwm is not None else {}
-        for direction in _DIRECTIONS:
+        for direction in DIRECTIONS:
             held = valve.surfaces(direction)
             if held is None or not held.surfaces():
                 continue
@@ -171,15 +170,10 @@ def _parts(
 
 def _levels(side: str, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> dict[str, LevelFlows]:
     """Measured flow by direction, sampled from the fit tests as the fit does."""
-    from sysid.identification.valve_pwm.remarks import Remarks
-    from sysid.identification.valve_pwm.samples import sample_tests
-    from sysid.identification.valve_pwm.selection import select_tests
-    from sysid.surfaces.domain import level_flows
-
     trials = [t for named, log in logs if named in (None, side) for t in log.trials]
     tests = select_tests(trials, rig, side, Remarks())
     found = {}
-    for direction in _DIRECTIONS:
+    for direction in DIRECTIONS:
         samples = sample_tests([t for t in tests if t.filling == (direction == "fill")], rig)
         if len(samples):
             found[direction] = level_flows(samples.duty, samples.pressure, samples.flow)
@@ -248,8 +242,6 @@ def _part_blocks(part: _Measured) -> list[Block]:
     if isinstance(study, ResolutionRecord):
         folded.append(_resolution(study))
     if part.choice is not None:
-        from sysid.blocks.sections import Lines
-
         blocks.append(Lines((f"Choice: {part.choice.reason}.",)))
     if folded:
         blocks.append(Fold(f"{part.title}: coefficients and weights", tuple(folded)))
@@ -306,30 +298,22 @@ def _resolution(study: ResolutionRecord) -> Table:
 # --- figures ---------------------------------------------------------------------------
 
 
-def _figures(part: _Measured) -> list[Picture]:
+def _figures(part: _Measured) -> list[Figure]:
     levels = part.levels
     if levels is None:
         return []
-    flow = 1e3 * levels.flow
+    flow, pressure = 1e3 * levels.flow, levels.pressure / 1e3
     limits = (float(np.nanmin(flow)), float(np.nanmax(flow)))
-    pressure = levels.pressure / 1e3
-    figures = [
-        _map(part, "measured", "Measured flow", (levels.duty, pressure, flow), limits, False)
-    ]
+    figures = [_map(part, "measured", "Measured flow", (levels.duty, pressure, flow), limits)]
     for kind, surface in part.surfaces.items():
-        duty, grid, fitted = _fitted(surface)
-        title = f"{_NAMES[kind]}: flow"
-        figures.append(_map(part, kind, title, (duty, grid, fitted), limits, False))
-    figures.append(_cuts(part, levels))
+        figures.append(_map(part, kind, f"{_NAMES[kind]}: flow", _fitted(surface), limits))
+    figures.append(flow_figure(part.title, part.tag, levels, part.surfaces))
     errors = {k: _duty_error(s, levels) for k, s in part.surfaces.items()}
     known = [np.abs(e[np.isfinite(e)]) for e in errors.values()]
     largest = max((float(np.percentile(k, 99)) for k in known if k.size), default=1.0)
     for kind, error in errors.items():
-        title = f"{_NAMES[kind]}: error in duty"
-        figures.append(
-            _map(part, f"{kind}-error", title, (levels.duty, pressure, error),
-                 (-largest, largest), True)
-        )  # fmt: skip
+        grid, title = (levels.duty, pressure, error), f"{_NAMES[kind]}: error in duty"
+        figures.append(_map(part, f"{kind}-error", title, grid, (-largest, largest), True))
     return figures
 
 
@@ -366,34 +350,16 @@ def _map(
     title: str,
     grid: _Grid,
     limits: tuple[float, float],
-    diverging: bool,
-) -> Picture:
+    is_error: bool = False,
+) -> Figure:
     duty, pressure, values = grid
-    figure, (ax,) = svg.panels(title, (1.0,), right=0.62)
-    width, height = figure.get_size_inches()
-    mesh = ax.pcolormesh(
-        pressure, duty, values, shading="nearest", cmap="PuOr" if diverging else "viridis",
-        vmin=limits[0], vmax=limits[1], rasterized=True,
-    )  # fmt: skip
-    ax.grid(False)
-    ax.axhspan(0.0, 1.0, color=COLOUR["grid"], linewidth=0, zorder=-1)
-    ax.set_xlabel("Pressure (kPa)")
-    ax.set_ylabel("Duty")
-    ax.set_ylim(0.0, 1.0)
-    box = ax.get_position()
-    bar = figure.add_axes((box.x1 + 0.09 / width, box.y0, 0.10 / width, box.height))
-    colours = figure.colorbar(mesh, cax=bar)
-    colours.outline.set_visible(False)
-    bar.tick_params(length=0, pad=2)
-    unit = "points" if diverging else "g/s"
-    figure.text(box.x1, 1.0 - 0.06 / height, unit, va="top", ha="left")
     known = values[np.isfinite(values)]
     description = (
         f"{part.title}, over pressures of {number(float(pressure.min()))} to "
         f"{number(float(pressure.max()))} kPa and duties of {number(float(duty.min()))} to "
         f"{number(float(duty.max()))}: "
     )
-    if diverging:
+    if is_error:
         rms = float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
         worst = float(np.abs(known).max()) if known.size else float("nan")
         description += (
@@ -402,40 +368,40 @@ def _map(
         )
     else:
         description += f"flow from {number(limits[0])} to {number(limits[1])} g/s."
-    return svg.to_figure(figure, f"fig-{part.tag}-{tag}", f"{part.title}. {title}", description)
+    unit = "points" if is_error else "g/s"
+    mark = ColourMap(pressure, duty, values, limits, unit, is_error)
+    panel = Panel(Scale("Pressure", "kPa"), Scale("Duty", limits=(0.0, 1.0)), (mark,))
+    whole = f"{part.title}. {title}"
+    return Figure(f"fig-{part.tag}-{tag}", whole, description, (panel,), title)
 
 
-def _cuts(part: _Measured, levels: LevelFlows) -> Picture:
-    """Flow over pressure at a few duties: measured points, fitted lines."""
-    figure, ax = svg.panel("Flow at a few duties")
-    any_domain = next(iter(part.surfaces.values())).domain_
-    inside = np.flatnonzero(any_domain.holds_duty(levels.duty))
+def flow_figure(title: str, tag: str, levels: LevelFlows, surfaces: Mapping[str, Any]) -> Figure:
+    """Flow over pressure at a few duties: measured points, fitted lines by the surface's kind."""
+    domain = next(iter(surfaces.values())).domain_
+    inside = np.flatnonzero(domain.holds_duty(levels.duty))
     chosen = inside[np.linspace(0, len(inside) - 1, min(_CUTS, len(inside))).astype(int)]
+    marks: list[Mark] = []
     for row in chosen:
-        measured = levels.count[row] > 0
-        ax.plot(
-            levels.pressure[measured] / 1e3, 1e3 * levels.flow[row, measured], "o",
-            color=COLOUR["measured"], markersize=2.2,
-        )  # fmt: skip
-    low, high = any_domain.pressure_range
+        seen = levels.count[row] > 0
+        flow = 1e3 * levels.flow[row, seen]
+        marks.append(Points(levels.pressure[seen] / 1e3, flow, size=2.2, is_filled=True))
+    low, high = domain.pressure_range
     pressure = np.linspace(low, high, 60)
-    for (kind, surface), (colour, dashes) in zip(part.surfaces.items(), MODEL_STYLES, strict=False):
-        for i, row in enumerate(chosen):
-            seen = np.flatnonzero(np.isfinite(levels.flow[row]))
-            ends = levels.pressure[seen[[0, -1]]]
+    for (kind, surface), (role, dash) in zip(surfaces.items(), _STYLES, strict=False):
+        label = _NAMES[kind].lower()
+        for row in chosen:
+            ends = levels.pressure[np.flatnonzero(np.isfinite(levels.flow[row]))[[0, -1]]]
             p = pressure[(pressure >= ends[0]) & (pressure <= ends[1])]
             if len(p) < 2:
                 continue
-            flow = surface.flow(np.full_like(p, levels.duty[row]), p)[0]
-            ax.plot(
-                p / 1e3, 1e3 * flow, color=colour, linestyle=dashes,
-                label=_NAMES[kind].lower() if i == 0 else None,
-            )  # fmt: skip
-    ax.set_xlabel("Pressure (kPa)")
-    ax.set_ylabel("Flow (g/s)")
-    svg.legend(ax)
+            flow = 1e3 * surface.flow(np.full_like(p, levels.duty[row]), p)[0]
+            marks.append(Line(p / 1e3, flow, role, label, dash))
+            label = ""
     duties = ", ".join(number(float(levels.duty[r]), 2) for r in chosen)
-    description = f"{part.title}: measured and fitted flow over pressure at duties of {duties}."
-    return svg.to_figure(
-        figure, f"fig-{part.tag}-cuts", f"{part.title}. Flow at a few duties", description
-    )
+    description = f"{title}: measured and fitted flow over pressure at duties of {duties}."
+    panel = Panel(Scale("Pressure", "kPa"), Scale("Flow", "g/s"), tuple(marks))
+    heading = "Flow at a few duties"
+    return Figure(f"fig-{tag}-cuts", f"{title}. {heading}", description, (panel,), heading)
+
+
+__all__ = ["DIRECTIONS", "flow_figure", "surfaces_section"]
