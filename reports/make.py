@@ -42,8 +42,8 @@ def picture(page: Path, target: Path) -> None:
 
 def main() -> None:
     """Run the bundled campaign and keep its report."""
-    from sysid.commands.run import run_campaign
     from sysid.io.bundled import bundled_campaign
+    from sysid.pipeline.run import run_campaign
 
     with tempfile.TemporaryDirectory() as folder:
         done = run_campaign(bundled_campaign(), Path(folder), progress=print)

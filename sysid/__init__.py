@@ -45,7 +45,8 @@ if TYPE_CHECKING:
         read_rig,
         write_bundle,
     )
-    from sysid.pipeline.fit_part import fit, fit_friction, fit_valve_discrete, fit_valve_pwm
+    from sysid.pipeline.fit import fit
+    from sysid.pipeline.fit_part import fit_friction, fit_valve_discrete, fit_valve_pwm
     from sysid.pipeline.refine import refine
     from sysid.pipeline.report import report
     from sysid.pipeline.simulate import simulate
@@ -101,7 +102,7 @@ _HOMES = {
     "control": "sysid.pipeline.control",
     "diagnose": "sysid.pipeline.diagnose",
     "export": "sysid.pipeline.export",
-    "fit": "sysid.pipeline.fit_part",
+    "fit": "sysid.pipeline.fit",
     "fit_friction": "sysid.pipeline.fit_part",
     "fit_valve_discrete": "sysid.pipeline.fit_part",
     "fit_valve_pwm": "sysid.pipeline.fit_part",

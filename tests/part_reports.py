@@ -10,11 +10,11 @@ import pandas as pd
 
 import sysid as si
 from sysid.diagnosis.bench.diagnose import diagnose_component
-from sysid.diagnosis.campaign import extended_bundle
 from sysid.diagnosis.content import content
 from sysid.document import write_report
 from sysid.io.campaign import read_campaign
-from sysid.pipeline.subject import subject_of
+from sysid.pipeline.check import checks_of
+from sysid.pipeline.diagnose import extended_bundle
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.linear import for_rig
 
@@ -138,7 +138,7 @@ def write_part_report(name: str, folder: Path) -> Path:
         path,
         campaign=campaign,
         bundle=extended_bundle(bundle, found, campaign),
-        checks=subject_of(campaign).checks(),
+        checks=checks_of(campaign),
         diagnosis=content(found),
     )
     return path

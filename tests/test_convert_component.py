@@ -9,8 +9,8 @@ import pytest
 from own_components import done, refused
 from test_own_component_files import CAMPAIGN, GOOD, RIG
 
-from sysid.components.campaign import out_of_range
 from sysid.components.loading import one_component
+from sysid.components.own_tests import out_of_range
 from sysid.io.samples import Trial
 
 VALVE = GOOD.replace(

@@ -26,7 +26,6 @@ from sysid.diagnosis import content as findings
 from sysid.diagnosis.actuator.diagnose import rivals_of
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.signatures import base_parameters
-from sysid.diagnosis.campaign import extended_bundle
 from sysid.diagnosis.refined import (
     simulating_best,
     with_refined_numbers,
@@ -38,6 +37,7 @@ from sysid.document.standing import drawn
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
 from sysid.parameters import read_bundle
+from sysid.pipeline.diagnose import extended_bundle
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.entry import Catalogue, CatalogueEffect
 from sysid.plant.effects.friction import StictionAfterRest

@@ -24,9 +24,10 @@ from export_compiler import compile_c, header, macros
 from scipy.io import loadmat
 
 from sysid.errors import InputError
-from sysid.exporters import export_bundle, export_file
+from sysid.exporters import export_bundle
 from sysid.parameters import Bundle, write_bundle
 from sysid.parameters.assembled_model import parameters_from_bundle
+from sysid.pipeline.export import export_file
 
 
 @pytest.fixture
@@ -229,7 +230,7 @@ def test_provenance_names_the_bundle_file(bundle: Bundle, tmp_path: Path) -> Non
     assert found["provenance"]["bundle_created"] == "2026-01-02T03:04:05+00:00"
     # A file that was laid out anew has a hash of its own.
     source.write_text(json.dumps(bundle.to_json()))
-    export_file(source, tmp_path / "out.h", "c")
+    export_file(source, tmp_path / "out.h", format="c")
     text = (tmp_path / "out.h").read_text()
     assert hashlib.sha256(source.read_bytes()).hexdigest() in text and digest not in text
     assert "2026-01-02T03:04:05+00:00" in text

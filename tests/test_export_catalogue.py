@@ -18,13 +18,14 @@ import pytest
 from export_bundles import RISING, upright, whole_bundle
 from export_compiler import STRICT, Compiled, compiler, header, macros
 
-from sysid.exporters import export_bundle, export_file
+from sysid.exporters import export_bundle
 from sysid.exporters.c_constants import own_constants
 from sysid.exporters.c_ports import ARGUMENTS, Port, ports
 from sysid.exporters.flat import flatten
 from sysid.parameters import Bundle, write_bundle
 from sysid.parameters.assembled_model import parameters_from_bundle
 from sysid.parameters.effects import entry_of
+from sysid.pipeline.export import export_file
 from sysid.plant.base import exhaust_boundary, filling_boundary
 from sysid.plant.effects.catalogue import catalogue, load_user_effects
 from sysid.plant.effects.entry import CatalogueEffect
@@ -380,8 +381,9 @@ def test_a_users_own_effect_is_exported(tmp_path: Path) -> None:
     kinds = load_user_effects(own)
     effects = [kinds["bumper"].typical(), kinds["branching"].typical()]
     write_bundle(bundle_with(effects), tmp_path / "bundle.json")
-    notices = export_file(tmp_path / "bundle.json", tmp_path / "controller.h", "c", effects=own)
-    assert [line for line in notices if "branching;" in line] == notices
+    source, header_file = tmp_path / "bundle.json", tmp_path / "controller.h"
+    notices = export_file(source, header_file, format="c", effects=own)
+    assert [line for line in notices if "branching;" in line] == list(notices)
     assert "a branch on a value has no C form" in (tmp_path / "controller.h").read_text()
     theta, zero = np.linspace(-1.6, 1.6, N), np.zeros(N)
     c = Compiled(tmp_path, {"external_with_effects": 3}, ())

@@ -20,11 +20,11 @@ import pytest
 
 from sysid.commands.app import main
 from sysid.commands.fleet import run_one
-from sysid.commands.run import run_campaign
 from sysid.errors import InputError
 from sysid.io import locks
 from sysid.io.files import inputs_kept, note_input, write_atomic
 from sysid.io.locks import LOCK_FILE, FolderInUseError, Holder, clear_left, working_in
+from sysid.pipeline.run import run_campaign
 
 BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
 HOLDS = """

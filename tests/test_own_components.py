@@ -15,8 +15,8 @@ from own_components import CYLINDER, MOTOR, done, refused
 import sysid as si
 from datasets.components import logs
 from sysid.components import LogColumn, Parameter, Quantity, StaticComponent, Term
-from sysid.components.campaign import tests_of as own_tests
-from sysid.components.campaign import training_part
+from sysid.components.own_tests import tests_of as own_tests
+from sysid.components.own_tests import training_part
 from sysid.diagnosis.bench.component import Law
 from sysid.parameters import read_bundle
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 import shutil
@@ -10,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,20 +18,23 @@ import pytest
 
 from sysid.commands.app import main
 from sysid.commands.printing import grouped_notices
-from sysid.commands.run import RunReport, run_campaign, show_run
-from sysid.commands.stages import (
-    EXPORTS,
-    PipelineRun,
-    _may_do_more,
-    digests,
-    has_whole_diagnosis,
-    perform,
-    stages_of,
-)
+from sysid.commands.run import show_run
 from sysid.errors import NotIdentifiedError
 from sysid.io.bundled import bundled_campaign
 from sysid.io.campaign import read_campaign
 from sysid.parameters import Bundle, EffectEntry, read_bundle, write_bundle
+from sysid.pipeline.run import (
+    EXPORTS,
+    PipelineRun,
+    RunOptions,
+    RunReport,
+    _may_do_more,
+    digests,
+    has_whole_diagnosis,
+    perform,
+    run_campaign,
+    stages_of,
+)
 
 # Without the refinement of the whole model, which takes longer than the others together:
 # `test_refine_command.py` has its stage.
@@ -145,11 +148,11 @@ def test_a_quick_diagnosis_says_what_it_left_out_and_is_made_anew(
     read = read_campaign(campaign)
     said: list[str] = []
     inputs = digests(read)
-    given = {"campaign": read, "folder": tmp_path, "surface": "both", "seed": 0, "inputs": inputs}
-    quick = PipelineRun(**given, tell=said.append, refine=False, quick=True)
+    asked = RunOptions(refine=False, quick=True, progress=said.append)
+    quick = PipelineRun(read, tmp_path, asked, inputs)
     assert has_whole_diagnosis(quick)
-    assert not has_whole_diagnosis(dataclasses.replace(quick, seed=1))
-    quick = dataclasses.replace(quick, refine=True)
+    assert not has_whole_diagnosis(PipelineRun(read, tmp_path, replace(asked, seed=1), inputs))
+    quick = PipelineRun(read, tmp_path, replace(asked, refine=True), inputs)
     state = json.loads((tmp_path / "run.json").read_text())
     del state["diagnose"]
     (tmp_path / "run.json").write_text(json.dumps(state))
@@ -168,8 +171,8 @@ def test_a_quick_diagnosis_says_what_it_left_out_and_is_made_anew(
     def stop(*_: Any, **__: Any) -> None:
         raise NotIdentifiedError("stopped by the test")
 
-    monkeypatch.setattr("sysid.commands.stages.diagnose", stop)
-    whole = PipelineRun(**given, tell=said.append, refine=False)
+    monkeypatch.setattr("sysid.pipeline.run.diagnose", stop)
+    whole = PipelineRun(read, tmp_path, replace(asked, quick=False), inputs)
     assert perform(whole, stage).why == "a first look with --quick"
 
 
@@ -228,7 +231,7 @@ def test_an_effect_in_the_extended_bundle_reaches_the_later_stages(
     first: RunReport, campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The stage's own work is put in the place of the diagnosis: a bundle with drag in it."""
-    from sysid.commands import stages
+    from sysid.pipeline import run as stages
 
     def with_drag(run: Any) -> None:
         bundle = read_bundle(run.path("fitted.json"))
@@ -332,7 +335,7 @@ def test_a_changed_log_makes_the_run_stale(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The diagnosis, the longest stage, is begun again too; what it found stands in for it."""
-    from sysid.commands import stages
+    from sysid.pipeline import run as stages
 
     former = {n: (first.folder / n).read_text() for n in ("diagnosis.json", "extended.json")}
 
@@ -352,7 +355,7 @@ def test_a_changed_log_makes_the_run_stale(
 
 
 def test_a_file_of_another_layout_is_made_anew(tmp_path: Path) -> None:
-    from sysid.commands.stages import Stage, perform
+    from sysid.pipeline.run import Stage, perform
 
     made: list[int] = []
 
@@ -361,9 +364,8 @@ def test_a_file_of_another_layout_is_made_anew(tmp_path: Path) -> None:
         run.path("one.json").write_text("{}")
 
     run: Any = SimpleNamespace(
-        inputs={}, surface="ann", seed=0, effects=None, refines=True, folder=tmp_path, notices=[],
-        unasked=[], campaign=SimpleNamespace(own=None), path=lambda name: tmp_path / name,
-        tell=lambda _: None, budget=None, exclude=(),
+        inputs={}, options=RunOptions(surface="ann"), folder=tmp_path, notices=[], unasked=[],
+        campaign=SimpleNamespace(own=None), path=lambda name: tmp_path / name,
     )  # fmt: skip
     old, new = (Stage("one", ("one.json",), (), write, layout=n) for n in (1, 2))
     assert perform(run, old).why and perform(run, old).why is None

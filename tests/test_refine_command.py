@@ -21,13 +21,13 @@ import pytest
 from datasets.generator.campaign import Size, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
-from sysid.commands import stages
 from sysid.commands.app import main
-from sysid.commands.run import RunReport, run_campaign
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
 from sysid.parameters import Bundle, FittedValves, Friction, Parts, read_bundle, write_bundle
 from sysid.parameters.valves import LAW_KEYS
+from sysid.pipeline import run as stages
+from sysid.pipeline.run import RunReport, run_campaign
 from sysid.refinement.refine import refine
 from sysid.refinement.result import RefineResult
 from sysid.refinement.unknowns import unknowns_of, without_own_data

@@ -28,7 +28,7 @@ from sysid.io.campaign import Campaign, read_campaign
 from sysid.io.rig import rig_from_content
 from sysid.parameters import Bundle, read_bundle, write_bundle
 from sysid.parameters.effects import entry_of
-from sysid.pipeline.fit_part import fit
+from sysid.pipeline.fit import fit
 from sysid.plant.effects.catalogue import catalogue
 from sysid.recording.motion_tests import prepare
 from sysid.refinement import lengthening

@@ -19,9 +19,6 @@ from test_valve_pwm import make_rig, make_trials
 from sysid import assembly, valve_discrete, valve_pwm
 from sysid.blocks.sections import Plot, Section
 from sysid.checks.consistency import campaign as consistency
-from sysid.commands import stages
-from sysid.commands.printing import unless_failed
-from sysid.commands.run import RunReport, run_campaign
 from sysid.diagnosis.bench.diagnose import _held_out
 from sysid.document import page, render_report
 from sysid.errors import InputError, NotIdentifiedError, SimulationError
@@ -32,7 +29,11 @@ from sysid.io.logs import Log
 from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
 from sysid.parameters import Bundle, read_bundle
 from sysid.parameters.assembled_model import assumed_parameters
+from sysid.pipeline import run as stages
+from sysid.pipeline.export import ExportOptions
 from sysid.pipeline.fit import fit_campaign
+from sysid.pipeline.report import PageOptions, write_page
+from sysid.pipeline.run import RunReport, run_campaign
 from sysid.surfaces.comparison import SurfaceComparison
 from sysid.validation import open_loop, validate
 from sysid.valve_pwm import fit_valve_pwm
@@ -321,10 +322,10 @@ def test_a_file_that_cannot_be_made_is_said_and_tried_again(
 ) -> None:
     write = stages.export_file
 
-    def but_matlab(source: Path, path: Path, kind: str, **options: Any) -> list[str]:
-        if kind == "mat":
+    def but_matlab(source: Path, path: Path, options: ExportOptions) -> tuple[str, ...]:
+        if options.format == "mat":
             raise ValueError("not for MATLAB")
-        return write(source, path, kind, **options)
+        return write(source, path, options)
 
     monkeypatch.setattr(stages, "diagnose", failing(NotIdentifiedError("no motion")))
     assert "mat" in run(friction_alone, tmp_path).exports
@@ -376,10 +377,14 @@ def test_a_plot_of_what_is_no_number_does_not_end_its_page(
     assert "This section could not be made" in html and "of nothing" not in html
 
 
-def test_a_page_is_made_without_what_it_shows_beside(capsys: pytest.CaptureFixture[str]) -> None:
-    assert unless_failed("not validated", failing(NotIdentifiedError("no law")), None) is None
-    assert capsys.readouterr().err == "sysid: notice: not validated: no law\n"
-    assert unless_failed("not validated", lambda: 3, None) == 3
+def test_a_page_is_made_without_what_it_shows_beside(
+    bundled: Campaign, fitted: Bundle, tmp_path: Path
+) -> None:
+    some = only(bundled, "friction-static", "friction-sliding")
+    page = tmp_path / "report.html"
+    lacking = PageOptions(validation=failing(NotIdentifiedError("no law")))
+    assert write_page(page, some, fitted, lacking) == ("not validated: no law",)
+    assert page.is_file() and write_page(page, some, fitted, PageOptions()) == ()
 
 
 def test_a_verdict_that_cannot_be_worked_out_says_why(

@@ -132,6 +132,8 @@ def _run(arguments: Sequence[str] | None) -> int:
         words = _without_jobs(sys.argv[1:] if arguments is None else arguments)
         app(args=words, prog_name="sysid", standalone_mode=False)
     except SysidError as error:
+        for line in getattr(error, "__notes__", ()):
+            click.echo(f"sysid: notice: {visible(one_line(line))}", err=True)
         return _report("error", _with_page(error), error.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)

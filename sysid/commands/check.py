@@ -21,7 +21,6 @@ from sysid.commands.options import (
     rig_option,
     verbose_option,
 )
-from sysid.commands.own_component import read_with
 from sysid.commands.printing import (
     Printed,
     Strong,
@@ -38,7 +37,8 @@ from sysid.io.logs import exclusions_for, read_log
 from sysid.io.rig import find_rig_file, read_rig
 from sysid.io.tables import require_log
 from sysid.io.units import ColumnMap, parse_map
-from sysid.pipeline.subject import subject_of
+from sysid.pipeline.check import check_campaign
+from sysid.pipeline.files import read_with
 
 # Lines of remarks, the first of the campaign's logs; all with -v.
 _REMARKS = 12
@@ -135,7 +135,7 @@ def _campaign_check(
         )
     campaign = read_with(path, component, progress(), exclude)
     said += [*campaign.notices, *campaign.rig.notices]
-    return subject_of(campaign).check()
+    return check_campaign(campaign)
 
 
 def _logs_of(checked: Iterable[LogCheck | CampaignCheck]) -> Iterator[LogCheck]:

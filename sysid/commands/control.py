@@ -29,7 +29,7 @@ from sysid.controllers.modes import Mode
 from sysid.io.files import make_folder
 from sysid.io.locks import working_in
 from sysid.parameters import read_bundle
-from sysid.pipeline.control import ControlledRun
+from sysid.pipeline.control import ControlledRun, ControlOptions
 from sysid.pipeline.control import control as control_bundle
 from sysid.pipeline.control_table import ControlTable, control_table
 from sysid.surfaces.kinds import SURFACES
@@ -147,47 +147,20 @@ def control_run(
     bundle_path: Path,
     *,
     controller: str,
-    trajectory: int,
-    mode: str,
-    payload_kg: float | None = None,
     plant_bundle: Path | None = None,
-    inverse: str | None = None,
-    horizon: int | None = None,
-    varying_input: bool | None = None,
-    backstepping_type: int | None = None,
-    estimate_payload: bool | None = None,
-    perfect_sensors: bool | None = None,
-    seed: int = 0,
-    effects: Path | None = None,
     output: Path | None = None,
-    accept_assumed: bool = False,
-    progress: Progress = no_progress,
+    **options: Any,
 ) -> Controlled:
     """Run the closed loop and write it to the folder `output`, if there is one.
 
-    `effects` is a file of a user's own effects, which is run, and so is the file of a
-    controller. Raises as `sysid.control` does.
+    `options` are those of `ControlOptions`, None for its own. Raises as `sysid.control` does.
     """
     if output is not None:
         make_folder(output)
-    found = control_bundle(
-        read_bundle(bundle_path),
-        controller,
-        trajectory=trajectory,
-        mode=mode,
-        payload_kg=payload_kg,
-        plant=None if plant_bundle is None else read_bundle(plant_bundle),
-        inverse=inverse or "averaged",
-        horizon=horizon,
-        varying_input=varying_input,
-        backstepping_type=backstepping_type,
-        estimate_payload=estimate_payload,
-        perfect_sensors=bool(perfect_sensors),
-        seed=seed,
-        effects=effects,
-        accept_assumed=accept_assumed,
-        progress=progress,
-    )
+    given = {name: value for name, value in options.items() if value is not None}
+    plant = None if plant_bundle is None else read_bundle(plant_bundle)
+    asked = ControlOptions(**given, plant=plant)
+    found = control_bundle(read_bundle(bundle_path), controller, asked)
     return Controlled(found, () if output is None else found.write(output))
 
 

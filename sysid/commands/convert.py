@@ -11,12 +11,12 @@ from rich.text import Text
 
 from sysid.blocks.terminal import console, new_table
 from sysid.commands.options import PathArgument, component_option, json_option, map_option
-from sysid.commands.own_component import own_kind
 from sysid.commands.printing import notices, print_json, progress
 from sysid.errors import one_line, shortened
 from sysid.io import conversion
 from sysid.io.conversion import ConversionReport
 from sysid.io.listing import ListedChannel, Listing, channels_of
+from sysid.pipeline.files import own_kind
 
 # A table of channels is as wide as its longest name asks for, up to this.
 _WIDEST = 10_000

@@ -22,15 +22,14 @@ from sysid.commands.options import (
     json_option,
     report_option,
 )
-from sysid.commands.own_component import read_with
-from sysid.commands.printing import notices, print_json, print_result, progress, unless_failed
+from sysid.commands.printing import notices, print_json, print_result, progress
 from sysid.diagnosis.result import Diagnosis
-from sysid.io.campaign import Campaign
-from sysid.parameters import read_bundle, write_bundle
-from sysid.pipeline.diagnose import CampaignDiagnosis
+from sysid.parameters import read_bundle
+from sysid.pipeline.diagnose import CampaignDiagnosis, DiagnoseOptions
 from sysid.pipeline.diagnose import diagnose as workflow
-from sysid.pipeline.subject import subject_of
-from sysid.plant.effects.catalogue import catalogue_with
+from sysid.pipeline.files import read_with
+from sysid.pipeline.report import PageOptions, write_results
+from sysid.pipeline.validate import ValidateOptions, is_validated, validate
 from sysid.types import Progress, no_progress
 
 
@@ -85,70 +84,29 @@ def diagnose_campaign(
     *,
     output: Path | None = None,
     report: Path | None = None,
-    effects: Path | None = None,
     component: str | None = None,
     exclude: Sequence[str] = (),
-    refine: bool = True,
-    seed: int = 0,
-    budget: float | None = None,
-    quick: bool = False,
     progress: Progress = no_progress,
+    **options: Any,
 ) -> Diagnosed:
     """Diagnose a campaign with its fitted bundle; write the extended bundle and the report.
 
-    `effects` is a Python file with effects in addition to the catalogue, `component` one of the
-    user's own, whose logs are the campaign's; `exclude` what is not read of them; `refine` whether
-    the numbers of what was found are those of simulation error; after `budget` seconds of processor
-    time (None: after so many evaluations) it ends with the best so far, a `quick` one after a first
-    look. Raises InputError for unusable files, NotIdentifiedError where the bundle or the campaign
-    is insufficient.
+    `component`: a file of the user's own, whose logs are the campaign's; `exclude` what is not read
+    of them; `options` those of `DiagnoseOptions`. Raises InputError for unusable files,
+    NotIdentifiedError where the bundle or the campaign is insufficient.
     """
     campaign = read_with(campaign_path, component, progress, exclude)
-    bundle = read_bundle(bundle_path)
-    found = workflow(
-        campaign,
-        bundle,
-        effects=effects,
-        refine=refine,
-        seed=seed,
-        budget=budget,
-        quick=quick,
-        progress=progress,
-    )
-    written = []
-    if output is not None:
-        write_bundle(found.bundle, output)
-        written.append(output)
-    if report is not None:
-        _write_report(report, campaign, found, effects, progress)
-        written.append(report)
-    notices = (*campaign.notices, *campaign.rig.notices, *found.notices)
-    return Diagnosed(found, tuple(dict.fromkeys(notices)), tuple(written))
-
-
-def _write_report(
-    path: Path,
-    campaign: Campaign,
-    found: CampaignDiagnosis,
-    effects: Path | None,
-    progress: Progress,
-) -> None:
-    from sysid.document import write_report
-
+    asked = DiagnoseOptions(**options, progress=progress)
+    found = workflow(campaign, read_bundle(bundle_path), asked)
     validation = None
-    subject = subject_of(campaign)
-    if subject.is_validated(found.bundle):
-        validate = partial(subject.validate, found.bundle, catalogue_with(effects), progress)
-        validation = unless_failed("not validated", validate, None)
-    write_report(
-        path,
-        campaign=campaign,
-        bundle=found.bundle,
-        validation=validation,
-        checks=unless_failed("not checked", subject.checks, ()),
-        diagnosis=found.content(),
-        progress=progress,
-    )
+    if is_validated(campaign, found.bundle):
+        shown = ValidateOptions(effects=asked.effects, progress=progress)
+        validation = partial(validate, campaign, found.bundle, shown)
+    page = PageOptions(validation=validation, progress=progress)
+    unseen = write_results(campaign, found, page, output, report)
+    notices = (*unseen, *campaign.notices, *campaign.rig.notices, *found.notices)
+    written = tuple(path for path in (output, report) if path is not None)
+    return Diagnosed(found, tuple(dict.fromkeys(notices)), written)
 
 
 def show_diagnosis(diagnosed: Diagnosed, as_json: bool) -> None:

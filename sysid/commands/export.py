@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,14 +14,13 @@ from sysid.commands.options import (
     json_option,
 )
 from sysid.commands.printing import notices, print_blocks, print_json, written_lines
-from sysid.exporters import check_folder, export_file
+from sysid.pipeline.export import ExportOptions, check_folder, export_file
 
 
 @click.command()
 @click.argument("bundle", type=PathArgument)
 @click.option(
     "--format",
-    "kind",
     required=True,
     type=click.Choice(["c", "mat", "json"]),
     help="Format of the file.",
@@ -29,22 +29,16 @@ from sysid.exporters import check_folder, export_file
 @effects_option
 @accept_assumed_option
 @json_option
-def export(
-    bundle: Path,
-    kind: str,
-    output: Path,
-    effects: Path | None,
-    accept_assumed: bool,
-    as_json: bool,
-) -> None:
+def export(bundle: Path, output: Path, as_json: bool, **options: Any) -> None:
     """Files for a controller: a C header, a MATLAB file or flat JSON.
 
     Beside the header a folder is written that replays Python's numbers through it.
     """
-    said = export_file(bundle, output, kind, effects=effects, accept_assumed=accept_assumed)
+    asked = ExportOptions(**options)
+    said = export_file(bundle, output, asked)
     notices(said)
     check = check_folder(output)
-    has_check = kind == "c" and check.is_dir()
+    has_check = asked.format == "c" and check.is_dir()
     if as_json:
         shown = {"written": str(output), "notices": list(said)}
         print_json(shown | ({"check": str(check)} if has_check else {}))

@@ -16,8 +16,7 @@ from sysid import parallel
 from sysid.blocks.numbers import ascii_text
 from sysid.commands.options import PathArgument, options
 from sysid.commands.printing import grouped_notices, notices, print_blocks, print_json, progress
-from sysid.commands.run import RunReport, run_campaign, run_options
-from sysid.commands.stages import FITTED_FILE
+from sysid.commands.run import run_options
 from sysid.diagnosis import wording
 from sysid.errors import InputError, NotIdentifiedError, SysidError, input_error
 from sysid.fleet.origin import Origin, origin_of, result_folder
@@ -27,6 +26,7 @@ from sysid.io.campaign import read_campaign
 from sysid.io.files import check_each_once, write_atomic
 from sysid.io.locks import clear_left, working_in
 from sysid.parameters import read_bundle
+from sysid.pipeline.run import FITTED_FILE, RunReport, run_campaign
 from sysid.plant.effects.catalogue import catalogue_with
 from sysid.types import Progress, no_progress
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from rich.console import Console
 from rich.text import Text
@@ -23,21 +23,8 @@ from sysid.blocks.tables import Table, table
 from sysid.blocks.terminal import console, terminal_table
 from sysid.errors import one_line
 from sysid.estimation.linear import Estimate
-from sysid.parallel import Failure, on_its_own
 from sysid.parameters import Validation
 from sysid.types import Progress, no_progress
-
-Result = TypeVar("Result")
-Other = TypeVar("Other")
-
-
-def unless_failed(not_done: str, work: Callable[[], Result], otherwise: Other) -> Result | Other:
-    """What a page shows beside what was asked for; `otherwise`, with a notice, where it fails."""
-    found = on_its_own(work)
-    if not isinstance(found, Failure):
-        return found
-    notices([f"{not_done}: {found.reason}"])
-    return otherwise
 
 
 def notices(lines: Iterable[str]) -> None:

@@ -19,14 +19,14 @@ from sysid.commands.options import (
     json_option,
     report_option,
 )
-from sysid.commands.own_component import read_with
-from sysid.commands.printing import notices, print_json, print_result, progress, unless_failed
+from sysid.commands.printing import notices, print_json, print_result, progress
 from sysid.errors import input_error
-from sysid.io.campaign import Campaign
-from sysid.parameters import Bundle, read_bundle, write_bundle
-from sysid.pipeline.subject import subject_of
-from sysid.plant.effects.catalogue import catalogue_with
-from sysid.plant.effects.entry import Catalogue
+from sysid.parameters import read_bundle
+from sysid.pipeline.files import read_with
+from sysid.pipeline.refine import RefineOptions
+from sysid.pipeline.refine import refine as workflow
+from sysid.pipeline.report import PageOptions, write_results
+from sysid.pipeline.validate import ValidateOptions, validate
 from sysid.types import Progress, no_progress
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def refine(
     given = [name for name, value in {**beside_files, "no-prior": no_prior}.items() if value]
     if component is not None and given:
         raise input_error(f"--{given[0]}", "is not for a component of your own", "omit it")
-    result, written = refine_campaign(
+    result, unseen, written = refine_campaign(
         campaign,
         bundle,
         component=component,
@@ -81,6 +81,7 @@ def refine(
         progress=progress(),
         **options,
     )
+    notices(unseen)
     _show(result, written, as_json)
 
 
@@ -92,53 +93,23 @@ def refine_campaign(
     report: Path | None = None,
     component: str | None = None,
     exclude: Sequence[str] = (),
-    effects: Path | None = None,
     progress: Progress = no_progress,
     **options: Any,
-) -> tuple[RefineResult | OwnRefinement, tuple[Path, ...]]:
-    """Refine a bundle on a campaign's motion logs; the result, and the files that were written.
+) -> tuple[RefineResult | OwnRefinement, tuple[str, ...], tuple[Path, ...]]:
+    """Refine a bundle on a campaign's motion logs; the result, notices, and the files written.
 
-    `effects` is a Python file with further effects, `component` one with a component of the user's
-    own; they are executed; `exclude` names what is not read. `options` are those of
-    `sysid.refinement`. Raises InputError for unusable files or unknown names, NotIdentifiedError
-    where the bundle lacks what the simulation needs.
+    `component`: a file of the user's own, which is executed; `exclude` names what is not read;
+    `options` are those of `RefineOptions`. Raises InputError for unusable files or unknown names,
+    NotIdentifiedError where the bundle lacks what the simulation needs.
     """
     campaign = read_with(campaign_path, component, progress, exclude)
-    catalogue = catalogue_with(effects) if effects else None
-    result = subject_of(campaign).refine(
-        read_bundle(bundle_path), progress, {**options, "catalogue": catalogue}
-    )
-    return result, _written(campaign, result.bundle, output, report, catalogue, progress)
-
-
-def _written(
-    campaign: Campaign,
-    bundle: Bundle,
-    output: Path | None,
-    report: Path | None,
-    catalogue: Catalogue | None,
-    progress: Progress,
-) -> tuple[Path, ...]:
-    """Write the refined bundle and its report where they are asked for; the files."""
-    written = []
-    if output is not None:
-        write_bundle(bundle, output)
-        written.append(output)
-    if report is not None:
-        from sysid.document import write_report
-
-        subject = subject_of(campaign)
-        validate = partial(subject.validate, bundle, catalogue, progress)
-        write_report(
-            report,
-            campaign=campaign,
-            bundle=bundle,
-            validation=unless_failed("not validated", validate, None),
-            checks=unless_failed("not checked", subject.checks, ()),
-            progress=progress,
-        )
-        written.append(report)
-    return tuple(written)
+    asked = RefineOptions(**options, progress=progress)
+    result = workflow(campaign, read_bundle(bundle_path), asked)
+    shown = ValidateOptions(effects=asked.effects, progress=progress)
+    validation = partial(validate, campaign, result.bundle, shown)
+    page = PageOptions(validation=validation, progress=progress)
+    unseen = write_results(campaign, result.bundle, page, output, report)
+    return result, unseen, tuple(path for path in (output, report) if path is not None)
 
 
 def _show(result: RefineResult | OwnRefinement, written: tuple[Path, ...], as_json: bool) -> None:

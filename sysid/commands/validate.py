@@ -19,19 +19,19 @@ from sysid.commands.options import (
     json_option,
     report_option,
 )
-from sysid.commands.own_component import read_with
 from sysid.commands.printing import (
     notices,
     print_blocks,
     print_json,
     progress,
-    unless_failed,
     validation_table,
     written_lines,
 )
-from sysid.parameters import Bundle, read_bundle, write_bundle
-from sysid.pipeline.subject import subject_of
-from sysid.plant.effects.catalogue import catalogue_with
+from sysid.parameters import Bundle, read_bundle
+from sysid.pipeline.files import read_with
+from sysid.pipeline.report import PageOptions, write_results
+from sysid.pipeline.validate import ValidateOptions
+from sysid.pipeline.validate import validate as workflow
 from sysid.types import Progress, no_progress
 
 
@@ -83,38 +83,24 @@ def validate_campaign(
     *,
     report: Path | None = None,
     output: Path | None = None,
-    effects: Path | None = None,
     component: str | None = None,
     exclude: Sequence[str] = (),
     progress: Progress = no_progress,
+    **options: Any,
 ) -> Validated:
     """Simulate a campaign's motion logs open loop with a bundle's model.
 
-    `effects` is a Python file with further effects, `component` one with a component of the
-    user's own; they are executed; `exclude` names what is not read. Raises InputError for unusable
-    files, NotIdentifiedError where the bundle lacks what the simulation needs.
+    `component`: a file of the user's own, which is executed; `exclude` names what is not read;
+    `options` are those of `ValidateOptions`. Raises InputError for unusable files,
+    NotIdentifiedError where the bundle lacks what the simulation needs.
     """
     campaign = read_with(campaign_path, component, progress, exclude)
     bundle = read_bundle(bundle_path)
-    catalogue = catalogue_with(effects) if effects else None
-    result = subject_of(campaign).validate(bundle, catalogue, progress)
+    result = workflow(campaign, bundle, ValidateOptions(**options, progress=progress))
     bundle = bundle.replaced(validation=result.record())
     bundle = bundle.with_sources(campaign.sources("holdout"))
-    written = []
-    if output is not None:
-        write_bundle(bundle, output)
-        written.append(output)
-    if report is not None:
-        from sysid.document import write_report
-
-        write_report(
-            report,
-            campaign=campaign,
-            bundle=bundle,
-            validation=result,
-            checks=unless_failed("not checked", subject_of(campaign).checks, ()),
-            progress=progress,
-        )
-        written.append(report)
-    notices = (*campaign.notices, *campaign.rig.notices, *result.notices)
-    return Validated(bundle, notices, tuple(written))
+    page = PageOptions(validation=result, progress=progress)
+    unseen = write_results(campaign, bundle, page, output, report)
+    notices = (*unseen, *campaign.notices, *campaign.rig.notices, *result.notices)
+    written = tuple(path for path in (output, report) if path is not None)
+    return Validated(bundle, notices, written)

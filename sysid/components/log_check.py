@@ -11,8 +11,8 @@ from sysid import signals
 from sysid.checks.campaign_check import CampaignCheck, merged
 from sysid.checks.friction import Identification
 from sysid.checks.log_check import ChannelCheck, LogCheck
-from sysid.components.campaign import loaded_in, missing_column, out_of_range, part_of
 from sysid.components.loading import LoadedComponent
+from sysid.components.own_tests import loaded_in, missing_column, out_of_range, part_of
 from sysid.components.parts import OwnPart, scales_of
 from sysid.diagnosis.bench.component import Law
 from sysid.estimation.nonlinear import Parameter, central_jacobian_of_all
@@ -30,18 +30,13 @@ _TIED = 1e-4
 _INTERVAL = 1.96
 
 
-def check_own(campaign: Campaign) -> list[LogCheck]:
-    """Check every log of a campaign of a component of the user's own.
+def check_own(campaign: Campaign) -> CampaignCheck:
+    """Check every log of a campaign of a component of the user's own, and all training logs.
 
     A column that is missing, constant, or beyond its declared range is a line of `excitation` or of
     the notices; each log says what it identifies by itself. Raises InputError where a file cannot
     be read.
     """
-    return list(check_own_whole(campaign).logs)
-
-
-def check_own_whole(campaign: Campaign) -> CampaignCheck:
-    """The same, and what all training logs identify together."""
     loaded = loaded_in(campaign)
     read = [(entry, campaign.read(entry)) for entry in campaign.logs]
     checks = [replace(_check(log, loaded), use=entry.use) for entry, log in read]
@@ -228,4 +223,4 @@ def _tied(jacobian: FloatArray, shows: FloatArray) -> set[int]:
     return {int(place[i]) for row in weak for i in np.flatnonzero(np.abs(row) > 0.1)}
 
 
-__all__ = ["check_own", "check_own_whole"]
+__all__ = ["check_own"]

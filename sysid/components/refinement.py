@@ -11,9 +11,9 @@ import numpy as np
 from sysid.blocks.numbers import number
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, estimate_records, table
-from sysid.components.campaign import tests_of, training_part
 from sysid.components.definition import DynamicComponent
 from sysid.components.dynamic import DynamicPart
+from sysid.components.own_tests import tests_of, training_part
 from sysid.components.parts import OwnPart, effects_in
 from sysid.components.validation import validate_own
 from sysid.diagnosis.bench.component import Law

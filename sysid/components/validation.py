@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sysid.components.campaign import law_in, tests_of
 from sysid.components.definition import DynamicComponent
+from sysid.components.own_tests import law_in, tests_of
 from sysid.components.parts import OwnPart
 from sysid.diagnosis.bench.component import Law
 from sysid.io.campaign import Campaign

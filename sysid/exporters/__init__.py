@@ -12,9 +12,7 @@ from pathlib import Path
 from sysid.errors import InputError, input_error
 from sysid.exporters.flat import Flat, flatten
 from sysid.io.files import write_atomic
-from sysid.io.tables import read_bytes
-from sysid.parameters import Bundle, EffectEntry, bundle_text, read_bundle
-from sysid.parameters.assembled_model import effects_from_bundle
+from sysid.parameters import Bundle, EffectEntry, bundle_text
 from sysid.parameters.effects import effect_from_entry
 from sysid.plant.effects.catalogue import catalogue_with
 from sysid.plant.effects.entry import SIDE_CHOICES, Catalogue, CatalogueEffect
@@ -29,7 +27,6 @@ __all__ = [
     "Flat",
     "check_folder",
     "export_bundle",
-    "export_file",
     "flatten",
     "listed_effects",
 ]
@@ -38,35 +35,6 @@ __all__ = [
 def check_folder(header: Path) -> Path:
     """The folder beside a C header that checks it: `model_check` beside `model.h`."""
     return header.with_name(f"{header.stem}_check")
-
-
-def export_file(
-    source: Path,
-    path: Path,
-    fmt: str,
-    *,
-    prefix: str = DEFAULT_PREFIX,
-    effects: Path | None = None,
-    accept_assumed: bool = False,
-) -> list[str]:
-    """Read the bundle `source` and export it to `path`, with the file's own SHA-256.
-
-    Arguments, notices and errors as `export_bundle`; InputError for a bad bundle too, and for
-    effects that neither the catalogue nor `effects`, a user's file that is run, holds.
-    """
-    bundle = read_bundle(source)
-    catalogue = catalogue_with(effects)
-    effects_from_bundle(bundle, catalogue)
-    digest = hashlib.sha256(read_bytes(source, "a bundle", is_bundle=True)).hexdigest()
-    return export_bundle(
-        bundle,
-        path,
-        fmt,
-        prefix=prefix,
-        sha256=digest,
-        catalogue=catalogue,
-        accept_assumed=accept_assumed,
-    )
 
 
 def export_bundle(

@@ -157,7 +157,7 @@ class Campaign:
     """A campaign file as read; its logs are read when they are used.
 
     `own` is the kind of log that a component of the user's own brings, None without one; `name` is
-    for readers, empty without one.
+    for readers, empty without one. `at_hand`: logs that were read before, by their paths.
 
     >>> entry = campaign.select(["friction-sliding"], use="fit")[0]
     >>> campaign.read(entry).trials[0].label
@@ -170,6 +170,7 @@ class Campaign:
     notices: tuple[str, ...] = ()
     own: OwnKind | None = None
     name: str = ""
+    at_hand: Mapping[Path, Log] = field(default_factory=dict)
 
     def select(self, kinds: Sequence[str], use: str | None = "fit") -> tuple[CampaignLog, ...]:
         """The entries of these kinds and this use (None: either), in the file's order."""
@@ -257,7 +258,7 @@ class Campaign:
         return replace(log, trials=trials, notices=(*log.notices, line))
 
     def _as_recorded(self, entry: CampaignLog) -> Log:
-        log = read_log(
+        log = self.at_hand.get(entry.path) or read_log(
             entry.path,
             self.rig,
             entry.mapping,

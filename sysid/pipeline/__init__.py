@@ -1,5 +1,5 @@
-"""The functions of the library: objects in, objects out; `import sysid` offers all of them.
+"""What a user can ask for, one file each: what is given and its options in, a result out.
 
-One module per task: reading files, fitting, simulating, diagnosing, validating and checking,
-and writing. Commands and notebooks call the same functions.
+Options are a frozen dataclass, declared once (`request`). Commands pass it whole, `import sysid`
+takes its fields by keyword. `run` is all requests in turn, `files` reads and writes.
 """

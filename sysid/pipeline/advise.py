@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from scipy.special import ndtri
 
 from sysid.blocks.progress import progress_or_shown
 from sysid.diagnosis.actuator.suspects import SIGNIFICANCE
 from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle
+from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 from sysid.plant.effects.catalogue import catalogue as own_catalogue
 from sysid.refinement.advice_result import AdviceResult
-from sysid.types import Progress
 
 
-def advise(
-    campaign: Campaign,
-    bundle: Bundle,
-    *,
-    effects: EffectSource = None,
-    progress: Progress | None = None,
-) -> AdviceResult:
+@dataclass(frozen=True, kw_only=True)
+class AdviseOptions(Reported):
+    """`effects`: those of the bundle that the catalogue lacks."""
+
+    effects: EffectSource = None
+
+
+@takes(AdviseOptions)
+def advise(campaign: Campaign, bundle: Bundle, options: AdviseOptions) -> AdviceResult:
     """Standard errors that each of a list of tests would lead to, the best test first.
 
     Of every parameter of the bundle and strength of its effects, in their units, `now` (bench
@@ -36,13 +40,13 @@ def advise(
     """
     from sysid.refinement import advice
 
-    catalogue = catalogue_from(effects)
+    catalogue = catalogue_from(options.effects)
     # As in a diagnosis: an effect is seen where chance among all of them is excluded.
     threshold = -float(ndtri(SIGNIFICANCE / len(catalogue or own_catalogue())))
-    with progress_or_shown(progress, "advising") as tell:
+    with progress_or_shown(options.progress, "advising") as tell:
         return advice.advise(
             campaign, bundle, threshold=threshold, catalogue=catalogue, progress=tell
         )
 
 
-__all__ = ["advise"]
+__all__ = ["AdviseOptions", "advise"]

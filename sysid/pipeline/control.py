@@ -27,8 +27,8 @@ from sysid.document.control import write_control_page
 from sysid.errors import input_error
 from sysid.io.locks import working_in
 from sysid.parameters import Bundle
+from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
-from sysid.types import Progress
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -172,25 +172,45 @@ class ControlledRun(Shown):
         }
 
 
+@dataclass(frozen=True, kw_only=True)
+class ControlOptions(Reported):
+    """What is followed, on which plant, and how the controller is tuned."""
+
+    trajectory: int = 1
+    mode: str | Mode = "hybrid"
+    payload_kg: float | None = None
+    plant: Bundle | None = None
+    inverse: str = "averaged"
+    horizon: int | None = None
+    varying_input: bool | None = None
+    backstepping_type: int | None = None
+    estimate_payload: bool | None = None
+    perfect_sensors: bool = False
+    duration_s: float = DURATION_S
+    seed: int = 0
+    effects: EffectSource = None
+    accept_assumed: bool = False
+
+    def choice(self, controller: str) -> Choice:
+        """The case of a controller of this name. Raises InputError for an unknown mode."""
+        tuning = Tuning(
+            self.horizon, self.varying_input, self.backstepping_type, self.estimate_payload
+        )
+        return Choice(
+            controller,
+            self.trajectory,
+            _mode(self.mode),
+            self.payload_kg,
+            self.inverse,
+            self.seed,
+            tuning,
+            self.perfect_sensors,
+        )
+
+
+@takes(ControlOptions)
 def control(
-    bundle: Bundle,
-    controller: str | type[Controller] | Controller,
-    *,
-    trajectory: int = 1,
-    mode: str | Mode = "hybrid",
-    payload_kg: float | None = None,
-    plant: Bundle | None = None,
-    inverse: str = "averaged",
-    horizon: int | None = None,
-    varying_input: bool | None = None,
-    backstepping_type: int | None = None,
-    estimate_payload: bool | None = None,
-    perfect_sensors: bool = False,
-    duration_s: float = DURATION_S,
-    seed: int = 0,
-    effects: EffectSource = None,
-    accept_assumed: bool = False,
-    progress: Progress | None = None,
+    bundle: Bundle, controller: str | type[Controller] | Controller, options: ControlOptions
 ) -> ControlledRun:
     """Run a controller that reads a bundle, in closed loop on the plant of the same or another.
 
@@ -211,22 +231,14 @@ def control(
     >>> tracked.metrics.rmse < 0.1, tracked.faults
     (True, ())
     """
-    require_declared(bundle, accept_assumed)
+    require_declared(bundle, options.accept_assumed)
     own = None if isinstance(controller, str) else controller
-    choice = Choice(
-        controller if isinstance(controller, str) else _name(controller),
-        trajectory,
-        _mode(mode),
-        payload_kg,
-        inverse,
-        seed,
-        Tuning(horizon, varying_input, backstepping_type, estimate_payload),
-        perfect_sensors,
-    )
-    task = prepared(choice, bundle, plant, own=own, catalogue=catalogue_from(effects))
-    with progress_or_shown(progress, "controlling") as tell:
-        run, said = run_task(task, duration_s, tell)
-    sources = bundle.source, (plant or bundle).source
+    choice = options.choice(controller if isinstance(controller, str) else _name(controller))
+    catalogue = catalogue_from(options.effects)
+    task = prepared(choice, bundle, options.plant, own=own, catalogue=catalogue)
+    with progress_or_shown(options.progress, "controlling") as tell:
+        run, said = run_task(task, options.duration_s, tell)
+    sources = bundle.source, (options.plant or bundle).source
     if assumed := assumed_constants(bundle.rig):
         names = ", ".join(assumed)
         said = (f"the controller rests on constants that nobody declared: {names}", *said)
@@ -246,4 +258,4 @@ def _mode(mode: str | Mode) -> Mode:
         raise input_error(f"mode {mode!r}", "is unknown", f"give one of {known}") from None
 
 
-__all__ = ["ControlledRun", "control"]
+__all__ = ["ControlOptions", "ControlledRun", "control"]

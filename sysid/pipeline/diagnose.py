@@ -4,27 +4,72 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, cast
 
 from sysid.blocks.drawing import plot_panels
 from sysid.blocks.figures import Panel, Rule, Scale, grouped_bars
 from sysid.blocks.progress import progress_or_shown
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table
+from sysid.components.loading import component_in
 from sysid.diagnosis import content, wording
-from sysid.diagnosis.campaign import extended_bundle
-from sysid.diagnosis.looked import Looked
+from sysid.diagnosis.actuator.diagnose import diagnose as diagnose_actuator
+from sysid.diagnosis.actuator.diagnose import (
+    open_loop_errors,
+    rivals_of,
+    with_errors_after_judged,
+)
+from sysid.diagnosis.actuator.known import Earlier
+from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
+from sysid.diagnosis.bench.evidence import HeldOutEvidence
+from sysid.diagnosis.bench.registry import AXIS, part_tested
+from sysid.diagnosis.looked import Book, Looked, SearchStage, bounded
+from sysid.diagnosis.refined import (
+    Look,
+    simulating_best,
+    with_refined_numbers,
+    without_contradicted,
+)
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.diagnosis.tables import summary
-from sysid.io.campaign import Campaign
-from sysid.parameters import Bundle
-from sysid.pipeline.subject import subject_of
-from sysid.plant.effects.catalogue import EffectSource
-from sysid.types import Progress
+from sysid.errors import NotIdentifiedError, input_error
+from sysid.io.campaign import Campaign, CampaignLog
+from sysid.io.logs import Log, Trial
+from sysid.io.rig import Rig
+from sysid.parameters import Bundle, EffectEntry, HeldOutError
+from sysid.parameters.assembled_model import assumed_parameters
+from sysid.parameters.effects import entry_of
+from sysid.pipeline.request import Reported, takes
+from sysid.plant.effects.catalogue import EffectSource, catalogue_from
+from sysid.plant.effects.entry import Catalogue
+from sysid.plant.effects.linear import for_rig
+from sysid.refinement.draws import drawn_models
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+# Models with fitted numbers drawn by their errors; the squares of these many are averaged.
+_DRAWN = 16
+_EFFECTS = "effects act on the equations of an actuator or its parts"
+_TERMS = "declare what your component may lack as its terms"
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnoseOptions(Reported):
+    """How long and how far a diagnosis looks; `effects`: those that the catalogue lacks."""
+
+    effects: EffectSource = None
+    refine: bool = True
+    seed: int = 0
+    budget: float | None = None
+    quick: bool = False
+
+    @property
+    def simulates(self) -> bool:
+        """Whether the numbers found are those of simulation error; of a first look they are not."""
+        return self.refine and not self.quick
 
 
 @dataclass(frozen=True, repr=False)
@@ -94,17 +139,8 @@ class CampaignDiagnosis(Shown):
         return content.content(self.detail)
 
 
-def diagnose(
-    campaign: Campaign,
-    bundle: Bundle,
-    *,
-    effects: EffectSource = None,
-    refine: bool = True,
-    seed: int = 0,
-    budget: float | None = None,
-    quick: bool = False,
-    progress: Progress | None = None,
-) -> CampaignDiagnosis:
+@takes(DiagnoseOptions)
+def diagnose(campaign: Campaign, bundle: Bundle, options: DiagnoseOptions) -> CampaignDiagnosis:
     """What a bundle's model lacks, from a campaign's training logs; errors on held-out ones.
 
     `effects`: effects in addition to the catalogue's, a Python file or the classes; `refine`:
@@ -125,12 +161,196 @@ def diagnose(
     >>> sorted(found.residual["flow_a_kg_s"].to_json())
     ['after', 'before', 'noise_floor']
     """
-    with progress_or_shown(progress, "diagnosing") as tell:
-        options = {"effects": effects, "refine": refine, "seed": seed, "quick": quick}
-        found, notices = subject_of(campaign).diagnose(bundle, budget, tell, options)
+    look = _of_rig if component_in(campaign) is None else _of_own
+    with progress_or_shown(options.progress, "diagnosing") as tell:
+        found, notices = look(campaign, bundle, replace(options, progress=tell))
     longer = extended_bundle(bundle, found, campaign)
     said = tuple(dict.fromkeys((*notices, *found.notices)))
     return CampaignDiagnosis(found, longer, said)
 
 
-__all__ = ["CampaignDiagnosis", "diagnose"]
+def _of_own(
+    campaign: Campaign, bundle: Bundle, options: DiagnoseOptions
+) -> tuple[Diagnosis, tuple[str, ...]]:
+    """What the law of a component of the user's own lacks of its terms, and the readers' notices.
+
+    Terms that the bundle holds are part of the law.
+    """
+    from sysid.components.own_tests import part_of, tests_of, training_part
+    from sysid.components.parts import OwnPart, effects_in
+
+    if options.effects is not None:
+        raise input_error(campaign.path, _EFFECTS, _TERMS)
+    tests = tests_of(campaign, bundle)
+    kept = [effect.id for effect in effects_in(bundle, tests.loaded)]
+    scales = training_part(tests).scales
+
+    def build(kind: str, trials: Sequence[Trial], rig: Rig) -> OwnPart:
+        return part_of(tests.loaded, trials, scales, kept)
+
+    with bounded(options.budget) as limit:
+        found = diagnose_component(
+            tests.loaded.kind, tests.fitted, tests.held_out, campaign.rig, bundle, {},
+            options.tell, quick=options.quick, build=build,
+        )  # fmt: skip
+    return replace(found, evaluations=limit.made), tests.notices
+
+
+def _of_rig(
+    campaign: Campaign, bundle: Bundle, options: DiagnoseOptions
+) -> tuple[Diagnosis, tuple[str, ...]]:
+    """What the model of an actuator, or of a part of one, lacks, and the readers' notices.
+
+    An effect that the bundle already holds is part of the model under diagnosis. Held-out logs tell
+    errors, and decide nothing.
+    """
+    with bounded(options.budget) as limit:
+        found, notices = _searched(campaign, bundle, options)
+    found = replace(found, evaluations=limit.made)
+    return (_unrefined(found) if options.quick and options.refine else found), notices
+
+
+def _searched(
+    campaign: Campaign, bundle: Bundle, options: DiagnoseOptions
+) -> tuple[Diagnosis, tuple[str, ...]]:
+    catalogue = catalogue_from(options.effects)
+    taken = {entry.id for entry in bundle.effects}
+    open_ones = for_rig(
+        {name: effect for name, effect in catalogue.items() if name not in taken},
+        campaign.rig.is_linear,
+    )
+    logs: list[tuple[str, str, Log]] = []
+    notices: list[str] = []
+    for entry in campaign.logs:
+        log = _read(campaign, entry, bundle)
+        logs.append((entry.use, entry.kind, log))
+        notices += log.notices
+    kind = part_tested(campaign.training_kinds(), bundle)
+    if kind is None and campaign.rig.air is None:
+        raise NotIdentifiedError(
+            f"{campaign.path}: an axis without air is diagnosed on tests of kind friction-motion, "
+            "of which it holds none; add some (docs: how-to/part-alone)"
+        )
+    if kind is not None:
+        look = _look_at_part(kind, campaign, bundle, logs, catalogue, options)
+    else:
+        notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle)]
+        look = _look_at_actuator(campaign, bundle, logs, catalogue, options)
+    return without_contradicted(look, open_ones, options.tell), tuple(notices)
+
+
+def _look_at_part(
+    kind: str,
+    campaign: Campaign,
+    bundle: Bundle,
+    logs: Sequence[tuple[str, str, Log]],
+    catalogue: Catalogue,
+    options: DiagnoseOptions,
+) -> Look:
+    trials = {
+        wanted: [t for use, of, log in logs if (use, of) == (wanted, kind) for t in log.trials]
+        for wanted in ("fit", "holdout")
+    }
+    refine = options.simulates and kind == AXIS and campaign.rig.is_motor_alone
+
+    def look(effects: Catalogue) -> Diagnosis:
+        found = diagnose_component(
+            kind, trials["fit"], trials["holdout"], campaign.rig, bundle, effects,
+            options.tell, quick=options.quick,
+        )  # fmt: skip
+        if not refine:
+            return found
+        extended = extended_bundle(bundle, found, campaign)
+        outside = cast(HeldOutEvidence, found.evidence).outside
+        after = None if outside is None else partial(held_out_errors, outside, catalogue=catalogue)
+        return with_refined_numbers(found, campaign, extended, catalogue, after, options.tell)
+
+    return look
+
+
+def _look_at_actuator(
+    campaign: Campaign,
+    bundle: Bundle,
+    logs: Sequence[tuple[str, str, Log]],
+    catalogue: Catalogue,
+    options: DiagnoseOptions,
+) -> Look:
+    model = bundle.model(campaign.rig, catalogue)
+    drawn = drawn_models(bundle, campaign.rig, model, _DRAWN, options.seed)
+    earlier: Earlier = {}
+
+    def errors_of(other: Bundle) -> dict[str, float]:
+        return open_loop_errors(logs, campaign.rig, other.model(campaign.rig, catalogue))
+
+    def look(effects: Catalogue) -> Diagnosis:
+        found = diagnose_actuator(
+            logs, campaign.rig, model, effects, drawn=drawn, seed=options.seed,
+            quick=options.quick, earlier=earlier, progress=options.tell,
+        )  # fmt: skip
+        if options.simulates:
+            rivals = rivals_of(found, logs, campaign.rig, model)
+            found = refined(found)
+            for rival in rivals:
+                found = simulating_best(found, refined(rival), options.tell)
+        return with_errors_after_judged(found)
+
+    def refined(found: Diagnosis) -> Diagnosis:
+        extended = extended_bundle(bundle, found, campaign)
+        return with_refined_numbers(found, campaign, extended, catalogue, errors_of, options.tell)
+
+    return look
+
+
+def _unrefined(found: Diagnosis) -> Diagnosis:
+    """A quick diagnosis, which says that its numbers were not refined."""
+    if not found.effects:
+        return found
+    book = Book(SearchStage.REFINEMENT)
+    book.left_out(SearchStage.REFINEMENT)
+    missed = book.closed()
+    notices = (*found.notices, *missed.sentences())
+    return replace(found, missed=missed.missed, notices=notices)
+
+
+def _read(campaign: Campaign, entry: CampaignLog, bundle: Bundle) -> Log:
+    log = campaign.read(entry)
+    bundle.check_log(log, entry.kind, entry.use)
+    return log
+
+
+def extended_bundle(bundle: Bundle, diagnosis: Diagnosis, campaign: Campaign) -> Bundle:
+    """The bundle with the effects found, and the base parameters estimated together with them.
+
+    PWM surfaces stay as they were fitted. Where no effect was found only the campaign's
+    held-out logs are added to the provenance.
+    """
+    found = bundle.with_sources(campaign.sources(None if diagnosis.effects else "holdout"))
+    if not diagnosis.effects:
+        return found if diagnosis.looked.is_complete else _recorded(found, diagnosis)
+    entries = [_entry(effect) for effect in diagnosis.effects]
+    if diagnosis.refinement is not None:
+        refined = diagnosis.refinement.bundle
+        found = refined.replaced(effects=[*refined.effects[: -len(entries)], *entries])
+        return _recorded(found, diagnosis)
+    return _recorded(diagnosis.evidence.with_base(found.with_effects(entries)), diagnosis)
+
+
+def _recorded(found: Bundle, diagnosis: Diagnosis) -> Bundle:
+    """The bundle with the seed, the verdict and what the search missed in its provenance."""
+    made: dict[str, Any] = {"seed": diagnosis.seed, "verdict": diagnosis.verdict}
+    if not diagnosis.looked.is_complete:
+        made["search"] = diagnosis.looked.to_json()
+    options = {**found.provenance.options, "diagnosis": made}
+    return found.replaced(provenance=found.provenance.replaced(options=options))
+
+
+def _entry(found: FoundEffect) -> EffectEntry:
+    """The effect as a bundle lists it, with the evidence for it."""
+    return entry_of(found.effect, found.estimates).replaced(
+        p_value=found.p_value,
+        holdout_rmse={name: HeldOutError(**e.to_json()) for name, e in found.holdout.items()},
+        ambiguous_with=list(found.ambiguous_with),
+    )
+
+
+__all__ = ["CampaignDiagnosis", "DiagnoseOptions", "diagnose", "extended_bundle"]

@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
+import hashlib
+from dataclasses import dataclass
 from pathlib import Path
 
 from sysid.errors import input_error
-from sysid.exporters import DEFAULT_PREFIX, FORMATS, export_bundle
-from sysid.parameters import Bundle
+from sysid.exporters import DEFAULT_PREFIX, FORMATS, check_folder, export_bundle
+from sysid.io.tables import read_bytes
+from sysid.parameters import Bundle, read_bundle
 from sysid.parameters.assembled_model import effects_from_bundle
+from sysid.pipeline.request import Options, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 
 _FORMAT_OF = {".h": "c", ".mat": "mat", ".json": "json"}
 
 
-def export(
-    bundle: Bundle,
-    path: str | Path,
-    *,
-    format: str | None = None,
-    prefix: str = DEFAULT_PREFIX,
-    effects: EffectSource = None,
-    accept_assumed: bool = False,
-) -> tuple[str, ...]:
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions(Options):
+    """The files' format (None: by the path's suffix) and names, and what they may hold."""
+
+    format: str | None = None
+    prefix: str = DEFAULT_PREFIX
+    effects: EffectSource = None
+    accept_assumed: bool = False
+
+
+@takes(ExportOptions)
+def export(bundle: Bundle, path: str | Path, options: ExportOptions) -> tuple[str, ...]:
     """Write files for a controller: a C header, a MATLAB file or flat JSON.
 
     `format` "c", "mat" or "json"; None: by the suffix of `path` (.h, .mat, .json). Names in the
@@ -32,22 +39,41 @@ def export(
 
     >>> notices = si.export(bundle, "model.h")
     """
-    chosen = format or _FORMAT_OF.get(Path(path).suffix.lower())
+    return _exported(bundle, path, options)
+
+
+@takes(ExportOptions)
+def export_file(source: Path, path: Path, options: ExportOptions) -> tuple[str, ...]:
+    """`export` of the bundle in the file `source`, with that file's own SHA-256.
+
+    InputError for a bad bundle too, and for effects that neither the catalogue nor
+    `options.effects` holds.
+    """
+    bundle = read_bundle(source)
+    digest = hashlib.sha256(read_bytes(source, "a bundle", is_bundle=True)).hexdigest()
+    return _exported(bundle, path, options, digest)
+
+
+def _exported(
+    bundle: Bundle, path: str | Path, options: ExportOptions, sha256: str | None = None
+) -> tuple[str, ...]:
+    chosen = options.format or _FORMAT_OF.get(Path(path).suffix.lower())
     if chosen is None:
         known = ", ".join(FORMATS)
         raise input_error(path, "has no suffix that gives the format", f"pass format, of {known}")
-    catalogue = catalogue_from(effects)
+    catalogue = catalogue_from(options.effects)
     effects_from_bundle(bundle, catalogue)
     return tuple(
         export_bundle(
             bundle,
             Path(path),
             chosen,
-            prefix=prefix,
+            prefix=options.prefix,
+            sha256=sha256,
             catalogue=catalogue,
-            accept_assumed=accept_assumed,
+            accept_assumed=options.accept_assumed,
         )
     )
 
 
-__all__ = ["export"]
+__all__ = ["ExportOptions", "check_folder", "export", "export_file"]

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from sysid.components.loading import ComponentSource, with_component
+from sysid.components.loading import ComponentSource, one_component, with_component
 from sysid.io import campaign as campaigns
 from sysid.io import logs
 from sysid.io import rig as rigs
 from sysid.io.campaign import Campaign
+from sysid.io.own_kind import OwnKind
 from sysid.io.rig import Rig
 from sysid.io.samples import Log
 from sysid.io.units import parse_map
 from sysid.parameters import Bundle, files
+from sysid.types import Progress
 
 
 def read_campaign(path: str | Path, *, component: ComponentSource | None = None) -> Campaign:
@@ -91,4 +93,42 @@ def write_bundle(bundle: Bundle, path: str | Path) -> None:
     files.write_bundle(bundle, Path(path))
 
 
-__all__ = ["read_bundle", "read_campaign", "read_log", "read_rig", "write_bundle"]
+def read_with(
+    path: Path, component: str | None, tell: Progress, exclude: Sequence[str] = ()
+) -> Campaign:
+    """The campaign; with `component`, as text of the option, its logs are of that.
+
+    `exclude`: what is not read of them, as texts of `--exclude`. Raises InputError for a file that
+    cannot be used, and where an excluded test does not exist.
+    """
+    if component is None:
+        return campaigns.read_campaign(path).excluding(exclude)
+    from sysid.components.loading import with_component
+    from sysid.components.own_tests import runs_own_code
+
+    campaign = with_component(path, component)
+    tell(runs_own_code(campaign))
+    return campaign.excluding(exclude)
+
+
+def own_kind(component: str | None, tell: Progress) -> OwnKind | None:
+    """The kind of log of a component, as text of the option; None without one.
+
+    Raises InputError for a file that cannot be used.
+    """
+    if component is None:
+        return None
+    loaded = one_component(component)
+    tell(f"runs the user's own code: {loaded.path} ({loaded.name})")
+    return loaded
+
+
+__all__ = [
+    "own_kind",
+    "read_bundle",
+    "read_campaign",
+    "read_log",
+    "read_rig",
+    "read_with",
+    "write_bundle",
+]

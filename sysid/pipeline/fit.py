@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Protocol
+from typing import TYPE_CHECKING
 
+from sysid.blocks.progress import progress_or_shown
+from sysid.checks.consistency.campaign import check_consistency
+from sysid.components.loading import component_in
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.friction import fit_friction
 from sysid.identification.friction.result import FrictionResult
@@ -17,27 +21,23 @@ from sysid.io.campaign import (
     Campaign,
     CampaignLog,
 )
-from sysid.io.logs import Trial, any_contradiction
+from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.source import Source
 from sysid.parallel import Failure, attempt_all, error_of, on_its_own
 from sysid.parameters import Bundle, Parts
+from sysid.pipeline.fit_part import FittedPart, PartResult, bench_fit
+from sysid.pipeline.request import Reported, takes
 from sysid.recording.friction_kind import MOTION, balances
-from sysid.types import Progress, no_progress
+from sysid.types import Progress
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
 
+if TYPE_CHECKING:
+    from sysid.components.loading import LoadedComponent
+    from sysid.diagnosis.bench.fitting import FittedLaw
 
-class PartResult(Protocol):
-    """The result of any pipeline."""
-
-    @property
-    def remarks(self) -> tuple[str, ...]: ...
-
-    @property
-    def notices(self) -> tuple[str, ...]: ...
-
-    def part(self) -> Parts: ...
+_LOGGER = logging.getLogger("sysid")
 
 
 @dataclass
@@ -97,13 +97,41 @@ class CampaignFit:
     contradictions: tuple[str, ...] = ()
 
 
-def fit_campaign(
-    campaign: Campaign,
-    *,
-    surface: str = "both",
-    seed: int = 0,
-    progress: Progress = no_progress,
-) -> CampaignFit:
+@dataclass(frozen=True, kw_only=True)
+class FitOptions(Reported):
+    """`surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds."""
+
+    surface: str = "both"
+    seed: int = 0
+
+
+@takes(FitOptions)
+def fit(campaign: Campaign, options: FitOptions) -> Bundle:
+    """Every part that a campaign's training logs can identify, in one bundle.
+
+    `surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds and
+    restarts. Parts not fitted, and logs that contradict one another, are reported as warnings of
+    the logger `sysid`. Raises InputError for a log that cannot be used, NotIdentifiedError where
+    nothing can be fitted.
+
+    >>> bundle = si.fit(campaign)
+    >>> bundle.model().parameters.coulomb_effort > 0
+    True
+    """
+    with progress_or_shown(options.progress, "fitting") as tell:
+        found = fit_campaign(campaign, replace(options, progress=tell))
+    for line in dict.fromkeys((*contradictions_in(campaign), *found.notices)):
+        _LOGGER.warning("%s", line)
+    return found.bundle
+
+
+def contradictions_in(campaign: Campaign) -> tuple[str, ...]:
+    """What the training logs say of one another, or of the rig file, that cannot be true."""
+    return () if component_in(campaign) else check_consistency(campaign, "fit")
+
+
+@takes(FitOptions)
+def fit_campaign(campaign: Campaign, options: FitOptions) -> CampaignFit:
     """Every part that a campaign's training logs can identify, in one bundle.
 
     A part whose tests the campaign lacks, or that cannot be had from them, is left out of the
@@ -111,11 +139,13 @@ def fit_campaign(
     cannot be read and where no part can use its logs, NotIdentifiedError where nothing at all is
     identified. `progress` is called with the name of each part as its fit begins.
     """
-    assembly = _Assembly(campaign, progress)
+    if component_in(campaign) is not None:
+        return _fit_own(campaign, options)
+    assembly = _Assembly(campaign, options.tell)
     sources = campaign.sources()
     assembly.notices += [*campaign.notices, *campaign.rig.notices, *campaign.copies(sources)]
     _add_friction(assembly)
-    _add_valves(assembly, surface, seed)
+    _add_valves(assembly, options)
     _add_bench(assembly)
     if not assembly.parts:
         raise _nothing(assembly)
@@ -125,8 +155,8 @@ def fit_campaign(
         campaign.rig,
         assembly.parts,
         used,
-        seeds={"valve-pwm": seed} if has_surfaces else {},
-        options={"valve-pwm": {"surface": surface}} if has_surfaces else {},
+        seeds={"valve-pwm": options.seed} if has_surfaces else {},
+        options={"valve-pwm": {"surface": options.surface}} if has_surfaces else {},
     )
     wrong = tuple(dict.fromkeys(assembly.contradictions))
     rest = (line for line in assembly.notices if line not in wrong)
@@ -210,18 +240,6 @@ def _friction_of(
     return found, Failure(why, error=NotIdentifiedError(why))
 
 
-@dataclass(frozen=True)
-class _FittedPart:
-    """What a bundle takes of a pipeline's result."""
-
-    parts: Parts
-    remarks: tuple[str, ...] = ()
-    notices: tuple[str, ...] = ()
-
-    def part(self) -> Parts:
-        return self.parts
-
-
 def _add_bench(assembly: _Assembly) -> None:
     """The law of a tank or a valve that was tested alone."""
     for kind in BENCH_KINDS:
@@ -229,24 +247,6 @@ def _add_bench(assembly: _Assembly) -> None:
         if entries:
             trials = assembly.read(entries)
             assembly.add(kind, partial(bench_fit, kind, trials, assembly.campaign.rig))
-
-
-def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig) -> PartResult:
-    """The law of a part on a bench from its tests of a kind, with how well it follows them.
-
-    Raises InputError for a missing column, NotIdentifiedError where the tests identify no law.
-    """
-    from sysid.diagnosis.bench.fitting import fit_law
-    from sysid.diagnosis.bench.registry import component_of
-
-    component = component_of(kind, trials, rig)
-    fitted = fit_law(component, (), range(len(component.tests)))
-    judged = replace(fitted.quality(), contradicted=any_contradiction(trials))
-    # A missing effect may cause it, which the diagnosis then names from this number.
-    asks = "sysid diagnose names what the law lacks, if the data are right"
-    short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
-    part = component.part(fitted.base_estimates(), judged)
-    return _FittedPart(part, notices=(*component.left_out, *short))
 
 
 @dataclass(frozen=True)
@@ -257,37 +257,38 @@ class _ValveJob:
     valve: str | None
     trials: list[Trial]
     rig: Rig
-    surface: str
-    seed: int
+    options: FitOptions
 
     @property
     def name(self) -> str:
         return self.kind if self.valve is None else f"{self.kind}, valve {self.valve.upper()}"
 
-    def fit(self) -> _FittedPart | Failure:
+    def fit(self) -> FittedPart | Failure:
         """What a bundle takes of the fit, or why there is none."""
         return on_its_own(self._fit)
 
-    def _fit(self) -> _FittedPart:
+    def _fit(self) -> FittedPart:
         result: PartResult
         if self.kind == "valve-discrete":
             result = fit_valve_discrete(self.trials, self.rig, valve=self.valve)
         else:
+            surface, seed = self.options.surface, self.options.seed
             result = fit_valve_pwm(
-                self.trials, self.rig, valve=self.valve, surface=self.surface, seed=self.seed
+                self.trials, self.rig, valve=self.valve, surface=surface, seed=seed
             )
-        return _FittedPart(result.part(), tuple(result.remarks), tuple(result.notices))
+        return FittedPart(result.part(), tuple(result.remarks), tuple(result.notices))
 
 
-def _add_valves(assembly: _Assembly, surface: str, seed: int) -> None:
+def _add_valves(assembly: _Assembly, options: FitOptions) -> None:
     """Both kinds of valve test, one job per valve; the jobs share the cores."""
+    chosen = options.those_of(FitOptions, progress=None)  # a job goes to another process
     jobs = []
     for kind in ("valve-pwm", "valve-discrete"):
         entries = assembly.campaign.select([kind])
         # For entries that name no valve, the valve that moves decides.
         for valve in dict.fromkeys(e.valve for e in entries):
             trials = assembly.read([e for e in entries if e.valve == valve])
-            jobs.append(_ValveJob(kind, valve, trials, assembly.campaign.rig, surface, seed))
+            jobs.append(_ValveJob(kind, valve, trials, assembly.campaign.rig, chosen))
     if not jobs:
         return
     assembly.progress("; ".join(job.name for job in jobs))
@@ -297,3 +298,64 @@ def _add_valves(assembly: _Assembly, surface: str, seed: int) -> None:
             assembly.lack(found)
         else:
             assembly.merge(found)
+
+
+# --- a component of the user's own --------------------------------------------------------
+
+
+def _fit_own(campaign: Campaign, options: FitOptions) -> CampaignFit:
+    """Fit a component of the user's own on its training tests: bounded least squares.
+
+    A dynamic component by the error of its simulation. Raises InputError for logs or code that
+    cannot be used, NotIdentifiedError where no log is to fit on or it identifies nothing.
+    """
+    from sysid.components.own_tests import tests_of, training_part
+    from sysid.components.starts import check_starts
+    from sysid.diagnosis.bench.fitting import fit_law
+
+    tests = tests_of(campaign)
+    part = training_part(tests)
+    check_starts(part)
+    options.tell(f"{tests.loaded.kind}: {tests.loaded.name}")
+    fitted = fit_law(part, (), range(len(part.tests)))
+    found = fitted.part()
+    if found.component is None or not any(
+        e.identified for e in found.component.parameters.values()
+    ):
+        raise NotIdentifiedError(f"component {tests.loaded.kind}: {_why_nothing(fitted)}")
+    bundle = Bundle.new(campaign.rig, found, campaign.sources())
+    return CampaignFit(bundle, (), (*tests.notices, *_remarks(fitted, tests.loaded)))
+
+
+def _why_nothing(fitted: FittedLaw) -> str:
+    """Why no parameter is identified, and the mend."""
+    at_bound = fitted.fit.diagnosis.at_bound
+    if not at_bound:
+        return "its tests identify none of its parameters; excite its inputs more"
+    words = []
+    for p in fitted.fit.parameters:
+        if p.name in at_bound:
+            nearest = min((p.lower, p.upper), key=lambda b: abs(b - fitted.fit[p.name]))
+            words.append(f"{p.name} ends at its bound {nearest:g} {p.unit}".rstrip())
+    verb = "are" if len(words) > 1 else "is"
+    return (
+        f"{' and '.join(words)}, and {verb} not identified there; widen the bounds, or mend the "
+        "law if they are physical"
+    )
+
+
+def _remarks(fitted: FittedLaw, loaded: LoadedComponent) -> list[str]:
+    """What is stuck at a bound or tied, and a law that explains too little."""
+    diagnosed = fitted.fit.diagnosis
+    lines = [f"{name} ends at its bound" for name in diagnosed.at_bound]
+    if len(diagnosed.tied) > 1:
+        lines.append(f"{' and '.join(diagnosed.tied)} only act together in these tests")
+    judged = fitted.quality()
+    if judged.explains_too_little:
+        lines.append(
+            f"{judged.shortfall}; sysid diagnose names what the law lacks, if the data are right"
+        )
+    return [f"{loaded.kind}: {line}" for line in lines]
+
+
+__all__ = ["CampaignFit", "FitOptions", "contradictions_in", "fit", "fit_campaign"]

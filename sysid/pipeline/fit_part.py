@@ -1,59 +1,73 @@
-"""Tests in, parameters with intervals out: one part of the model, or a campaign's bundle."""
+"""Tests in, parameters with intervals out: one part of the model, alone or from its log files."""
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from sysid import friction, valve_discrete, valve_pwm
-from sysid.blocks.progress import progress_or_shown
-from sysid.identification.friction.result import FrictionResult
-from sysid.identification.valve_discrete.result import ValveDiscreteResult
-from sysid.identification.valve_pwm.result import ValvePwmFit
-from sysid.io.campaign import Campaign
+from sysid.io.campaign import FRICTION_POINTS
+from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
-from sysid.parameters import Bundle
+from sysid.parameters import Parts
 from sysid.pipeline.given_tests import Tests, rig_of, trials_of
-from sysid.pipeline.subject import subject_of
-from sysid.types import Progress
+from sysid.pipeline.request import Options, takes
 
-_LOGGER = logging.getLogger("sysid")
-
-
-def fit(
-    campaign: Campaign,
-    *,
-    surface: str = "both",
-    seed: int = 0,
-    progress: Progress | None = None,
-) -> Bundle:
-    """Every part that a campaign's training logs can identify, in one bundle.
-
-    `surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds and
-    restarts. Parts not fitted, and logs that contradict one another, are reported as warnings of
-    the logger `sysid`. Raises InputError for a log that cannot be used, NotIdentifiedError where
-    nothing can be fitted.
-
-    >>> bundle = si.fit(campaign)
-    >>> bundle.model().parameters.coulomb_effort > 0
-    True
-    """
-    with progress_or_shown(progress, "fitting") as tell:
-        subject = subject_of(campaign)
-        bundle, notices = subject.fit(surface, seed, tell)
-    for line in dict.fromkeys((*subject.contradictions(), *notices)):
-        _LOGGER.warning("%s", line)
-    return bundle
+if TYPE_CHECKING:
+    from sysid.identification.friction.result import FrictionResult
+    from sysid.identification.valve_discrete.result import ValveDiscreteResult
+    from sysid.identification.valve_pwm.result import ValvePwmFit
 
 
-def fit_friction(
-    tests: Tests,
-    rig: Rig | None = None,
-    *,
-    kind: str | Sequence[str | None] | None = None,
-    estimate_inertia: bool = False,
-    cutoff_hz: float | None = None,
-) -> FrictionResult:
+class PartResult(Protocol):
+    """The result of any pipeline."""
+
+    @property
+    def remarks(self) -> tuple[str, ...]: ...
+
+    @property
+    def notices(self) -> tuple[str, ...]: ...
+
+    def part(self) -> Parts: ...
+
+
+@dataclass(frozen=True)
+class FittedPart:
+    """What a bundle takes of a pipeline's result."""
+
+    parts: Parts
+    remarks: tuple[str, ...] = ()
+    notices: tuple[str, ...] = ()
+
+    def part(self) -> Parts:
+        return self.parts
+
+
+@dataclass(frozen=True)
+class FrictionOptions(Options):
+    """How friction tests are read; `rig` None: that of the logs."""
+
+    rig: Rig | None = None
+    _: KW_ONLY
+    kind: str | Sequence[str | None] | None = None
+    estimate_inertia: bool = False
+    cutoff_hz: float | None = None
+
+    part: ClassVar[str] = "friction"
+
+    def fitted(self, trials: list[Trial], rig: Rig) -> PartResult:
+        """The fit of one part's logs; rows without a time are readings."""
+        if self.kind == "points" or (self.kind is None and are_readings(trials)):
+            return bench_fit(FRICTION_POINTS, trials, rig)
+        return fit_friction(trials, replace(self, rig=rig))
+
+    def recorded(self) -> dict[str, Any]:
+        """The options that a bundle's provenance holds."""
+        return {"cutoff_hz": self.cutoff_hz, "kind": self.kind}
+
+
+@takes(FrictionOptions)
+def fit_friction(tests: Tests, options: FrictionOptions) -> FrictionResult:
     """Static, Coulomb and viscous friction from a log, several, or single tests.
 
     The result gives each estimate by its name in a bundle, `coulomb_nm` (a linear rig:
@@ -68,20 +82,64 @@ def fit_friction(
     >>> low < friction.coulomb_nm.value < high, friction.coulomb_nm.unit
     (True, 'Nm')
     """
+    from sysid import friction
+
     found = friction.fit_friction(
         trials_of(tests),
-        rig_of(tests, rig),
-        kind=kind,
-        estimate_inertia=estimate_inertia,
-        cutoff_hz=cutoff_hz,
+        rig_of(tests, options.rig),
+        kind=options.kind,
+        estimate_inertia=options.estimate_inertia,
+        cutoff_hz=options.cutoff_hz,
     )
     found.require_possible()
     return found
 
 
-def fit_valve_discrete(
-    tests: Tests, rig: Rig | None = None, *, valve: str | None = None, find_ratio: bool = True
-) -> ValveDiscreteResult:
+def are_readings(trials: Sequence[Trial]) -> bool:
+    """Whether all rows are readings taken by hand, without a time."""
+    return bool(trials) and all(trial.is_readings for trial in trials)
+
+
+def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig) -> PartResult:
+    """The law of a part on a bench from its tests of a kind, with how well it follows them.
+
+    Raises InputError for a missing column, NotIdentifiedError where the tests identify no law.
+    """
+    from sysid.diagnosis.bench.fitting import fit_law
+    from sysid.diagnosis.bench.registry import component_of
+
+    component = component_of(kind, trials, rig)
+    fitted = fit_law(component, (), range(len(component.tests)))
+    judged = replace(fitted.quality(), contradicted=any_contradiction(trials))
+    # A missing effect may cause it, which the diagnosis then names from this number.
+    asks = "sysid diagnose names what the law lacks, if the data are right"
+    short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
+    part = component.part(fitted.base_estimates(), judged)
+    return FittedPart(part, notices=(*component.left_out, *short))
+
+
+@dataclass(frozen=True)
+class ValveDiscreteOptions(Options):
+    """How tests of on/off valves are read; `rig` None: that of the logs."""
+
+    rig: Rig | None = None
+    _: KW_ONLY
+    valve: str | None = None
+    find_ratio: bool = True
+
+    part: ClassVar[str] = "valve-discrete"
+
+    def fitted(self, trials: list[Trial], rig: Rig) -> PartResult:
+        """The fit of one part's logs."""
+        return fit_valve_discrete(trials, replace(self, rig=rig))
+
+    def recorded(self) -> dict[str, Any]:
+        """The options that a bundle's provenance holds."""
+        return {"valve": self.valve}
+
+
+@takes(ValveDiscreteOptions)
+def fit_valve_discrete(tests: Tests, options: ValveDiscreteOptions) -> ValveDiscreteResult:
     """Flows (kg/s), coefficients and delays (s) of on/off valves, piston held.
 
     `rig` None: that of the logs. `valve` ("a" or "b") keeps one; `find_ratio` estimates the
@@ -92,20 +150,40 @@ def fit_valve_discrete(
     >>> valves["a"].choked_flow_fill_kg_s.unit
     'kg/s'
     """
+    from sysid import valve_discrete
+
     return valve_discrete.fit_valve_discrete(
-        trials_of(tests), rig_of(tests, rig), valve=valve, find_ratio=find_ratio
+        trials_of(tests),
+        rig_of(tests, options.rig),
+        valve=options.valve,
+        find_ratio=options.find_ratio,
     )
 
 
-def fit_valve_pwm(
-    tests: Tests,
-    rig: Rig | None = None,
-    *,
-    valve: str | None = None,
-    surface: str = "both",
-    seed: int = 0,
-    sweep: bool = False,
-) -> ValvePwmFit:
+@dataclass(frozen=True)
+class ValvePwmOptions(Options):
+    """How tests under PWM are read and fitted; `rig` None: that of the logs."""
+
+    rig: Rig | None = None
+    _: KW_ONLY
+    valve: str | None = None
+    surface: str = "both"
+    seed: int = 0
+    sweep: bool = False
+
+    part: ClassVar[str] = "valve-pwm"
+
+    def fitted(self, trials: list[Trial], rig: Rig) -> PartResult:
+        """The fit of one part's logs."""
+        return fit_valve_pwm(trials, replace(self, rig=rig))
+
+    def recorded(self) -> dict[str, Any]:
+        """The options that a bundle's provenance holds."""
+        return {"valve": self.valve, "surface": self.surface}
+
+
+@takes(ValvePwmOptions)
+def fit_valve_pwm(tests: Tests, options: ValvePwmOptions) -> ValvePwmFit:
     """Mean flow (kg/s) under PWM over duty (0 to 1) and pressure (Pa), piston held.
 
     `rig` None: that of the logs. `valve` ("a" or "b") keeps one; `surface`: "bipolynomial", "ann"
@@ -118,9 +196,30 @@ def fit_valve_pwm(
     >>> bool(flow > 0)
     True
     """
+    from sysid import valve_pwm
+
     return valve_pwm.fit_valve_pwm(
-        trials_of(tests), rig_of(tests, rig), valve=valve, surface=surface, seed=seed, sweep=sweep
+        trials_of(tests),
+        rig_of(tests, options.rig),
+        valve=options.valve,
+        surface=options.surface,
+        seed=options.seed,
+        sweep=options.sweep,
     )
 
 
-__all__ = ["fit", "fit_friction", "fit_valve_discrete", "fit_valve_pwm"]
+PartOptions = FrictionOptions | ValveDiscreteOptions | ValvePwmOptions
+
+__all__ = [
+    "FittedPart",
+    "FrictionOptions",
+    "PartOptions",
+    "PartResult",
+    "ValveDiscreteOptions",
+    "ValvePwmOptions",
+    "are_readings",
+    "bench_fit",
+    "fit_friction",
+    "fit_valve_discrete",
+    "fit_valve_pwm",
+]

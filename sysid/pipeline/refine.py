@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from sysid.blocks.progress import progress_or_shown
-from sysid.components.refinement import OwnRefinement
+from sysid.components.loading import component_in
 from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle
-from sysid.pipeline.subject import subject_of
+from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
-from sysid.refinement.result import RefineResult
-from sysid.types import Progress
+
+if TYPE_CHECKING:
+    from sysid.components.refinement import OwnRefinement
+    from sysid.refinement.result import RefineResult
 
 
+@dataclass(frozen=True, kw_only=True)
+class RefineOptions(Reported):
+    """`free`, `fix` and `profile` name parameters; `effects`: those that the catalogue lacks."""
+
+    free: Iterable[str] = ()
+    fix: Iterable[str] = ()
+    prior: bool = True
+    robust: bool = False
+    profile: Iterable[str] = ()
+    effects: EffectSource = None
+
+
+@takes(RefineOptions)
 def refine(
-    campaign: Campaign,
-    bundle: Bundle,
-    *,
-    free: Iterable[str] = (),
-    fix: Iterable[str] = (),
-    prior: bool = True,
-    robust: bool = False,
-    profile: Iterable[str] = (),
-    effects: EffectSource = None,
-    progress: Progress | None = None,
+    campaign: Campaign, bundle: Bundle, options: RefineOptions
 ) -> RefineResult | OwnRefinement:
     """Estimate a bundle's parameters together on a campaign's motion logs to fit on.
 
@@ -41,10 +49,39 @@ def refine(
     >>> refined = si.refine(campaign, bundle)                           # doctest: +SKIP
     >>> si.write_bundle(refined.bundle, "refined.json")                 # doctest: +SKIP
     """
-    with progress_or_shown(progress, "refining") as tell:
-        options = {"free": free, "fix": fix, "prior": prior, "robust": robust, "profile": profile}
-        catalogue = catalogue_from(effects)
-        return subject_of(campaign).refine(bundle, tell, {**options, "catalogue": catalogue})
+    catalogue = catalogue_from(options.effects)
+    with progress_or_shown(options.progress, "refining") as tell:
+        if component_in(campaign) is not None:
+            from sysid.components.refinement import refine_own
+
+            return refine_own(campaign, bundle, progress=tell)
+        from sysid.refinement.refine import refine as refined  # loads jax
+
+        return refined(
+            campaign,
+            bundle,
+            free=options.free,
+            fix=options.fix,
+            prior=options.prior,
+            robust=options.robust,
+            profile=options.profile,
+            catalogue=catalogue,
+            progress=tell,
+        )
 
 
-__all__ = ["refine"]
+def why_not_refined(campaign: Campaign, bundle: Bundle) -> str:
+    """Why a bundle is not to be refined (again); empty where it is.
+
+    A part tested alone has no motion to simulate, save an axis with a motor.
+    """
+    if component_in(campaign) is None:
+        from sysid.diagnosis.bench.registry import AXIS, part_tested
+
+        part = part_tested(campaign.training_kinds(), bundle)
+        if part is not None and not (part == AXIS and campaign.rig.is_motor_alone):
+            return "a part tested alone has no motion to simulate"
+    return "" if bundle.refinement is None else "it was refined already"
+
+
+__all__ = ["RefineOptions", "refine", "why_not_refined"]

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from sysid.blocks.progress import progress_or_shown
-from sysid.checks.log_check import LogCheck
-from sysid.document import write_report
 from sysid.io.campaign import Campaign
-from sysid.parameters import Bundle
-from sysid.pipeline.diagnose import CampaignDiagnosis
-from sysid.pipeline.subject import subject_of
-from sysid.types import Progress
-from sysid.validation.results import ValidationResult
+from sysid.parallel import Failure, on_its_own
+from sysid.parameters import Bundle, write_bundle
+from sysid.pipeline.check import checks_of
+from sysid.pipeline.request import Reported
+
+if TYPE_CHECKING:
+    from sysid.checks.log_check import LogCheck
+    from sysid.pipeline.diagnose import CampaignDiagnosis
+    from sysid.types import Progress
+    from sysid.validation.results import ValidationResult
+
+Result = TypeVar("Result")
+Other = TypeVar("Other")
 
 
 def report(
@@ -35,19 +44,66 @@ def report(
 
     >>> si.report("out.html", campaign, bundle, checked)
     """
-    diagnosis = None if isinstance(found, Bundle) else found.content()
+    from sysid.document import write_report
+
     with progress_or_shown(progress, "writing the report") as tell:
-        if checks is None:
-            checks = subject_of(campaign).checks()
         write_report(
             Path(path),
             campaign=campaign,
             bundle=found if isinstance(found, Bundle) else found.bundle,
             validation=checked,
-            checks=checks,
-            diagnosis=diagnosis,
+            checks=checks_of(campaign) if checks is None else checks,
+            diagnosis=None if isinstance(found, Bundle) else found.content(),
             progress=tell,
         )
 
 
-__all__ = ["report"]
+@dataclass(frozen=True, kw_only=True)
+class PageOptions(Reported):
+    """What a page shows beside what was asked for: a validation, or how one is made.
+
+    `by_content`: logs that no campaign declares may hold tests of several kinds.
+    """
+
+    validation: ValidationResult | Callable[[], ValidationResult] | None = None
+    by_content: bool = False
+
+
+def write_page(
+    path: Path, campaign: Campaign, found: CampaignDiagnosis | Bundle, options: PageOptions
+) -> tuple[str, ...]:
+    """`report` with a check of every log; notices of what it lacks, as it could not be had."""
+    notices: list[str] = []
+
+    def unless_failed(
+        not_done: str, work: Callable[[], Result], otherwise: Other
+    ) -> Result | Other:
+        made = on_its_own(work)
+        if not isinstance(made, Failure):
+            return made
+        notices.append(f"{not_done}: {made.reason}")
+        return otherwise
+
+    validation = options.validation
+    if callable(validation):
+        validation = unless_failed("not validated", validation, None)
+    check = partial(checks_of, campaign, by_content=options.by_content)
+    checks = unless_failed("not checked", check, ())
+    report(path, campaign, found, validation, checks=checks, progress=options.tell)
+    return tuple(notices)
+
+
+def write_results(
+    campaign: Campaign,
+    found: CampaignDiagnosis | Bundle,
+    options: PageOptions,
+    output: Path | None,
+    page: Path | None,
+) -> tuple[str, ...]:
+    """Write the bundle to `output` and its page, where they are asked for; notices of the page."""
+    if output is not None:
+        write_bundle(found if isinstance(found, Bundle) else found.bundle, output)
+    return () if page is None else write_page(page, campaign, found, options)
+
+
+__all__ = ["PageOptions", "report", "write_page", "write_results"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
 from sysid.blocks.plots import legend, some_axes
@@ -15,10 +15,11 @@ from sysid.io.samples import Trial
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import DISCRETE, first_valve_model, surfaces_for
 from sysid.pipeline.given_tests import Tests, rig_of, trials_of
+from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 from sysid.plant.ports import Model
 from sysid.plant.trials import simulate_trials, starts_on_supply
-from sysid.types import FloatArray, Progress
+from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,15 +120,18 @@ class Simulation(Shown):
         return panels
 
 
-def simulate(
-    tests: Tests,
-    model: Model | Bundle,
-    rig: Rig | None = None,
-    *,
-    valve_model: str | None = None,
-    effects: EffectSource = None,
-    progress: Progress | None = None,
-) -> Simulation:
+@dataclass(frozen=True)
+class SimulateOptions(Reported):
+    """Of which rig, by which valve model; `effects`: those that the catalogue lacks."""
+
+    rig: Rig | None = None
+    _: KW_ONLY
+    valve_model: str | None = None
+    effects: EffectSource = None
+
+
+@takes(SimulateOptions)
+def simulate(tests: Tests, model: Model | Bundle, options: SimulateOptions) -> Simulation:
     """Simulate the commands of a log, several, or single tests open loop.
 
     Each test starts at rest, at its first row's position and pressures. `rig` None: that
@@ -141,18 +145,18 @@ def simulate(
     >>> runs[0].frame[["time_s", "theta_rad", "pressure_a_pa"]].shape == (len(log.trials[0]), 3)
     True
     """
-    known, trials = rig_of(tests, rig), trials_of(tests)
+    known, trials = rig_of(tests, options.rig), trials_of(tests)
     surfaces: tuple[Any, ...] = ()
-    chosen = valve_model or DISCRETE
+    chosen = options.valve_model or DISCRETE
     if isinstance(model, Bundle):
-        plain = model.model(known, catalogue_from(effects))
-        chosen = valve_model or first_valve_model(model, known, plain.parameters)
+        plain = model.model(known, catalogue_from(options.effects))
+        chosen = options.valve_model or first_valve_model(model, known, plain.parameters)
         surfaces = surfaces_for(model, known, chosen)
     elif chosen == DISCRETE:
         plain = model
     else:
         raise input_error("valve_model", f"{chosen} is a surface of a bundle", "pass the bundle")
-    with progress_or_shown(progress, "simulating") as tell:
+    with progress_or_shown(options.progress, "simulating") as tell:
         tell(f"simulating {len(trials)} tests, {chosen} valve model")
         starts = [starts_on_supply(trial, known) for trial in trials]
         found = simulate_trials(trials, known, plain, surfaces, starts)
@@ -164,4 +168,4 @@ def _without_time(channels: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     return {name: values for name, values in channels.items() if name != "time_s"}
 
 
-__all__ = ["SimulatedRun", "Simulation", "simulate"]
+__all__ = ["SimulateOptions", "SimulatedRun", "Simulation", "simulate"]

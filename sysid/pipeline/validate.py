@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from sysid.blocks.progress import progress_or_shown
-from sysid.io.campaign import Campaign
+from sysid.components.loading import component_in
+from sysid.io.campaign import MOTION_KINDS, Campaign
 from sysid.parameters import Bundle
-from sysid.pipeline.subject import subject_of
+from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
-from sysid.types import Progress
 from sysid.validation.results import ValidationResult
 
 
-def validate(
-    campaign: Campaign,
-    bundle: Bundle,
-    *,
-    effects: EffectSource = None,
-    progress: Progress | None = None,
-) -> ValidationResult:
+@dataclass(frozen=True, kw_only=True)
+class ValidateOptions(Reported):
+    """`effects`: those of the bundle that the catalogue lacks."""
+
+    effects: EffectSource = None
+
+
+@takes(ValidateOptions)
+def validate(campaign: Campaign, bundle: Bundle, options: ValidateOptions) -> ValidationResult:
     """Simulate a campaign's motion logs open loop with a bundle's model, and compare.
 
     By each valve model that applies. `effects`: those of the bundle that are not in the
@@ -29,8 +33,30 @@ def validate(
     >>> bool(checked.fit_percent.loc[:, "theta_rad"].max() > 50)
     True
     """
-    with progress_or_shown(progress, "validating") as tell:
-        return subject_of(campaign).validate(bundle, catalogue_from(effects), tell)
+    catalogue = catalogue_from(options.effects)
+    with progress_or_shown(options.progress, "validating") as tell:
+        if component_in(campaign) is not None:
+            from sysid.components.validation import validate_own
+
+            return validate_own(campaign, bundle, progress=tell)
+        from sysid.validation.open_loop import validate as simulated
+
+        return simulated(campaign, bundle, catalogue=catalogue, progress=tell)
 
 
-__all__ = ["validate"]
+def is_validated(campaign: Campaign, bundle: Bundle) -> bool:
+    """Whether a bundle is simulated against whole tests.
+
+    An actuator's where there are motion logs; an axis' tested alone where its motion is held out.
+    """
+    if component_in(campaign) is not None:
+        return True
+    from sysid.diagnosis.bench.registry import AXIS, part_tested
+    from sysid.validation.open_loop import VALIDATED_KINDS
+
+    part = part_tested(campaign.training_kinds(), bundle)
+    is_whole = part is None or (part == AXIS and campaign.select(MOTION_KINDS, "holdout"))
+    return bool(is_whole and campaign.select(VALIDATED_KINDS, None))
+
+
+__all__ = ["ValidateOptions", "is_validated", "validate"]

@@ -1,10 +1,10 @@
-"""A campaign of a component of the user's own: fitted, and what its law lacks."""
+"""The tests of a component of the user's own, and the component on them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,19 +12,12 @@ from sysid.components.definition import DynamicComponent
 from sysid.components.dynamic import DynamicPart
 from sysid.components.loading import LoadedComponent, component_in
 from sysid.components.parts import OwnPart, effects_in, scales_of, stretches_of
-from sysid.components.starts import check_starts
 from sysid.components.static import StaticPart
 from sysid.diagnosis.bench.component import Law
-from sysid.diagnosis.bench.diagnose import diagnose_component
-from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
-from sysid.diagnosis.looked import bounded
-from sysid.diagnosis.result import Diagnosis
 from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial
-from sysid.io.rig import Rig
 from sysid.parameters import Bundle
-from sysid.types import Progress, no_progress
 
 # Of a bound: a factor that is typed with three digits is off by at most so much.
 _ROUNDING = 5e-3
@@ -157,94 +150,6 @@ def training_part(tests: OwnTests, kept: Sequence[str] = ()) -> OwnPart:
     return part_of(tests.loaded, tests.fitted, scales_of(tests.loaded, tests.fitted), kept)
 
 
-@dataclass(frozen=True)
-class OwnFit:
-    """The bundle of a component's fit, and the notices."""
-
-    bundle: Bundle
-    notices: tuple[str, ...]
-
-
-def fit_own(campaign: Campaign, *, progress: Progress = no_progress) -> OwnFit:
-    """Fit a component of the user's own on its training tests: bounded least squares.
-
-    A dynamic component by the error of its simulation. Raises InputError for logs or code that
-    cannot be used, NotIdentifiedError where no log is to fit on or it identifies nothing.
-    """
-    tests = tests_of(campaign)
-    part = training_part(tests)
-    check_starts(part)
-    progress(f"{tests.loaded.kind}: {tests.loaded.name}")
-    fitted = fit_law(part, (), range(len(part.tests)))
-    found = fitted.part()
-    if found.component is None or not any(
-        e.identified for e in found.component.parameters.values()
-    ):
-        raise NotIdentifiedError(f"component {tests.loaded.kind}: {_why_nothing(fitted)}")
-    bundle = Bundle.new(campaign.rig, found, campaign.sources())
-    return OwnFit(bundle, (*tests.notices, *_remarks(fitted, tests.loaded)))
-
-
-def _why_nothing(fitted: FittedLaw) -> str:
-    """Why no parameter is identified, and the mend."""
-    at_bound = fitted.fit.diagnosis.at_bound
-    if not at_bound:
-        return "its tests identify none of its parameters; excite its inputs more"
-    words = []
-    for p in fitted.fit.parameters:
-        if p.name in at_bound:
-            nearest = min((p.lower, p.upper), key=lambda b: abs(b - fitted.fit[p.name]))
-            words.append(f"{p.name} ends at its bound {nearest:g} {p.unit}".rstrip())
-    verb = "are" if len(words) > 1 else "is"
-    return (
-        f"{' and '.join(words)}, and {verb} not identified there; widen the bounds, or mend the "
-        "law if they are physical"
-    )
-
-
-def _remarks(fitted: FittedLaw, loaded: LoadedComponent) -> list[str]:
-    """What is stuck at a bound or tied, and a law that explains too little."""
-    diagnosed = fitted.fit.diagnosis
-    lines = [f"{name} ends at its bound" for name in diagnosed.at_bound]
-    if len(diagnosed.tied) > 1:
-        lines.append(f"{' and '.join(diagnosed.tied)} only act together in these tests")
-    judged = fitted.quality()
-    if judged.explains_too_little:
-        lines.append(
-            f"{judged.shortfall}; sysid diagnose names what the law lacks, if the data are right"
-        )
-    return [f"{loaded.kind}: {line}" for line in lines]
-
-
-def diagnose_own(
-    campaign: Campaign,
-    bundle: Bundle,
-    *,
-    budget: float | None = None,
-    quick: bool = False,
-    progress: Progress = no_progress,
-) -> tuple[Diagnosis, tuple[str, ...]]:
-    """What a component's law lacks of its terms, and the readers' notices.
-
-    Terms that the bundle holds are part of the law. Raises InputError for logs, code or effects
-    that cannot be used, NotIdentifiedError where the bundle lacks the law or no log is to fit on.
-    """
-    tests = tests_of(campaign, bundle)
-    loaded = tests.loaded
-    kept = [effect.id for effect in effects_in(bundle, loaded)]
-    scales = training_part(tests).scales
-
-    def build(kind: str, trials: Sequence[Trial], rig: Rig) -> OwnPart:
-        return part_of(loaded, trials, scales, kept)
-
-    with bounded(budget) as limit:
-        found = diagnose_component(
-            loaded.kind, tests.fitted, tests.held_out, campaign.rig, bundle, {}, progress,
-            quick=quick, build=build,
-        )  # fmt: skip
-    return replace(found, evaluations=limit.made), tests.notices
-
-
 def _other_law(bundle: Bundle, loaded: LoadedComponent) -> list[str]:
     """A notice where the file has changed since the fit."""
     record = bundle.component
@@ -254,10 +159,7 @@ def _other_law(bundle: Bundle, loaded: LoadedComponent) -> list[str]:
 
 
 __all__ = [
-    "OwnFit",
     "OwnTests",
-    "diagnose_own",
-    "fit_own",
     "law_in",
     "loaded_in",
     "missing_column",

@@ -1,4 +1,4 @@
-"""The stages of `sysid run`: check, fit, diagnose, refine, validate, report and export.
+"""The whole pipeline, stage by stage: check, fit, diagnose, refine, validate, report, export.
 
 Each stage writes complete files and is then entered in `run.json` with the digests of all
 its inputs. A later call repeats what failed, what is missing and what is stale, and says
@@ -11,8 +11,8 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -21,19 +21,24 @@ from sysid import __version__
 from sysid.checks.log_check import LogCheck
 from sysid.components.loading import component_in
 from sysid.errors import InputError
-from sysid.exporters import export_file
 from sysid.io.campaign import Campaign
-from sysid.io.files import make_folder, write_atomic
+from sysid.io.files import make_folder, remove_leftovers, write_atomic
 from sysid.io.foreign import digest_of
+from sysid.io.locks import working_in
 from sysid.parallel import Failure, on_its_own, processor_seconds
 from sysid.parameters import Bundle, read_bundle, write_bundle
-from sysid.pipeline.diagnose import diagnose
-from sysid.pipeline.subject import Subject, subject_of
+from sysid.pipeline.check import checks_of
+from sysid.pipeline.diagnose import DiagnoseOptions, diagnose
+from sysid.pipeline.export import ExportOptions, export_file
+from sysid.pipeline.files import read_with
+from sysid.pipeline.fit import FitOptions, fit_campaign
+from sysid.pipeline.refine import RefineOptions, refine, why_not_refined
+from sysid.pipeline.request import takes
+from sysid.pipeline.validate import ValidateOptions, is_validated, validate
 from sysid.plant.effects.catalogue import catalogue_with
-from sysid.types import Progress
+from sysid.types import Progress, no_progress
 
 if TYPE_CHECKING:
-    from sysid.plant.effects.entry import Catalogue
     from sysid.validation.results import ValidationResult
 
 STATE_FILE = "run.json"
@@ -76,31 +81,35 @@ class StageReport:
         return said if self.complete else f"{said}, incomplete"
 
 
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(FitOptions, DiagnoseOptions):
+    """The options of a fit and of a diagnosis, and which stages there are.
+
+    `diagnose`: whether to look for what the model lacks; `refine`: whether to estimate all
+    parameters together, too; `effects`: a Python file with further effects, `component` one with a
+    component of the user's own; `exclude`: what is not read of the logs; `entered` is called with
+    the name of each stage.
+    """
+
+    effects: Path | None = None
+    diagnose: bool = True
+    component: str | None = None
+    exclude: Sequence[str] = ()
+    entered: Progress = no_progress
+
+
 @dataclass
 class PipelineRun:
     """A run under way; `unasked`: those of its `notices` that a terminal shows only with -v."""
 
     campaign: Campaign
     folder: Path
-    surface: str
-    seed: int
-    tell: Progress
+    options: RunOptions
     inputs: dict[str, str]
-    diagnose: bool = True
-    refine: bool = True
-    effects: Path | None = None
-    budget: float | None = None
-    quick: bool = False
-    exclude: tuple[str, ...] = ()
     notices: list[str] = field(default_factory=list)
     unasked: list[str] = field(default_factory=list)
     validation: ValidationResult | None = None
     not_validated: str = ""
-
-    @property
-    def subject(self) -> Subject:
-        """What the campaign is about."""
-        return subject_of(self.campaign)
 
     def path(self, name: str) -> Path:
         return self.folder / name
@@ -111,25 +120,15 @@ class PipelineRun:
         return read_bundle(self.path(name)).named(name)
 
     @property
-    def refines(self) -> bool:
-        """Whether all parameters are estimated together: asked for, and not left out by --quick."""
-        return self.refine and not self.quick
-
-    @property
     def model_file(self) -> str:
         """The bundle that is validated: the last that was made."""
-        if self.refines:
+        if self.options.simulates:
             return _REFINED_FILE
-        return _EXTENDED_FILE if self.diagnose else FITTED_FILE
-
-    @property
-    def catalogue(self) -> Catalogue | None:
-        """The catalogue with the further effects; None is the project's."""
-        return catalogue_with(self.effects) if self.effects else None
+        return _EXTENDED_FILE if self.options.diagnose else FITTED_FILE
 
     def diagnosis(self) -> dict[str, Any] | None:
         """The diagnosis as written: its result, or why it was `skipped`; None without one."""
-        if not self.diagnose:
+        if not self.options.diagnose:
             return None
         content: dict[str, Any] = json.loads(self.path(_DIAGNOSIS_FILE).read_text("utf-8"))
         return content
@@ -180,20 +179,20 @@ def made_from(run: PipelineRun, stage: Stage) -> dict[str, str]:
         **run.inputs,
         **{name: _digest(run.path(name)) for name in stage.made_from},
         "sysid": __version__,
-        "--surface": run.surface,
-        "--seed": str(run.seed),
+        "--surface": run.options.surface,
+        "--seed": str(run.options.seed),
     }
-    if stage.reads_effects and run.effects is not None:
-        found["--effects"] = _digest(run.effects)
+    if stage.reads_effects and run.options.effects is not None:
+        found["--effects"] = _digest(run.options.effects)
     own = component_in(run.campaign)
     if own is not None:
         found["--component"] = f"{own.name} {own.sha256}"
-    if run.exclude:
-        found["--exclude"] = json.dumps(run.exclude)
+    if run.options.exclude:
+        found["--exclude"] = json.dumps(tuple(run.options.exclude))
     if stage.layout > 1:
         found["layout"] = str(stage.layout)
     if stage.reads_refine:
-        found["--refine"] = str(run.refines)
+        found["--refine"] = str(run.options.simulates)
     return found
 
 
@@ -204,7 +203,7 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
     before = state.get(stage.name, {})
     why = _stale(run, stage, given, state.get(stage.name))
     if why is None:
-        run.tell(f"{stage.name}: up to date")
+        run.options.tell(f"{stage.name}: up to date")
         run.notices += before.get(_NOTICES, [])
         run.unasked += before.get(_UNASKED, [])
         complete = _CUT_SHORT not in before and not before.get(_QUICK)
@@ -212,7 +211,9 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
             run.notices.append(_incomplete(stage, before))
         run.notices += [_first_look(stage)] if before.get(_QUICK) else []
         return StageReport(stage.name, None, 0.0, complete)
-    run.tell(f"{stage.name}: {'starts' if why == _NOT_DONE_YET else f'{why}; starts again'}")
+    run.options.tell(
+        f"{stage.name}: {'starts' if why == _NOT_DONE_YET else f'{why}; starts again'}"
+    )
     start, said, unasked = time.perf_counter(), len(run.notices), len(run.unasked)
     used = processor_seconds()
     stage.perform(run)
@@ -225,14 +226,14 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
         _NOTICES: run.notices[said:],
         _UNASKED: run.unasked[unasked:],
     }
-    quick = stage.has_quick and run.quick
+    quick = stage.has_quick and run.options.quick
     if quick:
         record[_QUICK] = True
         run.notices.append(_first_look(stage))
     cut_short = stage.was_cut_short(run)
     if cut_short:
-        record[_BY_COUNT] = run.budget is None
-        record[_CUT_SHORT] = round(used, 3) if run.budget is None else run.budget
+        record[_BY_COUNT] = run.options.budget is None
+        record[_CUT_SHORT] = round(used, 3) if run.options.budget is None else run.options.budget
         run.notices.append(_incomplete(stage, record))
     write_atomic(run.path(STATE_FILE), json.dumps(state, indent=2) + "\n")
     whole = all(run.path(name).is_file() for name in stage.outputs)
@@ -266,7 +267,8 @@ def _first_look(stage: Stage) -> str:
 
 def has_whole_diagnosis(run: PipelineRun) -> bool:
     """Whether the folder holds all that this run, without --quick, would find by it."""
-    whole, state = replace(run, quick=False), _read_state(run.folder)
+    whole = replace(run, options=replace(run.options, quick=False))
+    state = _read_state(run.folder)
     stages = [stage for stage in stages_of(whole) if stage.has_quick]
     if not all(whole.path(name).is_file() for stage in stages for name in stage.made_from):
         return False
@@ -285,18 +287,16 @@ _USUAL = {
 }  # fmt: skip
 
 
-def expected_seconds(
-    folder: Path, budget: float | None, *, diagnose: bool, refine: bool, quick: bool
-) -> dict[str, float]:
+def expected_seconds(folder: Path, options: RunOptions) -> dict[str, float]:
     """About how long each stage takes: as in an earlier run of the folder, else as is usual."""
     known = {
         name: float(record["seconds"])
         for name, record in _read_state(folder).items()
         if isinstance(record, dict) and isinstance(record.get("seconds"), int | float)
     }
-    whole = min(_USUAL["diagnose"], budget or math.inf)
-    usual = _USUAL | {"diagnose": _QUICK_SHARE * whole if quick else whole}
-    left_out = {"diagnose": not diagnose, "refine": not refine or quick}
+    whole = min(_USUAL["diagnose"], options.budget or math.inf)
+    usual = _USUAL | {"diagnose": _QUICK_SHARE * whole if options.quick else whole}
+    left_out = {"diagnose": not options.diagnose, "refine": not options.simulates}
     return {n: known.get(n, usual[n]) for n in usual if not left_out.get(n)}
 
 
@@ -315,13 +315,13 @@ def _stale(
     """Why a stage has to be done; None where its files are present and nothing has changed."""
     if before is None:
         return _NOT_DONE_YET
-    if before.get(_QUICK) and not run.quick:
+    if before.get(_QUICK) and not run.options.quick:
         return "a first look with --quick"
     old = before.get("made_from", {})
     changed = [k for k in {**old, **made_from} if old.get(k) != made_from.get(k)]
     if changed:
         return f"stale, changed: {', '.join(changed)}"
-    if _may_do_more(run.budget, before):
+    if _may_do_more(run.options.budget, before):
         how = "s of processor time" if before.get(_BY_COUNT) else "s of --budget"
         return f"incomplete after {before[_CUT_SHORT]:.3g} {how}"
     for name, digest in before.get("outputs", {}).items():
@@ -350,7 +350,7 @@ def _unless_failed(
 
 def _check(run: PipelineRun) -> None:
     """Raises InputError for a log that cannot be read; other reasons leave the checks out."""
-    checks = _unless_failed(run, "not checked", run.subject.checks)
+    checks = _unless_failed(run, "not checked", partial(checks_of, run.campaign))
     if isinstance(checks, Failure):
         if isinstance(checks.error, InputError):
             raise checks.error
@@ -362,11 +362,10 @@ def _check(run: PipelineRun) -> None:
 
 
 def _fit(run: PipelineRun) -> None:
-    bundle, notices = run.subject.fit(
-        run.surface, run.seed, lambda part: run.tell(f"fitting {part}")
-    )
-    write_bundle(bundle, run.path(FITTED_FILE))
-    run.notices += notices
+    options = replace(run.options, progress=lambda part: run.options.tell(f"fitting {part}"))
+    found = fit_campaign(run.campaign, options)
+    write_bundle(found.bundle, run.path(FITTED_FILE))
+    run.notices += found.notices
 
 
 def _diagnose(run: PipelineRun) -> None:
@@ -374,16 +373,7 @@ def _diagnose(run: PipelineRun) -> None:
     bundle = run.bundle(FITTED_FILE)
 
     def made() -> tuple[str, Bundle, tuple[str, ...]]:
-        diagnosis = diagnose(
-            run.campaign,
-            bundle,
-            effects=run.effects,
-            refine=run.refine,
-            seed=run.seed,
-            budget=run.budget,
-            quick=run.quick,
-            progress=run.tell,
-        )
+        diagnosis = diagnose(run.campaign, bundle, run.options)
         return _json_text(diagnosis.content()), diagnosis.bundle, diagnosis.notices
 
     found = _unless_failed(run, "not diagnosed", made)
@@ -414,12 +404,13 @@ def _refine(run: PipelineRun) -> None:
     A part tested alone, save an axis with a motor, has no motion to simulate: its bundle continues
     as it is, and so does one that the diagnosis refined, or tried to refine and could not.
     """
-    bundle = run.bundle(_EXTENDED_FILE if run.diagnose else FITTED_FILE)
+    bundle = run.bundle(_EXTENDED_FILE if run.options.diagnose else FITTED_FILE)
     refined = bundle
     tried = (run.diagnosis() or {}).get("not_refined")
-    if not tried and not run.subject.why_not_refined(bundle):
-        refine = partial(run.subject.refine, bundle, run.tell, {"catalogue": run.catalogue})
-        result = _unless_failed(run, "not refined", refine)
+    if not tried and not why_not_refined(run.campaign, bundle):
+        options = RefineOptions(effects=run.options.effects, progress=run.options.tell)
+        work = partial(refine, run.campaign, bundle, options)
+        result = _unless_failed(run, "not refined", work)
         if not isinstance(result, Failure) and result.worse:
             run.notices.append(f"not refined: the training tests would be simulated {result.worse}")
         elif not isinstance(result, Failure):
@@ -433,8 +424,9 @@ def _validated(run: PipelineRun) -> ValidationResult | None:
     if run.validation is not None or run.not_validated:
         return run.validation
     bundle = run.bundle(run.model_file)
-    if run.subject.is_validated(bundle):
-        found = on_its_own(lambda: run.subject.validate(bundle, run.catalogue, run.tell))
+    if is_validated(run.campaign, bundle):
+        options = ValidateOptions(effects=run.options.effects, progress=run.options.tell)
+        found = on_its_own(lambda: validate(run.campaign, bundle, options))
         if isinstance(found, Failure):
             run.not_validated = found.reason
         else:
@@ -469,7 +461,7 @@ def _report(run: PipelineRun) -> None:
             validation=_validated(run),
             checks=[LogCheck.from_json(c) for c in content["logs"]],
             diagnosis=run.diagnosis(),
-            progress=run.tell,
+            progress=run.options.tell,
         ),
         path,
     )
@@ -480,7 +472,8 @@ def _export(run: PipelineRun) -> None:
     make_folder(run.path("export"))
     for kind, name in EXPORTS.items():
         path = run.path(name)
-        write = partial(export_file, run.path(BUNDLE_FILE), path, kind, effects=run.effects)
+        options = ExportOptions(format=kind, effects=run.options.effects)
+        write = partial(export_file, run.path(BUNDLE_FILE), path, options)
         said = _unless_failed(run, f"no {name}", write, path)
         if not isinstance(said, Failure):
             run.notices += said
@@ -490,9 +483,9 @@ def _export(run: PipelineRun) -> None:
 def stages_of(run: PipelineRun) -> list[Stage]:
     """The stages of a run, in turn."""
     diagnosed = (_DIAGNOSIS_FILE, _EXTENDED_FILE)
-    shown = (BUNDLE_FILE, _CHECKS_FILE, *([_DIAGNOSIS_FILE] if run.diagnose else []))
-    refined_from = _EXTENDED_FILE if run.diagnose else FITTED_FILE
-    done = {"diagnose": run.diagnose, "refine": run.refines}
+    shown = (BUNDLE_FILE, _CHECKS_FILE, *([_DIAGNOSIS_FILE] if run.options.diagnose else []))
+    refined_from = _EXTENDED_FILE if run.options.diagnose else FITTED_FILE
+    done = {"diagnose": run.options.diagnose, "refine": run.options.simulates}
     left_out = {name for name, wanted in done.items() if not wanted}
     stages = [
         Stage("check", (_CHECKS_FILE,), (), _check, reads_effects=False),
@@ -512,7 +505,96 @@ def stages_of(run: PipelineRun) -> list[Stage]:
         Stage("report", (REPORT_FILE,), shown, _report),
         Stage("export", tuple(EXPORTS.values()), (BUNDLE_FILE,), _export),
     ]
-    if not run.subject.is_exported:
+    if component_in(run.campaign) is not None:
         # The law is the user's Python, and so are its files for a controller.
         left_out.add("export")
     return [stage for stage in stages if stage.name not in left_out]
+
+
+# --- the whole run ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """The result of `sysid run`: the stages, the bundle, and the files that it wrote.
+
+    `diagnosis` is the content of its file, None without a diagnosis; `unasked` are those of the
+    notices, on what an export lacks, that a terminal shows only when asked to; `not_diagnosed` says
+    why a diagnosis was skipped.
+    """
+
+    folder: Path
+    stages: tuple[StageReport, ...]
+    bundle: Bundle
+    notices: tuple[str, ...]
+    diagnosis: dict[str, Any] | None = None
+    unasked: tuple[str, ...] = ()
+    not_diagnosed: str = ""
+
+    @property
+    def report(self) -> Path:
+        """The HTML report."""
+        return self.folder / REPORT_FILE
+
+    @property
+    def exports(self) -> dict[str, Path]:
+        """The files for a controller by format, without those that could not be made.
+
+        None of a component of the user's own.
+        """
+        if not any(stage.name == "export" for stage in self.stages):
+            return {}
+        paths = {kind: self.folder / name for kind, name in EXPORTS.items()}
+        return {kind: path for kind, path in paths.items() if path.is_file()}
+
+    def to_json(self) -> dict[str, Any]:
+        """The output of `sysid run --json`; `diagnosis` as in `sysid diagnose --json`, or null."""
+        diagnosis = self.diagnosis and {k: v for k, v in self.diagnosis.items() if k != "figures"}
+        return {
+            "folder": str(self.folder),
+            "report": str(self.report) if self.report.is_file() else None,
+            "bundle": str(self.folder / BUNDLE_FILE),
+            "exports": {kind: str(path) for kind, path in self.exports.items()},
+            "stages": [asdict(s) for s in self.stages],
+            "diagnosis": diagnosis,
+            "validation": self.bundle.to_json().get("validation", {}),
+            "notices": list(self.notices),
+        }
+
+
+@takes(RunOptions)
+def run_campaign(campaign_path: Path, folder: Path, options: RunOptions) -> RunReport:
+    """Run every stage that is not up to date. Raises what the stages raise.
+
+    The diagnosis ends after `budget` seconds of processor time (None: after so many evaluations);
+    where it missed something then, a call with more does it again. `quick`: a first diagnosis that
+    leaves much out, and no refinement; a call without it does both. No other call works in the
+    folder meanwhile.
+    """
+    campaign = read_with(campaign_path, options.component, options.tell, options.exclude)
+    if options.effects is not None:
+        catalogue_with(
+            options.effects
+        )  # an unusable file is reported before the work, not after it
+    with working_in(folder):
+        if (folder / "export").exists():  # what cannot be a folder is reported before the work
+            make_folder(folder / "export")
+        remove_leftovers(folder)
+        remove_leftovers(folder / "export")
+        run = PipelineRun(campaign, folder, options, digests(campaign))
+        if options.quick and has_whole_diagnosis(run):
+            # What is there already is more than a first look.
+            run.options = replace(options, quick=False)
+        run.notices += [*campaign.notices, *campaign.rig.notices]
+        done = []
+        for stage in stages_of(run):
+            options.entered(stage.name)
+            done.append(perform(run, stage))
+        stages = tuple(done)
+        bundle = read_bundle(folder / BUNDLE_FILE)
+        found = run.diagnosis()
+        diagnosis = found if found and "verdict" in found else None
+        skipped = "" if found is None else found.get("skipped", "")
+        notices = tuple(dict.fromkeys(run.notices))
+        unasked = tuple(dict.fromkeys(run.unasked))
+        return RunReport(folder, stages, bundle, notices, diagnosis, unasked, skipped)

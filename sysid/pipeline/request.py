@@ -1,0 +1,108 @@
+"""How a request is made: what is given, and its options, which its dataclass declares once.
+
+Within the package the options are passed whole; a notebook names each by keyword.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
+from typing import Any, Generic, ParamSpec, Protocol, TypeVar, overload
+
+from sysid.types import Progress, no_progress
+
+Named = ParamSpec("Named")
+Given = TypeVar("Given")
+Other = TypeVar("Other")
+Chosen = TypeVar("Chosen", bound="Options")
+Result = TypeVar("Result")
+_Given = TypeVar("_Given", contravariant=True)
+_Other = TypeVar("_Other", contravariant=True)
+_Chosen = TypeVar("_Chosen", contravariant=True)
+_Result = TypeVar("_Result", covariant=True)
+
+
+@dataclass(frozen=True)
+class Options:
+    """Of any request."""
+
+    def those_of(self, kind: type[Chosen], **others: Any) -> Chosen:
+        """The options of a request that is part of this one, of whose fields this has all.
+
+        `others` take their places.
+        """
+        return kind(**{f.name: getattr(self, f.name) for f in fields(kind)} | others)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reported(Options):
+    """Of a request that takes its time: `progress` is called with a line for each step.
+
+    None: a terminal or a notebook shows the lines, a script does not.
+    """
+
+    progress: Progress | None = None
+
+    @property
+    def tell(self) -> Progress:
+        """`progress`, or nothing where there is none."""
+        return self.progress or no_progress
+
+
+class OfOne(Protocol[_Given, _Chosen, Named, _Result]):
+    """A request about one thing: its options as one object, or by keyword."""
+
+    @overload
+    def __call__(self, given: _Given, options: _Chosen, /) -> _Result: ...
+    @overload
+    def __call__(
+        self, given: _Given, /, *rest: Named.args, **keywords: Named.kwargs
+    ) -> _Result: ...
+
+
+class OfTwo(Protocol[_Given, _Other, _Chosen, Named, _Result]):
+    """A request about two things, a campaign and a bundle: likewise."""
+
+    @overload
+    def __call__(self, given: _Given, other: _Other, options: _Chosen, /) -> _Result: ...
+    @overload
+    def __call__(
+        self, given: _Given, other: _Other, /, *rest: Named.args, **keywords: Named.kwargs
+    ) -> _Result: ...
+
+
+class takes(Generic[Named, Chosen]):  # noqa: N801 - a decorator
+    """Decorates a request: its last argument, of the class `options`, may be given by keyword."""
+
+    def __init__(self, options: Callable[Named, Chosen]) -> None:
+        self.options: Any = options
+
+    @overload
+    def __call__(
+        self, request: Callable[[Given, Chosen], Result]
+    ) -> OfOne[Given, Chosen, Named, Result]: ...
+    @overload
+    def __call__(
+        self, request: Callable[[Given, Other, Chosen], Result]
+    ) -> OfTwo[Given, Other, Chosen, Named, Result]: ...
+    def __call__(self, request: Callable[..., Any]) -> Any:
+        whole = inspect.signature(request)
+        *given, _ = whole.parameters.values()
+        chosen = inspect.signature(self.options).parameters.values()
+        by_keyword = whole.replace(parameters=[*given, *chosen])
+
+        @wraps(request)
+        def called(*words: Any, **keywords: Any) -> Any:
+            if len(words) > len(given) and isinstance(words[-1], self.options):
+                return request(*words, **keywords)
+            named = by_keyword.bind(*words, **keywords).arguments
+            asked = [named.pop(parameter.name) for parameter in given]
+            return request(*asked, self.options(**named))
+
+        called.__dict__["__signature__"] = by_keyword
+        return called
+
+
+__all__ = ["Options", "Reported", "takes"]
