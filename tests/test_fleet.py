@@ -18,7 +18,6 @@ import pytest
 from golden_folder import GOLDEN, golden_bundle
 
 from sysid.commands.app import main
-from sysid.commands.fleet import run_fleet, run_one
 from sysid.document.fleet import fleet_page
 from sysid.errors import InputError
 from sysid.fleet.changes import change_in
@@ -31,6 +30,7 @@ from sysid.parallel import Failure, attempt_all, on_cluster
 from sysid.parallel.cluster import collector_off
 from sysid.parameters import read_bundle
 from sysid.parameters.effects import EffectEntry, entry_of
+from sysid.pipeline.fleet import FleetOptions, run_fleet, run_one
 from sysid.plant.effects import AtmosphereLeakage
 from sysid.plant.effects.catalogue import catalogue
 
@@ -416,7 +416,7 @@ def test_a_fleet_resumes_and_goes_on_past_a_bad_campaign(
     assert main([*words[:2], *words[1:]]) == 2
     assert "is given twice" in capsys.readouterr().err
     campaigns[0].write_text("[[log]]\n")
-    failed = run_one(campaigns[0], tmp_path / "out", QUICK, False)
+    failed = run_one(campaigns[0], tmp_path / "out", **QUICK)
     assert failed.exit_code == 2 and json.loads((folder / "row.json").read_text())["failure"]
 
 
@@ -424,7 +424,7 @@ def test_a_campaign_that_fails_leaves_no_empty_folder(tmp_path: Path) -> None:
     campaign = points(tmp_path / "2024-01-01")
     for log in campaign.parent.glob("*.csv"):
         log.write_text("time_s\n0\n")
-    failed = run_one(campaign, tmp_path / "out", QUICK, False)
+    failed = run_one(campaign, tmp_path / "out", **QUICK)
     assert failed.failure and not (tmp_path / "out" / failed.folder / "export").exists()
 
 
@@ -433,11 +433,11 @@ def test_the_file_of_effects_is_found_from_any_folder(
 ) -> None:
     given = []
 
-    def one(campaign: Path, folder: Path, options: dict[str, Any], shows: bool) -> FleetRow:
-        given.append(options["effects"])
+    def one(campaign: Path, folder: Path, options: FleetOptions) -> FleetRow:
+        given.append(options.effects)
         return row("rig", 0, 0.25)
 
-    monkeypatch.setattr("sysid.commands.fleet.run_one", one)
+    monkeypatch.setattr("sysid.pipeline.fleet.run_one", one)
     monkeypatch.chdir(tmp_path)
     run_fleet((Path("campaign.toml"),), Path("out"), effects=Path("my.py"))
     assert given == [tmp_path / "my.py"]
@@ -516,7 +516,7 @@ def test_a_local_cluster_is_heard_on_this_machine_only(
             found.append(addresses())
 
     campaigns = (points(tmp_path / "2024-01-01", 0.01),)
-    done = run_fleet(campaigns, tmp_path / "out", scheduler="local", tell=tell, **QUICK)
+    done = run_fleet(campaigns, tmp_path / "out", scheduler="local", progress=tell, **QUICK)
     assert not done.failed
     assert found == [{"127.0.0.1"}]
 

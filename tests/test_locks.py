@@ -19,11 +19,11 @@ from pathlib import Path
 import pytest
 
 from sysid.commands.app import main
-from sysid.commands.fleet import run_one
 from sysid.errors import InputError
 from sysid.io import locks
 from sysid.io.files import inputs_kept, note_input, write_atomic
 from sysid.io.locks import LOCK_FILE, FolderInUseError, Holder, clear_left, working_in
+from sysid.pipeline.fleet import run_one
 from sysid.pipeline.run import run_campaign
 
 BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled"
@@ -309,13 +309,13 @@ def test_commands_that_write_into_a_folder(
 def test_a_campaign_of_a_fleet_that_is_at_work(tmp_path: Path) -> None:
     first, second = (campaign(tmp_path / day) for day in ("2025-01-10", "2025-02-11"))
     quick = {"diagnose": False, "refine": False}
-    fine = run_one(first, tmp_path / "fleet", quick, False)
+    fine = run_one(first, tmp_path / "fleet", **quick)
     folder = tmp_path / "fleet" / fine.folder
     row = (folder / "row.json").read_text()
     with another(folder) as process:
-        busy = run_one(first, tmp_path / "fleet", quick, False)
+        busy = run_one(first, tmp_path / "fleet", **quick)
         assert busy.exit_code == 2 and re.search(IN_USE.format(process.pid), busy.failure)
-        assert run_one(second, tmp_path / "fleet", quick, False).exit_code == 0
+        assert run_one(second, tmp_path / "fleet", **quick).exit_code == 0
     assert (folder / "row.json").read_text() == row
 
 

@@ -16,7 +16,7 @@ import pytest
 from golden_folder import BUNDLED, golden_bundle
 from test_valve_pwm import make_rig, make_trials
 
-from sysid import assembly, valve_discrete, valve_pwm
+from sysid import valve_discrete, valve_pwm
 from sysid.blocks.sections import Plot, Section
 from sysid.checks.consistency import campaign as consistency
 from sysid.diagnosis.bench.diagnose import _held_out
@@ -165,7 +165,7 @@ def test_one_valve_that_lacks_a_channel_leaves_the_other() -> None:
 def test_a_part_of_a_campaign_that_fails_leaves_the_others(
     error: Exception, bundled: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(assembly, "fit_valve_discrete", failing(error))
+    monkeypatch.setattr("sysid.pipeline.fit.fit_valve_discrete", failing(error))
     some = only(bundled, "friction-static", "friction-sliding", "valve-discrete")
     found = fit_campaign(some)
     assert found.bundle.friction is not None and found.bundle.valves is None

@@ -1,7 +1,7 @@
 """The page of the measured sets: what each lacked, errors before and after, the remainder.
 
 It uses the frame, style, tables and figures of a campaign's report
-(`sysid.report`).
+(`sysid.document`).
 """
 
 from __future__ import annotations

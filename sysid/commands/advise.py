@@ -16,8 +16,8 @@ from sysid.commands.options import (
 )
 from sysid.commands.printing import notices, print_blocks, print_json, progress, remarks
 from sysid.io.campaign import read_campaign
-from sysid.parameters import read_bundle
 from sysid.pipeline.advise import advise as advise_campaign
+from sysid.pipeline.files import read_bundle
 
 
 @click.command()

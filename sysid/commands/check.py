@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path, PurePath
 from typing import Any
 
 import click
 
 from sysid.checks.campaign_check import CampaignCheck
-from sysid.checks.log_check import LogCheck, check_log
+from sysid.checks.log_check import LogCheck
 from sysid.commands.options import (
     component_option,
     exclude_option,
@@ -31,13 +30,9 @@ from sysid.commands.printing import (
     progress,
 )
 from sysid.errors import input_error
-from sysid.io.bare_rig import read_bare_logs
-from sysid.io.exclusion import Exclusion
-from sysid.io.logs import exclusions_for, read_log
-from sysid.io.rig import find_rig_file, read_rig
-from sysid.io.tables import require_log
-from sysid.io.units import ColumnMap, parse_map
-from sysid.pipeline.check import check_campaign
+from sysid.io.logs import exclusions_for
+from sysid.io.units import parse_map
+from sysid.pipeline.check import check_campaign, check_file
 from sysid.pipeline.files import read_with
 
 # Lines of remarks, the first of the campaign's logs; all with -v.
@@ -80,9 +75,9 @@ def check(
             mend = "give the campaign file that lists it"
             raise input_error(path, "is no campaign file, which --component needs", mend)
         else:
-            rig_file = rig or find_rig_file(path)
-            require_log(path)
-            checked.append(_log_check(path, rig_file, mapping, excluded[path], said))
+            found, notices_of_rig = check_file(path, rig, mapping, excluded[path])
+            checked.append(found)
+            said += notices_of_rig
     if as_json:
         _tell(checked, said, all_of_them=True)
         print_json(_content(checked))
@@ -91,32 +86,6 @@ def check(
     for one in checked:
         print_blocks(_campaign(one, verbose) if isinstance(one, CampaignCheck) else _log(one))
         print_blocks([""])
-
-
-def _log_check(
-    path: Path,
-    rig: Path | None,
-    mapping: Mapping[str, ColumnMap],
-    exclude: Sequence[Exclusion],
-    said: list[str],
-) -> LogCheck:
-    """The check of one log; without a rig file by what it shows and the reference rig."""
-    if rig is not None:
-        known = read_rig(rig)
-        return check_log(read_log(path, known, mapping, None, exclude, readings=True), known)
-    bare = read_bare_logs([path], mapping, exclude=[exclude], readings=True)
-    said += [
-        f"{path}: no rig file: {', '.join(bare.rig.assumed)} are assumed, as on the reference rig "
-        f"(`sysid init --from {path.name} rig.toml` writes one to correct)",
-        *bare.notices,
-    ]
-    found, rig_said = check_log(bare.logs[0], bare.read_with), bare.rig.said
-    return replace(
-        found,
-        identifies=tuple(replace(i, reason=rig_said(i.reason)) for i in found.identifies),
-        notices=tuple(map(rig_said, found.notices)),
-        contradicts=tuple(map(rig_said, found.contradicts)),
-    )
 
 
 def _campaign_check(

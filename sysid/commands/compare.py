@@ -9,8 +9,8 @@ import click
 from sysid.blocks.numbers import ascii_text
 from sysid.commands.options import PathArgument, json_option
 from sysid.commands.printing import notices, print_blocks, print_json
-from sysid.parameters import read_bundle
 from sysid.pipeline.compare import compare as compare_bundles
+from sysid.pipeline.files import read_bundle
 
 
 @click.command()

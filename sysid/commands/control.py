@@ -25,15 +25,13 @@ from sysid.commands.printing import (
     progress,
     written_lines,
 )
-from sysid.controllers.modes import Mode
 from sysid.io.files import make_folder
 from sysid.io.locks import working_in
-from sysid.parameters import read_bundle
-from sysid.pipeline.control import ControlledRun, ControlOptions
+from sysid.pipeline.control import MODES, ControlledRun, ControlOptions
 from sysid.pipeline.control import control as control_bundle
-from sysid.pipeline.control_table import ControlTable, control_table
+from sysid.pipeline.control_table import TABLES, ControlTable, control_table
+from sysid.pipeline.files import read_bundle
 from sysid.surfaces.kinds import SURFACES
-from sysid.thesis import TABLES
 from sysid.types import Progress, no_progress
 
 _run_options = options(
@@ -43,7 +41,7 @@ _run_options = options(
         help="pva, backstepping, dvmpc, or FILE.py:CLASS, a controller of your own; it is run.",
     ),
     click.option("--trajectory", type=click.IntRange(1, 4), help="Thesis, Table 4.2.1."),
-    click.option("--mode", type=click.Choice([m.value for m in Mode]), help="Which may act."),
+    click.option("--mode", type=click.Choice(MODES), help="Which may act."),
     click.option(
         "--payload",
         "payload_kg",

@@ -24,10 +24,9 @@ from sysid.commands.options import (
 )
 from sysid.commands.printing import notices, print_json, print_result, progress
 from sysid.diagnosis.result import Diagnosis
-from sysid.parameters import read_bundle
 from sysid.pipeline.diagnose import CampaignDiagnosis, DiagnoseOptions
 from sysid.pipeline.diagnose import diagnose as workflow
-from sysid.pipeline.files import read_with
+from sysid.pipeline.files import read_bundle, read_with
 from sysid.pipeline.report import PageOptions, write_results
 from sysid.pipeline.validate import ValidateOptions, is_validated, validate
 from sysid.types import Progress, no_progress

@@ -21,8 +21,7 @@ from sysid.commands.options import (
 )
 from sysid.commands.printing import notices, print_json, print_result, progress
 from sysid.errors import input_error
-from sysid.parameters import read_bundle
-from sysid.pipeline.files import read_with
+from sysid.pipeline.files import read_bundle, read_with
 from sysid.pipeline.refine import RefineOptions
 from sysid.pipeline.refine import refine as workflow
 from sysid.pipeline.report import PageOptions, write_results

@@ -27,8 +27,8 @@ from sysid.commands.printing import (
     validation_table,
     written_lines,
 )
-from sysid.parameters import Bundle, read_bundle
-from sysid.pipeline.files import read_with
+from sysid.parameters import Bundle
+from sysid.pipeline.files import read_bundle, read_with
 from sysid.pipeline.report import PageOptions, write_results
 from sysid.pipeline.validate import ValidateOptions
 from sysid.pipeline.validate import validate as workflow

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 from sysid.checks.campaign_check import CampaignCheck, check_whole
 from sysid.checks.log_check import LogCheck, check_log
 from sysid.checks.log_check import check_campaign as check_logs
 from sysid.components.loading import component_in
+from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import Campaign
-from sysid.io.rig import Rig
+from sysid.io.exclusion import Exclusion
+from sysid.io.logs import read_log
+from sysid.io.rig import Rig, find_rig_file, read_rig
 from sysid.io.samples import Log
+from sysid.io.tables import require_log
+from sysid.io.units import ColumnMap
 from sysid.pipeline.given_tests import rig_of
 
 
@@ -26,6 +33,35 @@ def check(log: Log, rig: Rig | None = None) -> LogCheck:
     [0, 0]
     """
     return check_log(log, rig_of(log, rig))
+
+
+def check_file(
+    path: Path, rig: Path | None, mapping: Mapping[str, ColumnMap], exclude: Sequence[Exclusion]
+) -> tuple[LogCheck, tuple[str, ...]]:
+    """The check of one log in a file, and notices of what is assumed of its rig.
+
+    `rig` None: the nearest rig file; without one by what the log shows and the reference rig.
+    `exclude`: what is not read. Raises InputError for files that cannot be used.
+    """
+    rig_file = rig or find_rig_file(path)
+    require_log(path)
+    if rig_file is not None:
+        known = read_rig(rig_file)
+        log = read_log(path, known, mapping, None, exclude, readings=True)
+        return check_log(log, known), ()
+    bare = read_bare_logs([path], mapping, exclude=[exclude], readings=True)
+    assumed = (
+        f"{path}: no rig file: {', '.join(bare.rig.assumed)} are assumed, as on the reference rig "
+        f"(`sysid init --from {path.name} rig.toml` writes one to correct)"
+    )
+    found, said = check_log(bare.logs[0], bare.read_with), bare.rig.said
+    found = replace(
+        found,
+        identifies=tuple(replace(i, reason=said(i.reason)) for i in found.identifies),
+        notices=tuple(map(said, found.notices)),
+        contradicts=tuple(map(said, found.contradicts)),
+    )
+    return found, (assumed, *bare.notices)
 
 
 def check_campaign(campaign: Campaign) -> CampaignCheck:
@@ -50,4 +86,4 @@ def checks_of(campaign: Campaign, *, by_content: bool = False) -> Sequence[LogCh
     return check_campaign(campaign).logs
 
 
-__all__ = ["check", "check_campaign", "checks_of"]
+__all__ = ["check", "check_campaign", "check_file", "checks_of"]

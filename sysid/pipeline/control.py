@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 PAGE_NAME = "page.html"
+MODES = tuple(mode.value for mode in Mode)
 _METRICS = {
     "rmse": "RMSE",
     "mae": "MAE, largest error",
@@ -258,4 +259,4 @@ def _mode(mode: str | Mode) -> Mode:
         raise input_error(f"mode {mode!r}", "is unknown", f"give one of {known}") from None
 
 
-__all__ = ["ControlOptions", "ControlledRun", "control"]
+__all__ = ["MODES", "ControlOptions", "ControlledRun", "control"]

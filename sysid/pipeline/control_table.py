@@ -17,7 +17,7 @@ from sysid.document.controllers import write_table_page
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.io.files import make_folder
 from sysid.parameters import Bundle, read_bundle
-from sysid.thesis import TableRig, ThesisTable, thesis_table
+from sysid.thesis import TABLES, TableRig, ThesisTable, thesis_table
 from sysid.thesis.shown import compared, figure, unit_of
 from sysid.types import Progress
 
@@ -104,4 +104,4 @@ def control_table(
         return ControlTable(thesis_table(name, rig, tell), known.rig.name)
 
 
-__all__ = ["ControlTable", "control_table"]
+__all__ = ["TABLES", "ControlTable", "control_table"]

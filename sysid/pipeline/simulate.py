@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.blocks.plots import legend, some_axes
 from sysid.blocks.progress import progress_or_shown
 from sysid.blocks.shown import Shown
 from sysid.errors import input_error
+from sysid.io.logs import read_log
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
-from sysid.parameters import Bundle
-from sysid.parameters.assembled_model import DISCRETE, first_valve_model, surfaces_for
+from sysid.io.tables import write_table
+from sysid.io.units import parse_map
+from sysid.parameters import Bundle, read_bundle
+from sysid.parameters.assembled_model import (
+    DISCRETE,
+    assumed_parameters,
+    first_valve_model,
+    surfaces_for,
+)
 from sysid.pipeline.given_tests import Tests, rig_of, trials_of
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 from sysid.plant.ports import Model
-from sysid.plant.trials import simulate_trials, starts_on_supply
+from sysid.plant.trials import (
+    assumed_starts,
+    check_commands,
+    simulate_trials,
+    simulated_table,
+    starts_on_supply,
+)
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -121,6 +136,29 @@ class Simulation(Shown):
 
 
 @dataclass(frozen=True)
+class SimulatedLog:
+    """The result of `sysid simulate`: each trial with its channels (n,), and notices."""
+
+    trials: tuple[Trial, ...]
+    channels: tuple[Mapping[str, FloatArray], ...]
+    position: str
+    has_chambers: bool
+    valve_model: str
+    notices: tuple[str, ...]
+    written: Path
+
+    def to_json(self) -> dict[str, Any]:
+        """The output of `sysid simulate --json`."""
+        return {
+            "written": str(self.written),
+            "valve_model": self.valve_model,
+            "tests": [t.label for t in self.trials],
+            "rows": sum(len(t) for t in self.trials),
+            "notices": list(self.notices),
+        }
+
+
+@dataclass(frozen=True)
 class SimulateOptions(Reported):
     """Of which rig, by which valve model; `effects`: those that the catalogue lacks."""
 
@@ -164,8 +202,63 @@ def simulate(tests: Tests, model: Model | Bundle, options: SimulateOptions) -> S
     return Simulation(tuple(SimulatedRun(t, _without_time(c)) for t, c in runs), chosen)
 
 
+def simulate_log(
+    inputs: Path,
+    bundle_path: Path,
+    output: Path,
+    maps: Sequence[str],
+    options: SimulateOptions,
+) -> SimulatedLog:
+    """Simulate every test of a log of commands and write the result in the log format.
+
+    The rig is the bundle's. A test starts at rest, at its first row's position and pressures;
+    one under PWM with the piston held that starts nearer to the supply than to the atmosphere
+    starts with its valve on (log format). `maps` translates foreign columns, as `--map` does.
+    Raises InputError for unusable files, NotIdentifiedError where the bundle lacks what the
+    model needs.
+    """
+    bundle = read_bundle(bundle_path)
+    rig = bundle.rig
+    log = read_log(inputs, rig, parse_map(maps))
+    model = bundle.model(rig, catalogue_from(options.effects))
+    chosen = options.valve_model or first_valve_model(bundle, rig, model.parameters)
+    notices = [*rig.notices, *log.notices, *assumed_parameters(bundle)]
+    for trial in log.trials:
+        check_commands(trial, rig, chosen)
+        notices += assumed_starts(trial, rig)
+    channels = simulate_trials(
+        log.trials,
+        rig,
+        model,
+        surfaces_for(bundle, rig, chosen),
+        [starts_on_supply(trial, rig) for trial in log.trials],
+    )
+    source = f"simulated from: {log.path.name}, SHA-256 {log.sha256}"
+    write_table(
+        simulated_table(log.trials, channels, rig),
+        output,
+        [source, f"bundle: {bundle_path.name}", f"valve model: {chosen}"],
+    )
+    return SimulatedLog(
+        log.trials,
+        tuple(channels),
+        rig.position_channel,
+        rig.cylinder is not None,
+        chosen,
+        tuple(dict.fromkeys(notices)),
+        output,
+    )
+
+
 def _without_time(channels: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     return {name: values for name, values in channels.items() if name != "time_s"}
 
 
-__all__ = ["SimulateOptions", "SimulatedRun", "Simulation", "simulate"]
+__all__ = [
+    "SimulateOptions",
+    "SimulatedLog",
+    "SimulatedRun",
+    "Simulation",
+    "simulate",
+    "simulate_log",
+]
