@@ -52,7 +52,7 @@ def test_sliding_friction_against_repetition(drag: float) -> None:
         assert fit.joint is not None
         assert np.sqrt(np.diag(fit.joint.matrix)) == pytest.approx([e.std for e in own])
         said.append(fit.joint.correlation(fit.joint.names)[1])
-    assert fit.joint.names == ("coulomb_nm", "viscous_nm_s_per_rad", "offset_nm")
+    assert fit.joint.names == ("coulomb", "viscous", "offset")
     shown = empirical(values)
     assert shown[0, 1] < -0.8
     assert np.median(said, axis=0) == pytest.approx(shown, abs=0.1)
