@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from sysid.document.blocks import Figure
 
 from datasets.measured.findings import Errors
+from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
 from sysid.diagnosis.wording import regressor_name
 from sysid.document import svg
@@ -35,7 +35,7 @@ _SCALED = ("Pa", "N", "V", "m", "s", "W", "A")
 _NAME = re.compile(r"[^\w .,;:/()+-]")
 
 
-def bars(id: str, errors: Mapping[int, Errors]) -> Figure:
+def bars(id: str, errors: Mapping[int, Errors]) -> Picture:
     """RMSE of one channel before, after and of noise alone, by the campaign's number."""
     channel = next(iter(errors.values())).channel
     sizes = [getattr(e, key) for e in errors.values() for key, _, _ in _BARS]
@@ -64,7 +64,7 @@ def bars(id: str, errors: Mapping[int, Errors]) -> Figure:
     return svg.to_figure(figure, id, title, f"In {unit_of(channel) or 'its unit'}. {told}.")
 
 
-def curve(id: str, content: Mapping[str, Any]) -> Figure:
+def curve(id: str, content: Mapping[str, Any]) -> Picture:
     """The mean residual over a regressor, before and after; `unit` is the regressor's.
 
     `centres`, `before` and `after` are lists of equal length, an empty bin None.

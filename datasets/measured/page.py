@@ -10,8 +10,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sysid.document.blocks import Block, FigureGroup, Heading, Lines, Section, table
-
 from datasets.measured import figures
 from datasets.measured.findings import (
     COLUMNS,
@@ -26,6 +24,8 @@ from datasets.measured.findings import (
     repeats_of,
 )
 from sysid.blocks.numbers import MISSING, estimate_cells, number
+from sysid.blocks.sections import Block, FigureGroup, Heading, Lines, Section
+from sysid.blocks.tables import table
 from sysid.diagnosis.wording import joined, p_text, parameter_rows
 from sysid.document import svg
 from sysid.document.html import fill
