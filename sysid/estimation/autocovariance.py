@@ -40,7 +40,7 @@ def error_model(
 ) -> Autoregression:
     """The errors (n,) of a fit on regressors (n, p), as the residuals (n,) show them.
 
-    `groups` (n,) numbers the runs: there is no correlation between runs, and one model.
+    `groups` (n,) numbers the runs: runs are uncorrelated with each other and share one model.
     """
     count, columns = regressors.shape
     runs = runs_of(count, groups)
@@ -140,9 +140,9 @@ def _freed(
 ) -> Autoregression:
     """The errors' model whose residuals have the autocovariance that is `shown` (k + 1,).
 
-    A fit takes out of the residuals what looks like its regressors; of slow ones that is the
-    errors' persistence. Where the full correction leaves no stationary model, as much of it is
-    made as does.
+    A fit removes from the residuals the component that its regressors can describe; if they are
+    slow, that is the errors' persistence. Where the full correction gives no stationary model, the
+    largest part of it that does is applied.
     """
     found = model
     for _ in range(_CORRECTION_STEPS):

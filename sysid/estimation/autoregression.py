@@ -171,7 +171,7 @@ def shown_by(
 
 
 def largest_reflection(count: int) -> float:
-    """The largest reflection coefficient that so many samples can tell from 1."""
+    """The largest reflection coefficient that `count` samples can distinguish from 1."""
     return 1.0 - 1.0 / max(count, 2)
 
 
@@ -230,9 +230,9 @@ def _predictions(gamma: FloatArray) -> Iterator[tuple[FloatArray, float]]:
 
 
 def with_autocovariance(gamma: FloatArray, cap: float) -> Autoregression | None:
-    """The autoregression with this autocovariance (k + 1,); None where there is none.
+    """The autoregression with this autocovariance (k + 1,); None if no such model exists.
 
-    A reflection coefficient beyond `cap`, or next to no innovation, is none either.
+    Also None for a reflection coefficient beyond `cap` or a negligible innovation variance.
     """
     found = list(_predictions(gamma))
     if len(found) < len(gamma) or not all(abs(a[-1]) < cap for a, _ in found[1:]):
@@ -257,7 +257,7 @@ def damped(gamma: FloatArray, cap: float) -> Autoregression | None:
 
 
 def reflections_of(coefficients: FloatArray) -> FloatArray:
-    """(k,), by stepping the order down; beyond 1 where there is no stationary model."""
+    """(k,), by stepping the order down; beyond 1 where no stationary model exists."""
     found: list[float] = []
     a = coefficients
     while len(a):

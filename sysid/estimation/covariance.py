@@ -30,7 +30,7 @@ class Covariance:
     def at_least(self, other: Covariance) -> Covariance:
         """With the larger of both standard errors of each estimate, and its degrees of freedom.
 
-        Where `other` has none, it says nothing.
+        Where `other` has no variance, it carries no information.
         """
         own, theirs = np.diag(self.matrix), np.diag(other.matrix)
         larger = (other.dof > 0.0) & (theirs > own) & (own > 0.0)

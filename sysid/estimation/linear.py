@@ -47,7 +47,7 @@ class Estimate:
 
     @classmethod
     def unidentified(cls, unit: str, reason: str) -> Estimate:
-        """A parameter that these data say nothing about."""
+        """A parameter that these data do not identify."""
         return cls(math.nan, math.nan, unit, (-math.inf, math.inf), reason)
 
     @classmethod
@@ -58,7 +58,7 @@ class Estimate:
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Estimate:
-        """What a file's object says; ValueError for what is none."""
+        """The estimate that a file's object holds; ValueError if the object is not one."""
         if not isinstance(content, Mapping) or "value" not in content:
             raise ValueError("is not an object with a value")
         value, unit = content["value"], content.get("unit", "")
@@ -310,7 +310,7 @@ def nested_f_test(full: FloatArray, reduced: FloatArray, target: FloatArray) -> 
     """Whether the columns that `full` (n, p) has beyond `reduced` (n, q) matter.
 
     Columns may be dependent (indicator variables): ranks count, not columns. None where
-    there is nothing to test: no further rank, or no degrees of freedom left.
+    nothing can be tested: the rank does not increase, or no degrees of freedom remain.
     """
     from scipy.special import fdtrc
 
@@ -347,7 +347,7 @@ def satterthwaite(variances: FloatArray, dofs: FloatArray) -> float:
 def group_covariances(
     fit: LinearFit, influence: FloatArray, residuals: FloatArray, groups: NDArray[np.intp]
 ) -> tuple[FloatArray, FloatArray]:
-    """Covariance of linear estimates, one share for each group with a variance of its own.
+    """Covariance of linear estimates whose groups of observations differ in variance.
 
     `influence` (m, n) maps errors to the m estimates, `residuals` (m, n) are the errors as
     each estimate sees them, relative to 1/sqrt(weight); `groups` (n,) numbers from 0.

@@ -52,8 +52,8 @@ def nested_p_value(
     """p-value of those columns of the full fit's `jacobian` (n, p) that `more` (p,) marks.
 
     `squares`: sums of squares without them and with them; `residuals` (n,) of the full fit;
-    `groups` (n,) numbers the runs, between which there is no correlation. 1 where the columns
-    change nothing or no degree of freedom is left.
+    `groups` (n,) numbers the runs, which are uncorrelated with each other. 1 where the columns
+    change nothing or no degrees of freedom remain.
     """
     from scipy.special import fdtrc
 
@@ -61,13 +61,15 @@ def nested_p_value(
     if not added.shape[1] or len(residuals) <= basis.shape[1]:
         return 1.0
     model, runs = error_model(basis, residuals, groups), runs_of(len(residuals), groups)
-    gain, left = _forms(_upper(model, len(residuals)), basis, added, runs)
-    if not (left.mean > 0.0 and left.dof > 0.0 and gain.mean > 0.0):
+    explained, residual = _forms(_upper(model, len(residuals)), basis, added, runs)
+    if not (residual.mean > 0.0 and residual.dof > 0.0 and explained.mean > 0.0):
         return 1.0
     unsure = _variance_of_share(model, basis, added, runs)
-    dof = 1.0 / (1.0 / left.dof + 0.5 * unsure)
+    dof = 1.0 / (1.0 / residual.dof + 0.5 * unsure)
     found = max(squares[0] - squares[1], 0.0) / max(squares[1], 1e-300)
-    return float(fdtrc(gain.dof, dof, found * left.mean / gain.mean)) if dof > 0.0 else 1.0
+    if dof <= 0.0:
+        return 1.0
+    return float(fdtrc(explained.dof, dof, found * residual.mean / explained.mean))
 
 
 def _bases(jacobian: FloatArray, more: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
@@ -106,9 +108,9 @@ def _forms(
 def _variance_of_share(
     model: Autoregression, basis: FloatArray, added: FloatArray, runs: Sequence[slice]
 ) -> float:
-    """Of the logarithm of the gain's mean over that of what is left, as coefficients are off.
+    """Variance of log(mean explained / mean residual sum of squares) by the coefficients' error.
 
-    Infinite next to a unit root, where they say nothing.
+    Infinite near a unit root, where the coefficients carry no information.
     """
     if len(model.coefficients) == 0:
         return 0.0
@@ -123,10 +125,10 @@ def _variance_of_share(
     relative = np.zeros(len(model.coefficients))
     for k, shift in enumerate(step * np.eye(len(relative))):
         # Backwards, away from the unit root.
-        beside = stationary(model.coefficients - shift, model.innovation)
-        if beside is None:
+        shifted = stationary(model.coefficients - shift, model.innovation)
+        if shifted is None:
             return math.inf
-        change = (here - beside.autocovariance(len(left))) / step
+        change = (here - shifted.autocovariance(len(left))) / step
         relative[k] = change @ gained / (here @ gained) - change @ left / (here @ left)
     return float(relative @ (_scatter(model, count) @ relative))
 

@@ -43,7 +43,7 @@ _POLISHED = 1e-18
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown: its start, unit and bounds; `scale` is its size where the start is none."""
+    """One unknown: its start, unit and bounds; `scale` is its typical size if the start is 0."""
 
     name: str
     value: float
@@ -60,10 +60,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class SolverDiagnosis:
-    """What the data say nothing about.
+    """What the data do not identify.
 
-    `at_bound` names parameters stuck at a bound, `unidentified` those without an influence
-    of their own, `tied` those that only act together. `condition` is that of the Jacobian
+    `at_bound` names parameters stuck at a bound, `unidentified` those with no effect on the
+    residuals, `tied` those identified only in combination. `condition` is that of the Jacobian
     with columns scaled to unit length.
     """
 
@@ -175,8 +175,8 @@ class LeastSquaresFit:
     def correlated_covariance(self, groups: NDArray[np.intp] | None = None) -> Covariance:
         """For stationary residuals that are correlated from sample to sample.
 
-        `groups` (n,) numbers the runs of residuals that follow one another in time: there is
-        no correlation between runs (`sysid.estimation.autocovariance`).
+        `groups` (n,) numbers the runs of residuals that follow one another in time; runs are
+        uncorrelated with each other (`sysid.estimation.autocovariance`).
         """
         free = self._free
         place = np.ix_(free, free)
@@ -188,11 +188,11 @@ class LeastSquaresFit:
         return Covariance(matrix, dof)
 
     def clustered_covariance(self, groups: NDArray[np.intp]) -> Covariance:
-        """For residuals that are alike within each of few groups (tests), of any correlation there.
+        """For residuals with arbitrary correlation within each of a few groups (tests).
 
-        The sandwich of each group's score (Liang, Zeger 1986), times groups / (groups - 1), with as
-        many degrees of freedom as groups less one. Unlike `jackknife_covariance` it does not ask
-        what the others would say alone: of tests each at a condition of its own, nothing.
+        The sandwich of each group's score (Liang, Zeger 1986), times groups / (groups - 1), with
+        groups - 1 degrees of freedom. Unlike `jackknife_covariance` it does not refit without a
+        group, which fails where each test is at a different condition.
         """
         free = np.flatnonzero(self._free)
         place = np.ix_(free, free)
@@ -264,8 +264,8 @@ class LeastSquaresFit:
     def estimate(self, name: str, covariance: Covariance | None = None) -> Estimate:
         """Value, standard error and Student's 95 % interval of one parameter.
 
-        `covariance`, with its degrees of freedom, overrules that of independent residuals. A
-        parameter that is stuck at a bound, or has no influence of its own, is not identified.
+        `covariance`, with its degrees of freedom, replaces that of independent residuals. A
+        parameter that is stuck at a bound, or does not affect the residuals, is not identified.
         """
         i = self.names.index(name)
         parameter, d = self.parameters[i], self.diagnosis

@@ -3,16 +3,17 @@
 RMSE, its share of the signal's spread, R2, a test for lack of fit, and a verdict in words
 ("good", "usable", "poor: ...", "impossible: ..."). The verdict goes by what the law misses
 *beyond the scatter of the measurement*, where that is known: a true law under noise is never
-called poor for the noise, and a test that finds a tiny misfit significant in many samples does
-not make a fit poor.
+called poor because of the noise, and a lack of fit that is tiny but significant, as in many
+samples, does not make a fit poor.
 
-The spread is that of the signal about its mean where the law has a constant of its own, and
-about zero where it has none: friction in one direction hardly varies, yet without friction the
-effort would be 0.
+The spread is that of the signal about its mean where the law has a constant term, and about zero
+where it does not: friction in one direction hardly varies, yet without friction the effort would
+be 0.
 
-The verdict is on all that was given, not on what a fit chose of it. What was left out is asked by
-the fitted law as far as it can be (`LeftOut`); a law that misses it is no better than that. And a
-fit of a log that contradicts its rig file is not good, however well it follows the log.
+The verdict covers all data that were given, not only those that the fit used. The fitted law is
+also compared with the data that the fit excluded, as far as it applies to them (`LeftOut`), and
+its errors there count as well. A fit of a log that contradicts its rig file is not good, however
+well it follows the log.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ class LackOfFit:
     p_value: float | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """The bundle's object; what is not known is left out."""
+        """The bundle's object, without what is not known."""
         known = {"statistic": self.statistic, "p_value": self.p_value}
         found = {k: v for k, v in known.items() if v is not None and math.isfinite(v)}
         return {"method": self.method, **found}
@@ -85,11 +86,11 @@ NOT_TESTABLE = LackOfFit(NONE)
 
 @dataclass(frozen=True)
 class LeftOut:
-    """What a fit left out of what it was given: `count` of `given` (`what`: tests, samples).
+    """Data that a fit excluded: `count` of the `given` (`what`: tests, samples).
 
-    `unasked` of these say nothing about the law. `rmse` and `spread`: what the law leaves of, and
-    the spread of, all that it can be asked about, used or left out; None where that is only what
-    was used.
+    The law makes no prediction for `unasked` of these. `rmse` and `spread`: the law's error on,
+    and the spread of, all data that it predicts, used or excluded; None where it predicts only
+    the data that were used.
     """
 
     what: str
@@ -101,7 +102,7 @@ class LeftOut:
 
     @property
     def share(self) -> float:
-        """Of what was given."""
+        """Excluded share of the data that were given."""
         return self.count / self.given if self.given else 0.0
 
     @property
@@ -120,8 +121,8 @@ class FitQuality:
     `signal` says which; `count` samples; `rmse` and `spread` in `unit`. `scatter` is the
     measurement's own, None where it is not known. `impossible`: what cannot be in the
     parameters, one line each. `left_out`: what was given and not used. `contradicted`: whether a
-    log contradicts the rig file. `spare`: how many more values than parameters there are, where
-    that may be none: then nothing shows how far the law is off.
+    log contradicts the rig file. `spare`: the number of values less the number of parameters,
+    where that may be 0: then nothing shows how large the law's error is.
     """
 
     signal: str
@@ -202,7 +203,7 @@ class FitQuality:
         return ("usable", "") if self.missed <= USABLE_SHARE else ("poor", self.shortfall)
 
     def _of_left_out(self, out: LeftOut) -> tuple[str, str]:
-        """The rank by what the fit left out, and why."""
+        """The rank by what the fit excluded, and why."""
         if out.share <= FEW:
             return "good", ""
         good, usable = MOST_UNASKED
