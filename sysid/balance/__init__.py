@@ -1,4 +1,4 @@
-"""What efforts and flows leave over: residuals of the equations along a measured motion.
+"""Residuals of the equations of motion and of the chambers along a measured motion.
 
 `residuals.py`: of shaft and chambers through the model's ports; `motion.py`: the one filter, and
 which samples count; `samples.py`: the effort balance as rows of a regression; `imposed.py`: a

@@ -1,4 +1,4 @@
-"""The equation of motion along a measured motion: the effort that a model leaves over.
+"""The equation of motion along a measured motion: a model's residual effort.
 
 The motion is imposed, so that nothing adds up over time, and effects act on the balance through
 the model's ports (thesis 3.4.1, 3.4.2). Both sides go through the same zero-phase filter.
@@ -36,8 +36,8 @@ _LEAST_SCALE = 1e-3
 class ImposedMotion:
     """A recording's motion as points (n,) at which a model's ports are evaluated.
 
-    `seen` is the motion that nonlinear laws see, `balanced` that under the filter of the balance,
-    of which `rows` count here: all that do, or those of a stretch.
+    `seen` is the motion that nonlinear laws see, `balanced` the motion after the balance's filter;
+    `rows` are the rows used here: all valid ones, or those of one stretch.
     """
 
     seen: FilteredMotion
@@ -73,9 +73,9 @@ def imposed_motion(recording: Recording) -> ImposedMotion:
 
 
 def effort_gap(motion: ImposedMotion, model: Model) -> FloatArray:
-    """The filtered effort (n,), Nm or N, that a model leaves over along the whole test.
+    """A model's residual effort (n,), Nm or N, filtered, along the whole test.
 
-    In the logged command's own units: otherwise a motor gain of 0 would explain everything.
+    In units of the logged command: otherwise a motor gain of 0 would explain everything.
     """
     parameters = with_load(model.at(motion.point.time), motion.recording.load)
     point = dataclasses.replace(motion.point, parameters=parameters)

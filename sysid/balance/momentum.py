@@ -1,4 +1,4 @@
-"""The effort balance over an interval, by its momentum: no derivative is taken of the position."""
+"""The effort balance over an interval, in momentum form: the position is not differentiated."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def momentum_balance(
     Both sides of friction = motor + cylinder - gravity - inertia * acceleration are averaged
     with a trapezoidal weight g, so that speed and acceleration need no differentiation:
     the integral of g v is minus that of g' x, and so on. Without an inertia (kg m2 or kg) the last
-    term is left out. Efforts in Nm or N, the speed in rad/s or m/s.
+    term is omitted. Efforts in Nm or N, the speed in rad/s or m/s.
     """
     rows = slice(start, stop)
     x, dt = recording.position[rows], recording.period

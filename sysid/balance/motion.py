@@ -30,7 +30,7 @@ RULE = (
 
 @dataclass(frozen=True, eq=False)
 class FilteredMotion:
-    """The motion of a recording as a low-pass of `cutoff_hz` (one pass) leaves it, (n,) each."""
+    """The motion of a recording after a low-pass of `cutoff_hz` (one pass), (n,) each."""
 
     recording: Recording
     cutoff_hz: float
@@ -146,9 +146,10 @@ def _noise_gains(
 ) -> tuple[float, float]:
     """Noise of the filtered speed (1/s) and acceleration (1/s2) over that of the position.
 
-    Of samples on the line between readings `stride` of them apart an error takes in all samples to
-    the next readings: its mean square is that over where a sample lies between two of them. The
-    same of a spline through readings `spline` samples apart (0: it is none).
+    Where samples are interpolated linearly between readings `stride` samples apart, a reading's
+    error affects all samples up to the neighbouring readings; the mean square is taken over the
+    sample's place between two readings. Likewise for a spline through readings `spline` samples
+    apart (0: not a spline).
     """
     apart = spline or float(stride)
     half = 10 * signals.filter_length(period, cutoff_hz) + math.ceil(apart)

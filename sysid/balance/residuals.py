@@ -1,4 +1,4 @@
-"""What the equations of shaft and chambers leave over at given points, through the ports.
+"""Residuals of the equations of shaft and chambers at given points, through the ports.
 
 Measured less modelled, thesis 3.4.2 and 3.5.2. `acceleration` rad/s2 or m/s2 and `rate` Pa/s are
 the measured ones, (n,) as the points are.
@@ -22,7 +22,7 @@ def effort_residual(point: Point, acceleration: FloatArray, model: Model) -> Flo
 
 
 def breakaway_residual(point: Point, model: Model) -> FloatArray:
-    """The effort (n,), Nm or N, that is applied beyond that at which the model breaks away."""
+    """The applied effort less the model's breakaway effort, (n,), Nm or N."""
     applied = np.asarray(plant.applied_effort(point, model))
     limit = plant.breakaway_effort(applied, point, model)
     return np.asarray(np.abs(applied) - limit)

@@ -33,9 +33,9 @@ class MotionSamples:
     """One trial, filtered: regressors (n, 4) for Coulomb, viscous, offset and inertia, and
     the effort (n,) that they balance; only samples that count, thinned so that the filter
     leaves them independent. `noise` (4,) is the variance of the regressors' noise,
-    `rest_speed` the rule's limit, `load` (n,) the cylinder's effort next to a motor's (0 without
-    one), `since` and `until` (n,) the way since the last reversal of the motion and to the next
-    one, infinite where there is none."""
+    `rest_speed` the rule's limit, `load` (n,) the cylinder's effort in addition to a motor's (0
+    without one), `since` and `until` (n,) the distance since the last reversal of the motion and to
+    the next one, infinite without one."""
 
     regressors: FloatArray
     effort: FloatArray
@@ -74,7 +74,8 @@ def motion_samples(recording: Recording, cutoff_hz: float) -> MotionSamples:
     rows = motion.rows
     noise = np.array([0.0, motion.speed_noise**2, 0.0, motion.acceleration_noise**2])
     since, until = _about_reversals(motion.position, speed, motion.rest_speed)
-    # The air that alone drives the motion follows its speed as every effort does: it ties nothing.
+    # Where air alone drives the motion, its effort follows the speed as any effort would: this is
+    # not a confounding of the two.
     load = recording.cylinder if recording.has_motor else np.zeros(len(speed))
     return MotionSamples(
         regressors[rows],
@@ -90,7 +91,7 @@ def motion_samples(recording: Recording, cutoff_hz: float) -> MotionSamples:
 def _about_reversals(
     position: FloatArray, speed: FloatArray, rest_speed: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The way since the last reversal and to the next one, (n,) each, infinite without one.
+    """The distance since the last reversal and to the next, (n,) each, infinite without one.
 
     A rest after which the motion goes on as before, and the log's start, are no reversals.
     """
@@ -111,8 +112,8 @@ def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
 
     Where a screw drives the axis at one speed each way, Coulomb friction, viscous friction
     and an offset reduce to two numbers, and the remaining variation of the speed follows the
-    `load` (n,), the cylinder's effort. Air that breathes through open exhausts follows the speed,
-    too, but as its effect: it resists in both directions, and does not count.
+    `load` (n,), the cylinder's effort. The effort of air that flows through open exhausts also
+    follows the speed, but as its effect: it resists in both directions and is not counted.
     """
     means = [
         float(np.mean(load[way * speed > 0.0] * way))
