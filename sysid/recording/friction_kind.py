@@ -20,7 +20,7 @@ KINDS = (STATIC, SLIDING, MOTION)
 
 def balances(trial: Trial, rig: Rig) -> bool:
     """Whether a motion trial has every channel of the balance that friction closes: without a
-    pressure, what the cylinder does would be taken for friction."""
+    pressure, the cylinder's effort would be mistaken for friction."""
     pressures = () if rig.cylinder is None else CHAMBER_PRESSURES
     shows_motion = rig.position_channel in trial or (
         velocity_channel(rig) in trial and place_needed(rig) is None
@@ -33,7 +33,7 @@ def classify_trial(trial: Trial, rig: Rig) -> str:
 
     Static: the motor's effort grows from zero, without falling back, for most of the test.
     Sliding: it is constant to within 1 % for at least half of the test. A test in which a
-    valve moves, and any other test, is motion. Of a ramp whose start is excluded the rest is one.
+    valve moves, and any other test, is motion. A ramp whose start is excluded is still a ramp.
     """
     try:
         recording = recorded(trial, rig, [])

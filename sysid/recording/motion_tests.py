@@ -55,8 +55,8 @@ class Segment:
     """Rows [start, stop) of a test, the state at its start, and which valves were open there.
 
     `settled`: no valve had an edge under way at the start, so that the commands from there
-    on determine the valves. `run_up`: what goes before it, up to its first row; there an effect's
-    states of its own forget how they began. None for a test's first row.
+    on determine the valves. `run_up`: the rows simulated before it, up to its first row, in which
+    an effect's internal states forget their initial values. None for a test's first row.
     """
 
     start: int
@@ -168,9 +168,10 @@ def _whole(
 def prepare_all(
     trials: Sequence[Trial], kind: str, rig: Rig, horizon: float, inertia: float | None = None
 ) -> tuple[list[MotionTest], list[str]]:
-    """`prepare` of each test of a log; one that cannot be simulated is left out, by a notice.
+    """`prepare` of each test of a log; one that cannot be simulated is skipped with a notice.
 
-    As one with a gap, or that does not start at rest. Raises the first one's error where none can.
+    This is so for a gap, or a test that does not start at rest. Raises the first test's error if
+    no test can be simulated.
     """
     found: list[MotionTest] = []
     left_out: list[Failure] = []
@@ -191,7 +192,7 @@ def _state_in_motion(
     noise: ChannelNoise,
     edges: tuple[ValveEdges, ValveEdges],
 ) -> InitialState:
-    """State at a test's first row from its first samples: a motor alone hides no other state."""
+    """State at a test's first row from its first samples: a motor alone has no hidden states."""
     near = slice(0, half_window(float(time[1] - time[0]), None) + 1)
     return state_within(float(time[0]), time[near], measured[:, near], noise, edges, None)
 
@@ -199,10 +200,10 @@ def _state_in_motion(
 def _whole_of_part(
     test: MotionTest, edges: tuple[ValveEdges, ValveEdges], rig: Rig, stride: int | None
 ) -> Segment:
-    """Where a simulation of a part of a test starts, of whose start nothing is known.
+    """Where a simulation of part of a test starts if the state at its first row is unknown.
 
-    From a state that its samples show, once edges that were under way have taken effect, and after
-    a run-up. Raises InputError where the part is too short, or a pressure is not logged.
+    It starts from a state estimated from its samples, once pending edges have taken effect, and
+    after a run-up. Raises InputError where the part is too short, or a pressure is not logged.
     """
     if np.isnan(test.measured[: 1 if rig.is_motor_alone else None]).any():
         raise input_error(
@@ -281,8 +282,8 @@ def channel_noise(
     """ChannelNoise of one sample of position and pressures (3, n), from the samples themselves.
 
     Where the rig file declares the pressure sensors' noise (`declared_pa`), that is taken.
-    Under PWM the pressures ripple with the pulses, which is no noise: `stride` rows apart
-    it is always the same point of a pulse. Two such combs, half a period apart, are used.
+    Under PWM the pressures ripple with the pulses, which is not noise: rows `stride` apart lie at
+    the same point of a pulse. Two such combs, half a period apart, are used.
     NaN for a channel that is not logged.
     """
     totals = [signals.noise_floor(measured[0]).total]
@@ -373,7 +374,7 @@ def _allowed_starts(test: MotionTest, rig: Rig) -> IntArray:
 def _best_start(
     test: MotionTest, edges: tuple[ValveEdges, ValveEdges], rows: IntArray, window: float
 ) -> int | None:
-    """The first of these rows with no valve edge under way; None if there are no rows.
+    """The first of these rows with no valve edge under way; None without rows.
 
     Valves that do not pulse should not move within the smoothing window either, where the
     pressures bend; this second condition is dropped first.

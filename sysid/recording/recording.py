@@ -29,7 +29,7 @@ class Recording:
     """One test, its channels (n,) by their names in the log format, SI, on one time grid.
 
     `trial` holds the channels, with the test's label, source, payload and what is excluded of it.
-    `period` s. `lost` (n,): samples in pauses of the recording, of which nothing is known.
+    `period` s. `lost` (n,): samples in pauses of the recording, where no values are known.
     `gravity_moment`: of what the test carries, Nm, or the weight in N on a linear rig.
     `stride`: samples of the position whose errors are shared; `spline`: samples from one reading to
     the next of a position on a spline through them, else 0. `speed_noise`: of the measured speed
@@ -174,12 +174,12 @@ class Recording:
 
     @property
     def load(self) -> Load:
-        """What the test carries beyond the rig file's payload."""
+        """What the test carries in addition to the rig file's payload."""
         return self.rig.load_of(self.trial.payload_kg)
 
     @property
     def added_inertia(self) -> float:
-        """What the test's payload is more than the rig file's, kg m2 or kg."""
+        """The test's payload less the rig file's, kg m2 or kg."""
         return float(self.load.inertia)
 
     # --- valves ---------------------------------------------------------------------------

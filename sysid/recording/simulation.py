@@ -92,7 +92,7 @@ def inputs_of(test: MotionTest, segment: Segment) -> Inputs:
 
 
 def run_up_of(test: MotionTest, segment: Segment, position: str, model: Model) -> Inputs | None:
-    """What goes before a segment as a run, for a model whose effects or sensors remember."""
+    """The run-up to a segment as a run, for a model whose effects or sensors have memory."""
     remembers = bool(model.state_names) or model.has_remembering_sensor
     if segment.run_up is None or not segment.run_up.settled or not remembers:
         return None
@@ -106,7 +106,7 @@ def after_run_ups(
     position: str,
     surfaces: tuple[Any, ...] = (),
 ) -> list[Inputs]:
-    """Runs as measured, with what effects and sensors remember of their run-ups, if they have one.
+    """Runs as measured, with the states of effects and sensors after the run-ups, if any.
 
     `position`: the log's position channel.
     """

@@ -105,8 +105,8 @@ def state_at_rest(
     rest = samples
     while rest > 1 and _drifts(measured[:, :rest], noise.total):
         rest //= 2
-    # A drift that noise just hides biases the mean of its rest by several errors, of half of it by
-    # one.
+    # A drift just below the noise biases the mean of the whole rest by several standard errors, the
+    # mean of half of it by one.
     samples = rest if rest == samples else max(1, rest // 2)
     position, pressure_a, pressure_b = measured[:, :samples].mean(axis=1)
     std = noise.total / math.sqrt(samples)
@@ -123,7 +123,8 @@ def _drifts(rest: FloatArray, noise: FloatArray) -> bool:
     """Whether the halves of a rest (3, n) differ by more than their noise (3,) explains."""
     half = rest.shape[1] // 2
     change = rest[:, half : 2 * half].mean(axis=1) - rest[:, :half].mean(axis=1)
-    # One rest in twenty without a drift, a channel. One that is not logged, NaN, says nothing.
+    # Exceeded without a drift in one rest of twenty, by channel. A channel that is not logged is
+    # NaN and does not count.
     return bool(np.any(np.abs(change) > _TWO_SIDED * noise * math.sqrt(2.0 / half)))
 
 
@@ -233,12 +234,12 @@ def _local_fit(
         design = np.column_stack(columns)
         inverse = np.linalg.pinv(design)
         freedom = len(time) - design.shape[1]
-        misfit = 1.0
+        excess = 1.0
         if freedom > 0 and noise > 0.0:
             residual = own - design @ (inverse @ own)
-            misfit = math.sqrt(float(residual @ residual) / freedom) / noise
-        if misfit < 1.0 + 3.0 / math.sqrt(2.0 * max(freedom, 1)):
+            excess = math.sqrt(float(residual @ residual) / freedom) / noise
+        if excess < 1.0 + 3.0 / math.sqrt(2.0 * max(freedom, 1)):
             break
     scale = np.array([1.0, 1.0 / reach])
-    gains = np.linalg.norm(inverse[:2], axis=1) * max(1.0, misfit)
+    gains = np.linalg.norm(inverse[:2], axis=1) * max(1.0, excess)
     return _LocalFit((inverse[:2] @ own) * scale, gains * noise * scale, len(time))
