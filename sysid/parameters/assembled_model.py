@@ -120,7 +120,7 @@ def _motor_alone(
 def _inertia(bundle: BundleContent, rig: Rig) -> float:
     """The inertia (kg m2, or kg) that was fitted, with another payload if `rig`'s is; else `rig`'s.
 
-    Raises InputError where there is neither, NotIdentifiedError where the fitted one cannot be.
+    Raises InputError without either, NotIdentifiedError where the fitted one is impossible.
     """
     inertia = fitted_inertia(bundle)
     if inertia is None:
@@ -130,7 +130,7 @@ def _inertia(bundle: BundleContent, rig: Rig) -> float:
 
 
 def require_moving_inertia(inertia: float, rig: Rig, where: str) -> None:
-    """NotIdentifiedError, naming `where`, for a fitted inertia (kg m2, or kg) that cannot be."""
+    """NotIdentifiedError, naming `where`, for an impossible fitted inertia (kg m2, or kg)."""
     if not inertia > 0.0:
         u, what = rig.units, "mass" if rig.is_linear else "inertia"
         raise NotIdentifiedError(
@@ -328,7 +328,7 @@ def _check_conditions(part: PwmSurfaces, rig: Rig, where: str) -> None:
 
 
 def _differs(fitted: object, declared: float | None, tolerance: float) -> bool:
-    """Whether both are known and further apart than that share."""
+    """Whether both are known and differ by more than that share."""
     if not isinstance(fitted, int | float) or declared is None:
         return False
     return abs(fitted / declared - 1.0) >= tolerance
@@ -337,7 +337,7 @@ def _differs(fitted: object, declared: float | None, tolerance: float) -> bool:
 def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters:
     """The on/off law; NaN flows without one. A flow that its tests do not identify is that of the
     PWM tests (their averaged law, else a choked one of their surface), else it follows from that of
-    the other regime: the law is continuous where the valve was never seen to be otherwise."""
+    the other regime: the law is assumed continuous unless tests show a jump."""
     valve = bundle.valve(side)
     law = valve.discrete
     if law is None:

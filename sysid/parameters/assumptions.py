@@ -1,4 +1,4 @@
-"""What a bundle's numbers rest on that nobody declared: its rig's assumed constants."""
+"""The constants that a bundle's numbers depend on and that were assumed, not declared."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ _UNUSED = "no number here rests on it"
 class Assumption:
     """Constants that were assumed together, and what they do to the numbers.
 
-    `keys` of the rig file, dotted; `text` with their values; `does` to the numbers at the dotted
-    paths `numbers` of the bundle, none where nothing rests on them.
+    `keys` of the rig file, dotted; `text` with their values; `does`: their influence on the numbers
+    at the dotted paths `numbers` of the bundle, empty if no number depends on them.
     """
 
     keys: tuple[str, ...]
@@ -51,7 +51,7 @@ class Assumption:
 
 @dataclass(frozen=True)
 class _Group:
-    """Keys that are said together; what they do to friction, to flows and to means over pulses."""
+    """Keys listed together; their influence on friction, flows and means over pulses."""
 
     keys: tuple[str, ...]
     friction: str = ""
@@ -151,7 +151,7 @@ def assumptions(bundle: Bundle) -> tuple[Assumption, ...]:
 
 
 def _gives_way(bundle: Bundle, keys: Collection[str]) -> bool:
-    """Whether the fit took its own number: an assumed inertia gives way to that of motion."""
+    """Whether the fit used its own estimate: an assumed inertia is replaced by that of motion."""
     fitted = None if bundle.friction is None else bundle.friction.inertia
     is_inertia = all(key.startswith("inertia.") for key in keys)
     return is_inertia and fitted is not None and fitted.identified

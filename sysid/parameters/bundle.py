@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from sysid.plant.ports import Model
 
 
-# What was found with the parts as they were: a change of them drops it.
+# Results that depend on the parts: they are dropped when a part changes.
 _JUDGED = ("validation", "refinement")
 # Parts that merging does not copy unchanged.
 _OWN = ("effects", *_JUDGED)
@@ -138,7 +138,7 @@ class Bundle(Shown, BundleContent):
     def with_estimates(
         self, estimates: Mapping[str, Estimate], joint: JointCovariance | None = None
     ) -> Bundle:
-        """With these numbers, by alias, in place of its own.
+        """With these numbers, by alias, in place of the bundle's.
 
         A part whose numbers are replaced has of their correlation what `joint`, by alias too, says.
         """
@@ -209,10 +209,10 @@ class Bundle(Shown, BundleContent):
         ]
 
     def check_log(self, log: Log, kind: str, use: str) -> None:
-        """InputError where a campaign's log cannot have this use beside what was fitted.
+        """InputError where a campaign's log cannot have this use, given what was fitted.
 
-        A log to fit on has to be the one that was fitted, if one of its name was; one that is held
-        out must not have been fitted on, and may be a new recording under an old name.
+        A training log has to be the one that was fitted, if one of its name was; a held-out log
+        must not have been fitted, and may be a new recording under an old name.
         """
         if use == "holdout":
             self.check_not_fitted(log)

@@ -1,4 +1,4 @@
-"""How the errors of a part's numbers go together: what one fit estimated, it estimated jointly."""
+"""Correlation of the errors of a part's numbers, which one fit estimated jointly."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from sysid.estimation.covariance import JointCovariance
 from sysid.parameters.base import Absent, Number, Part
 from sysid.types import FloatArray
 
-# A matrix in a file is rounded, as its last digits say nothing: its eigenvalues change by this much
-# times their number.
+# A matrix in a file is rounded, as its last digits are not significant: its eigenvalues change by
+# this much times their number.
 _DECIMALS = 6
 ROUNDING = 10.0**-_DECIMALS
 
@@ -65,7 +65,7 @@ class Correlation(Part):
 class CorrelatedPart(Part):
     """A part that keeps the correlation of its numbers, where it is known.
 
-    Numbers without an entry are independent of the others, being from tests of their own.
+    Numbers without an entry are independent of the others: they are from separate tests.
     """
 
     correlation: Absent[Correlation] = None

@@ -1,4 +1,4 @@
-"""The constants of a model that no fit gave, and what a refinement says where they are wrong."""
+"""The constants of a model that were not fitted, and notices where a refinement refutes them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sysid.plant.base import Parameters
 
 # Relative uncertainty of a declared constant, where the rig file gives none.
 _UNCERTAIN = 0.03
-# A constant that moved by more of its own standard errors is not what the rig file says.
+# A constant that moved by more standard errors than this contradicts the rig file.
 _CONTRADICTED = 3.0
 _MASSES = "the masses and lengths under [inertia]"
 # What the plant's parameters call each, its key, its unit, and where the rig file says it.

@@ -89,8 +89,8 @@ def _check_flows(bundle: Bundle, path: Path) -> None:
 def bundle_from_json(content: Any, path: Path) -> Bundle:
     """A bundle from a file's content. Raises InputError, in the schema's words where it has any.
 
-    The classes, of which the schema is generated, are the one validation; they know besides what
-    no schema says (whether a matrix is a correlation).
+    The classes, from which the schema is generated, are the only validation; they also check what
+    a schema cannot express (whether a matrix is a correlation).
     """
     if not isinstance(content, Mapping):
         raise input_error(path, "is not a JSON object", "give a bundle written by sysid")
@@ -105,7 +105,7 @@ def bundle_from_json(content: Any, path: Path) -> Bundle:
 
 
 def _fault(content: Any, found: ValidationError) -> tuple[str, str]:
-    """The key that is wrong, and what of it."""
+    """The key that is wrong, and what is wrong with it."""
     import jsonschema
 
     validator = jsonschema.Draft202012Validator(shipped_schema())

@@ -14,7 +14,7 @@ Digest = Annotated[str, StringConstraints(pattern="^[0-9a-f]{64}$")]
 
 
 class ExcludedRecord(Part):
-    """A test of a log, or a span of one (s since its first row), that was used for nothing."""
+    """A test of a log, or a span of one (s since its first row), that was excluded."""
 
     test: str
     from_s: Absent[float] = None

@@ -1,4 +1,4 @@
-"""A bundle's refinement: what simulation error on motion logs made of its parameters."""
+"""A bundle's refinement: its parameters after a fit of the simulation error on motion logs."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from sysid.parameters.base import Absent, Lenient, Number, Part
 class RefinedValue(Part):
     """One parameter before and after, by its place in the bundle or in the rig file.
 
-    `origin` is the part that it is of ("friction", "valve", "effect", "rig"); `movement` its
-    change over `before_std`; `informed_by_motion` whether the motion tests added to what the
-    bench tests said.
+    `origin` is the part that it belongs to ("friction", "valve", "effect", "rig"); `movement` its
+    change over `before_std`; `informed_by_motion` whether the motion tests added information to
+    that of the bench tests.
     """
 
     name: str

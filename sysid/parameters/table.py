@@ -1,4 +1,4 @@
-"""Every number of a model in one table: where it stands, what it is, and how well it is known.
+"""Every number of a model in one table: its path, its meaning and its uncertainty.
 
 `table_of` makes it from a bundle; whoever lists, compares, refines, exports or shows parameters
 reads it. `Bundle.with_estimates` is the way back.
@@ -28,7 +28,7 @@ from sysid.types import FloatArray
 Origin = Literal["friction", "valve", "effect", "component", "rig"]
 Status = Literal["fitted", "declared", "assumed", "check", "alternative"]
 DELAYS = ("on_delay", "off_delay")
-# What a fit of an on/off law gives beside the law, to be looked at.
+# Checks that a fit of an on/off law gives in addition to the law.
 _CHECKS = ("jump_", "critical_ratio_")
 _TITLES = {
     "static": "Static friction",
@@ -97,7 +97,7 @@ def field_of(name: str, side: str = "") -> str:
 class ParameterTable(Mapping[str, ParameterRow]):
     """Parameters by path, in the order of their parts; `correlation` (p, p) of their errors.
 
-    Errors of which nothing is known together are independent, being of fits of their own.
+    Errors with no known correlation are independent: they are from separate fits.
     """
 
     rows: tuple[ParameterRow, ...]
@@ -229,7 +229,7 @@ def _effects(effects: Sequence[EffectEntry]) -> Iterator[ParameterRow]:
 
 
 def _correlation(bundle: BundleContent, rows: Collection[ParameterRow]) -> FloatArray:
-    """(p, p): what each fit says of its own numbers, and a refinement of all of its."""
+    """(p, p): correlations within each fit, and those of a refinement across all its numbers."""
     found = np.eye(len(rows))
     parts: dict[str, CorrelatedPart | None] = {"friction": bundle.friction}
     parts |= {f"valves.{side}.discrete": bundle.valve(side).discrete for side in SIDES}

@@ -166,8 +166,8 @@ class AveragedRecord(Part):
     """The averaged law of one valve, fitted to its mean flows in both directions.
 
     `c_fill` in kg/(s Pa^0.5), `c_dis` in kg/(s Pa); `delay_difference_s` is how much later
-    than it opens the valve closes. `errors_duty` by direction, of tests that were left out
-    ("held_out") and of all ("fitted").
+    the valve closes than it opens. `errors_duty` by direction, of held-out tests ("held_out") and
+    of all ("fitted").
     """
 
     c_fill: Estimate
