@@ -98,7 +98,7 @@ def surface_from_dict(
 
 
 def _check_scaling(surface: Bipolynomial | DutyNetwork) -> None:
-    """ValueError for a scaling that is none, as text in a file ("NaN") makes it."""
+    """ValueError for an invalid scaling, such as text in a file ("NaN") gives."""
     scaling = surface.scaling_
     if scaling.shape[1:] != (2,) or not all(map(math.isfinite, scaling.ravel().tolist())):
         raise ValueError("its scaling is not finite pairs of centre and half range")

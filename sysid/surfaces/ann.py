@@ -36,7 +36,7 @@ class DutyNetwork(Regressor):
     trained; the one with the lowest held-out error is kept. seed: start of all random
     numbers. max_iter: steps of Levenberg-Marquardt. points: training and held-out samples
     in all, drawn evenly over the surface (`thin_samples`). held_out: share of the tests
-    kept for early stopping. patience: steps without gain before a restart stops. domain: a
+    kept for early stopping. patience: steps without improvement before a restart stops. domain: a
     `Domain` to use in place of the one found in the samples.
 
     Learned: `hidden_weights_` (H, 2), `hidden_bias_` (H,), `output_weights_` (H,),

@@ -30,7 +30,7 @@ from sysid.plant.base import Array, Parameters, array_namespace
 
 # Keeps a quotient finite where filling and exhaust meet, which no real valve's do.
 _TINY_FLOW = 1e-12
-# Pa: below it a ripple is none.
+# Pa: a smaller ripple is neglected.
 _LEAST_RIPPLE = 1e-6
 # The ripple follows from the flows, and these from the ripple: a tenth of the error is left a step.
 _RIPPLE_STEPS = 4
@@ -118,7 +118,7 @@ class AveragedLaw:
         # Below the shortest pulse's share: none at all or the shortest, whichever is nearer.
         shortest = xp.maximum(self._overhang, 0.0)
         duty = xp.where(share < shortest, xp.where(share < 0.5 * shortest, 0.0, 1e-6), duty)
-        # Above the share of the longest pause: without delays' difference there is no gap.
+        # Above the share of the longest pause: without a difference of the delays no gap exists.
         longest = 1.0 + xp.minimum(self._overhang, 0.0)
         beyond = xp.where(share < 0.5 * (longest + 1.0), 1.0 - 1e-6, 1.0)
         duty = xp.clip(xp.where(share > longest, beyond, duty), 0.0, 1.0)

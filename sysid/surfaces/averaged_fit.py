@@ -153,8 +153,8 @@ def fit_averaged(flows: MeanFlows, conditions: Conditions) -> AveragedFit:
         return np.asarray((_mean_flow(values, flows, conditions) - flows.flow) / error)
 
     solution = minimise(residuals, _start(flows, conditions))
-    misfit = residuals(solution.values) * error
-    return AveragedFit(conditions, solution, flows.test, math.sqrt(float(np.mean(misfit**2))))
+    flow_error = residuals(solution.values) * error
+    return AveragedFit(conditions, solution, flows.test, math.sqrt(float(np.mean(flow_error**2))))
 
 
 def _mean_flow(values: FloatArray, flows: MeanFlows, conditions: Conditions) -> FloatArray:

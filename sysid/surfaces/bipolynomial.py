@@ -38,7 +38,7 @@ class Bipolynomial(Regressor):
 
     X (n, 2) is duty (0 to 1) and absolute chamber pressure [Pa], y (n,) the mean flow
     [kg/s], negative when discharging. Duties to which the flow does not respond (see
-    `sysid.surfaces.domain`) are left out of the fit; beyond the domain the inputs are
+    `sysid.surfaces.domain`) are excluded from the fit; beyond the domain the inputs are
     saturated, so that the flow stays at its value at the edge.
 
     domain: a `Domain` to use in place of the one found in the samples. monotone: where least

@@ -178,7 +178,7 @@ def recommend(
     """Which surface to use, and why, from the errors on tests held out from both.
 
     The bipolynomial where its error is negligible (half a point of duty, or the noise), or
-    where the network gains less than a quarter of the RMSE or loses at the 95th percentile;
+    where the network reduces the RMSE by less than a quarter or raises the 95th percentile;
     else the network.
     """
     ratio = network.rmse / polynomial.rmse if polynomial.rmse > 0 else float("inf")

@@ -7,7 +7,7 @@ The rule is the same for both surfaces and uses only the samples:
 2. The local slope dm/du between levels at least 0.02 apart (median over 12 pressure bins of
    the range that both visited), as a fraction of the typical slope at the same pressure
    (median; of the levels that are not dead where most are), shows whether the valve still
-   responds. From each end of the duty range inward, levels are left out while that fraction
+   responds. From each end of the duty range inward, levels are excluded while that fraction
    is below one half: there (pulses that vanish, a valve that never closes, a chamber that
    stays within the noise of the supply pressure) flow and pressure do not determine the duty.
    The level at which the flat stretch begins is kept.

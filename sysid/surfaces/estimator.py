@@ -111,7 +111,7 @@ def columns(X: ArrayLike, names: tuple[str, str]) -> tuple[FloatArray, FloatArra
 def checked_samples(
     duty: ArrayLike, pressure: ArrayLike, flow: ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Samples to fit on: (n,) each, duty 0 to 1, absolute pressure [Pa], flow [kg/s].
+    """Training samples: (n,) each, duty 0 to 1, absolute pressure [Pa], flow [kg/s].
 
     Raises InputError for other lengths, values that are not finite, or a mistaken unit.
     """

@@ -13,7 +13,7 @@ from sysid.surfaces.hull import Bounded, Saturation
 from sysid.types import FloatArray
 
 FlagArray = NDArray[np.uint8]
-# Points at which a search looks for the first crossing, and the most steps that follow.
+# Points among which the first crossing is sought, and the most bisection steps that follow.
 _SCAN, _MOST_STEPS = 32, 60
 # A bracket of this share of the range is a point, and so is where Newton's step was below 2^-40:
 # its next is that squared, or two thirds of it where the slope vanishes too.

@@ -49,7 +49,7 @@ class SurfacePoints:
         return replace(self, test=test)
 
     def joined(self, other: SurfacePoints | None) -> SurfacePoints:
-        """These points and then the others; themselves where there are none."""
+        """These points followed by the others; unchanged without others."""
         if other is None:
             return self
         pairs = [(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)]
