@@ -32,13 +32,13 @@ _LEAST_SHARE = 1e-7
 JITTER_IGNORED = 1e-3
 # Times its median: half way from a step of a clock to one in which a sample is missing.
 SAMPLE_MISSING = 1.5
-# So many sampling periods without a row are a pause of the recording.
+# A gap of this many sampling periods is a pause of the recording.
 _PAUSE = 3.0
 # Factors of a recursion between 0 and 1 are equal within this: time stamps are rounded.
 _EQUAL_FACTORS = 1e-9
 _DIFFERENCE_ORDERS = (2, 3, 4, 5, 6)
 _LAGS = (2, 4, 8, 16, 32)
-# Samples without which no noise is told from motion.
+# Fewest samples with which noise can be distinguished from motion.
 FEWEST_FOR_NOISE = 16
 _NOISE_BLOCKS = 16
 _MIN_BLOCK = 64
@@ -222,10 +222,10 @@ def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
 
 
 def slow_stretches(speed: FloatArray, limit: FloatArray | float, length: int) -> NDArray[np.bool_]:
-    """Rows (n,) of a low-passed speed at which the shaft may rest: within `limit`, and not shortly.
+    """Rows (n,) of a low-passed speed at which the shaft may rest: within `limit` for long enough.
 
-    Shortly: for less than the rows that are independent after a filter of `length` samples, as
-    where a motion turns.
+    That is for at least the length of a filter of `length` samples after which rows are
+    independent; at a reversal the speed is low for less.
     """
     return long_runs(np.abs(speed) <= limit, max(1, length // PER_LENGTH))
 
@@ -240,7 +240,7 @@ def counts_at_rest(changes: NDArray[np.intp], count: int) -> NDArray[np.bool_]:
     lengths = np.diff(np.concatenate([[0], changes, [count]]))
     if len(lengths) == 1:
         return np.ones(1, dtype=bool)
-    # The first and the last one are cut off: how long they last is not known.
+    # The first and the last reading are truncated: their durations are unknown.
     known = np.concatenate([[count] * 3, lengths[1:-1], [count] * 3])
     near = [known[2 + shift : 2 + shift + len(lengths)] for shift in (-2, -1, 1, 2)]
     second = np.sort(near, axis=0)[1]

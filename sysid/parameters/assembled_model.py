@@ -65,8 +65,8 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     A fitted inertia holds with the payload of the bundle's rig: what `rig`'s differs by is added.
     Choked filling holds at the supply of the bundle's rig, and is proportional to `rig`'s.
     A valve without a discrete law gets NaN flows, so that it cannot be used by mistake; see
-    `has_discrete_law`. The offset that a friction fit estimates next to friction is left out: the
-    base model has none, and an offset that is only noise would push an open-loop position away
+    `has_discrete_law`. The offset that a friction fit estimates in addition is omitted: the base
+    model has none, and an offset that is only noise would make an open-loop position drift
     (the effect `torque-offset` is for a real one). A motor alone (`Rig.is_motor_alone`) has it:
     the motion that gave its law gave the offset too. Negative friction is set to 0, static friction
     that is not identified to Coulomb friction, a valve's flow that its on/off tests do not identify
