@@ -82,10 +82,10 @@ def test_the_prior_of_static_friction_moves_with_the_motors_gain() -> None:
     at = np.array([static.coordinate(TOLD * 0.95 / 0.97), gain.coordinate(-0.05)])
     rows = problem.prior(at)
     assert rows[0, -1] == pytest.approx(0.0, abs=1e-9)
-    assert problem.prior_misfit(at, 0) == pytest.approx(0.0, abs=1e-9)
+    assert problem.prior_residual(at, 0) == pytest.approx(0.0, abs=1e-9)
     assert problem.prior(problem.first_point().shared)[0, -1] == 0.0
     stayed = np.array([0.0, at[1]])
-    assert problem.prior_misfit(stayed, 0) == pytest.approx(math.log(0.97 / 0.95) / 1e-3)
+    assert problem.prior_residual(stayed, 0) == pytest.approx(math.log(0.97 / 0.95) / 1e-3)
     step = 1e-5
     for i in range(2):
         moved = np.array(at)

@@ -1,10 +1,10 @@
-"""Which test to run next: standard errors as the sensitivities of the simulation predict them.
+"""Which test to run next: standard errors predicted from the sensitivities of the simulation.
 
-Information of a test is that of its linearised equations with errors as the motion logs show them
-(the sensors' noise where there are none), its start states unknown and its friction drawn anew
-(Fisher information; optimal design of experiments, Atkinson, Donev, Tobias 2007). It adds up: the
-bench tests by the bundle's standard errors, the motion logs to fit on, and each test that could
-be run.
+The Fisher information of a test is that of its linearised equations with the errors that the motion
+logs show (the sensors' noise without such logs); its start states and its friction are nuisance
+parameters (optimal design of experiments, Atkinson, Donev, Tobias 2007). Information is additive:
+that of the bench tests, from the bundle's standard errors, of the training motion logs, and of
+each candidate test.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ from sysid.refinement.unknowns import Unknown, chosen, unknowns_of, without_own_
 from sysid.types import FloatArray, Progress, no_progress
 
 _TIED = 0.9
-# A test that lowers a tie's correlation by less is not said to break it.
+# A test that lowers a pair's correlation by less is not reported as separating the pair.
 _BREAKS = 0.98
 _BEST = 3
-# Errors in the coordinates, which are of order one, from which on a parameter is not known.
+# A parameter is unknown from this standard error on, in its coordinate, which is of order one.
 _UNKNOWN = 1e3
 
 
@@ -60,7 +60,7 @@ def advise(
     """Predict every parameter's standard error now, and after each of a list of tests.
 
     `catalogue`: the effects whose smallest sizes are found (none where it is empty).
-    `threshold`: how many standard errors an effect's strength must be to be seen. Raises
+    `threshold`: how many standard errors an effect's strength must reach to be detected. Raises
     InputError for logs or a rig file that cannot be used, NotIdentifiedError where the bundle
     does not hold the on/off law of both valves.
     """
@@ -83,7 +83,7 @@ def advise(
     progress("refining the motion logs")
     with threadpool_limits(1, user_api="blas"):
         setting = with_expected_errors(setting, logged, scatter, progress)
-    # Where it says what was known before its motion logs, these are counted as of any other.
+    # If it records what was known before its motion logs, these count as the logs of any bundle do.
     holds_logs = bundle.refinement is not None and not bundle.refinement.values()
     if holds_logs:
         notices.append(_REFINED.format(bundle.source))
@@ -124,10 +124,10 @@ _REFINED = (
 
 
 def _known_without(bundle: Bundle, unknowns: Sequence[Unknown]) -> list[Unknown]:
-    """The unknowns with what is known of them beside the motion logs that are counted.
+    """The unknowns with their prior information, without that of the motion logs that count.
 
-    Of a refined bundle that is what it held before. One that does not say so has its errors, which
-    hold the logs: then none is counted.
+    For a refined bundle these are the errors before the refinement. If it does not record them, its
+    present errors include the logs, and then no log is counted.
     """
     if bundle.refinement is None:
         return without_own_data(unknowns, bundle, [])
@@ -202,7 +202,7 @@ class _Pair:
 
 
 def _rivals(bundle: Bundle, known: Catalogue) -> dict[str, list[str]]:
-    """Effects that the data could not tell from those in the bundle, each only once."""
+    """Effects that the data cannot distinguish from those in the bundle, each listed once."""
     taken = {entry.id for entry in bundle.effects}
     found: dict[str, list[str]] = {}
     for entry in bundle.effects:
@@ -238,7 +238,7 @@ def _correlated(now: FloatArray, unknowns: Sequence[Unknown]) -> Iterator[_Pair]
 def _indistinct(
     unknowns: Sequence[Unknown], probes: Probes, rivals: Mapping[str, Sequence[str]]
 ) -> Iterator[_Pair]:
-    """Each effect of the bundle beside each that could stand in its place: their strengths."""
+    """Pairs of an effect of the bundle and a rival that could replace it: their strengths."""
     p, places = len(unknowns), probes.places()
     for effect, own in rivals.items():
         at = next((i for i, u in enumerate(unknowns) if u.name.startswith(f"{effect}.")), None)

@@ -1,4 +1,4 @@
-"""What advice on the next test holds: errors now and after each test, ties, sizes of effects."""
+"""Advice on the next test: errors now and after each test, ties, detectable sizes of effects."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class CandidateTest:
 
 @dataclass(frozen=True)
 class Tie:
-    """Two parameters, or effects, whose errors go together: their correlation `now`.
+    """Two parameters, or effects, whose errors are correlated: their correlation `now`.
 
     `test` is the candidate that lowers it most, None where none does; `after` with that test.
     """
@@ -55,9 +55,9 @@ class Tie:
 
 @dataclass(frozen=True)
 class EffectSize:
-    """The smallest strength of an effect that is seen `now`, and `after` each of some tests.
+    """The smallest detectable strength of an effect `now`, and `after` each of some tests.
 
-    In `unit`; `typical` is the catalogue's usual size; infinite where it is not seen at all.
+    In `unit`; `typical` is the catalogue's usual size; infinite where no size is detectable.
     """
 
     effect: str
@@ -183,7 +183,7 @@ class AdviceResult(Shown):
         return table("Smallest size of an effect that would show", head, rows)
 
     def footnotes(self) -> Iterable[str]:
-        """What the sizes mean, the effects left out, and the notices."""
+        """What the sizes mean, the effects skipped, and the notices."""
         if self.sizes:
             yield (
                 f"sizes: {self.threshold:.1f} standard errors of the strength, with all parameters "

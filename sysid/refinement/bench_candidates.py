@@ -1,4 +1,4 @@
-"""Bench tests that could be run next, and what each would say of the parameters."""
+"""Bench tests that could be run next, and the information of each on the parameters."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TESTS = (6, 12)
 # Sliding speeds, travels per second.
 _SPEEDS = (0.2, 0.5, 1.0)
 _SLIDING_S, _RAMP_S = 2.0, 5.0
-# A held piston: static friction so many times as large holds it.
+# A held piston: simulated by multiplying static friction by this factor.
 _CLAMP = 1e6
 _FILLING_S, _ON_S, _OFF_S = 6.0, 1.0, 4.0
 _FILLINGS = 3
@@ -113,7 +113,7 @@ def _fillings(problem: ProbedProblem, rig: Rig, noise: FloatArray, side: str) ->
 
 
 def _filling(rig: Rig, model: Model, side: str) -> Inputs:
-    """On until the chamber is nearly at the supply, where the flow's slope has no end; then off."""
+    """On until the chamber nears the supply, where the flow's derivative is infinite; then off."""
     from sysid.plant.simulator import simulate
 
     row = rig.sampling.period_s if rig.sampling is not None else _ROW_S

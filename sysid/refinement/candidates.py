@@ -1,7 +1,7 @@
-"""Motion tests that could be run next: commands within the rig's limits, as the model moves.
+"""Motion tests that could be run next: commands within the rig's limits, tried on the model.
 
-As an operator would, commands are tried until the arm moves well and stays off its stops; here
-it is the bundle's model that is tried. Draws have fixed seeds: the same bundle, the same tests.
+As an operator would on the rig, commands are tried on the bundle's model until the arm moves well
+and stays off its stops. Draws have fixed seeds: the same bundle gives the same tests.
 """
 
 from __future__ import annotations
@@ -137,8 +137,8 @@ class _Stage:
 def candidate_motions(rig: Rig, model: Model) -> list[CandidateMotion]:
     """Motion tests of every kind that the rig can do, ten seconds each, from rest at the middle.
 
-    None of a kind that the model cannot do: a motor too weak, duties without a PWM period, an arm
-    that falls. Raises InputError without `[cylinder]`, whose stroke limits the motion.
+    Kinds that the model cannot do are skipped: a motor too weak, duties without a PWM period, an
+    arm that falls. Raises InputError without `[cylinder]`, whose stroke limits the motion.
     """
     rig.require("cylinder", "whose stroke limits a motion test")
     row = rig.sampling.period_s if rig.sampling is not None else _ROW_S

@@ -1,4 +1,4 @@
-"""Models as wrong as their fitted numbers may be: drawn by the numbers' standard errors."""
+"""Models drawn from the distribution of the fitted numbers' errors."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from sysid.refinement.unknowns import model_at, unknowns_of
 def drawn_models(bundle: Bundle, rig: Rig, model: Model, count: int, seed: int) -> list[Model]:
     """`count` models about the bundle's `model`, each with errors of its fitted numbers.
 
-    The errors are as large, and correlated, as the bundle says. Empty where it gives a fitted
-    number without a standard error: how wrong such a model may be is not known.
+    The errors have the bundle's standard errors and correlations. Empty where it gives a fitted
+    number without a standard error: the uncertainty of such a model is unknown.
     """
     fitted = [
         dataclasses.replace(u, has_prior=True)

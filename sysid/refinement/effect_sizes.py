@@ -16,7 +16,7 @@ from sysid.types import FloatArray, Progress
 
 _NO_SLOPE = "no slope at strength zero"
 _NOT_SHOWN = "these tests do not show it"
-# Less information than this, per typical size squared, is none.
+# Less information than this, per typical size squared, counts as 0.
 _LEAST = 1e-6
 
 
@@ -31,7 +31,7 @@ def effect_sizes(
     """Sizes that the campaign shows now and with each of the `best` motion tests; what is skipped.
 
     The size is `threshold` standard errors of the strength about zero (several strengths in the
-    proportion of their typical sizes), all parameters of the bundle estimated beside it.
+    proportion of their typical sizes), with all parameters of the bundle as nuisance parameters.
     """
     own = {e.id for e in setting.model.effects if isinstance(e, CatalogueEffect)}
     probes = probes_of(
@@ -71,7 +71,7 @@ def _same(option: Option, motions: Sequence[Option], numbers: Sequence[int | Non
 
 
 def _std(found: FloatArray, base: int, at: Sequence[int]) -> float:
-    """Of the common factor of the strengths in the columns `at`, the base estimated beside it."""
+    """Of the common factor of the strengths in the columns `at`, the base being estimated too."""
     along = np.ones(len(at))
     cross = found[:base][:, at] @ along
     left = float(along @ found[np.ix_(at, at)] @ along)

@@ -1,4 +1,4 @@
-"""From the bench tests' values to the estimates: descents, scans, then the errors as they are."""
+"""From the bench tests' values to the estimates: descents, scans, then estimated noise models."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ _ROUGHLY, _CLOSELY = 0.5, 0.05
 _HARDLY_DAMPED, _UNDAMPED = 300.0, 1e6
 # A run whose largest RMSE over the noise is this many times the others' is not followed.
 NOT_FOLLOWED = 3.0
-# Friction that a scan moves by less (units of the scatter) is where it was.
+# Friction that a scan moves by less (units of the scatter) counts as unchanged.
 _SAME = 0.15
 _MOST_ORDER = 4
-# Innovations below this share of the sensor's noise would be believed too much.
+# Innovations below this share of the sensor's noise would get too much weight.
 _LEAST_SHARE = 0.3
 # An encoder resolves more than a simulation in steps of 1 ms does (`benchmarks/simulation.py`).
 _FINE_STEP = 5e-4
 # Flows are found to some 1e-6 of their values, and the simulation has to be as exact.
 _FINEST_STEP = 1.25e-4
 _LEAST_SCATTER = 1e-3
-# A standard error no larger is that of an unknown on which nothing depends.
+# A standard error up to this is that of an unknown on which no residual depends.
 NO_INFORMATION = 1e-12
 _FEW_RUNS = 20
 
@@ -128,7 +128,7 @@ def estimate(
     point, evaluations = point or problem.first_point(), 0
     problem = problem.after_run_ups(point)
     if problem.has_unknown_breakaway:
-        # The other parameters would make up for it, and every segment be as wrong as all others.
+        # The other parameters would compensate, and all segments would fit equally badly.
         progress("breakaway of all tests, of which no test says where it is")
         point = scanned(problem, point, np.ones(problem.tests, dtype=bool), far=True)
     seen, done = np.full(problem.tests, np.nan), np.zeros(problem.tests, dtype=bool)
@@ -147,7 +147,7 @@ def estimate(
         problem = problem.after_run_ups(solution.point)
         left = solution.at.residuals
         follows = followed(problem, left, solution.counted)
-        # Where every test breaks away at the wrong moment, none is worse than the others.
+        # Where every test breaks away at the wrong moment, no test stands out.
         near = follows & _as_noise(problem, left) if number == 0 else follows
         open_tests = np.array(
             [not all(near[i] for i in problem.members(t)) for t in range(problem.tests)]
@@ -175,8 +175,8 @@ def estimate(
 
 
 def with_slopes(found: Estimated, by_differences: bool) -> Estimated:
-    """The estimate with slopes at the solution, of which its errors are: by forward mode through
-    the simulator, or as on the way by differences of neighbours. Raises OutOfBudgetError.
+    """The estimate with the derivatives at the solution, from which its errors follow: by forward
+    mode through the simulator, or by differences as during the descent. Raises OutOfBudgetError.
     """
     solution, problem = found.solution, found.problem
     exact = dataclasses.replace(problem, by_differences=by_differences)
@@ -256,12 +256,12 @@ def _scatter_of(problem: Problem, solution: Solution, bench: FrictionScatter) ->
     """The tests' spread of friction: the bench tests' and the motion tests', by their numbers."""
     p, at = len(problem.unknowns), solution.at
     variance = np.minimum(np.diag(at.covariance())[p:].reshape(-1, 2), 1.0)
-    # Static friction found by a scan is known as it is; where neither slope nor scan found it,
-    # there is nothing to learn from.
+    # Static friction found by a scan is kept; where neither a slope nor a scan determined it, the
+    # test carries no information on it.
     variance[at.held, 1] = 0.0
     speaks = np.ones_like(variance)
     speaks[at.held & (solution.point.friction[:, 1] == 0.0), 1] = 0.0
-    misfit: FloatArray = problem.friction_misfit(solution.point)
+    misfit: FloatArray = problem.friction_residual(solution.point)
     squares = np.sum(speaks * (misfit**2 + variance), axis=0) * np.square(problem.scatter)
     total = bench.tests + np.sum(speaks, axis=0)
     known = bench.tests * np.square(bench.pair)

@@ -1,8 +1,8 @@
-"""What the errors of a refinement will be like, as the campaign's own motion logs show them.
+"""The expected errors of a refinement, as the campaign's own motion logs show them.
 
-A refinement's errors are not the sensors' noise alone: what the model leaves stands in them as
-well, and whether the model follows whole tests decides how much a test says. So the logs are
-refined, as `sysid refine` would do it, and what that shows is expected of the next test too.
+A refinement's residuals contain the model's error as well as the sensors' noise, and whether the
+model follows whole tests determines how much information a test carries. So the logs are refined
+as `sysid refine` does it, and the next test is assumed to behave alike.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What a test says of the parameters: its information, with all that is its own eliminated.
+"""The information of a test on the parameters, with its nuisance parameters eliminated.
 
-A test's start states and its friction (a random effect) are its own. What remains are the rows of
-its linearised equations over the shared unknowns; information adds up over tests.
+A test's start states and its friction (a random effect) are its nuisance parameters. Eliminating
+them leaves rows of linearised equations in the shared unknowns; information adds up over tests.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sysid.types import FloatArray
 _S = len(STATES)
 # As `reduction`: below this slope a test's static friction has no information.
 _INFORMED = 5.0
-# A direction with less information than this, in coordinates of order one, is not known at all.
+# A direction with less information than this, in coordinates of order one, is unidentified.
 _NOTHING = 1e-9
 _SENSOR_STEP = 1e-3
 
@@ -81,9 +81,9 @@ def prior_information(problem: Problem, columns: int) -> FloatArray:
 
 
 def information_of(problem: ProbedProblem, runs: Sequence[Linearised]) -> FloatArray:
-    """(k, k): what one test says by some of its runs; the order is that of the shared unknowns.
+    """(k, k): the information of some runs of a test, in the order of the shared unknowns.
 
-    A run without a derivative (a chamber that is filled up to the supply) says nothing.
+    A run without a derivative (a chamber that is filled up to the supply) contributes nothing.
     """
     k = len(problem.unknowns) + len(problem.sensors)
     rows = [r.factor[_S:, _S:-1] for r in runs if np.isfinite(r.factor).all()]

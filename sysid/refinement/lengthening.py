@@ -1,10 +1,10 @@
 """Longer segments, then whole tests, where the model follows them: the last step of a refinement.
 
-A longer run tells more of what acts slowly, and is what a user simulates; but what the model
-lacks adds up in it. So the data choose: segments are joined, at last to whole tests (single
-shooting). What the model does not follow in one stays apart, and the longer runs count where the
-estimation converges, no parameter moves by more than its standard error allows (Hausman 1978: a
-right model gives the same numbers at both lengths), and whole tests are simulated at most 2 %
+A longer run carries more information on slow effects, and is what a user simulates; but the model's
+error accumulates in it. So the data decide: segments are joined, finally to whole tests (single
+shooting). Runs that the model does not follow stay separate, and the longer runs are accepted if
+the estimation converges, no parameter moves by more than its standard error allows (Hausman 1978:
+a correct model gives the same estimates at both lengths), and whole tests are simulated at most 2 %
 worse.
 """
 
@@ -40,8 +40,8 @@ _EVALUATIONS, _CLOSELY, _UNDAMPED = 6, 0.05, 1e6
 _MOST_MOVED = 3.0
 # Whole tests may be simulated this many times worse (geometric mean over the channels).
 _WORSE = 1.02
-# Neighbours start at most this share of a segment's length after the end of the one before: one
-# that was left out is not joined in.
+# A neighbour starts at most this share of a segment's length after the end of the one before, so
+# that runs are not joined across a segment that was excluded.
 _GAP = 0.5
 
 
@@ -67,7 +67,7 @@ def lengthened(
         progress(f"{joined} segments as one" if joined else "whole tests")
         try:
             longer = _longer(found, tests, joined)
-        except OutOfBudgetError:  # what the shorter runs gave is whole
+        except OutOfBudgetError:  # the estimate of the shorter runs is complete
             return dataclasses.replace(found, cut_short=True)
         if longer is None:
             break
@@ -100,7 +100,7 @@ def _errors(found: Estimated, tests: Sequence[MotionTest]) -> FloatArray:
 
 
 def _longer(found: Estimated, tests: Sequence[MotionTest], joined: int) -> Estimated | None:
-    """The estimate from joined segments; None where the data are against it."""
+    """The estimate from joined segments; None where the data reject it."""
     apart: set[tuple[int, int, int]] = set()
     for _ in range(_TRIES):
         pieces = _pieces(found.problem.runs, tests, joined, apart)
@@ -152,7 +152,7 @@ def _follows_at_once(problem: Problem, point: Iterate) -> BoolArray:
 
 
 def _solved(problem: Problem, point: Iterate) -> tuple[Problem, Solution]:
-    """With the shorter runs' whitening, then, where that converged, with that of what is left."""
+    """With the shorter runs' whitening, then, if that converged, with that of its own residuals."""
     near = functools.partial(
         solve, most=_EVALUATIONS, near=_CLOSELY, first_step=_UNDAMPED, chords=True
     )

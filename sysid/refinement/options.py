@@ -1,4 +1,4 @@
-"""Tests that could be run next, and what each and the campaign at hand say of the parameters."""
+"""Tests that could be run next, and the information of each and of the present campaign."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class AdviceSetting:
     refined: Estimated | None = None
 
     def errors_of(self, run: Run) -> tuple[Autoregression, ...]:
-        """What a run's errors are like, by channel: white noise, where nothing else is known."""
+        """The noise model of a run's channels: white noise where nothing else is known."""
         if self.refined is None:
             return tuple(Autoregression.white(float(n) ** 2) for n in run.noise)
         return self.refined.problem.whitening[0]
@@ -141,7 +141,7 @@ def plain_problem(runs: Sequence[Run], tests: int, setting: AdviceSetting) -> Pr
 
 
 def problem_of(tests: RunsOfTests, probes: Probes, setting: AdviceSetting) -> ProbedProblem:
-    """The tests' equations, with effects that the model lacks at zero beside its unknowns."""
+    """The tests' equations, with effects that the model lacks, at zero, as further unknowns."""
     return ProbedProblem(
         runs=tests.runs,
         unknowns=(*setting.unknowns, *probes.unknowns),

@@ -1,7 +1,7 @@
-"""What the bench tests said of the unknowns together: their errors are correlated.
+"""The joint prior of the unknowns from the bench tests, whose errors are correlated.
 
-A fit of Coulomb and viscous friction finds their sum at the speeds of its tests better than either;
-so it is with a valve's choked flows, coefficients and delays. The bundle keeps that correlation
+A fit of Coulomb and viscous friction determines their sum at the speeds of its tests better than
+either; likewise a valve's choked flows, coefficients and delays. The bundle keeps this correlation
 with each part.
 """
 
@@ -14,16 +14,16 @@ import numpy as np
 from sysid.refinement.unknowns import Unknown
 from sysid.types import FloatArray
 
-# Numbers that are tied exactly, as rounding may say, are tied to this share of their variance.
+# Where rounding makes numbers exactly collinear, this share of their variance is left independent.
 _LEAST_EIGENVALUE = 1e-6
 
 
 def prior_factor(unknowns: Sequence[Unknown]) -> FloatArray:
     """(p, p): W with W' W the inverse of the priors' covariance in the unknowns' coordinates.
 
-    Zero rows and columns for unknowns without a prior. A fixed parameter is none of them: the
-    others keep their own standard errors. The row of an unknown that is held has it alone, and the
-    others' are those of the errors that are left once it is known.
+    Zero rows and columns for unknowns without a prior. Fixed parameters are not among them: the
+    others keep their marginal standard errors. The row of a held unknown contains only itself;
+    those of the others are conditional on it.
     """
     std = np.array([u.prior_std for u in unknowns])
     places = [i for i, s in enumerate(std) if s > 0.0]

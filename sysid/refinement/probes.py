@@ -1,4 +1,4 @@
-"""Effects that the model lacks, at strength zero: what a small amount of each would show."""
+"""Effects that the model lacks, at strength zero: the response to a small amount of each."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sysid.refinement.runs import Run
 from sysid.refinement.unknowns import Unknown, model_at
 from sysid.types import FloatArray
 
-# Share of the usual size that is tried, and how well the slope must foretell what it changes.
+# Share of the usual size that is tried, and how well the slope must predict the change.
 _SMALL, _LINEAR = 0.01, 0.3
 _MOST_TESTS = 6
 # Both in units of the noise.
@@ -54,7 +54,7 @@ class Probes:
 
 
 def probes_of(model: Model, effects: Iterable[type[CatalogueEffect]]) -> Probes:
-    """A model with these effects at strength zero beside its own."""
+    """A model with these effects, at strength zero, in addition to its own."""
     simulated, sensing, unknowns, sensors = [], [], [], []
     added: list[CatalogueEffect] = []
     for effect in effects:
@@ -79,7 +79,7 @@ def probes_of(model: Model, effects: Iterable[type[CatalogueEffect]]) -> Probes:
 
 
 def without_slope(problem: ProbedProblem, probes: Probes) -> list[str]:
-    """Ids of effects of which a small amount is not the slope at zero times it: thresholds, gaps.
+    """Ids of effects that are not linear in their strength near zero: thresholds, gaps.
 
     A few runs are simulated with a small amount of each strength in turn.
     """
@@ -92,7 +92,7 @@ def without_slope(problem: ProbedProblem, probes: Probes) -> list[str]:
     wrong = []
     for i, (unknown, changed) in enumerate(zip(probes.unknowns, shown, strict=True), start=first):
         misfits = [
-            _misfit((c - b) / _SMALL, own[i] / run.noise[:, None])
+            _lack_of_fit((c - b) / _SMALL, own[i] / run.noise[:, None])
             for c, b, own, run in zip(changed, base, slopes, runs, strict=True)
         ]
         # Where a shaft breaks away in one run, the others show whether there is a slope.
@@ -101,12 +101,12 @@ def without_slope(problem: ProbedProblem, probes: Probes) -> list[str]:
     return list(dict.fromkeys(wrong))
 
 
-def _misfit(change: FloatArray, slope: FloatArray) -> float:
-    """Of the change per unit that a slope foretells, relative; NaN where neither is anything."""
-    left, size = (float(np.linalg.norm(np.nan_to_num(v))) for v in (change - slope, slope))
-    if max(left, size) < _NOTHING:
+def _lack_of_fit(change: FloatArray, slope: FloatArray) -> float:
+    """Relative lack of fit of the change predicted by a slope; NaN where both are zero."""
+    error, size = (float(np.linalg.norm(np.nan_to_num(v))) for v in (change - slope, slope))
+    if max(error, size) < _NOTHING:
         return math.nan
-    return left / size if size > 0.0 else math.inf
+    return error / size if size > 0.0 else math.inf
 
 
 def _one_by_test(runs: Sequence[Run]) -> tuple[Run, ...]:

@@ -34,13 +34,13 @@ SLIDING = ("coulomb_effort", "viscous")
 _STATIC: Direction = (0, "static_effort")
 # A sensor's slope is taken over a change of this share of a state's usual size.
 _SENSOR_STEP = 1e-6
-# A simulation that did not stay finite counts as this many times the noise off.
+# A simulation that did not stay finite counts as a residual of this many times the noise.
 _FAR = 1e8
 # Width of a coordinate that is held: far below any standard error.
 _HELD = 1e-9
 _SIZES = np.array([1.0, 10.0, 1e5, 1e5])
-# Of an effect's coordinate, where static friction follows its motor; a motor gives so much of what
-# it is told at least.
+# Step of an effect's coordinate by which static friction follows the motor's effects; and the least
+# share of its command that a motor is assumed to deliver.
 _RATIO_STEP, _LEAST_RATIO = 1e-4, 0.1
 # Of a number's value at least, and of one without any.
 _LEAST_SIZE = 1e-3
@@ -71,7 +71,7 @@ class RunErrors:
     slopes: FloatArray
 
     def kept(self, run: Run) -> RunErrors:
-        """These errors; of a simulation that did not stay finite: far off, and nothing helps."""
+        """These residuals; large and with zero slopes if the simulation did not stay finite."""
         logged = ~np.isnan(run.measured).any(axis=1)
         if np.isfinite(self.residual[logged]).all() and np.isfinite(self.slopes[:, logged]).all():
             return self
@@ -120,8 +120,8 @@ class Problem:
         return Iterate(shared, np.zeros((self.tests, 2)), np.zeros((len(self.runs), 4)))
 
     def after_run_ups(self, point: Iterate) -> Problem:
-        """The problem of the same runs, with what effects and sensors remember of what goes before
-        them where the unknowns are at a point.
+        """The problem of the same runs, with the states of effects and sensors after the run-ups,
+        simulated with the unknowns at a point.
         """
         run_ups = [run.run_up for run in self.runs]
         if not any(run_ups):
@@ -259,7 +259,7 @@ class Problem:
         ]
 
     def sizes(self, point: Iterate, directions: Sequence[Direction]) -> list[float]:
-        """What the number along each direction is worth, in its unit: of order one coordinate."""
+        """The change of the number along each direction, in its unit: about one coordinate."""
         own = {d: abs(number_of(self.model, d)) for d in directions}
         for unknown, c in zip(self.unknowns, point.shared, strict=True):
             d = unknown.direction
@@ -350,7 +350,7 @@ class Problem:
             columns = np.vstack([errors.slopes[:, channel], errors.residual[None, channel]])
             yield whitening.innovations(self.runs[number].independent(channel, columns.T))
 
-    def friction_misfit(self, point: Iterate) -> FloatArray:
+    def friction_residual(self, point: Iterate) -> FloatArray:
         """(tests, 2): how far each test's friction is from the model's, in units of the scatter."""
         misfit = np.array(point.friction)
         if self.static_number is not None:
@@ -383,23 +383,23 @@ class Problem:
 
     @property
     def knows_static(self) -> bool:
-        """Whether static friction is fixed, or the bench tests say what it is."""
+        """Whether static friction is fixed or has a prior from the bench tests."""
         number = self.static_number
         return number is None or self.unknowns[number].prior_std > 0.0
 
     @property
     def has_unknown_breakaway(self) -> bool:
-        """Whether static friction is estimated and no test has said what it is."""
+        """Whether static friction is estimated without a prior."""
         number = self.static_number
         return number is not None and math.isnan(self.unknowns[number].std)
 
     def prior_cost(self, point: Iterate) -> float:
         """Of the unknowns about the bench tests, and of the tests' friction about the model's."""
         misfit = self.prior(point.shared)[:, -1]
-        return float(misfit @ misfit + np.sum(self.friction_misfit(point) ** 2))
+        return float(misfit @ misfit + np.sum(self.friction_residual(point) ** 2))
 
     def prior(self, shared: FloatArray) -> FloatArray:
-        """Rows (p, p + 1) of the unknowns' joint prior and their misfit; zero without one."""
+        """Rows (p, p + 1) of the unknowns' joint prior and their residuals; zero without one."""
         centre, slopes = self._prior_centre(shared)
         factor = self._prior_factor
         rows = np.column_stack(
@@ -412,16 +412,16 @@ class Problem:
                 rows[i, -1] = (shared[i] - unknown.held_at) / _HELD
         return rows
 
-    def prior_misfit(self, shared: FloatArray, number: int) -> float:
-        """How far one unknown is from what the bench tests say of it alone, in their errors."""
+    def prior_residual(self, shared: FloatArray, number: int) -> float:
+        """One unknown's distance from its marginal prior, in the prior's standard errors."""
         centre, _ = self._prior_centre(shared)
         return float(shared[number] - centre[number]) / self.unknowns[number].prior_std
 
     def _prior_centre(self, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What the bench tests say (p,), and its slopes (p, p) over the unknowns.
+        """The quantities that the bench tests measured (p,), and their slopes (p, p).
 
-        Static friction is read in the effort that the motor is told, so that it moves with the
-        effects of the motor.
+        Static friction was measured as a commanded effort, so that it changes with the motor's
+        effects.
         """
         centre = np.array([u.start for u in self.unknowns])
         slopes = np.zeros((len(centre), len(centre)))

@@ -18,7 +18,7 @@ from sysid.types import FloatArray
 
 # Values on either side, in standard errors.
 _DISTANCES = (0.7, 1.4, 2.1, 2.8)
-# What is local has to follow too, whatever the shared unknowns do.
+# Start states and each test's friction have to follow, whatever the shared unknowns do.
 _LEAST, _MOST, _NEAR = 4, 8, 0.1
 
 
@@ -44,7 +44,7 @@ def profile(found: Estimated, number: int, std: float) -> Profile:
     scale = (information / std) ** 2
     coordinates, rises = [middle], [0.0]
     steps = std * np.array([*(-d for d in _DISTANCES), *_DISTANCES])
-    # What is beyond a bound is not asked; the bound itself is.
+    # The profile ends at a bound, which is its last point.
     for coordinate in np.unique(np.clip(middle + steps, *unknown.limits)):
         if coordinate == middle:
             continue
@@ -79,7 +79,7 @@ def _cost_at(found: Estimated, number: int, coordinate: float, start: Iterate) -
     # The same runs as in the smallest cost, whichever are set aside here.
     pairs = zip(solution.at.runs, found.solution.counted, strict=True)
     cost = sum(run.cost for run, counted in pairs if counted) + problem.prior_cost(solution.point)
-    prior = found.problem.prior_misfit(solution.point.shared, number)
+    prior = found.problem.prior_residual(solution.point.shared, number)
     return cost + (prior**2 if prior == prior else 0.0)
 
 

@@ -1,8 +1,8 @@
 """All runs' linearised equations with the start states eliminated: a small square system.
 
 Each run's rows are condensed by an orthogonal factorisation to as many as it has unknowns (Bock's
-condensing of multiple shooting, Bock, Plitt 1984). Its start is eliminated there, with a damping
-of its own; what remains speaks of the shared unknowns and of the tests' friction.
+condensing of multiple shooting, Bock, Plitt 1984). This eliminates its start, which is damped
+separately; the remaining rows contain only the shared unknowns and the tests' friction.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _LEAST_COLUMN = 1e-6
 # Below this slope (errors per unit of scatter) a test's static friction moves by a scan only.
 _INFORMED = 5.0
 _NOTHING = 1e-12
-# A run that alone says something leaves nothing of it without it.
+# Without the only run that informs an unknown, no information on it remains.
 _LEAST_LEFT = 1e-6
 _LEAST_SHARE = 1e-12
-# Runs that scatter by more than chance lets 99 of 100 do so for a reason: many unknowns are asked.
+# A scatter of the runs beyond the 99 % point of chance is real: strict, as many tests are made.
 _SURE = 0.99
 
 
@@ -91,20 +91,20 @@ class ReducedEquations:
         return np.asarray(inverse @ inverse.T)
 
     def error_covariance(self) -> FloatArray:
-        """The same, larger where the runs scatter more than the whitening lets them."""
+        """The same, larger where the runs scatter more than the whitening predicts."""
         inverse = self.covariance()
         larger = self.enlargement()
         return np.asarray(inverse * np.outer(larger, larger))
 
     def enlargement(self) -> FloatArray:
-        """By how much errors (m,) exceed those of the information; 1 where chance may do it.
+        """Ratio of the errors (m,) to those of the information; 1 where chance explains it.
 
-        Each run's gradient, corrected for its leverage, has the variance that its information
-        says where the whitening is right (Bell, McCaffrey 2002). What the model lacks makes
-        runs differ by more, and their sum of squares larger than chance lets a chi-squared of
-        as many degrees of freedom be as there are runs that speak of the unknown (Satterthwaite
-        1946). The gradients are those where the equations are least: a run that alone says
-        something of an unknown leaves a difference to that, however small, only there.
+        If the whitening is right, each run's gradient, corrected for its leverage, has the variance
+        given by its information (Bell, McCaffrey 2002). Model error makes runs differ by more: then
+        their sum of squares exceeds a chi-squared variable with as many degrees of freedom as runs
+        inform the unknown (Satterthwaite 1946). The gradients are taken at the minimum of the
+        linearised equations: only there does the gradient of a run that alone informs an unknown
+        vanish.
         """
         if not self.own:
             return np.ones(self.jacobian.shape[1])
@@ -115,12 +115,12 @@ class ReducedEquations:
         total, runs = self._spoken_of(inverse)
         ratio = np.sum(steps**2, axis=0) / known / total
         chance = chi_squared_quantile(runs, _SURE) / runs
-        # The prior's share of what is known scatters as it says.
+        # The prior's share of the information scatters as its standard errors predict.
         found = 1.0 + np.minimum(total, 1.0) * np.where(ratio > chance, ratio - 1.0, 0.0)
         return np.asarray(np.sqrt(np.maximum(found, 1.0)))
 
     def degrees_of_freedom(self) -> FloatArray:
-        """Of the errors (m,): as many as runs speak of an unknown, more where the prior knows it
+        """Of the errors (m,): the number of runs that inform an unknown, more with a prior
         (Satterthwaite 1946; Bell, McCaffrey 2002).
         """
         if not self.own:
@@ -129,7 +129,7 @@ class ReducedEquations:
         return np.asarray(np.maximum(runs / np.minimum(total, 1.0) ** 2, 1.0))
 
     def _spoken_of(self, inverse: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The runs' share of what is known of each unknown (m,), and how many runs it is from."""
+        """The runs' share of the information on each unknown (m,), and from how many runs it is."""
         known = np.maximum(np.diag(inverse), np.finfo(float).tiny)
         shares = np.array([np.sum((rows[:, :-1] @ inverse) ** 2, axis=0) for rows in self.own])
         shares = np.maximum(shares / known, _LEAST_SHARE)
@@ -229,7 +229,7 @@ def reduced(
         run.cost for run, c in zip(runs, counted, strict=True) if c
     )
     r, jacobian = np.array(factor[:, -1]), factor[:, :-1]
-    # What no step can lower counts in the comparison of two points all the same.
+    # A cost that no step can lower still counts when two points are compared.
     r[-1] = math.sqrt(max(cost - float(r[:-1] @ r[:-1]), 0.0))
     return ReducedEquations(
         point, tuple(runs), r, jacobian, heads, cost, held, tuple(alone), prior[:, :-1]
@@ -257,9 +257,9 @@ def _prior_rows(problem: Problem, point: Iterate, held: BoolArray) -> FloatArray
     rows = np.zeros((m + 1 + problem.tests, m + 1))
     own = problem.prior(point.shared)
     rows[:p, :p], rows[:p, -1] = own[:, :p], own[:, -1]
-    rows[p:m, p:m], rows[p:m, -1] = np.eye(m - p), problem.friction_misfit(point).ravel()
+    rows[p:m, p:m], rows[p:m, -1] = np.eye(m - p), problem.friction_residual(point).ravel()
     static = p + 1 + 2 * np.arange(problem.tests)
-    # A test whose static friction neither has a slope nor was found by a scan says nothing.
+    # A test whose static friction has no slope and was not found by a scan carries no information.
     silent = held & (point.friction[:, 1] == 0.0)
     if problem.static_number is not None:
         rows[static, problem.static_number] = -1.0 / problem.scatter[1]

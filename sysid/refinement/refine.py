@@ -3,10 +3,9 @@
 Bock's multiple shooting (Bock, Plitt 1984; Schittkowski 2002): the motion tests are cut into
 segments, each with its own start state, so that a wrong parameter does not add up over a test;
 where the model follows them, they are joined, up to whole tests (`lengthening`).
-The errors are those of the sensors as they are: noise, quantisation, and what is left of the
-residual's correlation. Friction differs from test to test; each test has its own, about the
-model's, as a random effect. What the bench tests said is the prior, with the covariance of each
-part's errors.
+The residuals are modelled by the sensors' noise, quantisation, and an autoregression for the
+remaining correlation. Friction varies from test to test: each test's is a random effect about the
+model's. The bench tests' estimates are the prior, with the covariance of each part's errors.
 """
 
 from __future__ import annotations
@@ -82,15 +81,15 @@ def refine(
     progress: Progress = no_progress,
     by_differences: bool = False,
 ) -> RefineResult:
-    """Estimate a bundle's parameters, and its effects', on a campaign's motion logs to fit on.
+    """Estimate a bundle's parameters, and its effects', on a campaign's training motion logs.
 
     `free`: constants of the rig file, and others, that are estimated too; `fix`: parameters that
     stay; without `prior` the bench tests count for the start only; `robust`: each
     segment's errors count by their own size; `profile`: parameters with a profile;
     `by_differences`: standard errors are of differences of neighbouring simulations (to some 1e-5
     the same), for which nothing is compiled, not of derivatives by forward mode. Raises
-    InputError for a name that is no parameter or a campaign without such logs, NotIdentifiedError
-    where the bundle does not hold the on/off law of both valves, or nothing can be simulated.
+    InputError for an unknown parameter or a campaign without such logs, NotIdentifiedError where
+    the bundle does not hold the on/off law of both valves, or nothing can be simulated.
     """
     free, fix, profile = list(free), list(fix), list(profile)
     entries = campaign.select(KINDS, use="fit")
@@ -193,7 +192,7 @@ def _estimated(
         found = estimate(problem, scatter, robust=robust, progress=progress)
         found = lengthened(found, tests, progress)
         progress("derivatives of the solution")
-        # Those of the last steps tell the errors as well.
+        # Those of the last steps give the errors as well.
         try:
             return with_slopes(found, by_differences)
         except SimulationError:
@@ -221,7 +220,7 @@ def motion_tests_of(
 ) -> list[MotionTest]:
     """The tests of these logs with their segments; the logs' notices are appended.
 
-    A log that cannot be simulated is left out, by a notice. Raises the error of the logs where
+    A log that cannot be simulated is skipped with a notice. Raises the error of the logs where
     tests are `needed` and none can be, InputError for a log that has changed.
     """
     found: list[MotionTest] = []
@@ -277,7 +276,7 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
             # A test's friction is one draw: so many tests, so many degrees of freedom.
             dof = max(found.scatter.tests - 1.0, 1.0)
         if not std[i] > NO_INFORMATION:
-            # Nothing depends on it and no bench test spoke of it: it stays as it was.
+            # Neither the residuals nor a prior depend on it: it stays as it was.
             former = Estimate.symmetric(unknown.value, unknown.std, unknown.unit, math.inf)
             former = former.within(unknown.lower, unknown.upper)
             parameters.append(RefinedParameter(unknown, former, informed=False))
@@ -323,8 +322,8 @@ def _fit(
 def _effort(
     tests: Sequence[MotionTest], before: Model, after: Model, rig: Rig, notices: list[str]
 ) -> dict[str, tuple[float, float]]:
-    """What both models leave of the motor's effort along the measured motion, RMSE by channel; NaN
-    for tests that cannot be brought onto even time."""
+    """RMSE by channel of both models' residual effort along the measured motion; NaN for tests that
+    cannot be brought onto even time."""
     trials, effort = [test.trial for test in tests], rig.effort_channel
     try:
         return {effort: (effort_rmse(trials, rig, before), effort_rmse(trials, rig, after))}

@@ -1,4 +1,4 @@
-"""What a refinement found: every parameter before and after, and the errors before and after."""
+"""The result of a refinement: parameters and simulation errors, before and after."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RefinedParameter:
-    """One parameter: what the bench tests or the rig file said, and what it is now.
+    """One parameter: its value by the bench tests or the rig file, and its refined value.
 
     `movement` is the change over the standard error of the former value, NaN without one.
-    `informed` whether the motion tests added to what was known.
+    `informed` whether the motion tests added information on it.
     """
 
     unknown: Unknown
@@ -46,7 +46,7 @@ class RefinedParameter:
 
     @property
     def is_known(self) -> bool:
-        """Whether the bench tests or motion told it."""
+        """Whether the bench tests or motion identified it."""
         return math.isfinite(self.estimate.std)
 
     def to_json(self) -> dict[str, Any]:
@@ -107,7 +107,7 @@ class RefineResult(Shown):
 
     @property
     def worse(self) -> str:
-        """In words how much worse the tests to fit on are simulated; empty if they are not."""
+        """In words how much worse the training tests are simulated; empty if they are not."""
         return much_worse(self.fits["fit"].before, self.fits["fit"].after)
 
     def headline(self) -> str:

@@ -1,4 +1,4 @@
-"""Stretches of motion tests as runs of the simulator, each with a start state of its own."""
+"""Stretches of motion tests as runs of the simulator, each with its own start state."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sysid.types import FloatArray, IntArray
 
 STATES = ("position", "velocity", "pressure_a", "pressure_b")
 LEAST_ROWS = 50
-# The samples that gave a start state are also the segment's: as a prior it says a tenth.
+# The samples that gave a start state are also the segment's: the prior has a tenth of the weight.
 _START_PRIOR = 10.0
 # A start that is known (a test at rest has no velocity) keeps its value.
 _KNOWN = 1e-8
@@ -56,10 +56,10 @@ class Run:
         return np.array([getattr(self.inputs, name) for name in STATES], dtype=float)
 
     def independent(self, channel: int, columns: FloatArray) -> FloatArray:
-        """Columns (n, k) of a channel's rows as (m, k), of errors that are not the same.
+        """Columns (n, k) of a channel's rows as (m, k), whose errors are independent.
 
-        At rest an encoder repeats one count with the same rounding error: all of a rest's rows
-        say what one does, and count as one, their mean.
+        At rest an encoder repeats one count with the same rounding error: the rows of a rest carry
+        the information of one, and count as one, their mean.
         """
         if channel or np.isnan(self.measured[0]).any():
             return columns

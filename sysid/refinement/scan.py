@@ -1,8 +1,8 @@
-"""Static friction of each test by a scan: where the shaft breaks away is no smooth function of it.
+"""Static friction of each test by a scan: the instant of breakaway is not a smooth function of it.
 
-A motor's command is held from sample to sample. A shaft that rests breaks away with one of its
-steps, so that the simulation does not change with static friction until the next step does it:
-derivatives are zero there, and the cost is a staircase.
+A motor's command is held from sample to sample. A shaft at rest breaks away at one of the command's
+steps, so that the simulation is independent of static friction until the next step is the one:
+derivatives are zero between, and the cost is a staircase.
 """
 
 from __future__ import annotations

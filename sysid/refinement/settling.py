@@ -30,9 +30,9 @@ _DIRECTIONS: tuple[Direction, ...] = tuple((0, n) for n in SLIDING)
 def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, list[Iterate]]:
     """Costs (points, tests), with starts and sliding friction at their best, and these points.
 
-    The points differ in static friction alone. Only those that are the best of a test before
-    anything moves are settled, and the first; the others cost infinitely much. Runs that the points
-    do not tell apart are linearised once. Raises OutOfBudgetError.
+    The points differ in static friction alone. Only the best points of each test before this
+    adjustment, and the first point, are adjusted; the others cost infinitely much. Runs that are
+    the same for several points are linearised once. Raises OutOfBudgetError.
     """
     spend(len(points))
     runs = len(problem.runs)
@@ -58,7 +58,7 @@ def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, li
         own_parts = [parts[first[j * runs + i]] for i in members]
         step = _best_sliding(float(point.friction[test, 0]), own_parts)
         moved[j].friction[test, 0] += step
-        misfit = problem.friction_misfit(moved[j])[test]
+        misfit = problem.friction_residual(moved[j])[test]
         costs[j, test] = float(misfit @ misfit) + sum(part.cost(step) for part in own_parts)
         for i, part in zip(members, own_parts, strict=True):
             moved[j].starts[i] += part.start_step(step)
@@ -84,7 +84,7 @@ def _kept(
     """Points, by number, and tests: each test's best as they are, and the first point."""
     runs = len(problem.runs)
     by_run = np.reshape(as_they_are, (len(points), runs))
-    misfit = np.array([problem.friction_misfit(point) for point in points])
+    misfit = np.array([problem.friction_residual(point) for point in points])
     kept = []
     for test in range(problem.tests):
         own = np.sum(np.square(misfit[:, test]), axis=1)

@@ -31,7 +31,7 @@ _USES = {"fit": "training", "holdout": "held out"}
 
 
 def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
-    """From the bundle's `refinement`; None where it holds no parameters in a form that is known."""
+    """From the bundle's `refinement`; None if it holds no parameters in a known form."""
     values = refinement.values()
     if not values:
         return None
@@ -50,7 +50,7 @@ def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
 
 
 def parameters_table(values: Iterable[RefinedValue]) -> Table:
-    """Every parameter before and after; those that only the bench tests tell say so."""
+    """Every parameter before and after; marked where only the bench tests identify it."""
     rows = []
     for place, value in enumerate(values, start=1):
         std = read_number(value.before_std)
@@ -127,7 +127,7 @@ def _intro(refinement: Refinement, values: list[RefinedValue]) -> tuple[str, ...
 
 
 def _state(refinement: Refinement) -> str:
-    """How the estimation ended, and the segments that it left out."""
+    """How the estimation ended, and the segments that it excluded."""
     count, left_out = (
         read_number(refinement.evaluations),
         read_number(refinement.segments_left_out),
@@ -185,7 +185,7 @@ def _pictures(refinement: Refinement, values: list[RefinedValue]) -> list[Block]
 
 
 def _tied(values: list[RefinedValue], matrix: list[list[float]]) -> str:
-    """The pairs that these tests hardly tell apart."""
+    """The pairs that these tests hardly distinguish."""
     pairs = [
         f"{values[i].name} and {values[j].name} ({number(matrix[i][j], 2)})"
         for i, j in itertools.combinations(range(len(values)), 2)

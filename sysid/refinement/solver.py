@@ -1,10 +1,10 @@
 """Levenberg and Marquardt's method over the reduced unknowns, by optimistix.
 
-The simulation is not traced: where optimistix's next step wants to know the residual, it is
-evaluated with its derivatives and handed over as an affine function, which is all that a
-Gauss-Newton method looks at. Start states are eliminated (`reduction`), each with a damping of its
-own. A run whose simulation changes its mind whether the shaft moves does not hold the others: it
-is set aside until the model follows it again, and moves its start alone meanwhile.
+The simulation is not traced: when optimistix's next step needs the residual, it is evaluated with
+its derivatives and passed as an affine function, which is all that a Gauss-Newton method uses.
+Start states are eliminated (`reduction`), each with separate damping. A run that switches between
+a moving and a resting shaft from step to step must not block the others: it is set aside until the
+model follows it again; meanwhile only its start is adjusted.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from sysid.types import BoolArray, FloatArray
 
 _MOST_REFUSED = 6
 _MOST_CHORDS = 3
-# Steps in all, over evaluations: where the simulation changes its mind at every step, runs are set
-# aside and followed again without end.
+# Steps in all, over evaluations: where the simulation switches between rest and motion at every
+# step, runs would be set aside and followed again without end.
 _MOST_STEPS = 1.5
 # Of all runs, at most this share may be set aside.
 _MOST_ASIDE = 0.25
 # A run that was set aside this often stays so.
 _MOST_CHANGES = 2
-# So many steps that lower the cost by less than this share together are the end of it.
+# The descent ends after this many steps that together lower the cost by less than this share.
 _STILL, _LEAST_LOWERING = 4, 3e-5
-# Steps of less than this, in standard errors, are within what an interval says.
+# Steps of less than this, in standard errors, are negligible against the interval.
 _NEAR_ENOUGH = 0.25
 # A run is followed again where its cost per row is at most this many times the counted ones'.
 _FOLLOWED = 2.0
@@ -255,7 +255,7 @@ def _next_damping(
     to: Iterate,
     runs: Sequence[Linearised],
 ) -> FloatArray:
-    """Of the starts (runs,): more where a run's cost is not what its equations promised."""
+    """Of the starts (runs,): more where a run's cost is not what its linearisation predicted."""
     before = np.array([run.cost for run in base.runs])
     after, predicted = np.array([run.cost for run in runs]), base.predicted(problem, to)
     lost = after - predicted > _LOSS * np.abs(before - predicted) + 1.0

@@ -1,10 +1,10 @@
 """The parameters that a refinement may move: where each stands, its prior, and its bounds.
 
-A positive unknown is estimated by its logarithm, any other on a scale of its own, within its
-bounds. (A logit has none, but where the optimum is at a bound it runs off to infinity and has no
-slope to come back by: shares of an effect that are 0 held up all other parameters.) What the bench
-tests say of an unknown is its prior, there with the standard error of the bundle, and with the
-correlations that the bundle keeps (`sysid.refinement.prior`).
+A positive unknown is estimated by its logarithm, any other on a linear scale, within its bounds.
+(A logit would need no bounds, but if the optimum is at a bound it diverges to infinity, where its
+slope vanishes: shares of an effect that are 0 held up all other parameters.) The bench tests'
+estimate of an unknown is its prior, in this coordinate, with the standard error and the
+correlations of the bundle (`sysid.refinement.prior`).
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ Direction = tuple[int, str]
 Known = Mapping[str, Estimate]
 """What the bundle says of each parameter, by alias."""
 MOST_FACTOR = 20.0
-# Two integrations of the same equations put flows so far apart, relatively: long logs at the
-# encoder's resolution say more than that (`benchmarks/refinement.py coverage`).
+# Relative difference of flows between two integrations of the same equations: long logs at the
+# encoder's resolution would resolve less than that (`benchmarks/refinement.py coverage`).
 _EXACT = 1e-6
 _LEAST_STD = 1e-4
 _OFFSET_SHARE = 0.3
@@ -101,7 +101,7 @@ class Unknown:
         return self.sign * self.slope(coordinate)
 
     def integration_error(self, coordinate: float) -> float:
-        """How exactly the coordinate can be known: as the equations are integrated."""
+        """The least standard error of the coordinate, by the accuracy of the integration."""
         return _EXACT * self.at(coordinate) / self.slope(coordinate)
 
     @property
@@ -123,7 +123,7 @@ class Unknown:
 def unknowns_of(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
     """Every parameter of a bundle's model that a refinement may move.
 
-    Friction, flows, delays, effects with what the bundle says of them; the rig file's constants
+    Friction, flows, delays and effects with the bundle's standard errors; the rig file's constants
     with 3 %.
     """
     table = bundle.parameters.fitted()
@@ -142,7 +142,7 @@ def unknowns_of(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:
 
 
 def _correlations(table: ParameterTable) -> dict[str, tuple[tuple[str, float], ...]]:
-    """Of each parameter's error with the others' of which something is known."""
+    """Known correlations of each parameter's error with those of others."""
     names = [row.alias for row in table.rows]
     return {
         own: tuple((n, float(c)) for n, c in zip(names, row, strict=True) if c and n != own)
@@ -156,7 +156,7 @@ def _friction(bundle: Bundle, rig: Rig, model: Model, known: Known) -> list[Unkn
         field = field_of(name)
         value = float(getattr(model.parameters, field))
         if value <= 0.0:
-            continue  # friction that is not there stays so: its logarithm has no start
+            continue  # friction of 0 stays 0: its logarithm has no start value
         place, unit = f"friction.{rig.units.key(name)}", rig.units.unit(name)
         found.append(_positive(place, (0, field), value, known.get(place), "friction", unit))
     return [*found, *_fitted_beside_friction(bundle.friction, rig, model)]
@@ -310,7 +310,7 @@ def chosen(
 ) -> list[Unknown]:
     """The unknowns to estimate: those fitted, with `free` and without `fix`; a name or its start.
 
-    Without `prior` none of them has one. Raises InputError for a name that is none.
+    Without `prior` none of them has one. Raises InputError for an unknown name.
     """
     free, fix = list(free), list(fix)
     numbers_of(unknowns, [*free, *fix])
@@ -324,7 +324,7 @@ def chosen(
 
 
 def numbers_of(unknowns: Sequence[Unknown], names: Iterable[str]) -> list[int]:
-    """Which of the unknowns these names mean. Raises InputError for a name that is none."""
+    """Indices of the unknowns with these names. Raises InputError for an unknown name."""
     found: dict[int, None] = {}
     for name in names:
         own = [i for i, u in enumerate(unknowns) if _matches(u, name)]

@@ -17,7 +17,7 @@ from sysid.parameters.refinement import Refinement
 from sysid.refinement.result import RefineResult
 
 _Fitted = TypeVar("_Fitted", bound=CorrelatedPart)
-# A parameter that nothing was said of has no correlation, not even with itself.
+# A parameter that was not identified has no correlation, not even with itself.
 _NOTHING = 0.5
 
 
@@ -44,8 +44,8 @@ def updated(
 
 
 def _found(result: RefineResult) -> tuple[dict[str, Estimate], JointCovariance]:
-    """The estimates by alias, and how the errors go together of those that something was said of;
-    what neither the bench tests nor motion told stays unidentified."""
+    """The estimates by alias, and the correlation of the errors of those that were identified;
+    what neither the bench tests nor motion identified stays so."""
     known = [i for i, p in enumerate(result.parameters) if p.is_known]
     estimates = {result.parameters[i].name: result.parameters[i].estimate for i in known}
     said = [i for i in known if result.correlation[i, i] > _NOTHING]

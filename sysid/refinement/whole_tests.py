@@ -12,8 +12,8 @@ from sysid.recording.motion_tests import MotionTest
 from sysid.recording.simulation import simulate_segments
 from sysid.types import FloatArray
 
-# Whole training tests that are simulated this much worse (mean over the channels) say that an
-# estimation went elsewhere; less is the friction of single tests.
+# If whole training tests are simulated this much worse (mean over the channels), the estimation
+# found a wrong optimum; a smaller change is due to the friction of single tests.
 _MUCH_WORSE = 1.1
 
 
