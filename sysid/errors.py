@@ -1,13 +1,19 @@
-"""The errors of a request that are not faults of the program.
+"""The errors of a request that are not faults of the program, and parts that fail on their own.
 
-All are turned into one line and an exit code by `sysid.commands.app`.
+An error that ends a command is turned into one line and an exit code by `sysid.commands.app`; one
+of a part that the rest goes on without becomes a `Failure`.
 """
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
+
+Result = TypeVar("Result")
 
 # Characters of a file's value, of a word, of a place and of a whole part that a line shows.
 _LONGEST_VALUE, _LONGEST_WORD, _LONGEST_PLACE, _LONGEST_PART = 60, 160, 300, 2000
@@ -59,6 +65,10 @@ class SimulationError(NotIdentifiedError):
     """A model that cannot be simulated: it diverges, or switches without end at one instant."""
 
 
+class OutOfBudgetError(Exception):
+    """What a computation may do (`sysid.parallel.limited`) is done."""
+
+
 def input_error(where: str | Path, what: str, mend: str) -> InputError:
     """One line: where it is (file, row or key), what is wrong, how to fix it."""
     place = shortened(visible(str(where)), _LONGEST_PLACE)
@@ -96,3 +106,67 @@ def one_line(text: str) -> str:
     line = _QUOTED.sub(lambda m: f"{m[1]}{shortened(m[2])}{m[1]}", visible(text))
     words = (shortened(word, _LONGEST_WORD) for word in line.split(" "))
     return shortened(" ".join(words), _LONGEST_PART)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A job that came to no result: why, in a line, and whether only as its budget ended.
+
+    `error`: what would have ended the command, where that is not a fault of the program.
+    """
+
+    reason: str
+    out_of_budget: bool = False
+    error: SysidError | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def status(self) -> int:
+        """The exit status with which it would have ended the command."""
+        return 1 if self.error is None else self.error.exit_code
+
+    @staticmethod
+    def of(error: BaseException) -> Failure:
+        """Of a job that raised an error."""
+        return Failure(one_line(f"{type(error).__name__}: {error}"))
+
+
+def on_its_own(part: Callable[[], Result]) -> Result | Failure:
+    """The result of a part that the rest of the work goes on without, or why there is none.
+
+    What the data do not give (a SysidError) is a reason in its own words, and so is what cannot be
+    computed from them: a singular matrix, an overflow. Anything else is a fault of the program:
+    its reason says so, and with `SYSID_DEBUG` it is raised. A budget that ends, and what the
+    machine refuses (OSError), are not the part's: they pass.
+    """
+    from numpy.linalg import LinAlgError
+
+    try:
+        return part()
+    except (OutOfBudgetError, OSError):
+        raise
+    except SysidError as error:
+        return Failure(str(error), error=error)
+    except (ArithmeticError, LinAlgError) as error:
+        what = one_line(f"its equations cannot be solved: {error}")
+        return Failure(what, error=NotIdentifiedError(what))
+    except Exception as error:
+        if os.environ.get("SYSID_DEBUG"):
+            raise
+        what = f"{Failure.of(error).reason} (a fault in sysid itself; SYSID_DEBUG=1 shows where)"
+        return Failure(what)
+
+
+def error_of(failures: Sequence[Failure], what: str) -> Exception:
+    """The error, saying `what`, of a whole of which no part came to a result, as these failed.
+
+    InputError where the input is unusable for every part, NotIdentifiedError where the data do not
+    suffice for some or there is none, RuntimeError where a fault of the program ended one. Where a
+    part's own error says it, that error.
+    """
+    for failure in failures:
+        if failure.error is not None and failure.reason == what:
+            return failure.error
+    statuses = {failure.status for failure in failures}
+    if 1 in statuses:
+        return RuntimeError(what)
+    return InputError(what) if statuses == {InputError.exit_code} else NotIdentifiedError(what)

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from sysid.balance.motion import default_cutoff
-from sysid.errors import NotIdentifiedError, input_error
+from sysid.errors import Failure, NotIdentifiedError, error_of, input_error, on_its_own
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import LEAST_EXPLAINED, SCATTER_TIMES
 from sysid.identification.friction.clusters import Clusters, cluster_test
@@ -56,7 +56,6 @@ from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.logs import Trial, any_contradiction, with_channels
 from sysid.io.motion import MotionUnits
 from sysid.io.rig import Rig
-from sysid.parallel import Failure, error_of, on_its_own
 from sysid.recording.even import pause_line, recorded
 from sysid.recording.friction_kind import KINDS, MOTION, SLIDING, STATIC, classify, classify_trial
 from sysid.recording.recording import Recording

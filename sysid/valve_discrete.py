@@ -18,7 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from sysid.errors import InputError, NotIdentifiedError, input_error
+from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import FitQuality
 from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, UNITS, CurveFit, fit_curves
@@ -43,7 +43,6 @@ from sysid.io.channels import SIDES
 from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Air, Rig
 from sysid.io.trial_kind import away_from_ends
-from sysid.parallel import Failure, error_of, on_its_own
 from sysid.plant.base import CRITICAL_RATIO, exhaust_jump, filling_jump
 
 __all__ = [

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from sysid.errors import InputError, NotIdentifiedError, input_error
+from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
 from sysid.identification.valve_pwm.averaged import average_of
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
 from sysid.identification.valve_pwm.quality import LOOK, fails, require_sign
@@ -38,7 +38,6 @@ from sysid.io.channels import SIDES, SWITCHES
 from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import away_from_ends, is_active, is_held
-from sysid.parallel import Failure, error_of, on_its_own
 from sysid.surfaces.bipolynomial import N_TERMS, Bipolynomial
 from sysid.surfaces.comparison import (
     ResolutionStudy,

@@ -30,18 +30,8 @@ from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.looked import SearchStage
 from sysid.diagnosis.wording import sentence
-from sysid.errors import InputError, SimulationError
-from sysid.parallel import (
-    LATE,
-    VARIABLE,
-    Failure,
-    OutOfBudgetError,
-    attempt_all,
-    attempt_in_threads,
-    limited,
-    run_all,
-    spend,
-)
+from sysid.errors import Failure, InputError, OutOfBudgetError, SimulationError
+from sysid.parallel import LATE, VARIABLE, attempt_all, attempt_in_threads, limited, run_all, spend
 from sysid.parameters import Bundle, read_bundle
 from sysid.plant.effects import catalogue
 

@@ -19,14 +19,14 @@ from golden_folder import GOLDEN, golden_bundle
 
 from sysid.commands.app import main
 from sysid.document.fleet import fleet_page
-from sysid.errors import InputError
+from sysid.errors import Failure, InputError
 from sysid.fleet.changes import change_in
 from sysid.fleet.leakage import leakage_flow
 from sysid.fleet.origin import Origin, date_in, origin_of, result_folder
 from sysid.fleet.rows import LEAKAGE, FleetReading, FleetRow, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
 from sysid.io.campaign import read_campaign
-from sysid.parallel import Failure, attempt_all, on_cluster
+from sysid.parallel import attempt_all, on_cluster
 from sysid.parallel.cluster import collector_off
 from sysid.parameters import read_bundle
 from sysid.parameters.effects import EffectEntry, entry_of

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 from sysid.commands.app import main
-from sysid.errors import InputError
-from sysid.parallel import LATE, VARIABLE, Failure, attempt_all, job_count, limited, run_all
+from sysid.errors import Failure, InputError
+from sysid.parallel import LATE, VARIABLE, attempt_all, job_count, limited, run_all
 
 PARENT = """
 import os, signal, sys, time

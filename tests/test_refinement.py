@@ -10,9 +10,9 @@ from scipy.linalg import toeplitz
 from scipy.optimize import least_squares
 
 from benchmarks.refinement import rig_runs, unknown
-from sysid.errors import InputError
+from sysid.errors import InputError, OutOfBudgetError
 from sysid.estimation.autoregression import Autoregression, autoregression, stationary
-from sysid.parallel import OutOfBudgetError, limited
+from sysid.parallel import limited
 from sysid.plant.effects.chamber import TubeLag
 from sysid.plant.effects.sensor import PressureLag
 from sysid.plant.ports import Model

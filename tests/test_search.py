@@ -17,7 +17,8 @@ from sysid.diagnosis.actuator.search import _exchanged, _TwinRounds
 from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.looked import QUICK, Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Rounds, Step, Tried, mark_removed, run
-from sysid.parallel import LATE, OutOfBudgetError, limited
+from sysid.errors import OutOfBudgetError
+from sysid.parallel import LATE, limited
 from sysid.plant.base import Array
 from sysid.plant.effects import catalogue
 from sysid.plant.effects.entry import CatalogueEffect

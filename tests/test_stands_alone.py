@@ -21,12 +21,19 @@ from sysid.blocks.sections import Plot, Section
 from sysid.checks.consistency import campaign as consistency
 from sysid.diagnosis.bench.diagnose import _held_out
 from sysid.document import page, render_report
-from sysid.errors import InputError, NotIdentifiedError, SimulationError
+from sysid.errors import (
+    Failure,
+    InputError,
+    NotIdentifiedError,
+    OutOfBudgetError,
+    SimulationError,
+    error_of,
+    on_its_own,
+)
 from sysid.estimation.linear import Estimate
 from sysid.identification.friction import shown as friction
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.io.logs import Log
-from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
 from sysid.parameters import Bundle, read_bundle
 from sysid.parameters.assembled_model import assumed_parameters
 from sysid.pipeline import run as stages

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from sysid.diagnosis.result import Diagnosis
-from sysid.parallel import Failure, on_its_own
+from sysid.errors import Failure, on_its_own
 from sysid.plant.effects.catalogue import catalogue, catalogue_entry
 from sysid.plant.effects.entry import CatalogueEffect
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Literal, TypeVar
 
-from sysid.parallel import Failure, Limit, limited
+from sysid.errors import Failure
+from sysid.parallel import Limit, limited
 
 _Result = TypeVar("_Result")
 

@@ -17,10 +17,10 @@ import numpy as np
 from sysid.blocks.numbers import number
 from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
-from sysid.errors import InputError, NotIdentifiedError
+from sysid.errors import Failure, InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate, chi_squared_quantile
 from sysid.io.campaign import Campaign
-from sysid.parallel import LATE, Failure, attempt, limited
+from sysid.parallel import LATE, attempt, limited
 from sysid.parameters import Bundle, EffectEntry
 from sysid.parameters.assembled_model import effects_from_bundle
 from sysid.plant.effects.entry import Catalogue, CatalogueEffect

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from sysid.diagnosis.looked import Book, SearchStage
-from sysid.parallel import Failure, attempt, limited
+from sysid.errors import Failure
+from sysid.parallel import attempt, limited
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.types import Progress
 

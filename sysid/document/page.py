@@ -15,10 +15,9 @@ from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.document.opening import ReportVerdict, verdict
 from sysid.document.standing import section_or_why
-from sysid.errors import input_error
+from sysid.errors import Failure, input_error, on_its_own
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
-from sysid.parallel import Failure, on_its_own
 from sysid.parameters import Bundle, FittedValves, Provenance, assumptions, shown_by_logs
 from sysid.parameters.provenance import family
 from sysid.types import Progress

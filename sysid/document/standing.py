@@ -8,7 +8,7 @@ from dataclasses import replace
 from sysid.blocks.figures import Figure
 from sysid.blocks.sections import Block, FigureGroup, Fold, Section
 from sysid.document import svg
-from sysid.parallel import Failure, on_its_own
+from sysid.errors import Failure, on_its_own
 
 
 def section_or_why(id: str, title: str, build: Callable[[], Section | None]) -> Section | None:

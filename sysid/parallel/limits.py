@@ -8,42 +8,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TypeVar
 
-from sysid.errors import InputError, NotIdentifiedError, SysidError, one_line
+from sysid.errors import Failure, OutOfBudgetError
 from sysid.parallel.clock import processor_seconds
 
 Result = TypeVar("Result")
-
-
-class OutOfBudgetError(Exception):
-    """What a computation may do (`limited`) is done."""
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A job that came to no result: why, in a line, and whether only as its budget ended.
-
-    `error`: what would have ended the command, where that is not a fault of the program.
-    """
-
-    reason: str
-    out_of_budget: bool = False
-    error: SysidError | None = field(default=None, compare=False, repr=False)
-
-    @property
-    def status(self) -> int:
-        """The exit status with which it would have ended the command."""
-        return 1 if self.error is None else self.error.exit_code
-
-    @staticmethod
-    def of(error: BaseException) -> Failure:
-        """Of a job that raised an error."""
-        return Failure(one_line(f"{type(error).__name__}: {error}"))
 
 
 LATE = Failure("out of budget", out_of_budget=True)
@@ -134,58 +108,12 @@ def attempt(job: Callable[[], Result]) -> Result | Failure:
         return Failure.of(error)
 
 
-def on_its_own(part: Callable[[], Result]) -> Result | Failure:
-    """The result of a part that the rest of the work goes on without, or why there is none.
-
-    What the data do not give (a SysidError) is a reason in its own words, and so is what cannot be
-    computed from them: a singular matrix, an overflow. Anything else is a fault of the program:
-    its reason says so, and with `SYSID_DEBUG` it is raised. A budget that ends, and what the
-    machine refuses (OSError), are not the part's: they pass.
-    """
-    from numpy.linalg import LinAlgError
-
-    try:
-        return part()
-    except (OutOfBudgetError, OSError):
-        raise
-    except SysidError as error:
-        return Failure(str(error), error=error)
-    except (ArithmeticError, LinAlgError) as error:
-        what = one_line(f"its equations cannot be solved: {error}")
-        return Failure(what, error=NotIdentifiedError(what))
-    except Exception as error:
-        if os.environ.get("SYSID_DEBUG"):
-            raise
-        what = f"{Failure.of(error).reason} (a fault in sysid itself; SYSID_DEBUG=1 shows where)"
-        return Failure(what)
-
-
-def error_of(failures: Sequence[Failure], what: str) -> Exception:
-    """The error, saying `what`, of a whole of which no part came to a result, as these failed.
-
-    InputError where the input is unusable for every part, NotIdentifiedError where the data do not
-    suffice for some or there is none, RuntimeError where a fault of the program ended one. Where a
-    part's own error says it, that error.
-    """
-    for failure in failures:
-        if failure.error is not None and failure.reason == what:
-            return failure.error
-    statuses = {failure.status for failure in failures}
-    if 1 in statuses:
-        return RuntimeError(what)
-    return InputError(what) if statuses == {InputError.exit_code} else NotIdentifiedError(what)
-
-
 __all__ = [
     "LATE",
-    "Failure",
     "Limit",
-    "OutOfBudgetError",
     "attempt",
-    "error_of",
     "limit_in_force",
     "limited",
-    "on_its_own",
     "spend",
     "within",
 ]

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Generic, TypeVar
 
-from sysid.errors import input_error
+from sysid.errors import Failure, input_error
 from sysid.parallel.clock import processor_seconds, tell, tell_remote
 from sysid.parallel.cluster import VARIABLE, cluster_in_force, collect_on
-from sysid.parallel.limits import LATE, Failure, Limit, attempt, limit_in_force, within
+from sysid.parallel.limits import LATE, Limit, attempt, limit_in_force, within
 from sysid.parallel.memory import share_one_heap
 
 Result = TypeVar("Result")

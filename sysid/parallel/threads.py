@@ -8,7 +8,8 @@ from contextvars import copy_context
 from functools import lru_cache, partial
 from typing import Generic, ParamSpec, TypeVar
 
-from sysid.parallel.limits import Failure, Limit, attempt, limit_in_force, within
+from sysid.errors import Failure
+from sysid.parallel.limits import Limit, attempt, limit_in_force, within
 from sysid.parallel.memory import give_back, share_one_heap
 from sysid.parallel.processes import attempt_in_turn, job_count
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from sysid.blocks.progress import progress_or_shown
 from sysid.checks.consistency.campaign import check_consistency
 from sysid.components.loading import component_in
-from sysid.errors import InputError, NotIdentifiedError
+from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, on_its_own
 from sysid.friction import fit_friction
 from sysid.identification.friction.result import FrictionResult
 from sysid.io.campaign import (
@@ -24,7 +24,7 @@ from sysid.io.campaign import (
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.source import Source
-from sysid.parallel import Failure, attempt_all, error_of, on_its_own
+from sysid.parallel import attempt_all
 from sysid.parameters import Bundle, Parts
 from sysid.pipeline.fit_part import FittedPart, PartResult, bench_fit
 from sysid.pipeline.request import Reported, takes

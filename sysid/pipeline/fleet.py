@@ -13,7 +13,7 @@ from typing import Any
 
 from sysid import parallel
 from sysid.diagnosis import wording
-from sysid.errors import InputError, SysidError
+from sysid.errors import Failure, InputError, SysidError
 from sysid.fleet.origin import Origin, origin_of, result_folder
 from sysid.fleet.rows import FleetRow, effects_of, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
@@ -73,7 +73,7 @@ def _run_all(campaigns: Sequence[Path], folder: Path, options: FleetOptions) -> 
         found = parallel.attempt_all(jobs)
     rows = [
         _failed(FleetRow.failed(path, result_folder(path), None, row.reason, _FAULT), folder)
-        if isinstance(row, parallel.Failure)
+        if isinstance(row, Failure)
         else row
         for path, row in zip(campaigns, found, strict=True)
     ]

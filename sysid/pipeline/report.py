@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from sysid.blocks.progress import progress_or_shown
+from sysid.errors import Failure, on_its_own
 from sysid.io.campaign import Campaign
-from sysid.parallel import Failure, on_its_own
 from sysid.parameters import Bundle, write_bundle
 from sysid.pipeline.check import checks_of
 from sysid.pipeline.request import Reported

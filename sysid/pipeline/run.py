@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sysid import __version__
 from sysid.checks.log_check import LogCheck
 from sysid.components.loading import component_in
-from sysid.errors import InputError
+from sysid.errors import Failure, InputError, on_its_own
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, remove_leftovers, write_atomic
 from sysid.io.foreign import digest_of
 from sysid.io.locks import working_in
-from sysid.parallel import Failure, on_its_own, processor_seconds
+from sysid.parallel import processor_seconds
 from sysid.parameters import Bundle, read_bundle, write_bundle
 from sysid.pipeline.check import checks_of
 from sysid.pipeline.diagnose import DiagnoseOptions, diagnose

@@ -15,12 +15,11 @@ from functools import cached_property, partial
 import numpy as np
 
 from sysid import signals
-from sysid.errors import input_error
+from sysid.errors import Failure, error_of, input_error, on_its_own
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES, simulated_channels
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import rows_per_ripple
-from sysid.parallel import Failure, error_of, on_its_own
 from sysid.plant import valve_timing
 from sysid.recording.motion_checks import (
     MIN_ROWS,

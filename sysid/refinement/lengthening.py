@@ -17,9 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.errors import SimulationError
+from sysid.errors import OutOfBudgetError, SimulationError
 from sysid.io.channels import simulated_channels
-from sysid.parallel import OutOfBudgetError
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import MotionTest, Segment
 from sysid.refinement.estimation import NO_INFORMATION, Estimated, followed, whitening_of

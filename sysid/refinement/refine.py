@@ -21,13 +21,21 @@ from threadpoolctl import threadpool_limits
 
 from sysid.balance.imposed import effort_rmse
 from sysid.blocks.numbers import ascii_text
-from sysid.errors import InputError, NotIdentifiedError, SimulationError, input_error
+from sysid.errors import (
+    Failure,
+    InputError,
+    NotIdentifiedError,
+    OutOfBudgetError,
+    SimulationError,
+    error_of,
+    input_error,
+    on_its_own,
+)
 from sysid.estimation.autoregression import Autoregression
 from sysid.estimation.linear import Estimate, t_quantile
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.io.channels import simulated_channels
 from sysid.io.rig import Rig
-from sysid.parallel import Failure, OutOfBudgetError, error_of, on_its_own
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import assumed_parameters, fitted_inertia
 from sysid.parameters.declared import contradictions

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.parallel import OutOfBudgetError, spend
+from sysid.errors import OutOfBudgetError
+from sysid.parallel import spend
 from sysid.refinement.problem import Iterate, Linearised, Problem
 from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.types import BoolArray, FloatArray

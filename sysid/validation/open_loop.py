@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from sysid.errors import InputError, NotIdentifiedError, input_error
+from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
 from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
-from sysid.parallel import Failure, error_of, on_its_own
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import (
     DISCRETE,

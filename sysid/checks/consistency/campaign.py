@@ -22,13 +22,12 @@ from sysid.checks.consistency.levels import (
 )
 from sysid.checks.consistency.offsets import OffsetReading, offset_lines, offset_of
 from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
-from sysid.errors import SysidError
+from sysid.errors import Failure, SysidError, on_its_own
 from sysid.identification.friction.result import FrictionResult
 from sysid.io.campaign import MOTION_KINDS, Campaign
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
-from sysid.parallel import Failure, on_its_own
 from sysid.recording.even import recorded
 from sysid.recording.recording import Recording
 

@@ -27,11 +27,11 @@ from sysid.diagnosis.actuator.unexplained import (
 from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import Because, why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
-from sysid.errors import NotIdentifiedError, SimulationError
+from sysid.errors import Failure, NotIdentifiedError, SimulationError, on_its_own
 from sysid.io.channels import CHAMBER_PRESSURES, simulated_channels
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
-from sysid.parallel import Failure, limited, on_its_own, spend
+from sysid.parallel import limited, spend
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model, has_discrete_law
 from sysid.types import FloatArray

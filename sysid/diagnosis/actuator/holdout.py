@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, scattered
+from sysid.errors import Failure, on_its_own
 from sysid.io.campaign import MOTION_KINDS
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
-from sysid.parallel import Failure, on_its_own
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import MotionTest, prepare_all
 from sysid.recording.simulation import simulate_segments

@@ -33,10 +33,10 @@ from sysid.diagnosis.actuator.whitening import (
     noise_of,
 )
 from sysid.diagnosis.looked import Book, Looked, SearchStage
-from sysid.errors import SimulationError
+from sysid.errors import Failure, SimulationError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.parallel import Failure, attempt, limited
+from sysid.parallel import attempt, limited
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
 

@@ -48,9 +48,9 @@ from sysid.diagnosis.actuator.threshold_steps import best_near, with_steps
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, run
-from sysid.errors import SimulationError
+from sysid.errors import Failure, SimulationError
 from sysid.estimation.linear import Estimate
-from sysid.parallel import LATE, Failure, attempt, attempt_in_threads, limited
+from sysid.parallel import LATE, attempt, attempt_in_threads, limited
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model, overrides
 from sysid.types import Progress

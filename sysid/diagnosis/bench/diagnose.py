@@ -19,10 +19,9 @@ from sysid.diagnosis.looked import why_unexplained
 from sysid.diagnosis.remainder import Remainder
 from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.diagnosis.thresholds import FAR_OFF
-from sysid.errors import NotIdentifiedError
+from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.parallel import Failure, on_its_own
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import effects_from_bundle
 from sysid.plant.effects.entry import Catalogue, CatalogueEffect

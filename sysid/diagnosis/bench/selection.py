@@ -27,8 +27,9 @@ from sysid.diagnosis.bench.stability import Repeats, repeats
 from sysid.diagnosis.looked import Book, Looked, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, Tried, run
 from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
+from sysid.errors import Failure
 from sysid.estimation.nonlinear import LeastSquaresFit
-from sysid.parallel import Failure, attempt, attempt_all, limited
+from sysid.parallel import attempt, attempt_all, limited
 from sysid.plant.effects.catalogue import class_of
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.types import FloatArray, Progress, no_progress

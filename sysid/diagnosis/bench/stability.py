@@ -18,7 +18,8 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
 from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
-from sysid.parallel import Failure, OutOfBudgetError, attempt_all
+from sysid.errors import Failure, OutOfBudgetError
+from sysid.parallel import attempt_all
 
 PARTS = 3
 # Below it a part is two thirds of the tests, not one.

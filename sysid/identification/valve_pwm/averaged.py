@@ -8,11 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from sysid.errors import NotIdentifiedError
+from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.identification.valve_pwm.quality import LOOK, duty_quality, fails
 from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValveAverage
 from sysid.io.rig import Rig
-from sysid.parallel import Failure, on_its_own
 from sysid.surfaces.averaged_fit import (
     N_PARAMETERS,
     AveragedFit,
