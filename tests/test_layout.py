@@ -7,6 +7,7 @@ from its own room and from floors below it.
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,6 +36,9 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("pipeline",),
     ("commands",),
 )
+# Figures that only fall: entries of `sysid/` without its face, floors that the arrows need, and
+# arrows: pairs of rooms of which one imports from the other, inside functions too.
+ENTRIES, HEIGHT, ARROWS = 28, 13, 203
 FLOOR_OF = {room: number for number, rooms in enumerate(FLOORS) for room in rooms}
 # The package's own face: loads each public name when it is first used.
 FACE = ("sysid", "sysid.__main__")
@@ -89,6 +93,26 @@ def test_imports_go_downwards(module: str) -> None:
             continue
         room = room_of(target)
         assert room == own or FLOOR_OF[room] < FLOOR_OF[own], f"{module} imports {target}"
+
+
+ARROWS_FOUND = {
+    (room_of(module), room_of(target))
+    for module in INSIDE
+    for target, _ in imported(MODULES[module])
+    if target != "sysid" and room_of(target) != room_of(module)
+}
+
+
+@functools.cache
+def height(room: str) -> int:
+    """Rooms of the longest way down from a room, itself among them."""
+    return 1 + max((height(other) for own, other in ARROWS_FOUND if own == room), default=0)
+
+
+def test_entries_floors_and_arrows_do_not_grow() -> None:
+    assert len(FLOOR_OF) <= ENTRIES
+    assert max(map(height, FLOOR_OF)) <= HEIGHT
+    assert len(ARROWS_FOUND) <= ARROWS, f"one of these is new: {sorted(ARROWS_FOUND)}"
 
 
 @pytest.mark.parametrize("module", MODULES)
