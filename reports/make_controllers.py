@@ -16,9 +16,9 @@ import sys
 from pathlib import Path
 
 from sysid.controllers.sensing import SensorSuite
-from sysid.document.controllers import write_controllers_page
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.parameters import read_bundle
+from sysid.pipeline.pages.controllers import write_controllers_page
 from sysid.thesis import TABLES, TableRig, thesis_table
 from sysid.thesis.figures import figure_runs
 from sysid.thesis.overview import ControllersPage

@@ -11,10 +11,10 @@ import pandas as pd
 import sysid as si
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.content import content
-from sysid.document import write_report
 from sysid.io.campaign import read_campaign
 from sysid.pipeline.check import checks_of
 from sysid.pipeline.diagnose import extended_bundle
+from sysid.pipeline.pages.campaign import write_report
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.linear import for_rig
 

@@ -23,8 +23,8 @@ from sysid.checks.consistency.comparison import disagreements
 from sysid.checks.consistency.kinds import other_kind
 from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
 from sysid.checks.log_check import check_campaign
+from sysid.checks.shown import quality_section
 from sysid.commands.app import main
-from sysid.document.quality import quality_section
 from sysid.io.campaign import Campaign, read_campaign
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]

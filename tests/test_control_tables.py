@@ -19,10 +19,10 @@ from sysid.controllers.cases import Case, ClosedLoopRun
 from sysid.controllers.interface import Reference, StateEstimate
 from sysid.controllers.modes import Mode
 from sysid.controllers.trajectories import thesis_trajectory
-from sysid.document.controllers import write_controllers_page
 from sysid.errors import InputError
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.pipeline.control_table import control_table
+from sysid.pipeline.pages.controllers import write_controllers_page
 from sysid.thesis import (
     TABLES,
     Agreement,

@@ -22,7 +22,6 @@ from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
 from sysid.checks.log_check import LogCheck, check_log
 from sysid.commands.app import main
-from sysid.document.page import render_report
 from sysid.errors import InputError
 from sysid.friction import fit_friction
 from sysid.io.bare_rig import read_bare_logs
@@ -33,6 +32,7 @@ from sysid.io.logs import read_log
 from sysid.io.own_kind import OwnKind, read_own_log
 from sysid.io.rig import read_rig
 from sysid.parameters import read_bundle
+from sysid.pipeline.pages.campaign import render_report
 from sysid.plant.trials import inputs_from_trial
 from sysid.recording.motion_tests import prepare, prepare_all
 from sysid.validation import validate

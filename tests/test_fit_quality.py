@@ -22,7 +22,6 @@ from sysid.blocks.quality import quality_name, quality_table
 from sysid.commands.app import main
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import fit_law
-from sysid.document import render_report
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import (
@@ -45,6 +44,7 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Parts, read_bundle
 from sysid.parameters.quality import QualityRecord, qualities_in
 from sysid.pipeline.fit import fit_campaign
+from sysid.pipeline.pages.campaign import render_report
 from sysid.types import FloatArray
 from sysid.valve_pwm import fit_valve_pwm
 

@@ -18,7 +18,6 @@ import pytest
 from golden_folder import GOLDEN, golden_bundle
 
 from sysid.commands.app import main
-from sysid.document.fleet import fleet_page
 from sysid.errors import Failure, InputError
 from sysid.fleet.changes import change_in
 from sysid.fleet.leakage import leakage_flow
@@ -31,6 +30,7 @@ from sysid.parallel.cluster import collector_off
 from sysid.parameters import read_bundle
 from sysid.parameters.effects import EffectEntry, entry_of
 from sysid.pipeline.fleet import FleetOptions, run_fleet, run_one
+from sysid.pipeline.pages.fleet import fleet_page
 from sysid.plant.effects import AtmosphereLeakage
 from sysid.plant.effects.catalogue import catalogue
 

@@ -24,11 +24,7 @@ from part_reports import PART_NAMES, write_part_report
 from sysid.blocks import numbers
 from sysid.blocks.tables import Table
 from sysid.checks.log_check import check_log
-from sysid.document import concerns, render_report, standing, svg, write_report
-from sysid.document.interactive import packed
-from sysid.document.next_steps import left_open, next_section
-from sysid.document.opening import _table, verdict
-from sysid.document.page import _json
+from sysid.document import standing, svg
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign
@@ -38,6 +34,11 @@ from sysid.parameters.files import bundle_from_json
 from sysid.parameters.refinement import Refinement
 from sysid.parameters.validation import Validation
 from sysid.parameters.valves import PwmDirections
+from sysid.pipeline.pages import concerns
+from sysid.pipeline.pages.campaign import _json, render_report, write_report
+from sysid.pipeline.pages.interactive import packed
+from sysid.pipeline.pages.next_steps import left_open, next_section
+from sysid.pipeline.pages.opening import _table, verdict
 from sysid.valve_pwm import ValvePwmFit
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -610,7 +611,7 @@ def test_diagnosis_of_a_linear_rig_is_in_its_units() -> None:
 
 def test_an_adequate_model_without_held_out_tests_is_said_so(made: Made) -> None:
     from sysid.diagnosis.shown import diagnosis_section
-    from sysid.document.next_steps import next_section
+    from sysid.pipeline.pages.next_steps import next_section
 
     empty = {"looks": [look(None)], "excess": {}, "curves": [], "leftover": [],
              "titles": {}, "meanings": {}}  # fmt: skip

@@ -20,7 +20,6 @@ from sysid import valve_discrete, valve_pwm
 from sysid.blocks.sections import Plot, Section
 from sysid.checks.consistency import campaign as consistency
 from sysid.diagnosis.bench.diagnose import _held_out
-from sysid.document import page, render_report
 from sysid.errors import (
     Failure,
     InputError,
@@ -39,6 +38,8 @@ from sysid.parameters.assembled_model import assumed_parameters
 from sysid.pipeline import run as stages
 from sysid.pipeline.export import ExportOptions
 from sysid.pipeline.fit import fit_campaign
+from sysid.pipeline.pages import campaign as page
+from sysid.pipeline.pages.campaign import render_report
 from sysid.pipeline.report import PageOptions, write_page
 from sysid.pipeline.run import RunReport, run_campaign
 from sysid.surfaces.comparison import SurfaceComparison

@@ -24,8 +24,6 @@ from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
 from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, simulated
 from sysid.commands.verdict import verdict_lines
-from sysid.document import shown_tests
-from sysid.document.opening import verdict
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
@@ -46,6 +44,7 @@ from sysid.parameters.valves import (
     PwmSurfaces,
     Valve,
 )
+from sysid.pipeline.pages.opening import verdict
 from sysid.plant.arrays import put_together, take_apart
 from sysid.plant.base import Array, array_namespace, filling_flow
 from sysid.plant.effects.chamber import TubeLag
@@ -54,7 +53,7 @@ from sysid.recording.simulation import simulate_segments
 from sysid.recording.start_states import ChannelNoise, state_at_rest, valve_edges
 from sysid.surfaces import Bipolynomial
 from sysid.types import FloatArray
-from sysid.validation import validate
+from sysid.validation import shown_tests, validate
 from sysid.validation.residual_tests import fit_percentage
 from sysid.validation.results import Errors, LogResult, ValidationResult
 

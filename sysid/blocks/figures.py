@@ -1,7 +1,7 @@
 """Figures as they are described: panels with a common x axis, and the marks in them.
 
 A figure says what it shows, not how: each renderer draws it (`sysid.blocks.drawing` with
-matplotlib, `sysid.document.interactive` with Bokeh). Values are in the units of the axes.
+matplotlib, `sysid.pipeline.pages.interactive` with Bokeh). Values are in the units of the axes.
 """
 
 from __future__ import annotations

@@ -1,11 +1,5 @@
-"""The report: one self-contained HTML page about a campaign, its fits and their validation.
+"""Blocks rendered as self-contained HTML pages.
 
-`page` puts the sections together: `opening` (the verdict on top), `quality`, `friction`,
-`valves`, `surfaces`, `motion`, `residuals`, `provenance`, and those that results describe in their
-own rooms (`shown.py` there). `html` is the frame of a page, `svg` and `interactive` draw its
-figures, `shown_tests` says which tests are drawn.
+`html` is the frame of a page (`templates/`), `svg` draws its figures, and `standing` keeps a page
+whole where a section cannot be made.
 """
-
-from sysid.document.page import render_report, write_report
-
-__all__ = ["render_report", "write_report"]

@@ -23,10 +23,10 @@ from sysid.controllers.shown import ShownLoop
 from sysid.controllers.task import Choice, Task, prepared, run_task
 from sysid.controllers.trajectories import DURATION_S
 from sysid.controllers.tuning import Tuning
-from sysid.document.control import write_control_page
 from sysid.errors import input_error
 from sysid.io.locks import working_in
 from sysid.parameters import Bundle
+from sysid.pipeline.pages.loop import write_control_page
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 

@@ -13,10 +13,10 @@ from sysid.blocks.progress import progress_or_shown
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table
 from sysid.controllers.design_model import require_declared
-from sysid.document.controllers import write_table_page
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.io.files import make_folder
 from sysid.parameters import Bundle, read_bundle
+from sysid.pipeline.pages.controllers import write_table_page
 from sysid.thesis import TABLES, TableRig, ThesisTable, thesis_table
 from sysid.thesis.shown import compared, figure, unit_of
 from sysid.types import Progress

@@ -79,7 +79,7 @@ def _run_all(campaigns: Sequence[Path], folder: Path, options: FleetOptions) -> 
     ]
     done = fleet_of(rows)
     write_atomic(folder / CONTENT_FILE, json.dumps(done.to_json(), indent=2) + "\n")
-    from sysid.document.fleet import write_fleet_page
+    from sysid.pipeline.pages.fleet import write_fleet_page
 
     options.tell("writing the page")
     write_fleet_page(folder / PAGE_FILE, done)

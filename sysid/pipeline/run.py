@@ -447,7 +447,7 @@ def _validate(run: PipelineRun) -> None:
 
 
 def _report(run: PipelineRun) -> None:
-    from sysid.document import write_report
+    from sysid.pipeline.pages.campaign import write_report
 
     content = json.loads(run.path(_CHECKS_FILE).read_text("utf-8"))
     path = run.path(REPORT_FILE)

@@ -12,9 +12,15 @@ from sysid.blocks.channels import Channel
 from sysid.blocks.figures import SMALL_PANEL, Band, Figure, Line, Panel, Points, Rule, Scale
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import FigureGroup, Section
-from sysid.document.motion import NOISE_BAND
-from sysid.document.shown_tests import MODEL_NAMES, ShownTest, shown_channels, speed, tests_of
 from sysid.types import FloatArray
+from sysid.validation.shown_tests import (
+    MODEL_NAMES,
+    NOISE_BAND,
+    ShownTest,
+    shown_channels,
+    speed,
+    tests_of,
+)
 
 if TYPE_CHECKING:
     from sysid.validation import ValidationResult

@@ -23,6 +23,8 @@ MODEL_NAMES = {
 }
 MAX_SHOWN = 8
 """Tests that are drawn; the tables hold all of them."""
+NOISE_BAND = 1.96
+"""Half-width of the noise band in standard deviations: 95 % of pure noise lies inside."""
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,10 @@ from sysid.blocks.numbers import MISSING, number, percent
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Plot, Section
 from sysid.blocks.tables import Table, table
 from sysid.document import svg
-from sysid.document.interactive import overlay_document, overlay_samples
-from sysid.document.shown_tests import (
+from sysid.pipeline.pages.interactive import overlay_document, overlay_samples
+from sysid.validation.shown_tests import (
     MODEL_NAMES,
+    NOISE_BAND,
     ShownTest,
     shown_channels,
     tests_of,
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
     from sysid.validation import HorizonError, LogResult, ValidationResult
 
 
-NOISE_BAND = 1.96
-"""Half-width of the noise band in standard deviations: 95 % of pure noise lies inside."""
 _GROWTH_POINTS = 40
 MODEL_LINES: dict[str, tuple[Role, Dash]] = {
     "discrete": ("model", "solid"),

@@ -12,10 +12,10 @@ from sysid.blocks.tables import table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.tables import named
 from sysid.diagnosis.wording import advice_on_rest
-from sysid.document.opening import unidentified
 from sysid.io.motion import FRICTION
 from sysid.parameters import Bundle
 from sysid.parameters.table import effect_names
+from sysid.pipeline.pages.opening import unidentified
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.entry import Quantity
 from sysid.plant.effects.linear import for_rig

@@ -13,10 +13,10 @@ from sysid.blocks.quality import quality_name
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import sentence
-from sysid.document import concerns
-from sysid.document.concerns import Concern, level_of_fit
-from sysid.document.shown_tests import MODEL_NAMES, shown_channels
 from sysid.parameters import Bundle, ComponentRecord
+from sysid.pipeline.pages import concerns
+from sysid.pipeline.pages.concerns import Concern, level_of_fit
+from sysid.validation.shown_tests import MODEL_NAMES, shown_channels
 
 if TYPE_CHECKING:
     from sysid.validation import ChannelResult, LogResult, ValidationResult

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 from sysid.blocks.sections import Block, Fold, Plot, Section
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
-from sysid.document.opening import ReportVerdict, verdict
 from sysid.document.standing import section_or_why
 from sysid.errors import Failure, input_error, on_its_own
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
 from sysid.parameters import Bundle, FittedValves, Provenance, assumptions, shown_by_logs
 from sysid.parameters.provenance import family
+from sysid.pipeline.pages.opening import ReportVerdict, verdict
 from sysid.types import Progress
 
 if TYPE_CHECKING:
@@ -127,9 +127,9 @@ def _sections(
     tell: Progress,
 ) -> tuple[list[Section], list[str]]:
     """The sections with content, and a line for each that is omitted."""
-    from sysid.document.fits import fits_section
-    from sysid.document.provenance import provenance_section
-    from sysid.document.quality import quality_section
+    from sysid.checks.shown import quality_section
+    from sysid.parameters.shown_fits import fits_section
+    from sysid.pipeline.pages.provenance import provenance_section
 
     told: list[_Part] = [
         ("data", "Data and their quality", "", lambda: quality_section(campaign, checks)),
@@ -165,7 +165,7 @@ def _parts(
     diagnosis: Mapping[str, Any] | None,
 ) -> list[_Part]:
     """Of each section in turn: id, title, the line if it is missing ("": none), and its builder."""
-    from sysid.document.next_steps import left_open
+    from sysid.pipeline.pages.next_steps import left_open
 
     valves = bundle.valves or FittedValves()
 
@@ -201,7 +201,7 @@ def _parts(
         return part_section(content, campaign.rig.is_linear, is_alone=bool(shown))
 
     def next_steps() -> Section | None:
-        from sysid.document.next_steps import next_section
+        from sysid.pipeline.pages.next_steps import next_section
 
         return next_section(bundle, diagnosis, campaign.path.name)
 
@@ -212,12 +212,12 @@ def _parts(
         return None if part is None else own_section(part, campaign, validation)
 
     def motion() -> Section | None:
-        from sysid.document.motion import validation_section
+        from sysid.pipeline.pages.motion import validation_section
 
         return None if validation is None else validation_section(validation)
 
     def residuals() -> Section | None:
-        from sysid.document.residuals import residuals_section
+        from sysid.validation.shown_residuals import residuals_section
 
         return None if validation is None else residuals_section(validation)
 
@@ -276,7 +276,7 @@ def _fill(
     from markupsafe import Markup
 
     from sysid.document.html import fill, origin_text, template_text
-    from sysid.document.interactive import bokeh_script
+    from sysid.pipeline.pages.interactive import bokeh_script
 
     plots = [block for section in sections for block in _plots(section.blocks)]
     documents, data = _plot_data(plots)

@@ -22,8 +22,8 @@ import numpy as np
 
 from sysid.blocks.channels import Channel
 from sysid.document import svg
-from sysid.document.shown_tests import MODEL_NAMES, ShownTest
 from sysid.types import FloatArray
+from sysid.validation.shown_tests import MODEL_NAMES, ShownTest
 
 # Bokeh's annotations do not know the keyword arguments that its models take: its objects and
 # modules are left untyped here.
