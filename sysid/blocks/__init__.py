@@ -2,5 +2,5 @@
 
 `tables`, `figures` and `sections` are the blocks; `shown` is a result with a display. `plain_text`,
 `notebook`, `terminal` and `drawing` (matplotlib) render blocks; pages are `sysid.document`'s.
-`numbers` and `channels` write values with their units. `progress` tells how far work has come.
+`numbers` and `channels` write values with their units. `progress` reports the progress of work.
 """

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Channel:
-    """How a channel is shown: in `unit` after `scale`, its residual in a unit of its own."""
+    """How a channel is shown: in `unit` after `scale`, its residual in a separate unit."""
 
     key: str
     title: str

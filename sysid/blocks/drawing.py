@@ -1,7 +1,7 @@
 """Figures drawn with matplotlib: on the caller's axes, or on new ones.
 
 Matplotlib is imported when used. A page's print form (`sysid.document.svg`) draws with the same
-functions in colours of its own.
+functions in different colours.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def plot_panels(
     heading: str = "",
     share_x: bool = True,
 ) -> list[Axes]:
-    """Draw panels as `plot` does; without `share_x` each has an x axis of its own."""
+    """Draw panels as `plot` does; without `share_x` each has its own x axis."""
     found = some_axes(len(panels), axes, share_x)
     for ax, panel in zip(found, panels, strict=True):
         draw(ax, panel)
@@ -176,7 +176,7 @@ def _cells(ax: Axes, mark: figures.ColourMap, colours: Mapping[str, str], _: int
         rasterized=True,
     )  # fmt: skip
     ax.grid(False)
-    # Beneath the cells: where there is no value.
+    # Beneath the cells: shown where a value is missing.
     ax.fill_between(
         [0.0, 1.0], 0.0, 1.0, transform=ax.transAxes, color=colours["grid"], linewidth=0, zorder=-1
     )
@@ -186,7 +186,7 @@ def _cells(ax: Axes, mark: figures.ColourMap, colours: Mapping[str, str], _: int
 def _squares(ax: Axes, mark: figures.Squares, colours: Mapping[str, str], _: int | None) -> None:
     from matplotlib.patches import Rectangle
 
-    side = 0.94  # what is free tells neighbours apart
+    side = 0.94  # the gap separates neighbours
     for x, y, strength in zip(mark.x, mark.y, mark.strength, strict=True):
         corner = (x - 0.5 * side, y - 0.5 * side)
         for role, alpha in (("grid", 0.5), (mark.role, float(strength))):

@@ -1,4 +1,4 @@
-"""Blocks as a notebook shows them: HTML without a style of its own."""
+"""Blocks as a notebook shows them: HTML without its own style."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ _UNITS = {
 _SHORT_S = 0.1
 # Powers of ten that are written out.
 _PLAIN = range(-2, 6)
-# Digits of a parameter in a terminal; how many it takes at most to tell an interval's ends apart.
+# Digits of a parameter in a terminal; the most that are used to make an interval's ends differ.
 _FOUR, _MOST_DIGITS = ".4g", 9
 
 

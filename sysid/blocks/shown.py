@@ -1,4 +1,4 @@
-"""Results with a display of their own: `print`, a notebook, a DataFrame."""
+"""Results that display themselves: `print`, a notebook, a DataFrame."""
 
 from __future__ import annotations
 

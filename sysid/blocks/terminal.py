@@ -14,7 +14,7 @@ from rich.text import Text
 from sysid.blocks.tables import Table, plain_text
 from sysid.errors import escaped
 
-# A pipe or a file has no width of its own; file names are not cut there.
+# A pipe or a file has no width; file names are not cut there.
 _PIPED_WIDTH = 132
 
 
