@@ -1,8 +1,8 @@
 """Jobs on a Dask cluster: one that exists, or a local one for the time of a block.
 
 Dask's own client sends the jobs, not joblib's Dask backend: that backend keeps large arguments on
-one worker alone (`client.scatter`), and they would be lost with it. A job goes with what it needs,
-and the scheduler gives it to another worker where one dies.
+one worker alone (`client.scatter`), and they would be lost with it. A job is sent with its data,
+and the scheduler gives it to another worker if one dies.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def collect_on(
 
 
 def _alone(job: Callable[[], Result]) -> Result:
-    """A job on a worker: no processes of its own, one thread of BLAS, one job at a time."""
+    """A job on a worker: no further processes, one thread of BLAS, one job at a time."""
     from threadpoolctl import threadpool_limits
 
     with _ONE_AT_A_TIME, threadpool_limits(1), _one_process():

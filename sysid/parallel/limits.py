@@ -45,8 +45,8 @@ class Limit:
     def for_a_job(self) -> Limit:
         """That of one of several jobs that begin now.
 
-        Each may do all that is left: which of them come to their end depends neither on their
-        order nor on how many run at a time.
+        Each may use the whole remaining budget: which of them finish depends neither on their order
+        nor on how many run at a time.
         """
         return Limit(self.evaluations - self.made, self.until, is_stopped=self.is_stopped)
 
@@ -87,7 +87,7 @@ def limited(*, evaluations: float = math.inf, seconds: float = math.inf) -> Iter
 
 def spend(evaluations: int = 1) -> None:
     """To be called before so many evaluations of a model on all tests, by its balances or by its
-    simulation; 0 only looks whether there is more to spend. Raises OutOfBudgetError."""
+    simulation; 0 only checks whether any budget remains. Raises OutOfBudgetError."""
     limit = limit_in_force()
     if limit.is_over:
         raise OutOfBudgetError
@@ -95,7 +95,7 @@ def spend(evaluations: int = 1) -> None:
 
 
 def attempt(job: Callable[[], Result]) -> Result | Failure:
-    """The result of a job, or why there is none; with `SYSID_DEBUG` errors are raised."""
+    """The result of a job, or why it failed; with `SYSID_DEBUG` errors are raised."""
     if limit_in_force().is_over:
         return LATE
     try:

@@ -1,7 +1,7 @@
 """What the threads of a process free serves the others, and goes back to the system when asked.
 
-glibc gives each thread a heap of its own. Threads that work with long arrays then each keep what
-they have freed: on a long log, more than all that is in use.
+glibc gives each thread its own heap. Threads that work with long arrays then each keep what they
+have freed: on a long log, more than all the memory in use.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ _GRACE_S = 3.0
 
 
 def job_count() -> int:
-    """How many processes may work at a time, 1 or more. Raises InputError for a bad variable."""
+    """How many processes may work at a time, at least 1. Raises InputError for a bad variable."""
     cluster = cluster_in_force()
     if cluster is not None:
         return max(cluster.workers(), 1)  # none while one that died is replaced
@@ -66,9 +66,9 @@ def run_all(jobs: Iterable[Callable[[], Result]]) -> list[Result]:
 def attempt_all(jobs: Iterable[Callable[[], Result]]) -> list[Result | Failure]:
     """`run_all`, with a `Failure` for each job that raises or has not ended within its limit.
 
-    Each may make all the evaluations that are left now; of the processor time that is left each
-    worker has its share, and one that does not look at it itself ends soon after that. Where one
-    dies, what was not done is tried again, each job with a process to itself.
+    Each may make all the remaining evaluations; each worker has its share of the remaining
+    processor time, and one that does not check it itself is ended soon after that. If a worker
+    dies, the unfinished jobs are tried again, each in a separate process.
     """
     limit = limit_in_force()
     on_cluster = cluster_in_force() is not None
@@ -183,8 +183,8 @@ def _collect(
 ) -> None:
     """Put each job's result into `found`, by its number, as it comes.
 
-    Raises what a job raises. joblib kills its workers itself, those of other pools are left alone.
-    On a cluster the scheduler does all that.
+    Raises what a job raises. joblib kills its own workers; those of other pools are left alone. On
+    a cluster the scheduler does this.
     """
     cluster = cluster_in_force()
     if cluster is not None:
@@ -222,12 +222,12 @@ def _numbered(number: int, job: Callable[[], Result]) -> tuple[int, Result, tupl
 def _serve(parent: int) -> None:
     """A worker leaves Ctrl-C to its parent, and ends when that has ended, however it did."""
     os.environ[VARIABLE] = "1"
-    # All that jax is for here runs on the processor: an accelerator that it found would cost each
-    # worker seconds, and of its memory, which the user's own process may need.
+    # jax is used on the processor only: an accelerator that it found would cost each worker
+    # seconds, and some of the accelerator's memory, which the user's own process may need.
     os.environ.setdefault("JAX_PLATFORMS", "cpu")
     share_one_heap()
     if not os.environ.get("SYSID_DEBUG"):
-        warnings.simplefilter("ignore")  # they would stand beside the parent's one line
+        warnings.simplefilter("ignore")  # they would appear next to the parent's one line
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_watch, args=(parent,), daemon=True).start()

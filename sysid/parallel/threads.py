@@ -21,7 +21,7 @@ def attempt_in_threads(jobs: Iterable[Callable[[], Result]]) -> list[Result | Fa
     """`attempt` of each job, in order, in threads of this process: nothing is copied.
 
     For jobs that spend their time in numpy on long arrays, which lets other threads run, and
-    that call `spend`: a thread cannot be killed. Each may do all that is left now.
+    that call `spend`: a thread cannot be killed. Each may use the whole remaining budget.
     """
     from concurrent.futures import ThreadPoolExecutor
 
