@@ -208,11 +208,11 @@ def _duties(
         sine = _clipped_sine(at, hz * rng.uniform(0.97, 1.03), own_phase, rng.uniform(0.7, 1.0))
         duty = middle + rng.uniform(0.08, 0.2) * sine
         waves.append(np.round(np.clip(duty, 0.004, 0.95), 4)[number])
-    motor = _motor_beside(stage, hz, with_motor, rng)
+    motor = _motor_with_duties(stage, hz, with_motor, rng)
     return "motion-pwm", motor, np.array(waves)
 
 
-def _motor_beside(
+def _motor_with_duties(
     stage: _Stage, hz: float, with_motor: bool, rng: np.random.Generator
 ) -> FloatArray:
     if not with_motor:
@@ -224,7 +224,7 @@ def _motor_beside(
 def _on_off_tests(stage: _Stage) -> Iterator[CandidateMotion]:
     for with_motor in (False, True):
         rng = np.random.default_rng((7, with_motor))
-        motor = _motor_beside(stage, rng.uniform(0.3, 0.8), with_motor, rng)
+        motor = _motor_with_duties(stage, rng.uniform(0.3, 0.8), with_motor, rng)
         found = _sequence(stage, motor, rng)
         if found is not None:
             valves, shown = found

@@ -58,8 +58,8 @@ def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, li
         own_parts = [parts[first[j * runs + i]] for i in members]
         step = _best_sliding(float(point.friction[test, 0]), own_parts)
         moved[j].friction[test, 0] += step
-        misfit = problem.friction_residual(moved[j])[test]
-        costs[j, test] = float(misfit @ misfit) + sum(part.cost(step) for part in own_parts)
+        friction = problem.friction_residual(moved[j])[test]
+        costs[j, test] = float(friction @ friction) + sum(part.cost(step) for part in own_parts)
         for i, part in zip(members, own_parts, strict=True):
             moved[j].starts[i] += part.start_step(step)
     return costs, moved

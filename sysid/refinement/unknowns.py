@@ -159,10 +159,10 @@ def _friction(bundle: Bundle, rig: Rig, model: Model, known: Known) -> list[Unkn
             continue  # friction of 0 stays 0: its logarithm has no start value
         place, unit = f"friction.{rig.units.key(name)}", rig.units.unit(name)
         found.append(_positive(place, (0, field), value, known.get(place), "friction", unit))
-    return [*found, *_fitted_beside_friction(bundle.friction, rig, model)]
+    return [*found, *_fitted_with_friction(bundle.friction, rig, model)]
 
 
-def _fitted_beside_friction(part: Friction | None, rig: Rig, model: Model) -> list[Unknown]:
+def _fitted_with_friction(part: Friction | None, rig: Rig, model: Model) -> list[Unknown]:
     """What motion gives with friction where a motor alone drives: inertia or mass, and offset."""
     if part is None or not rig.is_motor_alone:
         return []
