@@ -66,13 +66,13 @@ class SimulationError(NotIdentifiedError):
 
 
 class OutOfBudgetError(Exception):
-    """What a computation may do (`sysid.parallel.limited`) is done."""
+    """The budget of a computation (`sysid.parallel.limited`) is used up."""
 
 
-def input_error(where: str | Path, what: str, mend: str) -> InputError:
+def input_error(where: str | Path, what: str, fix: str) -> InputError:
     """One line: where it is (file, row or key), what is wrong, how to fix it."""
     place = shortened(visible(str(where)), _LONGEST_PLACE)
-    return InputError(f"{place}: {one_line(what)}; {one_line(mend)}")
+    return InputError(f"{place}: {one_line(what)}; {one_line(fix)}")
 
 
 def escaped(text: str, keep: str = "") -> str:
@@ -131,7 +131,7 @@ class Failure:
 
 
 def on_its_own(part: Callable[[], Result]) -> Result | Failure:
-    """The result of a part that the rest of the work goes on without, or why there is none.
+    """The result of a part without which the other work continues, or why it failed.
 
     What the data do not give (a SysidError) is a reason in its own words, and so is what cannot be
     computed from them: a singular matrix, an overflow. Anything else is a fault of the program:

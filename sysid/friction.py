@@ -177,12 +177,12 @@ def _reversed(
     ranked = sorted(found, key=lambda n: (-len(found[n].of_sliding()), found[n].misses))
     name, best = ranked[0], found[ranked[0]]
     likely = [n for n in ranked if _alike(found[n], best)]
-    mend = next(t.reversed_map(name) for t in trials if name in t)
+    fix = next(t.reversed_map(name) for t in trials if name in t)
     sliding = rig.units.keyed(best.of_sliding())
     numbers = ", ".join(f"{n} = {e.value:.3g} {e.unit}" for n, e in sliding.items())
     return (
         f"the sign of {' or of '.join(likely)} is reversed: with the other sign the fit is good"
-        f'{f" ({numbers})" if numbers else ""}; give --map "{mend}"'
+        f'{f" ({numbers})" if numbers else ""}; give --map "{fix}"'
     )
 
 
@@ -466,9 +466,9 @@ def _why_still(fit: _Fit) -> str:
     if not any(np.any(trial.motor) for trial in trials):
         has_motor = any(trial.has_motor for trial in trials)
         lacking = f"{rig.effort_channel} stays zero" if has_motor else "nothing drives the shaft"
-        mend = "give tests" if has_motor else f"map {rig.effort_channel}, or give tests"
+        fix = "give tests" if has_motor else f"map {rig.effort_channel}, or give tests"
         return (
-            f"{files}: {lacking} and {still}; {mend} in which the motor moves the shaft, for its "
+            f"{files}: {lacking} and {still}; {fix} in which the motor moves the shaft, for its "
             "friction"
         )
     return (

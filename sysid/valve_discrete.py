@@ -107,8 +107,8 @@ def _valves(trials: Sequence[Trial], valve: str | None) -> list[str]:
 
 
 def _no_command(trial: Trial) -> InputError:
-    mend = 'add them, or map them with --map "valve_a=COLUMN"'
-    return input_error(trial.source, "columns valve_a and valve_b are missing", mend)
+    fix = 'add them, or map them with --map "valve_a=COLUMN"'
+    return input_error(trial.source, "columns valve_a and valve_b are missing", fix)
 
 
 def _is_switched(trial: Trial, valve: str) -> bool:
@@ -292,7 +292,7 @@ def _estimates(
 
 
 def _why_early(delay: Estimate, curves: CurveFit) -> str:
-    """Why a pressure seems to answer before its command, and the mend."""
+    """Why a pressure seems to answer before its command, and the fix."""
     rows = [float(np.median(np.diff(p.chamber.time))) for p in curves.problem.pieces]
     row = float(np.median(rows))
     low, high = (1e3 * end for end in delay.interval)

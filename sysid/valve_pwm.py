@@ -175,10 +175,10 @@ def _no_duty(trials: Sequence[Trial], names: Sequence[str], rig: Rig) -> InputEr
     what = f"column {names[0]} is missing"
     if len(names) > 1:
         what = f"columns {' and '.join(names)} are missing"
-    mend = f'add a duty, or map it with --map "{names[0]}=COLUMN:%"'
+    fix = f'add a duty, or map it with --map "{names[0]}=COLUMN:%"'
     if other is not None:
-        mend = f"{other} switches: use `sysid fit valve-discrete`"
-    return input_error(_place(trials), what, mend)
+        fix = f"{other} switches: use `sysid fit valve-discrete`"
+    return input_error(_place(trials), what, fix)
 
 
 def _averaged(

@@ -101,7 +101,7 @@ def write_tdms(path: Path, periods: tuple[float, float], with_time: bool = False
 
 
 def refused(foreign: Path, output: Path, what: str, **arguments: Any) -> None:
-    """One line that says `what` and a mend, and nothing written."""
+    """One line that says `what` and a fix, and nothing written."""
     with pytest.raises(InputError, match=what) as caught:
         convert(foreign, output, **arguments)
     assert "\n" not in str(caught.value)

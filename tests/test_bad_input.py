@@ -1,4 +1,4 @@
-"""Bad input: exit code 2, one line that names the place and the mend, never a traceback.
+"""Bad input: exit code 2, one line that names the place and the fix, never a traceback.
 
 Every case goes through the command line as a user would meet it.
 """
@@ -71,12 +71,12 @@ class Workplace:
 
 @dataclass(frozen=True)
 class Case:
-    """What is spoilt, and what the one line must hold: the place and the mend."""
+    """What is spoilt, and what the one line must hold: the place and the fix."""
 
     name: str
     spoil: Callable[[Workplace], object]
     place: str
-    mend: str
+    fix: str
 
 
 def _cell(row: int, column: int, value: str) -> Callable[[Workplace], object]:
@@ -511,7 +511,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_bad_input_is_one_line_with_place_and_mend(
+def test_bad_input_is_one_line_with_place_and_fix(
     case: Case, tmp_path: Path, rig_text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     work = Workplace(tmp_path, rig_text)
@@ -524,7 +524,7 @@ def test_bad_input_is_one_line_with_place_and_mend(
     assert len(lines) == 1, captured.err
     assert lines[0].startswith("sysid: error: ")
     assert case.place in lines[0]
-    assert case.mend in lines[0].split("; ", 1)[-1] or case.mend in lines[0]
+    assert case.fix in lines[0].split("; ", 1)[-1] or case.fix in lines[0]
     assert "Traceback" not in captured.err
     assert captured.out == ""
     assert sorted(p.name for p in tmp_path.iterdir()) == before

@@ -160,7 +160,7 @@ def test_table_says_the_same_as_the_command_line() -> None:
         ("time_s", "has no '='"),
     ],
 )
-def test_refused_with_place_and_mend(text: str, what: str) -> None:
+def test_refused_with_place_and_fix(text: str, what: str) -> None:
     with pytest.raises(InputError, match=what) as caught:
         parse_map([text], "--map")
     line = str(caught.value)

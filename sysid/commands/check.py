@@ -72,8 +72,8 @@ def check(
         if path.suffix == ".toml":
             checked.append(_campaign_check(path, rig, maps, component, exclude, said))
         elif component is not None:
-            mend = "give the campaign file that lists it"
-            raise input_error(path, "is no campaign file, which --component needs", mend)
+            fix = "give the campaign file that lists it"
+            raise input_error(path, "is no campaign file, which --component needs", fix)
         else:
             found, notices_of_rig = check_file(path, rig, mapping, excluded[path])
             checked.append(found)

@@ -10,8 +10,8 @@ from sysid.components.parts import OwnPart
 from sysid.diagnosis.bench.component import Law
 from sysid.errors import InputError, input_error
 
-_MEND = "start its parameters where the law holds, or mend the law"
-_MEND_RUN = f"{_MEND}; raise substeps if it is stiff"
+_FIX = "start its parameters where the law holds, or fix the law"
+_FIX_RUN = f"{_FIX}; raise substeps if it is stiff"
 
 
 def check_starts(part: OwnPart) -> None:
@@ -43,7 +43,7 @@ def _error(part: OwnPart, what: str) -> InputError:
     loaded = part.loaded
     where = f"{loaded.path}, class {loaded.name}" if loaded.path else f"class {loaded.name}"
     dynamic = isinstance(loaded.definition, DynamicComponent)
-    return input_error(where, what, _MEND_RUN if dynamic else _MEND)
+    return input_error(where, what, _FIX_RUN if dynamic else _FIX)
 
 
 __all__ = ["check_starts"]

@@ -124,8 +124,8 @@ class Looked:
             reasons = "; ".join(dict.fromkeys(m.reason for m in own))
             of = f" of {subjects}" if subjects else ""
             late = any(m.out_of_budget for m in own)
-            mend = " (--budget SECONDS allows more)" if late else ""
-            found.append(f"not done: {stage_text(stage, number)}{of}: {reasons}{mend}")
+            fix = " (--budget SECONDS allows more)" if late else ""
+            found.append(f"not done: {stage_text(stage, number)}{of}: {reasons}{fix}")
         return tuple(found)
 
 

@@ -180,7 +180,7 @@ def legend(ax: Axes, **options: Any) -> None:
 
 
 def legend_above(ax: Axes, **options: Any) -> None:
-    """A legend in a row of its own above all that is drawn in linear axes."""
+    """A legend in a separate row above everything drawn in linear axes."""
     labels = ax.get_legend_handles_labels()[1]
     if labels:
         low, high = ax.get_ylim()

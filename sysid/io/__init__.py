@@ -2,9 +2,9 @@
 
 `rig` (declared in `rig_file` and `rig_sections`, template in `rig_template`), `logs` (reading;
 `samples`: a `Log` and its `Trial`s), `campaign`, `channels`, `trial_kind`; `tables` and `files`
-read and write, `file_kinds` tells what a file is, `units` maps columns (spellings: `unit_text`, a
+read and write, `file_kinds` detects what a file is, `units` maps columns (spellings: `unit_text`, a
 sensor's range: `sensor_range`), `measured_speed` stands in for a position, `plausibility` finds
-wrong units, `trust/` mends what samples cannot be trusted in, `foreign/` and `conversion` convert a
+wrong units, `trust/` finds and fixes faulty samples, `foreign/` and `conversion` convert a
 lab's own files (`foreign_columns`; `alignment` brings columns of different rates together,
-`time_breaks` tells why a time goes back).
+`time_breaks` finds why a time goes back).
 """

@@ -1,4 +1,4 @@
-"""Signals sampled at instants of their own, brought to the rows of another clock.
+"""Signals sampled on separate clocks, brought to the rows of one clock.
 
 One way for the files of `sysid convert --join`, for columns that are empty in the rows between
 their own, and for channels that a file samples at different instants: measured signals lie on the
@@ -68,7 +68,7 @@ def has_value(grid: FloatArray, clock: FloatArray, held: bool) -> BoolArray:
 def has_own_rate(
     rows: IntArray, time: FloatArray, held: bool, starts: IntArray | None = None
 ) -> bool:
-    """Whether a column that is filled in `rows` (k,) alone is sampled at a rate of its own.
+    """Whether a column that is filled in `rows` (k,) alone is sampled at a different rate.
 
     Then its rows lie apart from one another, or, where tables of two clocks were merged, its
     own times are even although rows of the other lie between. `time` (n,) s is that of all rows,

@@ -64,9 +64,9 @@ def read_bare_logs(
 ) -> BareLogs:
     """Read logs of one rig without its rig file.
 
-    `beside` is the content of a rig that other parts were fitted with: of it the assumed
-    constants that these logs show are replaced, and all others kept. `exclude`: of each log what is
-    not read. `readings` and InputError as `read_log` has them.
+    `beside` is the content of the rig with which other parts were fitted: its assumed constants
+    are replaced where these logs show them, all others kept. `exclude`: what is not read of each
+    log. `readings` and InputError as for `read_log`.
     """
     excluded = exclude or [()] * len(paths)
     tables = [log_table(path, mapping) for path in paths]

@@ -83,7 +83,7 @@ ColumnTable = Annotated[
 
 
 class ExcludedSpan(TomlTable):
-    """An entry of `exclude`: a test, or a span of one, that is used for nothing."""
+    """An entry of `exclude`: a test, or a span of one, that is not used."""
 
     test: Annotated[str, TextKey("Label of the test; empty for the only test of a file.")] = ""
     from_s: Annotated[float | None, Field(description="Begin, s since the test's first row.")] = (
@@ -179,7 +179,7 @@ class Campaign:
     def training_kinds(self) -> tuple[str, ...]:
         """The kinds of the training logs, each once, which say what the campaign is about.
 
-        Of all logs where none is to fit on.
+        Of all logs if the campaign has no training logs.
         """
         logs = [e for e in self.logs if e.use == "fit"] or self.logs
         return tuple(dict.fromkeys(e.kind for e in logs))
@@ -229,7 +229,7 @@ class Campaign:
         return path.name if len(alike) == 1 else alike[path]
 
     def copies(self, sources: Sequence[Source]) -> list[str]:
-        """Notices of files that hold the same bytes: one of them is no evidence of its own.
+        """Notices of files that hold the same bytes: a copy is not further evidence.
 
         `sources` are those of all logs (`sources()`).
         """
@@ -273,7 +273,7 @@ class Campaign:
 
     @cached_property
     def _effort_is_read(self) -> bool:
-        """Whether force or torque are readings; the logs to fit on say so."""
+        """Whether force or torque are readings, by the training logs."""
         if self.rig.motor is not None:
             return False
         trials: list[Trial] = []
@@ -293,7 +293,7 @@ def kinds_named(path: Path) -> list[str]:
 def read_campaign(path: Path, own: OwnKind | None = None) -> Campaign:
     """Read and check a campaign file. Raises InputError naming the key or entry.
 
-    `own` is a kind of log beside those of the log format.
+    `own` is a kind of log in addition to those of the log format.
     """
     content = read_toml(path, "a campaign file")
     source = str(path)
@@ -389,10 +389,10 @@ def _choices(path: Path, where: str, table: dict[str, Any], own: OwnKind | None)
 def _one_of(path: Path, where: str, key: str, value: Any, allowed: Sequence[str]) -> str:
     if value not in allowed:
         what = f"{where}: {key} is missing" if value is None else f"{where}: {key} = {value!r}"
-        mend = f"write one of {', '.join(allowed)}"
+        fix = f"write one of {', '.join(allowed)}"
         if key == "kind" and value is not None:
-            mend += ", or give the file of your own component with --component"
-        raise input_error(path, what, mend)
+            fix += ", or give the file of your own component with --component"
+        raise input_error(path, what, fix)
     return str(value)
 
 

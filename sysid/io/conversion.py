@@ -110,11 +110,11 @@ def convert(
     `maps` are entries `target=column[:unit]` (`sysid.io.units`), `constants` entries
     `target=value`, `rows` the slices of each file's rows that are kept ("0:500, 900:").
     `transpose` reads a text file whose lines are signals; `fill` ("hold", "linear") says how every
-    column is filled between samples of its own (None: commands held, measurements linear).
+    column is filled between its own samples (None: commands held, measurements linear).
     Several files become the tests of one log, labelled with their file names. `unwrap` follows an
     angle over its turns, `trim` ("FROM:TO", s) keeps a part of each test, `resample_s` gives the
     rows an even period (`sysid.io.reshaping`). The columns of the files `join`, by `join_maps`, are
-    put beside those of the one foreign file by time, `join_shift_s` added to theirs
+    joined to those of the one foreign file by time, `join_shift_s` added to theirs
     (`sysid.io.joining`).
     `own`: the log is of a component's kind, and the targets are its columns, in their units.
     Without maps, columns that already have the log format's names are used; without

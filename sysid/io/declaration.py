@@ -41,7 +41,7 @@ class TemplateLine:
 class Range:
     """Lowest and highest value that a real rig has; a value outside is a wrong unit.
 
-    `hint` names the most frequent mistake, or the unit alone where there is none.
+    `hint` names the most frequent mistake; empty: the unit alone is named.
     """
 
     lower: float
@@ -50,7 +50,7 @@ class Range:
     hint: str = ""
 
     @property
-    def mend(self) -> str:
+    def fix(self) -> str:
         """What to write instead of a value outside."""
         return self.hint or self.unit
 
@@ -97,12 +97,12 @@ class NumberKey(Key):
         if not limits.holds(number):
             expected = f"(expected {limits.lower:g} to {limits.upper:g})"
             what = f"{where} = {number:g} is not plausible {expected}"
-            raise input_error(source, what, f"give it in {limits.mend}")
+            raise input_error(source, what, f"give it in {limits.fix}")
         return number
 
     def missing(self, name: str, table: str) -> tuple[str, str]:
         what, _ = super().missing(name, table)
-        return what, f"add `{name} = ...` under [{table}] ({self.range.mend})"
+        return what, f"add `{name} = ...` under [{table}] ({self.range.fix})"
 
     def schema(self) -> dict[str, Any]:
         limits = self.range
@@ -152,8 +152,8 @@ class TextKey(Key):
         plain = escaped(value) == value
         if len(value) > LONGEST_TEXT or not plain:
             fault = "too long" if plain else "no plain text (control characters)"
-            mend = f"at most {LONGEST_TEXT} characters" if plain else "remove these characters"
-            raise input_error(source, f"{where} = {value!r} is {fault}", mend)
+            fix = f"at most {LONGEST_TEXT} characters" if plain else "remove these characters"
+            raise input_error(source, f"{where} = {value!r} is {fault}", fix)
         return value
 
     def line(self, motion: Motion) -> TemplateLine | None:

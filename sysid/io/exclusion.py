@@ -1,7 +1,7 @@
-"""Rows of a log that are used for nothing: whole tests, or spans of one (`spec/log-format.md`).
+"""Rows of a log that are not used: whole tests, or spans of one (`spec/log-format.md`).
 
 They are taken out of the table as it was read, before a value, a unit or a time is judged. A span
-at an end of a test trims it, one within splits it into parts, each a test of its own. Times are
+at an end of a test trims it, one within splits it into parts, each a separate test. Times are
 seconds since the test's first row, excluded or not.
 """
 
@@ -29,8 +29,8 @@ from sysid.types import BoolArray, FloatArray, IntArray
 OPTION = "--exclude"
 _KEYS = ("test", "from_s", "to_s", "why")
 _SPAN = re.compile(r"(?P<test>.*)@(?P<span>[^@]*)", re.DOTALL)
-_MEND_TABLE = 'write exclude = ["7", {test = "12", from_s = 3.0, to_s = 4.5, why = "..."}]'
-_MEND_OPTION = f"write {OPTION} 12 or {OPTION} 12@3:4.5 (s since the test's first row)"
+_FIX_TABLE = 'write exclude = ["7", {test = "12", from_s = 3.0, to_s = 4.5, why = "..."}]'
+_FIX_OPTION = f"write {OPTION} 12 or {OPTION} 12@3:4.5 (s since the test's first row)"
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def exclusions_of(given: Any, where: str, source: str) -> tuple[Exclusion, ...]:
     `where` is the `[[log]]`, `source` the campaign file.
     """
     if not isinstance(given, list):
-        raise input_error(source, f"{where}: exclude is not a list", _MEND_TABLE)
+        raise input_error(source, f"{where}: exclude is not a list", _FIX_TABLE)
     found = []
     for number, one in enumerate(given, start=1):
         place = f"{where}: exclude[{number}]"
@@ -118,7 +118,7 @@ def exclusions_of(given: Any, where: str, source: str) -> tuple[Exclusion, ...]:
         elif isinstance(one, str | int) and not isinstance(one, bool):
             found.append(Exclusion(str(one), given=f"{source}, {place}"))
         else:
-            raise input_error(source, f"{place} is neither a test nor a table", _MEND_TABLE)
+            raise input_error(source, f"{place} is neither a test nor a table", _FIX_TABLE)
     return tuple(found)
 
 
@@ -126,18 +126,18 @@ def _of_table(table: Mapping[str, Any], place: str, source: str) -> Exclusion:
     unknown = reject_misspelt(table, _KEYS, f"{place}: ", source)
     if unknown:
         known = ", ".join(_KEYS)
-        raise input_error(source, f"{place} has a key that is none of {known}", _MEND_TABLE)
+        raise input_error(source, f"{place} has a key that is none of {known}", _FIX_TABLE)
     test, why = table.get("test", ""), table.get("why", "")
     if isinstance(test, bool) or not isinstance(test, str | int):
-        raise input_error(source, f"{place}: test = {test!r} is not a label", _MEND_TABLE)
+        raise input_error(source, f"{place}: test = {test!r} is not a label", _FIX_TABLE)
     if not isinstance(why, str):
-        raise input_error(source, f"{place}: why = {why!r} is not text", _MEND_TABLE)
+        raise input_error(source, f"{place}: why = {why!r} is not text", _FIX_TABLE)
     ends: list[float | None] = []
     for name in ("from_s", "to_s"):
         value = table.get(name)
         wrong = isinstance(value, bool) or not isinstance(value, int | float | None)
         if wrong or (value is not None and not math.isfinite(value)):
-            raise input_error(source, f"{place}: {name} = {value!r} is not a time", _MEND_TABLE)
+            raise input_error(source, f"{place}: {name} = {value!r} is not a time", _FIX_TABLE)
         ends.append(None if value is None else float(value))
     made = Exclusion(str(test), ends[0], ends[1], " ".join(why.split()), f"{source}, {place}")
     return _in_order(made)
@@ -152,7 +152,7 @@ def parse_exclusion(text: str) -> Exclusion:
     try:
         from_s, to_s = parse_span(found["span"])
     except ValueError as error:
-        raise input_error(given, str(error), _MEND_OPTION) from None
+        raise input_error(given, str(error), _FIX_OPTION) from None
     return _in_order(Exclusion(found["test"], from_s, to_s, given=given))
 
 
@@ -206,11 +206,11 @@ def names_test(exclusion: Exclusion, labels: Collection[str]) -> bool:
 def no_such_test(exclusion: Exclusion, where: str, labels: Sequence[str]) -> InputError:
     """That a log holds no test of this label, and those that it holds."""
     if list(labels) == [""]:
-        mend = 'the file is one test without a label: write @FROM:TO, or test = ""'
+        fix = 'the file is one test without a label: write @FROM:TO, or test = ""'
     else:
-        mend = f"its tests are {some_of(labels, 20)}"
+        fix = f"its tests are {some_of(labels, 20)}"
     name = f"test {exclusion.test!r}" if exclusion.test else "a test without a label"
-    return input_error(exclusion.given, f"{where} holds no {name[:80]}", mend)
+    return input_error(exclusion.given, f"{where} holds no {name[:80]}", fix)
 
 
 def without(
@@ -219,7 +219,7 @@ def without(
     exclusions: Sequence[Exclusion],
     rig: Rig,
 ) -> KeptRows:
-    """The table of a log without its excluded rows, its parts labelled as tests of their own.
+    """The table of a log without its excluded rows, its parts labelled as separate tests.
 
     `maps` are those that apply to the file. Raises InputError where a test or a span does not
     exist, or nothing is left.

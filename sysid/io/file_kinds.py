@@ -88,16 +88,16 @@ def damaged(
     path: Path,
     what: str,
     error: BaseException | str,
-    mend: str = "copy it again from where it was recorded",
+    fix: str = "copy it again from where it was recorded",
 ) -> InputError:
     """The error for a file that its own library cannot read."""
     reason = (str(error).strip().splitlines() or [type(error).__name__])[0][:120]
-    return input_error(path, f"is damaged or not {what} ({reason})", mend)
+    return input_error(path, f"is damaged or not {what} ({reason})", fix)
 
 
 @contextmanager
 def read_as(
-    path: Path, what: str, mend: str = "", passing: type[Exception] = InputError
+    path: Path, what: str, fix: str = "", passing: type[Exception] = InputError
 ) -> Iterator[None]:
     """Whatever a format's library raises in the block means that the file is `damaged`.
 
@@ -109,11 +109,11 @@ def read_as(
     except (InputError, ModuleNotFoundError, passing):
         raise
     except Exception as error:
-        raise damaged(path, what, error, *filter(None, [mend])) from None
+        raise damaged(path, what, error, *filter(None, [fix])) from None
 
 
 def decoded(path: Path, raw: bytes, encoding: str = "utf-8") -> str:
-    """A file's bytes as text; InputError that names the line where they are none."""
+    """A file's bytes as text; InputError that names the line where they are not text."""
     try:
         return raw.decode(encoding)
     except UnicodeDecodeError as error:

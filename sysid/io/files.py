@@ -108,7 +108,7 @@ def open_atomic(path: Path, *, is_bundle: bool = False) -> Generator[BinaryIO, N
 
 
 def _mode(path: Path) -> int:
-    """`st_mode` of the file at `path` (or of what it links to), 0 where there is none."""
+    """`st_mode` of the file at `path` (or of what it links to), 0 if it does not exist."""
     try:
         return path.stat().st_mode
     except FileNotFoundError:
@@ -174,7 +174,7 @@ def check_each_once(paths: Sequence[Path], what: str) -> None:
 
 
 def make_folder(folder: Path, *, parents: bool = True) -> None:
-    """A folder for results, where there is none. Raises InputError where that is not possible."""
+    """Make a folder for results unless it exists. Raises InputError where that is not possible."""
     try:
         folder.mkdir(parents=parents, exist_ok=True)
     except OSError as error:

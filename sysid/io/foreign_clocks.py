@@ -1,4 +1,4 @@
-"""A foreign file's columns at rates of their own: on the rows of one (`sysid.io.alignment`)."""
+"""A foreign file's columns of different rates on the rows of one (`sysid.io.alignment`)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Sources = Mapping[str, tuple[str, ColumnMap]]
 
 @dataclass
 class SlowerColumns:
-    """Columns of a table that are empty between rows of their own, filled as the recipe says."""
+    """Columns of a table that are empty between their own rows, filled as the recipe says."""
 
     table: ForeignTable
     recipe: Recipe
@@ -72,7 +72,7 @@ class SlowerColumns:
         return rows
 
     def _gap(self, rows: IntArray, time: FloatArray, kept: IntArray) -> str:
-        """Where a column of even rate misses a sample of its own, perhaps by a lost cell."""
+        """Where a column of even rate misses one of its samples, perhaps by a lost cell."""
         steps = np.diff(rows)
         usual = float(np.median(steps))
         odd = np.flatnonzero(steps != usual)
@@ -148,7 +148,7 @@ def _filled(held: bool) -> str:
 
 
 def tell_left_out(table: ForeignTable, name: str, missing: BoolArray, kept: IntArray) -> None:
-    """The notice that rows are left out in which a column has no value."""
+    """The notice that rows in which a column has no value are skipped."""
     rows = np.flatnonzero(missing)
     if rows.size:
         table.notices.append(

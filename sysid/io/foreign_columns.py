@@ -136,7 +136,7 @@ def unused_columns(table: ForeignTable, recipe: Recipe) -> list[str]:
 def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.DataFrame:
     """One file's log columns, SI, in the order of the log format.
 
-    Columns at rates of their own are brought to the rows of one (`sysid.io.alignment`); where the
+    Columns of different rates are brought to the rows of one (`sysid.io.alignment`); where the
     recording starts again, a new test begins. Raises InputError naming row and column.
     """
     import pandas as pd
@@ -257,7 +257,7 @@ def _si_values(
 
 
 def _as_stated(table: ForeignTable, name: str, entry: ColumnMap, recipe: Recipe) -> ColumnMap:
-    """A column's map beside the unit that the file states for it; what is done, as a notice."""
+    """A column's map, combined with the unit that the file states; what is done, as a notice."""
     if name not in table.units:
         return entry
     si = recipe.units[entry.target]

@@ -121,7 +121,7 @@ def in_log_format(
 
 
 def unknown_line(path: Path, names: Sequence[str]) -> str:
-    """The notice of columns that nobody knows."""
+    """The notice of unknown columns."""
     return f"{path}: ignored, unknown: {some_of([*map(shortened, names)], 30)}"
 
 

@@ -34,7 +34,7 @@ class Tests:
         return _parts(self.starts[1:], self.rows)
 
     def worth_keeping(self, has_row: BoolArray) -> BoolArray:
-        """`has_row` (rows,) without the numbered tests that it leaves with one row, which is none.
+        """`has_row` (rows,) without the numbered tests of a single row, which is not a test.
 
         The log says how many they were.
         """

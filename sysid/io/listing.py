@@ -38,7 +38,7 @@ class ListedChannel:
 
 @dataclass(frozen=True)
 class Listing:
-    """A file's channels, what of it is none and why, and what its reader had to say."""
+    """A file's channels, what in it is not a channel and why, and its reader's notices."""
 
     path: str
     format: str

@@ -95,7 +95,7 @@ class Holder:
         if (self.host, self.machine) != (here.host, here.machine):
             return None
         if self.boot != here.boot:
-            # The machine has been started again; without a name of its own it may be another one.
+            # The machine was restarted; without a host name of its own it may be a different one.
             return True if self.machine else None
         if self.processes != here.processes:
             return None

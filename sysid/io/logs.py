@@ -33,8 +33,8 @@ from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, any_contradiction, with_channels
 from sysid.io.tables import LogTable, read_table
 from sysid.io.time_breaks import time_breaks, wraps_of_seconds
-from sysid.io.trust.mending import MendedFile, Rows, mend, row_of
 from sysid.io.trust.misread import folds, without_spikes
+from sysid.io.trust.repair import RepairedFile, Rows, repair, row_of
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, check_size, find_column, has_column, to_si
 from sysid.types import FloatArray
 
@@ -199,7 +199,7 @@ def log_of(
     _convert_position(reading)
     _convert_motor(reading)
     if not timeless:
-        groups = _mended(reading, groups)
+        groups = _repaired(reading, groups)
     _check_values(reading, groups)
     if not timeless:
         check_time_column(reading, groups)
@@ -293,7 +293,7 @@ def take_column(
 ) -> None:
     """Read a column of the table in the unit that `units` has; one that is empty is absent.
 
-    Raises InputError at a cell that is no number, and for values beyond all that is measured.
+    Raises InputError at a cell that is not a number, and for values beyond what can be measured.
     """
     table = reading.table
     absent = _absent_rows(reading, target, column, maps)
@@ -598,12 +598,12 @@ def _time_error(reading: LogReading, rows: Rows, index: int, name: str) -> Input
             where, f"{what}: {wraps.name} wrapped", f"{line}, with the same maps, unwraps it"
         )
     if time_breaks(time).disordered is None:
-        mend = f"{line}, with the same maps, numbers the tests in a column `test`"
+        fix = f"{line}, with the same maps, numbers the tests in a column `test`"
         if name:
-            mend = "give each recording its own label in the column `test`"
-        return input_error(where, f"{what}: the recording starts again there", mend)
-    mend = "sort the rows by time, or correct the time of this one"
-    return input_error(where, f"{what}: rows are out of order", mend)
+            fix = "give each recording its own label in the column `test`"
+        return input_error(where, f"{what}: the recording starts again there", fix)
+    fix = "sort the rows by time, or correct the time of this one"
+    return input_error(where, f"{what}: rows are out of order", fix)
 
 
 def _check_mixed(reading: LogReading, rows: Rows, steps: FloatArray, name: str) -> None:
@@ -625,17 +625,17 @@ def _check_mixed(reading: LogReading, rows: Rows, steps: FloatArray, name: str) 
             )
 
 
-def _mended(reading: LogReading, groups: list[tuple[str, Rows]]) -> list[tuple[str, Rows]]:
-    """What the samples show that they cannot be trusted in, mended with a notice.
+def _repaired(reading: LogReading, groups: list[tuple[str, Rows]]) -> list[tuple[str, Rows]]:
+    """Faults of the recording that the samples themselves show, fixed with a notice.
 
-    Before ranges and steps are judged, which a wrap or a jump spoils; returns each test's rows, as
-    the last ones may tell nothing.
+    This precedes the check of ranges and steps, which a wrap or a jump distorts. Returns each
+    test's rows, as the last ones may hold no information.
     """
     rig, name = reading.rig, reading.rig.position_channel
     counts = reading.origin.get(name) == "encoder_counts"
-    mended = list(groups)
+    repaired = list(groups)
     for present, own in _by_channels(reading.columns, groups).items():
-        file = MendedFile(
+        file = RepairedFile(
             columns={channel: reading.columns[channel] for channel in present},
             tests=[groups[k] for k in own],
             position=name,
@@ -643,14 +643,14 @@ def _mended(reading: LogReading, groups: list[tuple[str, Rows]]) -> list[tuple[s
             declared=rig.encoder_step if rig.has_declared_encoder else None,
             place=reading.table.place,
         )
-        mend(file)
+        repair(file)
         reading.columns.update(file.columns)
         reading.notices += [f"{reading.where}: {line}" for line in file.notices]
         for channel, stride in file.strides.items():
             reading.strides[channel] = max(stride, reading.strides.get(channel, 0.0))
         for k, test in zip(own, file.tests, strict=True):
-            mended[k] = test
-    return mended
+            repaired[k] = test
+    return repaired
 
 
 def _by_channels(
@@ -665,7 +665,7 @@ def _by_channels(
 
 
 def _check_tests(reading: LogReading, groups: list[tuple[str, Rows]]) -> None:
-    """What shows within one test: an angle without its sign, single samples that are none."""
+    """Faults within one test: an angle without its sign, single misread samples."""
     position = reading.rig.position_channel
     for label, rows in groups:
         where = f"{reading.where}, test {label}" if label else reading.where
@@ -684,11 +684,11 @@ def _check_tests(reading: LogReading, groups: list[tuple[str, Rows]]) -> None:
 def _drop_spikes(reading: LogReading, name: str, rows: Rows, where: str) -> None:
     """Put single samples far outside a test's own range on the line between their neighbours."""
     values = reading.columns[name][rows]
-    spikes, mended = without_spikes(values)
+    spikes, repaired = without_spikes(values)
     if spikes.size == 0:
         return
     column = reading.columns[name].copy()
-    column[rows] = mended
+    column[rows] = repaired
     reading.columns[name] = column
     shown = ", ".join(
         f"{values[i]:.4g} in {_place(reading, rows, int(i))}" for i in spikes.tolist()

@@ -1,4 +1,4 @@
-"""A measured speed beside a log's position, or in place of it.
+"""A measured speed in addition to a log's position, or in place of it.
 
 Where a motion log holds a speed and no position, the position is the speed's integral: its
 changes are right, its place in the stroke is not known (`Trial.place_known`).

@@ -79,7 +79,7 @@ class MotionUnits:
         return {self.keys[name]: value for name, value in values.items()}
 
     def named(self, keys: Iterable[str]) -> list[str]:
-        """The names of a bundle's keys; a key that is none of theirs stays."""
+        """The names of a bundle's keys; an unknown key stays."""
         names = {key: name for name, key in self.keys.items()}
         return [names.get(key, key) for key in keys]
 

@@ -25,7 +25,7 @@ from sysid.io.units import TEST_COLUMN, ColumnMap, has_column
 
 @dataclass(frozen=True)
 class OwnKind:
-    """A kind of log beside those of the log format, and the unit of each of its columns."""
+    """A kind of log in addition to the log format's, and the unit of each of its columns."""
 
     kind: str
     columns: Mapping[str, str]

@@ -81,18 +81,18 @@ def check_pressure(
     if low >= floor and high <= ceiling:
         return
     what = f"{target} runs from {low:.4g} to {high:.4g}, which is not plausible as absolute Pa"
-    mend = _looks_like(target, column, values, ambient, supply)
-    if mend is None:
+    fix = _looks_like(target, column, values, ambient, supply)
+    if fix is None:
         odd = np.flatnonzero((values < floor) | (values > ceiling))
         if len(odd) < _FEW * len(values):
             span = "" if time is None else _span(time, odd)
-            mend = (
+            fix = (
                 f"{len(odd)} of {len(values)} readings are below {floor:.3g} or above "
                 f"{ceiling:.3g} Pa{span}: leave out what went wrong there with --exclude"
             )
         else:
-            mend = _mapping(target, column, "kPa") + " (or bar, psi; add (g) to a gauge pressure)"
-    raise input_error(where, what, mend)
+            fix = _mapping(target, column, "kPa") + " (or bar, psi; add (g) to a gauge pressure)"
+    raise input_error(where, what, fix)
 
 
 def _span(time: FloatArray, rows: NDArray[np.int64]) -> str:
@@ -196,7 +196,7 @@ def check_resolution(where: str, target: str, values: FloatArray, rig: Rig) -> s
         return None
     step = quantum(values)
     ratio = step * per_unit
-    # A file with few decimals has a step of its own.
+    # Rounding to few decimals adds a step of the file's own.
     if step == 0.0 or abs(ratio - 1.0) < _SAME_STEP or _is_decimal(step):
         return None
     si = rig.units.position
@@ -258,17 +258,17 @@ def check_fraction(where: str, target: str, column: str, values: FloatArray) -> 
     if low >= -DUTY_ROUNDING and high <= 1.0 + DUTY_ROUNDING:
         return None
     if low >= 0.0 and 1.5 < high <= 100.0:
-        mend = _mapping(target, column, "percent")
+        fix = _mapping(target, column, "percent")
     elif low >= 0.0 and high > 100.0 and not np.any(values % 1.0):
         # A converter's or timer's full scale.
         full = (1 << int(high).bit_length()) - 1
-        mend = f'if {full} is full duty, give --map "{target}={column}:1/{full}"'
+        fix = f'if {full} is full duty, give --map "{target}={column}:1/{full}"'
     else:
-        mend = (
+        fix = (
             "fix the values: a duty lies between 0 and 1 (a command of 5 to 10 V: --map "
             f'"{target}={column}:5..10 -> 0..1")'
         )
-    return input_error(where, f"{target} runs from {low:.4g} to {high:.4g}, outside 0 to 1", mend)
+    return input_error(where, f"{target} runs from {low:.4g} to {high:.4g}, outside 0 to 1", fix)
 
 
 def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | None:
@@ -341,14 +341,14 @@ def check_rest(where: str, pressures: Mapping[str, FloatArray], rig: Rig) -> str
     # A piston in motion presses one chamber and draws on the other.
     if min(ratios) < SAME_PRESSURE and max(ratios) > 1.0 / SAME_PRESSURE:
         return None
-    mend = (
+    fix = (
         "is the atmosphere's pressure added twice? Map an absolute pressure without (g)"
         if all(abs(ratio / 2.0 - 1.0) <= TWICE for ratio in ratios)
         else "is its unit wrong, or [air] atmospheric_pressure_pa?"
     )
     return (
         f"{where}: {' and '.join(pressures)} rest at {rests[0]:.4g} Pa though no valve opens, the "
-        f"atmosphere of the rig file is {ambient:.4g} Pa: {mend}"
+        f"atmosphere of the rig file is {ambient:.4g} Pa: {fix}"
     )
 
 
@@ -380,7 +380,7 @@ def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str
 
 
 def check_temperature(where: str, target: str, column: str, values: FloatArray) -> None:
-    """Ambient temperature (n,) K: InputError where it is none that a rig file may declare."""
+    """Ambient temperature (n,) K: InputError where a rig file could not declare it."""
     from scipy.constants import zero_Celsius
 
     low, high = float(np.min(values)), float(np.max(values))
@@ -389,7 +389,7 @@ def check_temperature(where: str, target: str, column: str, values: FloatArray) 
         return
     # Degrees Celsius are named where they would make the readings possible.
     as_celsius = possible(low + zero_Celsius) and possible(high + zero_Celsius)
-    mend = "fix the values, or leave the column out (a sensor that is not connected?)"
+    fix = "fix the values, or leave the column out (a sensor that is not connected?)"
     if as_celsius:
-        mend = _mapping(target, column, "degC")
-    raise input_error(where, f"{target} runs from {low:.4g} to {high:.4g} K", mend)
+        fix = _mapping(target, column, "degC")
+    raise input_error(where, f"{target} runs from {low:.4g} to {high:.4g} K", fix)

@@ -58,7 +58,7 @@ class Reshaping:
 
 
 def read_trim(text: str | None) -> tuple[float | None, float | None]:
-    """Seconds "FROM:TO", either of them left out. Raises InputError."""
+    """Seconds "FROM:TO", either of them optional. Raises InputError."""
     if text is None:
         return None, None
     try:

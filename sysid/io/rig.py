@@ -65,8 +65,8 @@ class Rig:
     """A rig: constants by section, SI. Sections missing from the file are None.
 
     `source` is the file that it was read from; `content` the file's tables as read, which
-    go into a bundle; `notices` the reader's notices. `assumed` are the constants that nobody
-    declared and no log shows, as dotted keys ("cylinder.area_a_m2").
+    go into a bundle; `notices` the reader's notices. `assumed` are the constants that were not
+    declared and that no log shows, as dotted keys ("cylinder.area_a_m2").
 
     >>> campaign.rig.air.supply_pressure_pa, campaign.rig.effort_channel
     (312000.0, 'motor_torque_nm')
@@ -177,7 +177,7 @@ class Rig:
         return self.encoder_step is not None and not self.assumes("sensors")
 
     def assumes(self, section: str) -> bool:
-        """Whether nobody declared a constant of this section, and no log shows it."""
+        """Whether a constant of this section was not declared, and no log shows it."""
         return any(key.startswith(f"{section}.") for key in self.assumed)
 
     def constant(self, key: str) -> Any:
@@ -299,7 +299,7 @@ def find_rig_file(log: Path) -> Path | None:
 
 
 def require_rig_file(log: Path) -> Path:
-    """`find_rig_file`; InputError where there is none."""
+    """`find_rig_file`; InputError if none is found."""
     path = find_rig_file(log)
     if path is None:
         raise input_error(
@@ -355,7 +355,7 @@ def read_toml(path: Path, what: str) -> dict[str, Any]:
 
 
 def name_meant(name: str, known: Sequence[str]) -> str | None:
-    """The known name that one letter of six, or fewer, makes of another; None where none is so."""
+    """The known name that differs by at most one letter in six; None if no name does."""
     return next(iter(difflib.get_close_matches(name, known, 1, 0.8)), None)
 
 

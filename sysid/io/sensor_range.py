@@ -53,7 +53,7 @@ class SensorRange:
     def beyond(self, readings: FloatArray) -> tuple[int, str] | None:
         """The first of readings (n,) outside the range, and what a notice says of them all.
 
-        Outside by more than a transmitter's reserve and than their noise; None where none is.
+        Outside by more than a transmitter's reserve and than their noise; None if all are inside.
         """
         low, high = sorted((self.start, self.end))
         finite = readings[np.isfinite(readings)]

@@ -271,12 +271,12 @@ def _is_blank(file: BinaryIO) -> bool:
 
 
 def require_log(path: Path) -> None:
-    """InputError where there is no such file: what else is wrong is said after that."""
+    """InputError for a missing file; checked before anything else."""
     if not path.exists():
-        mend = "give the path of a log"
+        fix = "give the path of a log"
         if path.suffix.lower() in FOREIGN_SUFFIXES:
-            mend += f"; what other programs write, as {path.suffix}, goes through `sysid convert`"
-        raise input_error(path, "no such file", mend)
+            fix += f"; what other programs write, as {path.suffix}, goes through `sysid convert`"
+        raise input_error(path, "no such file", fix)
 
 
 def read_table(path: Path, wanted: Collection[str], text: Collection[str] = ()) -> LogTable:

@@ -46,7 +46,7 @@ class TimeWraps:
 
 
 def wraps_of(values: FloatArray) -> TimeWraps | None:
-    """The wraps of a column of counts (n,), whole numbers of whatever unit; None: there are none.
+    """The wraps of a column of counts (n,), whole numbers of whatever unit; None without wraps.
 
     A wrap reaches the counter's size, and the step over it, modulo that size, is an ordinary one.
     """
@@ -63,7 +63,7 @@ def wraps_of(values: FloatArray) -> TimeWraps | None:
 
 
 def wraps_of_seconds(time: FloatArray) -> TimeWraps | None:
-    """The wraps of times (n,) s that a counter of a common unit made; None: there are none."""
+    """The wraps of times (n,) s that a counter of a common unit made; None without wraps."""
     if len(time) < 3 or np.all(np.diff(time) >= 0.0):
         return None
     for size, clock in _CLOCKS:

@@ -10,7 +10,7 @@ from typing import Any
 def toml_text(content: Mapping[str, Any]) -> str:
     """TOML of keys, of tables of keys, and of lists of such tables (`[[log]]`).
 
-    Values are text, numbers, truth values, and lists of these; a key that holds None is left out.
+    Values are text, numbers, truth values, and lists of these; a key that holds None is omitted.
     """
     lines = _keys({k: v for k, v in content.items() if not _is_table(v)})
     for name, value in content.items():

@@ -148,7 +148,7 @@ _MEANT = {
     "g*cm": ("gf*cm",),
     "S": ("s",),
 }
-# SI values of units that columns are in though they are taken for SI, the likeliest first.
+# SI values of units that are often mistaken for SI, the likeliest first.
 TAKEN_FOR_SI = {
     "Pa": {"Pa": 1.0, "mbar": 1e2, "kPa": 1e3, "psi": 6894.757, "bar": 1e5, "MPa": 1e6},
     "s": {"ms": 1e-3, "us": 1e-6, "min": 60.0},
@@ -297,14 +297,14 @@ def in_any_capitals(unit: str, si: str) -> str:
 
 
 def check_unit(unit: str, where: str) -> None:
-    """InputError, that opens with `where`, for a unit that nobody knows; empty: none."""
+    """InputError, which begins with `where`, for an unknown unit; an empty one is accepted."""
     try:
         if unit not in ("", "1"):
             _parsed(unit)
     except Exception:  # pint and its tokenizer raise a dozen kinds
         close = _closest(unit)
-        mend = f"did you mean {close}?" if close else "write it as N*m or kg/s; a ratio has none"
-        raise input_error(where, f"{unit!r} is not a known unit", mend) from None
+        fix = f"did you mean {close}?" if close else "write it as N*m or kg/s; a ratio has none"
+        raise input_error(where, f"{unit!r} is not a known unit", fix) from None
 
 
 def _quotient(ratio: re.Match[str], where: str) -> float:
@@ -393,7 +393,7 @@ def _split_reference(unit: str) -> tuple[str, bool | None]:
     if match is not None:
         said = (match[1] or match[2]).lower()
         return _known(unit[: match.start()]), said.startswith(("g", "r"))
-    # barg, mbarg, kPaa and the like; no pressure unit of pint itself ends like this.
+    # barg, mbarg, kPaa and similar; no pressure unit of pint itself ends like this.
     if re.fullmatch(r"[kMhm]?(?:Pa|bar)[ _]?[ga]", unit):
         return unit[:-1].rstrip(" _"), unit.endswith("g")
     return unit, None
@@ -435,8 +435,8 @@ def _pint_factor(unit: str, si: str, where: str) -> tuple[float, float]:
 def _unknown_unit(unit: str, si: str, where: str) -> InputError:
     kind, examples = _kind_of(si)
     close = _closest(unit)
-    mend = f"did you mean {close}?" if close else f"give a unit of {kind}: {examples}"
-    return input_error(where, f"{unit!r} is not a known unit", mend)
+    fix = f"did you mean {close}?" if close else f"give a unit of {kind}: {examples}"
+    return input_error(where, f"{unit!r} is not a known unit", fix)
 
 
 def _kind_of(si: str) -> tuple[str, str]:

@@ -192,9 +192,9 @@ def _parse_entries(
 
 def _no_target(target: str, source: str, units: Mapping[str, str | None]) -> InputError:
     close = difflib.get_close_matches(target, units, 1, 0.5)
-    mend = f"did you mean {close[0]}?" if close else f"use one of {', '.join(units)}"
+    fix = f"did you mean {close[0]}?" if close else f"use one of {', '.join(units)}"
     format_ = "the log format" if set(CANONICAL_UNITS) <= set(units) else "the component's logs"
-    return input_error(source, f"{target!r} is not a column of {format_}", mend)
+    return input_error(source, f"{target!r} is not a column of {format_}", fix)
 
 
 def _parse_entry(target: str, rest: str, source: str, si: str | None) -> ColumnMap:
@@ -269,10 +269,10 @@ def _table_entry(target: str, table: Mapping[str, Any], source: str, si: str | N
 def in_stated_unit(
     entry: ColumnMap, stated: str, si: str | None, where: str, in_name: bool = False
 ) -> tuple[ColumnMap, str | None]:
-    """An entry beside the unit that the file itself states for its column; and a notice, or None.
+    """An entry, completed by the unit that the file states for its column; and a notice, or None.
 
-    An entry without a unit takes one of its own quantity, `si`; with a unit it keeps it.
-    `in_name`: the unit is the end of the column's name, and so none where it is of another
+    An entry without a unit takes the stated one if it fits its quantity (`si`); otherwise it keeps
+    its own. `in_name`: the unit is the end of the column's name, and is ignored if it is of another
     quantity.
     """
     stated = stated.strip().strip("[]").strip()
@@ -286,7 +286,7 @@ def in_stated_unit(
     if entry.unit is None:
         return _stated_alone(entry, stated, si, where)
     if sensor is not None:
-        return _stated_beside_range(entry, stated, where)
+        return _stated_with_range(entry, stated, where)
     bare = without_multiple(entry.unit)
     said = f"{where}: {entry.column} is in {stated!r} by the file, mapped as {entry.unit!r}"
     try:
@@ -324,7 +324,7 @@ def _stated_alone(
     return found, f"{named} is in {stated}{absolute}, as the file states"
 
 
-def _stated_beside_range(entry: ColumnMap, stated: str, where: str) -> tuple[ColumnMap, str | None]:
+def _stated_with_range(entry: ColumnMap, stated: str, where: str) -> tuple[ColumnMap, str | None]:
     """Readings in another unit than that of the range's left side are brought to it."""
     sensor = entry.sensor
     if sensor is None or not sensor.unit:
@@ -429,7 +429,7 @@ def check_size(
     largest: float = LARGEST,
     units: Mapping[str, str | None] = CANONICAL_UNITS,
 ) -> NDArray[np.float64]:
-    """Values in SI as they are; InputError where one is beyond all that is measured.
+    """Values in SI as they are; InputError where one is beyond what can be measured.
 
     Squares and ratios of such values leave the range of numbers.
     """

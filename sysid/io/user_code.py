@@ -19,7 +19,7 @@ _MOVED = {"sysid.model": "sysid.plant", "sysid.bundle": "sysid.parameters"}
 def run_file(path: Path, holds: str) -> ModuleType:
     """Run a user's file; `holds` says what it should define, for messages ("effects").
 
-    Raises InputError where there is no such file or it does not run.
+    Raises InputError where the file is missing or does not run.
     """
     if not path.is_file():
         raise input_error(path, "no such file", f"name a Python file that defines {holds}")

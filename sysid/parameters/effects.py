@@ -14,7 +14,7 @@ from sysid.parameters.base import Absent, Number, Part
 from sysid.plant.effects.entry import Catalogue, CatalogueEffect, Quantity
 
 SIDE = "side"
-_MEND = "fix that key, or diagnose again to rewrite the bundle"
+_FIX = "fix that key, or diagnose again to rewrite the bundle"
 
 _PARAMETERS: dict[str, Any] = {
     "type": "object",
@@ -133,7 +133,7 @@ def _value(estimate: Estimate | Side | float, quantity: Quantity, where: str) ->
     if isinstance(estimate, float):
         return estimate
     if not isinstance(estimate, Estimate):
-        raise input_error(where, 'is not an object with a "value"', _MEND)
+        raise input_error(where, 'is not an object with a "value"', _FIX)
     if not estimate.identified:
         reason = f" ({estimate.reason})" if estimate.reason else ""
         raise input_error(
@@ -143,13 +143,13 @@ def _value(estimate: Estimate | Side | float, quantity: Quantity, where: str) ->
         )
     unit = estimate.unit or quantity.unit
     if unit != quantity.unit:
-        raise input_error(where, f"is in {unit!r}, not {quantity.unit!r}", _MEND)
+        raise input_error(where, f"is in {unit!r}, not {quantity.unit!r}", _FIX)
     if not quantity.lower <= estimate.value <= quantity.upper:
         bounds = f"{quantity.lower:g} to {quantity.upper:g} {quantity.unit}"
-        raise input_error(where, f"{estimate.value:g} is out of its bounds, {bounds}", _MEND)
+        raise input_error(where, f"{estimate.value:g} is out of its bounds, {bounds}", _FIX)
     if quantity.is_choice and estimate.value not in quantity.grid:
         choices = ", ".join(f"{value:g}" for value in quantity.grid)
-        raise input_error(where, f"{estimate.value:g} is none of {choices}", _MEND)
+        raise input_error(where, f"{estimate.value:g} is none of {choices}", _FIX)
     return estimate.value
 
 

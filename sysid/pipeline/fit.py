@@ -328,7 +328,7 @@ def _fit_own(campaign: Campaign, options: FitOptions) -> CampaignFit:
 
 
 def _why_nothing(fitted: FittedLaw) -> str:
-    """Why no parameter is identified, and the mend."""
+    """Why no parameter is identified, and the fix."""
     at_bound = fitted.fit.diagnosis.at_bound
     if not at_bound:
         return "its tests identify none of its parameters; excite its inputs more"
@@ -339,7 +339,7 @@ def _why_nothing(fitted: FittedLaw) -> str:
             words.append(f"{p.name} ends at its bound {nearest:g} {p.unit}".rstrip())
     verb = "are" if len(words) > 1 else "is"
     return (
-        f"{' and '.join(words)}, and {verb} not identified there; widen the bounds, or mend the "
+        f"{' and '.join(words)}, and {verb} not identified there; widen the bounds, or fix the "
         "law if they are physical"
     )
 

@@ -39,7 +39,7 @@ class _Regressor:
 
 
 def residuals_section(validation: ValidationResult) -> Section:
-    """Residuals of the held-out tests (all if none is held out) over possible regressors."""
+    """Residuals of the held-out tests (of all tests without held-out ones) over regressors."""
     tests = tests_of(validation)
     held = [t for t in tests if t.use == "holdout"] or tests
     blocks = []

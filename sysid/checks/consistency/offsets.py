@@ -75,16 +75,16 @@ def offset_lines(readings: Sequence[OffsetReading], rig: Rig) -> Iterator[tuple[
         )
         left = None if one.exchanged is None else one.exchanged - usual
         if left is not None and abs(left) < _LEFT * abs(off):
-            mend = (
+            fix = (
                 f"{left:.3g} {unit} with its chambers exchanged: pressure_a_pa and pressure_b_pa "
                 "are swapped in this log; exchange them in its map"
             )
         else:
-            mend = (
+            fix = (
                 f"the zero of {rig.effort_channel}, or a pressure's zero, unit or area, is wrong; "
                 "compare what they read at rest"
             )
-        yield one.source, f"{said}: {mend}"
+        yield one.source, f"{said}: {fix}"
 
 
 def _exchanged(trial: Trial) -> Trial:

@@ -200,10 +200,10 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
             risen = _risen(whole, bad, opened, closed) if keep_rise else opened
             bad |= (time >= risen) & (time < closed - _EDGE_GUARD_S)
             why = f"{unsteady} while valve {valve.upper()} was on: the supply was unsteady"
-            mend = "steady the supply, or log supply_pressure_pa"
+            fix = "steady the supply, or log supply_pressure_pa"
             used = "fitted to its rise, at the declared supply" if keep_rise else "left out"
-            notices.append(f"{trial.source}: {why}; its filling is {used}; {mend}")
-            reasons += [(name, f"{why}; {mend}") for name in FILLING if not keep_rise]
+            notices.append(f"{trial.source}: {why}; its filling is {used}; {fix}")
+            reasons += [(name, f"{why}; {fix}") for name in FILLING if not keep_rise]
         # Of an unsteady filling only the last rows, after the cut, are at a level of their own.
         last = closed - _EDGE_GUARD_S
         plateaus.append(

@@ -67,8 +67,8 @@ def unseen_regimes(samples: FlowSamples, rig: Rig) -> list[str]:
     ]
     return [
         f"{name} ({side} {boundary / 1e3:.0f} kPa) cannot be identified: the samples cover "
-        f"{low / 1e3:.0f} to {high / 1e3:.0f} kPa, and the surface holds there only; {mend}"
-        for absent, name, side, boundary, mend in regimes
+        f"{low / 1e3:.0f} to {high / 1e3:.0f} kPa, and the surface holds there only; {fix}"
+        for absent, name, side, boundary, fix in regimes
         if absent
     ]
 

@@ -98,7 +98,7 @@ class ForeignFile:
 def read_any(path: Path, what: str, options: ReadOptions) -> ForeignFile:
     """A file, or a ROS 2 bag's folder, by its path; `what` it is, for the error without one.
 
-    Raises InputError as `read_foreign` does, and where there is no such file.
+    Raises InputError as `read_foreign` does, and where the file does not exist.
     """
     if is_bag(path):
         return _read_bag(path)

@@ -84,7 +84,7 @@ def _set_unit(table: ForeignTable, name: str, unit: str) -> None:
 
 @dataclass
 class _Objects:
-    """Looks through a file: `wanted` are the data sets to read, `objects` the classes of MATLAB's
+    """Traverses a file: `wanted` are the data sets to read, `objects` the classes of MATLAB's
     own objects, by name.
 
     `_seen` has the names of the objects that were met, `_searched` the groups whose links were

@@ -150,7 +150,7 @@ class _HeadingSearch:
         return [cells[i] for i in sorted(self.layout.numeric) if i < len(cells) and cells[i]]
 
     def _is_caption(self, index: int) -> bool:
-        """Whether a line holds words alone: "data:". What stands above is none of the table."""
+        """Whether a line holds words alone: "data:". Lines above it are not part of the table."""
         if index >= len(self.lines) - 1 or is_comment(self.lines[index][1]):
             return False
         cells = self.cells(index)
@@ -382,7 +382,7 @@ class _HeadingSearch:
     def _is_other(
         self, index: int, cells: Sequence[str], heading: TableHeading, first: int
     ) -> bool:
-        """Whether a line between names and rows is none of the table's."""
+        """Whether a line between names and rows is not part of the table."""
         if heading.layout.fits(cells) or len(cells) == len(heading.names or ()):
             is_none = index < first and self._is_labelled(cells)
         else:

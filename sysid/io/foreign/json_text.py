@@ -93,7 +93,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 class _Walk:
-    """Looks through what a JSON text holds, and gives its columns to a table."""
+    """Traverses the content of a JSON text, and gives its columns to a table."""
 
     def __init__(self, table: ForeignTable) -> None:
         self._table = table

@@ -111,7 +111,7 @@ def _key_and_value(line: str) -> tuple[str, str]:
 
 
 def _segments(path: Path, lines: Sequence[str], first: int, delimiter: str) -> list[_Segment]:
-    """The segments from line index `first` on. InputError at a row that is none."""
+    """The segments from line index `first` on. InputError at a malformed row."""
     segments: list[_Segment] = []
     header: dict[str, list[str]] | None = {}
     last_end = max(index for index, line in enumerate(lines) if line.startswith(_END))

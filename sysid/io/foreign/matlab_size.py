@@ -41,7 +41,7 @@ class _Class(IntEnum):
 
 
 class _Flags(IntFlag):
-    """What stands beside an array's class (figure 1-6)."""
+    """The flags next to an array's class (figure 1-6)."""
 
     COMPLEX = 0x0800
 

@@ -25,7 +25,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     """Every channel by its name, as `group/name` where groups share one; masters are clocks.
 
     Conversions of the file are applied, those to text not. Samples that the file marks as
-    invalid are left out, with a notice. Raises InputError where the file is damaged, or declares
+    invalid are skipped, with a notice. Raises InputError where the file is damaged, or declares
     more cells than are read.
     """
     table = ForeignTable(path, "MDF")

@@ -95,8 +95,8 @@ class Messages:
     def decode(self, topic: str, decoder: Decoder | None, data: bytes, logged_ns: int) -> None:
         """Add a message by its bytes; nothing without a decoder.
 
-        A topic whose first message does not fit its definition is left out: others of the file
-        are as good as they were. Raises ValueError where a later one does not.
+        A topic whose first message does not match its definition is skipped: others of the file
+        remain valid. Raises ValueError where a later message does not match.
         """
         if decoder is None or topic in self._left_out:
             return

@@ -57,7 +57,7 @@ class _Kept:
         self._file = file
 
     def exists(self) -> bool:
-        """That there is such a file."""
+        """Whether the file exists."""
         return True
 
     def open(self, mode: str) -> Any:
@@ -97,8 +97,8 @@ def _read_first(messages: Messages, path: Path, file: BinaryIO) -> None:
         again = f"run `rosbag reindex {path.name}`"
         if "not indexed" in str(error):
             raise input_error(path, "has no index (the recorder was stopped)", again) from None
-        mend = f"{again}, or copy it again from where it was recorded"
-        raise damaged(path, "a ROS 1 bag", error, mend) from None
+        fix = f"{again}, or copy it again from where it was recorded"
+        raise damaged(path, "a ROS 1 bag", error, fix) from None
 
 
 def _take_all(

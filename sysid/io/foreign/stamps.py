@@ -24,7 +24,7 @@ _DATE = re.compile(
 
 
 def dates_in(path: Path, name: str, cells: pd.Series) -> pd.Series | None:
-    """Time stamps (n,) in UTC, NaT in cells that are none; None where most cells are none.
+    """Time stamps (n,) in UTC, NaT in cells that are not; None where most cells are not.
 
     ISO 8601, or day, month and year: day first between dots, and else where a day beyond 12 says
     it. Raises InputError where nothing does, and the seconds between rows depend on it.
@@ -68,7 +68,7 @@ def _as_iso(date: re.Match[str], day_first: bool) -> str:
 def clock_seconds(cells: Sequence[object]) -> FloatArray | None:
     """Seconds (n,) from the first of times of day, 14:59:58.001, over midnight too.
 
-    NaN in cells that are none; None where most cells are none.
+    NaN in cells that are not; None where most cells are not.
     """
     found = [_CLOCK.fullmatch(str(cell)) for cell in cells]
     if 2 * sum(match is not None for match in found) <= len(found):

@@ -1,4 +1,4 @@
-"""Units as a heading states them: in brackets, at the end of a name, or in a row of their own."""
+"""Units as a heading states them: in brackets, at the end of a name, or in a separate row."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LISTED = """
 _WORDS = frozenset(_LISTED.split())
 # What is written where a column has no unit.
 _NONE = frozenset(("", "-", "--", "none", "1", "n/a"))
-# Of a name's end: shorter ones are also letters that tell channels apart (x_m, cmd_a).
+# Of a name's end: shorter ones are also letters that distinguish channels (x_m, cmd_a).
 _ENDINGS = """
     ms us ns bar mbar psi kpa mpa hpa deg mrad rad mm um cm rpm nm mnm ncm kn mn kgf lbf
     mv

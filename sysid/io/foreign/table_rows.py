@@ -1,4 +1,4 @@
-"""The rows of a text's table, told from what else stands below its heading.
+"""The rows of a text's table, distinguished from other lines below its heading.
 
 Loggers that append write their heading, a date or a banner again at each start; programs fill up
 files with empty lines and close them with a word. Nothing is passed over without a notice.
@@ -91,13 +91,13 @@ class _Sorting:
         return self.rows
 
     def _start(self) -> None:
-        """The heading once more: what stood aside belongs to the start."""
+        """The heading once more: the lines set aside belong to the start."""
         self.passed += self.aside
         self.aside = []
         self.is_new = True
 
     def _take(self, index: int, stamped: bool) -> None:
-        """A row; lines that stood aside are none of a table that goes on."""
+        """A row; lines set aside are not part of a table that continues."""
         for other in self.aside:
             self._pass_amid(other, stamped)
         self.aside = []

@@ -112,8 +112,8 @@ def without_jumps(
 
 
 def _is_the_motion(joined: FloatArray, found: list[Jump]) -> bool:
-    """Whether many jumps are more than half of the way that a test goes: slips too short for its
-    rows, and what is left of its position (n,) is no motion."""
+    """Whether many jumps make up more than half of a test's travel: slips too short for its rows,
+    so that the `joined` position (n,) without them is not the motion."""
     way = float(np.sum(np.abs(np.diff(joined))))
     return len(found) > _FEW and sum(abs(jump.size) for jump in found) > way
 

@@ -1,7 +1,7 @@
 """Samples that were misread: single ones far outside all others, a position without its sign.
 
-A position that jumps there and back amid a test is mended before (`jumps`), as the motion around it
-tells; here are pressures, and the first and last samples of a position.
+A position that jumps there and back within a test was fixed before (`jumps`), by the motion around
+it; this file treats pressures, and the first and last samples of a position.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def folds(values: FloatArray) -> bool:
 def spikes(values: FloatArray) -> NDArray[np.intp]:
     """Rows of single samples that lie farther outside all others than half these others' range.
 
-    `values` (n,), of one test; at most `_MOST_SPIKES` rows to a side, none beside another. A
-    transmission error is such a sample; no pressure or position jumps there and back.
+    `values` (n,), of one test; at most `_MOST_SPIKES` rows to a side, no two adjacent. Such a
+    sample is a transmission error: a pressure or position does not jump there and back.
     """
     found: list[int] = []
     steps = np.abs(np.diff(values))
@@ -62,9 +62,9 @@ def without_spikes(values: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
     """The rows of `spikes` of a test (n,), and its values with those on the line between others."""
     rows = spikes(values)
     ordinary = np.delete(np.arange(len(values)), rows)
-    mended = values.copy()
-    mended[rows] = np.interp(rows, ordinary, values[ordinary])
-    return rows, mended
+    repaired = values.copy()
+    repaired[rows] = np.interp(rows, ordinary, values[ordinary])
+    return rows, repaired
 
 
 def _highest_apart(values: FloatArray, least: float) -> list[int]:

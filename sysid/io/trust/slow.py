@@ -36,7 +36,7 @@ def rows_per_reversal(parts: Sequence[FloatArray], count: float) -> float | None
     """Rows from one reversal of a position to the next, where they are too few to resolve it.
 
     `parts` (n,) are its tests, `count` its resolution. The median over all tests; None where the
-    motion is resolved, or there is none.
+    motion is resolved or the shaft does not move.
     """
     found = [_between_reversals(part, count) for part in parts if _is_fast(part, count)]
     rows = np.concatenate(found) if found else np.zeros(0)

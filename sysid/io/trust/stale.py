@@ -101,8 +101,8 @@ def _step(parts: Sequence[FloatArray]) -> float:
 
 
 def _regular(gaps: NDArray[np.intp]) -> float | None:
-    """Rows of the stride that gaps (m,) between changes are multiples of; None where there is
-    none."""
+    """The stride, in rows, of which the gaps (m,) between changes are multiples; None without
+    such a stride."""
     if len(gaps) < _FEWEST // 2:
         return None
     usual = float(np.median(gaps))

@@ -302,7 +302,7 @@ def _fill(
 
 
 def _assumed(bundle: Bundle) -> Table | None:
-    """The constants that nobody declared, and what they do to the numbers; None without any."""
+    """The constants that were assumed, and their influence on the numbers; None without any."""
     rows = [(one.text, one.does) for one in assumptions(bundle)]
     if not rows:
         return None

@@ -48,7 +48,7 @@ def of_bundle(bundle: Bundle, unidentified: Sequence[str]) -> Iterator[Concern]:
 
 
 def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:
-    """What a diagnosis left open; nothing where there is none."""
+    """The open questions of a diagnosis; none without a diagnosis."""
     found = (diagnosis or {}).get("verdict")
     if found is None or diagnosis is None:
         return

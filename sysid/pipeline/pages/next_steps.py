@@ -1,4 +1,4 @@
-"""What to do next: the tests that would tell rivals apart, and what lacks information."""
+"""What to do next: the tests that would distinguish rivals, and what lacks information."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _WIDE = 0.25
 def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Section | None:
     """From the diagnosis and the bundle as they are: nothing is simulated for it.
 
-    `campaign` is its file's name. None where there is nothing to say.
+    `campaign` is its file's name. None without next steps.
     """
     found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
     blocks: list[Block] = []
@@ -57,7 +57,7 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
 
 
 def left_open(diagnosis: Content | None, *, is_validated: bool) -> str:
-    """What to do where there is no section: what was not looked at may be open."""
+    """What to do where a section is missing: what was not examined may be open."""
     if not is_of_actuator(diagnosis):
         is_validated = True  # a part alone has no motion to be validated on
     runs = [] if is_validated else ["sysid validate"]
@@ -71,7 +71,7 @@ def left_open(diagnosis: Content | None, *, is_validated: bool) -> str:
 
 
 def _rivals(content: Content) -> list[Block]:
-    """The effects that the data cannot tell apart, with the test that would."""
+    """The effects that the data cannot distinguish, with the test that would."""
     telling = content["figures"].get("telling", {})
     rows = []
     for effect in content["effects"]:
@@ -99,9 +99,9 @@ def _lacking(bundle: Bundle) -> list[Block]:
 
 def _unidentified(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
     for name, reason in unidentified(bundle):
-        # A reason ends with its mend, where there is one: "only a + b is identified: give ...".
-        why, _, mend = reason.partition(": give ")
-        yield name, f"not identified: {why}", mend or "a test that moves it alone"
+        # A reason may end with its fix: "only a + b is identified: give ...".
+        why, _, fix = reason.partition(": give ")
+        yield name, f"not identified: {why}", fix or "a test that moves it alone"
 
 
 def _only_together(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
@@ -145,8 +145,8 @@ def _wide(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
 def _positive(bundle: Bundle) -> dict[str, float]:
     """The parameters that cannot be below 0, and the size at which one matters.
 
-    That of an effect's is its typical one, or its whole range; of others 0: their own. Of an effect
-    of the user's own none is known.
+    An effect's quantity has its typical one, or its whole range; others have 0: their own value.
+    For a user's own effect it is unknown.
     """
     known = for_rig(catalogue(), bundle.is_linear)
     found = {f"friction.{bundle.units.key(name)}": 0.0 for name in FRICTION}

@@ -27,8 +27,8 @@ class ReportVerdict:
     """`level` ("good", "fair", "poor" or "none") is that of the worst of what stands below.
 
     `sentence` says how well the model follows the rig, `notes` are reservations. `diagnosis` is
-    its verdict in one sentence, `held_back` what makes the level worse than the sentence; empty
-    where there is none. `concerns` is all that the level was chosen from.
+    its verdict in one sentence, `held_back` what makes the level worse than the sentence, else
+    empty. `concerns` are all findings from which the level was chosen.
     """
 
     level: str
@@ -61,7 +61,7 @@ def verdict(
     validation: ValidationResult | None,
     diagnosis: Mapping[str, Any] | None = None,
 ) -> ReportVerdict:
-    """Judged on the held-out logs; if there are none, on the training logs, and it says so."""
+    """Judged on the held-out logs; without any, on the training logs, which the text states."""
     judged = _validated(bundle, validation)
     if diagnosis is not None and "verdict" in diagnosis:
         said = sentence(diagnosis, _titles(diagnosis))

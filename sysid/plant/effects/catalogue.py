@@ -130,15 +130,15 @@ def _check_entry(where: str, effect: type[CatalogueEffect]) -> None:
                 where, f"has no field {quantity.name}", "every quantity names a field"
             )
         if quantity.is_choice and (quantity.is_strength or len(quantity.grid) < 2):
-            mend = "give it is_strength=False and a grid of its values"
-            raise input_error(where, f"{quantity.name} is a choice without values", mend)
+            fix = "give it is_strength=False and a grid of its values"
+            raise input_error(where, f"{quantity.name} is a choice without values", fix)
         default = fields[quantity.name].default
         if quantity.is_strength and default != 0.0:
             what = (
                 "has no default" if default is dataclasses.MISSING else f"is {default} by default"
             )
-            mend = "make it 0, where the effect vanishes: it is a strength"
-            raise input_error(where, f"{quantity.name} {what}", mend)
+            fix = "make it 0, where the effect vanishes: it is a strength"
+            raise input_error(where, f"{quantity.name} {what}", fix)
     named = {q.name for q in effect.quantities} | {"side"}
     unnamed = [f.name for f in fields.values() if f.name not in named]
     if unnamed:

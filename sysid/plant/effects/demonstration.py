@@ -157,8 +157,8 @@ def demonstrate_own(
     except Exception as error:
         reason = str(error).strip().partition("\n")[0][:200]
         what = f"does not simulate: {type(error).__name__}: {reason}"
-        mend = "its ports receive numpy and jax arrays: use array_namespace instead of branches"
-        raise input_error(where, what, mend) from None
+        fix = "its ports receive numpy and jax arrays: use array_namespace instead of branches"
+        raise input_error(where, what, fix) from None
     if not all(np.isfinite(values).all() for values in shown.changed.values()):
         raise input_error(
             where,
@@ -168,6 +168,6 @@ def demonstrate_own(
     for channel, _ in shown.channels:
         # Neutral ports give the same bits, but the compiler may round differently between them.
         if not np.allclose(shown.base[channel], bare[channel], rtol=_ROUNDING, atol=_ROUNDING):
-            mend = "make every port return the value it is given at strength 0"
-            raise input_error(where, f"at neutral strength it changes {channel}", mend)
+            fix = "make every port return the value it is given at strength 0"
+            raise input_error(where, f"at neutral strength it changes {channel}", fix)
     return shown

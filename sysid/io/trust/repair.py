@@ -1,4 +1,4 @@
-"""What a log cannot be trusted in, found in its own samples, and mended where it can be, as said.
+"""Faults of a log, found in its own samples, and fixed where possible, with a notice.
 
 In this order: a position whose counter wraps around is followed (`wraps`), channels whose readings
 repeat are taken at their fresh ones (`stale`), a position that jumps within a sample is joined on
@@ -35,8 +35,8 @@ def row_of(rows: Rows, index: int) -> int:
 
 
 @dataclass
-class MendedFile:
-    """A file's samples by tests while they are mended.
+class RepairedFile:
+    """A file's samples by tests while their faults are fixed.
 
     `columns` (n,) each by name, SI; `tests`: (label, rows) of those that have all of them;
     `position` names its channel, `count` is the step of its counter where the file holds one,
@@ -87,8 +87,8 @@ class Fresh:
     values: FloatArray
 
 
-def mend(file: MendedFile) -> None:
-    """Mend wraps, repeated readings and jumps, in place; rows too far apart are said.
+def repair(file: RepairedFile) -> None:
+    """Fix wraps, repeated readings and jumps, in place; report rows that are too far apart.
 
     A file whose time does not increase, which is refused elsewhere, is left as it is.
     """
@@ -107,7 +107,7 @@ def mend(file: MendedFile) -> None:
     file.notices += _too_slow(file)
 
 
-def _follow(file: MendedFile) -> None:
+def _follow(file: RepairedFile) -> None:
     """A position over the wraps of its counter."""
     name = file.position
     ranges = counter_ranges(_counts(file), is_angle=name == "theta_rad")
@@ -122,7 +122,7 @@ def _follow(file: MendedFile) -> None:
     )
 
 
-def _counts(file: MendedFile) -> list[float]:
+def _counts(file: RepairedFile) -> list[float]:
     """What one count of the position may be."""
     if file.count is not None:
         return [file.count]
@@ -131,7 +131,7 @@ def _counts(file: MendedFile) -> list[float]:
     return found if file.declared is None else [*found, file.declared]
 
 
-def _fresh(file: MendedFile, name: str, stride: float) -> list[Fresh]:
+def _fresh(file: RepairedFile, name: str, stride: float) -> list[Fresh]:
     """A channel's fresh readings, test by test."""
     found = []
     for time, values in zip(file.parts("time_s"), file.parts(name), strict=True):
@@ -142,7 +142,7 @@ def _fresh(file: MendedFile, name: str, stride: float) -> list[Fresh]:
     return found
 
 
-def _join_on(file: MendedFile, fresh: list[Fresh] | None) -> None:
+def _join_on(file: RepairedFile, fresh: list[Fresh] | None) -> None:
     """A position after its jumps; of a slow sensor its fresh readings, in place."""
     name = file.position
     parts = file.parts(name)
@@ -161,13 +161,13 @@ def _join_on(file: MendedFile, fresh: list[Fresh] | None) -> None:
         file.notices.append(_jumps_line(file, found))
 
 
-def _resolution(file: MendedFile) -> Resolution:
+def _resolution(file: RepairedFile) -> Resolution:
     if file.count is not None:
         return Resolution(file.count, True)
     return resolution_of(file.samples(file.position), file.declared)
 
 
-def _jumps_line(file: MendedFile, found: Sequence[tuple[int, Jump]]) -> str:
+def _jumps_line(file: RepairedFile, found: Sequence[tuple[int, Jump]]) -> str:
     """What a notice says of all jumps of a file."""
     si = units_of(file.position == LINEAR.position_channel).position
     small = f"m{si}"
@@ -186,7 +186,7 @@ def _jumps_line(file: MendedFile, found: Sequence[tuple[int, Jump]]) -> str:
     )
 
 
-def _take_fresh(file: MendedFile, name: str, how: Staleness, fresh: Sequence[Fresh]) -> None:
+def _take_fresh(file: RepairedFile, name: str, how: Staleness, fresh: Sequence[Fresh]) -> None:
     """A channel on the curve through its fresh readings.
 
     A position has a speed that changes steadily: a spline, where lines would round off what
@@ -219,7 +219,7 @@ def _on_spline(time: FloatArray, fresh: Fresh) -> FloatArray:
     return np.asarray(CubicSpline(fresh.time, fresh.values)(np.minimum(time, fresh.time[-1])))
 
 
-def _end_at_fresh(file: MendedFile, fresh: Iterable[Sequence[Fresh]]) -> None:
+def _end_at_fresh(file: RepairedFile, fresh: Iterable[Sequence[Fresh]]) -> None:
     """Tests without the rows after the last fresh reading of a slow channel: what it would be
     there is unknown."""
     for readings in fresh:
@@ -233,7 +233,7 @@ def _end_at_fresh(file: MendedFile, fresh: Iterable[Sequence[Fresh]]) -> None:
                 file.tests[test] = (label, rows[:kept])
 
 
-def _too_slow(file: MendedFile) -> Iterator[str]:
+def _too_slow(file: RepairedFile) -> Iterator[str]:
     """What rows too far apart, or readings of a slow sensor, do not resolve."""
     times = file.parts("time_s")
     period = float(np.median(np.concatenate([np.diff(time) for time in times])))
@@ -272,4 +272,4 @@ def _rounded(period: float) -> str:
     return f"{math.floor(period / scale) * scale:.1g}"
 
 
-__all__ = ["MendedFile", "Rows", "mend", "row_of"]
+__all__ = ["RepairedFile", "Rows", "repair", "row_of"]
