@@ -114,7 +114,7 @@ def _escaped(text: str) -> str:
 
 
 def _table(rows: list[tuple[str, str]]) -> str:
-    lines = [f"| {what} | {mend} |" for what, mend in rows]
+    lines = [f"| {what} | {fix} |" for what, fix in rows]
     return "| what is wrong | what to do |\n| --- | --- |\n" + "\n".join(lines) + "\n"
 
 

@@ -1,6 +1,6 @@
 """Blocks that are run while the pages are built: what a page shows is what was printed.
 
-Each page has a folder of its own, `out/docs-work/PAGE/`, emptied first. In it
+Each page has its own folder, `out/docs-work/PAGE/`, emptied first. In it
 
 - `{file} NAME` writes the block's content and shows it,
 - `{script} PATH` copies a script that stands next to the page, and shows it folded,
