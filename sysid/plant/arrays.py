@@ -88,7 +88,7 @@ _NUMBER = (float, np.floating, np.ndarray)
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _ByIdentity:
-    """An object that is told from others by identity: it may change, or hold what has no hash."""
+    """An object compared by identity: it may change, or hold what cannot be hashed."""
 
     value: Any
 

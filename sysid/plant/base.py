@@ -214,7 +214,7 @@ def bare_parameters(rig: Rig) -> Parameters:
 
 # pi in three parts, the first two with few enough digits that multiples of them are exact.
 _PI = (3.1415926218032837, 3.178650942459171e-08, 1.2246467864107189e-16)
-# 1 / 3!, 1 / 5!, ...: within pi/2 the terms left out are below the rounding.
+# 1 / 3!, 1 / 5!, ...: within pi/2 the omitted terms are below the rounding.
 _SINE_SERIES = [(-1.0) ** n / math.factorial(2 * n + 1) for n in range(1, 11)]
 
 

@@ -19,8 +19,8 @@ def apart(always: Array, function: Callable[[], _Result], like: _Result) -> _Res
     """function(), compiled separately from the code that uses its results, shaped `like` this.
 
     XLA computes a value that several expressions share anew in each of them, stage upon
-    stage, which makes a step several times slower. It does not look through a branch:
-    `always` (a scalar) is true, which it does not know.
+    stage, which makes a step several times slower. It does not optimise across a branch:
+    `always` (a scalar) is true, which XLA does not know.
     """
     empty = jax.tree.map(jnp.zeros_like, like)
     result: _Result = jax.lax.cond(always, function, lambda: empty)

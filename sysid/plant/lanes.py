@@ -1,4 +1,4 @@
-"""Where each of many runs is, and the tables that tell a compiled step its commands.
+"""The states of many runs, and the tables from which a compiled step reads their commands.
 
 Two kinds of table. `SwitchedTable` holds what a log has: rows, and the edges at which the valves
 open and close; where a sub-step ends is worked out as the run gets there. `EventTable` holds
@@ -15,7 +15,7 @@ from sysid.plant.valve_timing import TIME_TOLERANCE, WHOLE_STEP
 
 Rates = tuple[Array, ...]
 
-# Room for the steps that end at events; a call that runs out of it is continued.
+# Capacity for the steps that end at events; a call that exceeds it is continued.
 EVENT_ROOM = 512
 
 
@@ -129,7 +129,7 @@ class SwitchedTable(NamedTuple):
     `edges_b` (runs, edges) s since the first row, increasing, infinite from the last real one
     on; each turns its valve, which is `open_a`, `open_b` (1 or 0) at the first row. No sub-step
     exceeds `max_step` s. Times closer than `together` s count as one (none do if it is negative:
-    each edge then ends a sub-step of its own, if of no length, so that each has its slope).
+    each edge then ends a separate sub-step, possibly of length 0, so that each has its derivative).
     """
 
     time: Array

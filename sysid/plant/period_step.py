@@ -78,7 +78,7 @@ class _Edges(NamedTuple):
     closes: Array
 
     def next_after(self, time: Array) -> Array:
-        """Time of the first edge later than `time`, infinite where there is none."""
+        """Time of the first edge later than `time`, infinite without one."""
         edges = jnp.concatenate([self.opens, self.closes])
         return jnp.min(jnp.where(edges > time + TIME_TOLERANCE, edges, jnp.inf), axis=0)
 

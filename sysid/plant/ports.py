@@ -191,7 +191,7 @@ class Effect:
     ) -> tuple[dict[str, Array], tuple[Array, ...]]:
         """`measure` a sample at a time, `step` s apart, as a closed loop does; arrays (lanes,).
 
-        To be overridden, with `start_sensing`, where `measure` looks at more than one row.
+        To be overridden, with `start_sensing`, where `measure` needs more than one row.
         """
         return self.measure(channels, time), memory
 

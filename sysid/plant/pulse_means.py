@@ -2,9 +2,9 @@
 
 The mean-flow models know a chamber's pressure at the ends of the periods. Within one, it rises
 above the straight line between them while the valve is open and falls back while it is not:
-by `ripple` times what the chamber gains in a period, k R T / V T (open flow - closed flow).
-The ripple is what breaks a shaft away whose mean effort would not. A period begins when its
-pulse can begin, a switch-on delay after the command's. numpy only; all times in s.
+by `ripple` times its pressure rise over a period, k R T / V T (open flow - closed flow).
+The ripple may break away a shaft that the mean effort alone would not move. A period begins when
+its pulse can begin, a switch-on delay after the command's. numpy only; all times in s.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ def before_sensors(
     """The true values that the model's sensors show as `channels`, at rest.
 
     `channels` by log-format names (rad or m, Pa), `elapsed` s since the test's start. On two rows
-    of a constant: offsets and gains are undone; a lag and a delay do not change a constant.
+    of a constant: offsets and gains are inverted; a lag and a delay do not change a constant.
     """
     if not model.effects:
         return dict(channels)
@@ -124,7 +124,7 @@ def after_seeing(inputs: Inputs, before: Trajectory, position: str, model: Model
 
 
 def true_start(inputs: Inputs, position: str, model: Model) -> Inputs:
-    """Inputs whose start state was measured, with the sensors' errors undone.
+    """Inputs whose start state was measured, with the sensors' errors removed.
 
     A pressure that is None, which starts at the atmosphere, was not measured. `position` as
     in `measured_channels`.

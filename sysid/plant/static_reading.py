@@ -17,11 +17,11 @@ _SHARE, _PLACES, _TURN = 0.8, 9, 2.0 * np.pi
 
 
 def static_ratio(model: Model, told: float) -> float:
-    """What the motor gives where the shaft breaks away, over what it is told beyond gravity, 1.
+    """The motor's effort at breakaway over the commanded effort in excess of gravity's, -.
 
-    `told` in Nm or N, above 0. The mean over both directions and over the stroke, as over a
-    bench's tests; 1 for a motor that does as it is told. An effect with a state of its own
-    follows a slow ramp.
+    `told`: the commanded effort, Nm or N, above 0. The mean over both directions and over the
+    stroke, as over a bench's tests; 1 for a motor that delivers its command. The states of an
+    effect are in equilibrium in a slow ramp.
     """
     effects = tuple(e for e in model.effects if overrides(e, "motor_effort") and not e.states)
     if not effects or not told > 0.0:

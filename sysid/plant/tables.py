@@ -55,7 +55,7 @@ class Block(ABC):
 class SwitchedBlock(Block):
     """Runs under the on/off law: rows and edges.
 
-    `apart`: every edge ends a sub-step of its own, as derivatives need.
+    `apart`: every edge ends a separate sub-step, as derivatives require.
     """
 
     def __init__(

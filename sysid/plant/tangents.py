@@ -45,7 +45,7 @@ Direction = tuple[int, str]
 STARTS = STATE
 """The first tangents of every run: by its start position, velocity and pressures."""
 
-# As in `simulator`: few shapes are ever compiled. The tangents fill the vectors beside the runs.
+# As in `simulator`: few shapes are ever compiled. The tangents fill the vectors next to the runs.
 _WIDTH = 8
 _ROWS = (256, 1024)
 # Delays are moved by this for the edges' tangents, s: less than any sub-step that counts.

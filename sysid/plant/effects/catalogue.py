@@ -181,7 +181,7 @@ def catalogue_from(effects: EffectSource) -> Catalogue:
 
 
 def effect_named(name: str, effects: Catalogue) -> type[CatalogueEffect]:
-    """The effect of an id; InputError, with the nearest one, where there is none."""
+    """The effect of an id; InputError, which names the nearest one, for an unknown id."""
     if name in effects:
         return effects[name]
     near = difflib.get_close_matches(name, effects, 1)

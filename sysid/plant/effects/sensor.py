@@ -20,7 +20,7 @@ from sysid.plant.base import Array, Parameters, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, of_side
 from sysid.types import FloatArray
 
-# Keeps a quotient finite where there is no lag, s.
+# Keeps a quotient finite without a lag, s.
 _LEAST_LAG_S = 1e-9
 
 

@@ -293,7 +293,7 @@ class ExhaustBackPressure(CatalogueEffect):
     def _flow(self, side: str, atmosphere: Array, beside: Array, point: Point) -> Array:
         resistance, curvature = self._coefficients()
         against = atmosphere + self._rise(beside)
-        # Beside the other's flow the square has a slope of its own.
+        # With the other chamber's flow the square has a different slope.
         slope = resistance + 2.0 * curvature * beside
         valve = point.parameters.valve(side)
         return backed_exhaust_flow(point.pressure(side), against, valve, slope, curvature)
@@ -330,7 +330,7 @@ class SupplyPulsation(CatalogueEffect):
             30.0,
             "frequency",
             is_strength=False,
-            # As close as a test of some seconds tells frequencies apart.
+            # As close as a test of some seconds distinguishes frequencies.
             grid=tuple(0.125 * n for n in range(2, 41)),
         ),
         Quantity(

@@ -167,7 +167,7 @@ def partly_lost(length: Array, dead_time: Array, whole_ratio: Array) -> Array:
     """By how much later a valve moves that obeys a command of some length only partly, s.
 
     A command as long as the dead time is lost, one `whole_ratio` times as long is not; in
-    between what is left grows in proportion. `length` and `dead_time` in s.
+    between the response grows linearly. `length` and `dead_time` in s.
     """
     xp = array_namespace(length, dead_time, whole_ratio)
     short_of = (whole_ratio * dead_time - length) / xp.maximum(whole_ratio - 1.0, _LEAST_RANGE)
