@@ -80,12 +80,12 @@ def validate(
     """Simulate every motion log of a campaign open loop with a bundle's parameters.
 
     The rig is the campaign's: it describes the tests' conditions (payload, supply).
-    `catalogue` knows the bundle's effects (None: the project's own); `progress` is told what
-    is being done. A log that cannot be validated (missing channels, gaps, a start in motion), and a
-    valve model that cannot be simulated, is left out by a notice. Raises InputError where that is
-    so of every log, where a log has changed since it was fitted on, or is held out though it was
-    fitted on, and for an effect that is not known; NotIdentifiedError where the bundle holds no
-    valve model that applies, or none can be simulated.
+    `catalogue` holds the bundle's effects (None: the project's own); `progress` receives a line for
+    each step. A log that cannot be validated (missing channels, gaps, a start in motion), and a
+    valve model that cannot be simulated, is skipped with a notice. Raises InputError if no log can
+    be validated, if a log has changed since it was fitted, or is held out although it was fitted,
+    and for an unknown effect; NotIdentifiedError if the bundle holds no valve model that applies,
+    or none can be simulated.
     """
     tell = progress or (lambda line: None)
     rig = campaign.rig

@@ -45,7 +45,7 @@ def fit_percentage(measured: FloatArray, simulated: FloatArray) -> float | None:
     """100 (1 - norm(y - y_hat)/norm(y - mean(y))), both (n,).
 
     100 is perfect, 0 no better than the mean, and it may be negative. None where the
-    measurement does not vary: there is nothing to explain.
+    measurement is constant.
     """
     spread = float(np.linalg.norm(measured - np.mean(measured)))
     if spread == 0.0:
@@ -184,8 +184,8 @@ def cross_correlation_test(
     as a point on a sphere projected on the inputs' directions, and the largest is drawn
     20,000 times from that (`seed`), with no approximation.
 
-    Default lags: 0, then up to a tenth of the samples in geometric steps. Inputs that do not
-    vary are left out; empty where none varies, the residual is constant, or n < 50.
+    Default lags: 0, then up to a tenth of the samples in geometric steps. Constant inputs are
+    omitted; empty where all are constant, the residual is constant, or n < 50.
     """
     e = np.asarray(residual, dtype=float)
     moving = {k: u for k, u in inputs.items() if np.var(u) > _constant_variance(u)}

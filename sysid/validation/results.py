@@ -86,7 +86,7 @@ class ChannelResult:
 
     `noise_floor` is one standard deviation of a sample, in the channel's unit; `ratio` the
     RMSE over it. `whiteness` and `inputs` are those of the whole residual of one test (None
-    and empty for a pooled log, or where there is nothing to test). `horizons` are 0.1 s and
+    and empty for a pooled log, or where no test applies). `horizons` are 0.1 s and
     1 s; the whole log's error is `errors`.
     """
 
