@@ -28,8 +28,8 @@ def advise(campaign: Campaign, bundle: Bundle, options: AdviseOptions) -> Advice
     """Standard errors that each of a list of tests would lead to, the best test first.
 
     Of every parameter of the bundle and strength of its effects, in their units, `now` (bench
-    tests and the motion logs to fit on) and after each test that the rig can do; the tests that
-    tell tied parameters and effects apart; the smallest size of each effect that would be seen.
+    tests and training motion logs) and after each test that the rig can do; the tests that
+    distinguish tied parameters and effects; the smallest detectable size of each effect.
     `effects` as in `validate`. Raises InputError for logs that cannot be used, NotIdentifiedError
     where the bundle does not hold the on/off law of both valves.
 

@@ -11,7 +11,7 @@ from sysid.parameters import Bundle
 
 
 def compare(*bundles: Bundle) -> Comparison:
-    """Parameters of two bundles or more next to each other, and what moved against the first.
+    """Parameters of at least two bundles next to each other, and what moved against the first.
 
     `moved` are the parameters that moved by more than the standard errors of both explain, the
     false discovery rate being 5 % over the whole comparison; `effects` says which appeared,
@@ -26,7 +26,7 @@ def compare(*bundles: Bundle) -> Comparison:
 
 
 def shown_names(sources: Sequence[str]) -> list[str]:
-    """Names that tell files apart: their own, with folders where needed, numbered if the same."""
+    """Names that distinguish files: their own, with folders where needed, numbered if the same."""
     paths = [Path(source) for source in sources]
     for length in range(1, max((len(p.parts) for p in paths), default=1) + 1):
         names = ["/".join(p.parts[-length:]) for p in paths]

@@ -224,7 +224,7 @@ def control(
     `backstepping_type` 1 to 4 (Table 5.4.3: without compensation, motor's, feedforward, both);
     `estimate_payload` (None: where `payload_kg` is given in the vertical). `perfect_sensors`: no
     counts, noise or filter. `seed` is that of the sensors' noise. `accept_assumed`: the controller
-    may use constants that nobody declared. Raises InputError for a rig or choice that cannot be
+    may use assumed constants. Raises InputError for a rig or choice that cannot be
     run, NotIdentifiedError, with the missing key, for a bundle that lacks what controller or plant
     needs.
 

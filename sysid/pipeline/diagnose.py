@@ -58,7 +58,7 @@ _TERMS = "declare what your component may lack as its terms"
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseOptions(Reported):
-    """How long and how far a diagnosis looks; `effects`: those that the catalogue lacks."""
+    """How long and how far a diagnosis searches; `effects`: those that the catalogue lacks."""
 
     effects: EffectSource = None
     refine: bool = True
@@ -146,13 +146,12 @@ def diagnose(campaign: Campaign, bundle: Bundle, options: DiagnoseOptions) -> Ca
     `effects`: effects in addition to the catalogue's, a Python file or the classes; `refine`:
     whether all parameters are estimated together by simulation error at the end, where an actuator
     lacked something; `seed` of the simulated twins. Takes from seconds (a part tested alone) to
-    minutes; `quick`: a first look in about a fifth of it. It ends after a number of
-    evaluations, the same on any machine, or in its place after `budget` seconds of processor time
-    (of this process and its workers), with the best so far: `verdict` is "incomplete" then, and
-    `looked` says what was missed or left out. One that ends by itself finds the same whatever the
-    budget. Raises InputError for logs that cannot be used or
-    have changed since the fit, NotIdentifiedError where the bundle or the campaign is
-    insufficient.
+    minutes; `quick`: a first diagnosis in about a fifth of that time. It ends after a number of
+    evaluations, the same on any machine, or instead after `budget` seconds of processor time (of
+    this process and its workers), with the best so far: `verdict` is "incomplete" then, and
+    `looked` says what was missed or skipped. A search that ends by itself finds the same whatever
+    the budget. Raises InputError for logs that cannot be used or have changed since the fit,
+    NotIdentifiedError where the bundle or the campaign is insufficient.
 
     >>> part = si.read_campaign("bench/campaign.toml")
     >>> found = si.diagnose(part, si.fit(part))
@@ -201,7 +200,7 @@ def _of_rig(
 ) -> tuple[Diagnosis, tuple[str, ...]]:
     """What the model of an actuator, or of a part of one, lacks, and the readers' notices.
 
-    An effect that the bundle already holds is part of the model under diagnosis. Held-out logs tell
+    An effect that the bundle already holds is part of the model under diagnosis. Held-out logs give
     errors, and decide nothing.
     """
     with bounded(options.budget) as limit:

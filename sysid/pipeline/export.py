@@ -33,7 +33,7 @@ def export(bundle: Bundle, path: str | Path, options: ExportOptions) -> tuple[st
 
     `format` "c", "mat" or "json"; None: by the suffix of `path` (.h, .mat, .json). Names in the
     header begin with `prefix`; `effects` are those of the bundle that the catalogue lacks.
-    Controllers that use a constant that nobody declared are written only with `accept_assumed`.
+    Controllers that use an assumed constant are written only with `accept_assumed`.
     Returns notices: missing parameters, effects whose law the header does not contain. Raises
     InputError for an unknown format or a file that cannot be written.
 

@@ -22,8 +22,8 @@ def read_campaign(path: str | Path, *, component: ComponentSource | None = None)
     """Read and check a campaign file: a rig's tests together, and what each is used for.
 
     The logs themselves are read when they are used. `component`: one of your own, whose logs
-    these are, as a Python file (it is executed), a class or an object; all that is then done with
-    the campaign is done with it. Raises InputError, one line that names the key or entry.
+    these are, as a Python file (it is executed), a class or an object; every later step of the
+    campaign uses it. Raises InputError, one line that names the key or entry.
 
     >>> campaign = si.read_campaign("campaign.toml")
     >>> [entry.file for entry in campaign.select(["friction-static"])]

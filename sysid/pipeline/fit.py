@@ -134,7 +134,7 @@ def contradictions_in(campaign: Campaign) -> tuple[str, ...]:
 def fit_campaign(campaign: Campaign, options: FitOptions) -> CampaignFit:
     """Every part that a campaign's training logs can identify, in one bundle.
 
-    A part whose tests the campaign lacks, or that cannot be had from them, is left out of the
+    A part whose tests the campaign lacks, or that they do not identify, is omitted from the
     bundle with a notice that says why; the others are fitted. Raises InputError for a log that
     cannot be read and where no part can use its logs, NotIdentifiedError where nothing at all is
     identified. `progress` is called with the name of each part as its fit begins.
@@ -264,7 +264,7 @@ class _ValveJob:
         return self.kind if self.valve is None else f"{self.kind}, valve {self.valve.upper()}"
 
     def fit(self) -> FittedPart | Failure:
-        """What a bundle takes of the fit, or why there is none."""
+        """The bundle's content from the fit, or why it failed."""
         return on_its_own(self._fit)
 
     def _fit(self) -> FittedPart:
@@ -307,7 +307,7 @@ def _fit_own(campaign: Campaign, options: FitOptions) -> CampaignFit:
     """Fit a component of the user's own on its training tests: bounded least squares.
 
     A dynamic component by the error of its simulation. Raises InputError for logs or code that
-    cannot be used, NotIdentifiedError where no log is to fit on or it identifies nothing.
+    cannot be used, NotIdentifiedError without a training log or where it identifies nothing.
     """
     from sysid.components.own_tests import tests_of, training_part
     from sysid.components.starts import check_starts

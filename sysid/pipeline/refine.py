@@ -34,7 +34,7 @@ class RefineOptions(Reported):
 def refine(
     campaign: Campaign, bundle: Bundle, options: RefineOptions
 ) -> RefineResult | OwnRefinement:
-    """Estimate a bundle's parameters together on a campaign's motion logs to fit on.
+    """Estimate a bundle's parameters together on a campaign's training motion logs.
 
     A component of your own (`read_campaign(..., component=)`) is refined on its own tests.
 
@@ -42,7 +42,7 @@ def refine(
     `prior` the bench tests count for the start only; `robust`: each segment's errors count by
     their own size; `profile`: parameters with an interval by profile likelihood. `effects`: those
     of the bundle that are not in the catalogue, a Python file or the classes. Raises InputError
-    for an unknown name or a campaign without motion logs to fit on, NotIdentifiedError where the
+    for an unknown name or a campaign without training motion logs, NotIdentifiedError where the
     bundle does not hold the on/off law of both valves. A rig with a motor alone, without air,
     cylinder and valves, is refined on its friction-motion logs.
 

@@ -60,7 +60,7 @@ def report(
 
 @dataclass(frozen=True, kw_only=True)
 class PageOptions(Reported):
-    """What a page shows beside what was asked for: a validation, or how one is made.
+    """What a page shows in addition to what was requested: a validation, or how to make one.
 
     `by_content`: logs that no campaign declares may hold tests of several kinds.
     """

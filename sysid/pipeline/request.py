@@ -47,7 +47,7 @@ class Reported(Options):
 
     @property
     def tell(self) -> Progress:
-        """`progress`, or nothing where there is none."""
+        """`progress`, or a function that does nothing."""
         return self.progress or no_progress
 
 

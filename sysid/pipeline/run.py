@@ -53,7 +53,7 @@ _NOT_DONE_YET = "not done yet"
 # In a stage's record: the processor time after which it was cut short, s; and whether that was by
 # the evaluations that it may make without a budget.
 _CUT_SHORT, _BY_COUNT = "cut_short_after_s", "cut_short_by_count"
-# In a stage's record: that only a first look was asked for.
+# In a stage's record: that only a quick diagnosis was requested.
 _QUICK = "quick"
 _NOTICES, _UNASKED = "notices", "unasked"
 Result = TypeVar("Result")
@@ -85,7 +85,7 @@ class StageReport:
 class RunOptions(FitOptions, DiagnoseOptions):
     """The options of a fit and of a diagnosis, and which stages there are.
 
-    `diagnose`: whether to look for what the model lacks; `refine`: whether to estimate all
+    `diagnose`: whether to search for what the model lacks; `refine`: whether to estimate all
     parameters together, too; `effects`: a Python file with further effects, `component` one with a
     component of the user's own; `exclude`: what is not read of the logs; `entered` is called with
     the name of each stage.
@@ -583,7 +583,7 @@ def run_campaign(campaign_path: Path, folder: Path, options: RunOptions) -> RunR
         remove_leftovers(folder / "export")
         run = PipelineRun(campaign, folder, options, digests(campaign))
         if options.quick and has_whole_diagnosis(run):
-            # What is there already is more than a first look.
+            # The existing result is more than a quick diagnosis.
             run.options = replace(options, quick=False)
         run.notices += [*campaign.notices, *campaign.rig.notices]
         done = []
