@@ -234,8 +234,8 @@ class Comparison(Shown):
 def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparison:
     """Each bundle against the first. Raises InputError for fewer than two, or of other rigs.
 
-    `names` tell the bundles apart in what is shown. Bundles of one motion (rotary or linear) are
-    comparable; another rig file is said in a notice.
+    `names` distinguish the bundles in what is shown. Bundles of one motion (rotary or linear) are
+    comparable; a different rig file is reported in a notice.
     """
     if len(bundles) < 2:
         raise input_error("compare", f"{len(bundles)} bundle", "give two or more")
@@ -364,8 +364,8 @@ def _f_p_value(wald: float, rank: int, dof: float) -> float:
 def _wald(z: FloatArray, correlation: FloatArray) -> tuple[float, int]:
     """The Wald statistic of scaled changes (k,) with this correlation (k, k), and its rank.
 
-    A direction whose variance is no larger than what rounding the file's matrix made of it says
-    nothing: it is left out.
+    A direction whose variance is within the rounding of the file's matrix carries no information
+    and is omitted.
     """
     variances, directions = np.linalg.eigh(correlation)
     kept = variances > ROUNDING * len(z)

@@ -27,7 +27,7 @@ def leakage_flow(bundle: Bundle, catalogue: Catalogue | None = None) -> tuple[fl
     """Air that a chamber at supply pressure loses past its valve, kg/s, and its standard error.
 
     Of both chambers the larger, the other one at atmospheric pressure. Which law a diagnosis names
-    may differ from date to date, where the data cannot tell them apart; their flows compare. The
+    may differ from date to date, where the data cannot distinguish them; their flows compare. The
     error is that of the strengths of this chamber's leaks, in each of which the flow is linear.
     None where the bundle has no leakage, or one without an error. `catalogue` holds the bundle's
     effects (None: the project's own). Raises InputError for an effect that it lacks,

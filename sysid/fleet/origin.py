@@ -18,7 +18,7 @@ from typing import Any
 
 from sysid.io.campaign import Campaign
 
-# Looked for at every place: in rig-0042-2024-03-17 a number before the date looks like its year.
+# Searched from every position: in rig-0042-2024-03-17 a number before the date resembles its year.
 _DATE = re.compile(r"(?<!\d)(?=(\d{4})-?(\d{2})-?(\d{2})(?!\d))")
 # An eight-digit number that is a serial number is not taken for a date of another century.
 _YEARS = range(1970, 2100)

@@ -45,7 +45,7 @@ class FleetRow:
     """A campaign that went through `run`, or (`failure`) why it came to no result.
 
     `folder` is that of its results within the fleet's; `verdict` None without a diagnosis,
-    `is_whole` false of one that was cut short or only a first look; `effects` by id, each with its
+    `is_whole` false for one that was cut short or a quick one; `effects` by id, each with its
     p-value; `readings` the numbers whose trends are followed; `rig` the content of its rig file by
     section, `fit_logs` the SHA-256 of what was fitted; `notices` those of its run, and of the
     stages that it found up to date. `exit_code`: what `run` ends with, 0 with a result.
@@ -107,7 +107,7 @@ def readings_of(
     """What is followed over time: friction and valves as the bench tests gave them, and leakage.
 
     The bench tests' own fit (`fitted`) is estimated in the same way on every date; in the `final`
-    bundle the same numbers mean something else once an effect stands beside them. `catalogue` holds
+    bundle the same numbers have a different meaning once an effect was added. `catalogue` holds
     the effects of `final` (None: the project's own); a model that cannot be assembled gives no
     leakage.
     """
@@ -138,7 +138,7 @@ def _reading(family: Family, row: ParameterRow) -> list[FleetReading]:
 
 
 def effects_of(bundle: Bundle) -> dict[str, float]:
-    """The p-value of each effect of a bundle, by id, the smallest of its sides; NaN is left out."""
+    """The p-value of each effect of a bundle, by id, the smallest of its sides; NaN is omitted."""
     found: dict[str, float] = {}
     for effect in bundle.effects:
         p = 1.0 if effect.p_value is None else float(effect.p_value)

@@ -14,11 +14,11 @@ _EMPTYING = ("c_dis", "choked_flow_dis_kg_s")
 
 @dataclass(frozen=True)
 class LeakSign:
-    """A rig whose valve tests look as a leak would make them, of chamber `side`, from `since` on.
+    """A rig whose valve tests show signs of a leak, of chamber `side`, from `since` on.
 
-    What leaks is missing while a chamber fills and is gained while it empties: of the numbers of
-    filling one falls, of those of emptying one rises, from one date on. It shows leaks that are
-    too small for a diagnosis on one date, as these numbers are known to a tenth of a percent.
+    A leak slows the filling of a chamber and speeds up its emptying: a parameter of filling falls
+    and one of emptying rises, from one date on. This reveals leaks that are too small for a
+    diagnosis on one date, as these parameters are known to a tenth of a percent.
     """
 
     rig: str
