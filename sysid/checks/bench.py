@@ -31,7 +31,7 @@ def bench_kind(trial: Trial, rig: Rig) -> str | None:
 
 
 def _is_of_a_tank(trial: Trial, rig: Rig) -> bool:
-    """Whether a test shows one pressure, and nothing that moves, beside a rig with a tank."""
+    """Whether a test has one pressure and no motion channel, on a rig with a tank."""
     if rig.tank is None or "pressure_a_pa" not in trial:
         return False
     others = {"pressure_b_pa", rig.position_channel, rig.effort_channel}

@@ -140,7 +140,7 @@ def _names(entries: Sequence[CampaignLog]) -> dict[str, str]:
     """Short names of a campaign's logs: without their suffix, and the folder that all share."""
     files = [PurePath(entry.file) for entry in entries]
     stems = [f.with_suffix("") for f in files]
-    # Runs of one name and two formats are told apart by it.
+    # It distinguishes runs of one name in two formats.
     kept = stems if len({*stems}) == len({*files}) else files
     folders = {f.parent for f in files}
     shared = folders.pop() if len(folders) == 1 else PurePath()

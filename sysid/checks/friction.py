@@ -94,7 +94,7 @@ def _names(u: MotionUnits) -> dict[str, str]:
 def _identification(
     parameter: str, found: Mapping[str, Estimate], name: str, why: str
 ) -> Identification:
-    """`why`: the tests behind `found`, or why there is nothing."""
+    """`why`: the tests behind `found`, or why nothing was found."""
     estimate = found.get(name)
     if estimate is None:
         return Identification(parameter, False, _MOVING if found else why)
@@ -104,7 +104,7 @@ def _identification(
 def _fitted(
     trials: Sequence[Trial], rig: Rig, declared: str | None, *, estimate_inertia: bool
 ) -> tuple[dict[str, Estimate], str]:
-    """The estimates of the fit by name, and the tests behind them, or why there are none."""
+    """The estimates of the fit by name, and the tests behind them, or why it gives none."""
     if declared == FRICTION_POINTS:
         return _of_points(trials, rig)
     kind = MOTION if declared in MOTION_KINDS else declared

@@ -20,15 +20,15 @@ from sysid.estimation.linear import t_quantile
 from sysid.recording.recording import MIN_SAMPLES, Recording
 from sysid.types import FloatArray
 
-# Of the rows in time, left out in turn.
+# Blocks of rows in time that are left out in turn (jackknife).
 _BLOCKS = 10
-# Of the efforts of motor and chambers: a drive with less says nothing of its own gain.
+# Of the efforts of motor and chambers: the gain of a drive with less is not identified.
 _LEAST_SHARE = 0.03
-# Of these efforts, what the inertia takes: with less, friction decides and not the gain.
+# Of these efforts, the share that accelerates the inertia: with less, friction determines the gain.
 _LEAST_INERTIAL = 0.1
 # R2 below which something else than the law moves the shaft, as where it bounces off its stops.
 _LEAST_R2 = 0.95
-# Of the gain: an interval wider than that compares nothing.
+# Of the gain: a wider interval is too wide for a comparison.
 _MOST_SPREAD = 0.25
 # Of the power of the efforts, taken without its sign: friction takes energy out of a motion.
 _TAKEN_OUT = -0.1

@@ -15,7 +15,7 @@ from sysid.recording.even import recorded
 from sysid.recording.friction_kind import SLIDING, STATIC, classify, constant_run
 from sysid.recording.recording import Recording
 
-# Of a log's tests: single ones may look like the other kind.
+# Of a log's tests: single ones may resemble the other kind.
 _MOST = 0.8
 # Of a test: before a constant effort, a kick may start the motion; a ramp may end in one.
 _SHORT = 0.1

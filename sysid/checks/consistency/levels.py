@@ -60,7 +60,7 @@ def filled_pressures(trials: Sequence[Trial], valve: str, ambient_pa: float) -> 
 
 
 def sliding_fit(trials: Sequence[Trial], kind: str, rig: Rig) -> FrictionResult | None:
-    """The friction fit of one log, `kind` "sliding" or "motion"; None where there is none.
+    """The friction fit of one log, `kind` "sliding" or "motion"; None without one.
 
     From motion the inertia is estimated too, so that a wrong one in the rig file moves nothing.
     """

@@ -1,7 +1,7 @@
-"""The steady effort that a log's motion needs beside friction: none, on a rig that is level.
+"""The steady effort that a log's motion needs in addition to friction: 0 on a level rig.
 
-Chambers that are exchanged, a load cell that was not zeroed, and an area or a pressure that is
-wrong all leave one. Exchanged ones are told by what is left when they are exchanged back.
+Exchanged chambers, a load cell that was not zeroed, and a wrong area or pressure all cause one.
+Exchanged chambers are recognised by the offset that remains when they are exchanged back.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class OffsetReading:
 def offset_of(
     fit: FrictionResult, trials: Sequence[Trial], name: str, rig: Rig
 ) -> OffsetReading | None:
-    """From a log of motion and its fit; None where that does not tell an offset from friction."""
+    """From a motion log and its fit; None where these do not separate an offset from friction."""
     found = _read(fit)
     if found is None:
         return None
