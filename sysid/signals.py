@@ -221,13 +221,12 @@ def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     return np.asarray(count[high] > count[low])
 
 
-def slow_stretches(speed: FloatArray, limit: FloatArray | float, length: int) -> NDArray[np.bool_]:
-    """Rows (n,) of a low-passed speed at which the shaft may rest: within `limit` for long enough.
+def slow_stretches(speed: FloatArray, limit: FloatArray | float, least: int) -> NDArray[np.bool_]:
+    """Rows (n,) of a speed at which the shaft may rest: within `limit` for `least` rows or more.
 
-    That is for at least the length of a filter of `length` samples after which rows are
-    independent; at a reversal the speed is low for less.
+    At a reversal the speed is low for fewer.
     """
-    return long_runs(np.abs(speed) <= limit, max(1, length // PER_LENGTH))
+    return long_runs(np.abs(speed) <= limit, max(1, least))
 
 
 def counts_at_rest(changes: NDArray[np.intp], count: int) -> NDArray[np.bool_]:

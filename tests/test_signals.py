@@ -179,5 +179,5 @@ def test_a_rest_between_two_motions_is_one() -> None:
 def test_a_slow_stretch_is_longer_than_a_reversal() -> None:
     speed = np.ones(60)
     speed[10:13] = speed[30:40] = 0.0
-    found = np.flatnonzero(signals.slow_stretches(speed, 0.1, 20))
+    found = np.flatnonzero(signals.slow_stretches(speed, 0.1, 5))
     np.testing.assert_array_equal(found, np.arange(30, 40))

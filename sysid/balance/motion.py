@@ -17,11 +17,13 @@ from sysid.recording.recording import Recording
 from sysid.types import BoolArray, FloatArray, IntArray
 
 REST_NOISE_TIMES = 5.0
+RESOLVED = 5
+"""Readings that distinguish a rest from a turn, a parabola of three numbers: two are left over."""
 _HALVINGS = 6
 _REST_SHARE = 0.5
 RULE = (
     f"samples count where the filtered speed exceeds {REST_NOISE_TIMES:g} times its own noise; "
-    f"where it does not for at least 1/{signals.PER_LENGTH} of the filter's length the shaft may "
+    f"where it does not for at least {RESOLVED} readings in a row the shaft may "
     "rest, its friction is anything up to static friction, and these samples are left out, with "
     "the filter's length on either side; so are samples within 1 % of the stroke from an end and "
     "the log's ends"
@@ -94,7 +96,7 @@ class FilteredMotion:
     def counts(self) -> BoolArray:
         """Samples (n,) that count, by `RULE`."""
         own, length = self.recording, self.length
-        rests = signals.slow_stretches(self.speed, self.rest_speed, length)
+        rests = signals.slow_stretches(self.speed, self.rest_speed, RESOLVED * own.stride)
         found = signals.widened(rests | ~own.inside | own.lost, length)
         found[:length] = found[-length:] = True
         return ~found

@@ -152,7 +152,7 @@ def _case(trial: Trial, rig: Rig) -> tuple[FloatArray, FloatArray] | None:
 def _moving(speed: FloatArray, reach: int) -> BoolArray:
     """Rows (n,) farther than the filter reaches from a rest and from the ends."""
     slow = _SLOW * float(np.median(np.abs(speed)))
-    rests = signals.slow_stretches(speed, slow, reach)
+    rests = signals.slow_stretches(speed, slow, reach // signals.PER_LENGTH)
     rests[:reach] = rests[-reach:] = True
     return ~signals.widened(rests, reach)
 

@@ -369,6 +369,10 @@ class FrictionResult(NamedEstimates, Shown):
             table["cutoff_hz"] = self.cutoff_hz
         return Parts(friction=Friction(**table))
 
+    def __getitem__(self, name: str) -> Estimate:
+        """A parameter by its name (`coulomb`) or by its key in a bundle (`coulomb_nm`)."""
+        return self.parameters[name] if name in self.parameters else super().__getitem__(name)
+
     def by_name(self) -> dict[str, Estimate]:
         """The parameters by their keys in a bundle."""
         return self.units.keyed(self.parameters)
