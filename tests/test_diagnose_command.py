@@ -144,7 +144,7 @@ def test_the_numbers_are_those_of_simulation(ran: Ran, tmp_path: Path) -> None:
     found = ran.printed["effects"][0]["parameters"]["stribeck_torque_nm"]["value"]
     assert found == entry.parameters["stribeck_torque_nm"].value
     assert found == record["stribeck-friction.stribeck_torque_nm"]
-    diagnosis = ran.diagnosed.diagnosis
+    diagnosis = ran.diagnosed.found.detail
     assert diagnosis.refinement is not None
     before = next(p.unknown.value for p in diagnosis.refinement.parameters
                   if p.name.endswith("stribeck_torque_nm"))  # fmt: skip
@@ -178,7 +178,7 @@ def test_a_refinement_that_does_not_hold_is_not_taken(
 ) -> None:
     monkeypatch.delenv("SYSID_DEBUG", raising=False)
     monkeypatch.setattr("sysid.refinement.refine.refine", outcome)
-    before = replace(ran.diagnosed.diagnosis, refinement=None)
+    before = replace(ran.diagnosed.found.detail, refinement=None)
     campaign, extended = read_campaign(ran.campaign), read_bundle(ran.extended)
     found = with_refined_numbers(before, campaign, extended, catalogue(), lambda bundle: {})
     assert found.effects == before.effects and found.residual == before.residual
@@ -204,19 +204,21 @@ def _simulated(found: Diagnosis, *after: float) -> Diagnosis:
 def test_of_what_the_balances_do_not_tell_apart_the_better_simulating_is_taken(
     ran: Ran, own: tuple[float, ...], rival: tuple[float, ...], is_rival: bool
 ) -> None:
-    found, other = (_simulated(ran.diagnosed.diagnosis, *one) for one in (own, rival))
+    found, other = (_simulated(ran.diagnosed.found.detail, *one) for one in (own, rival))
     assert (simulating_best(found, other) is other) is is_rival
 
 
 def test_a_rival_whose_refinement_was_refused_takes_no_place_untested(ran: Ran) -> None:
-    found, rival = (_simulated(ran.diagnosed.diagnosis, *one) for one in ((), (0.02, 300.0, 300.0)))
+    found, rival = (
+        _simulated(ran.diagnosed.found.detail, *one) for one in ((), (0.02, 300.0, 300.0))
+    )
     refused = replace(rival, refinement=None)
     assert simulating_best(found, refused) is found
     assert simulating_best(_simulated(found, 0.03, 300.0, 300.0), refused) is refused
 
 
 def test_a_rival_diagnosis_has_its_own_effects_and_errors(ran: Ran) -> None:
-    given = ran.diagnosed.diagnosis
+    given = ran.diagnosed.found.detail
     evidence: Any = given.evidence
     search = evidence.loop.search
     named = replace(search.steps[0], ambiguous=("presliding",))
@@ -253,7 +255,7 @@ class _Looks:
 
 
 def test_an_effect_that_motion_confirms_stays(ran: Ran) -> None:
-    look = _Looks(ran.diagnosed.diagnosis)
+    look = _Looks(ran.diagnosed.found.detail)
     found = without_contradicted(look, catalogue())
     assert found == look.first
     assert look.tried == [set(catalogue())]
@@ -301,7 +303,7 @@ def test_the_search_is_made_again_without_an_effect_to_which_motion_gives_no_str
     ran: Ran, over_std: tuple[float, float], correlation: float, stays: bool
 ) -> None:
     delay = catalogue()["valve-delay"].typical()
-    look = _Looks(_with_strengths(ran.diagnosed.diagnosis, delay, over_std, correlation))
+    look = _Looks(_with_strengths(ran.diagnosed.found.detail, delay, over_std, correlation))
     lines: list[str] = []
     found = without_contradicted(look, catalogue(), lines.append)
     if stays:
@@ -322,7 +324,7 @@ def test_a_strength_is_told_from_none_with_the_shape_as_it_is(
 ) -> None:
     """A gap that is crossed so fast: motion tells the time alone."""
     backlash = catalogue()["backlash"].typical()
-    look = _Looks(_with_strengths(ran.diagnosed.diagnosis, backlash, (0.6, 0.7), correlation))
+    look = _Looks(_with_strengths(ran.diagnosed.found.detail, backlash, (0.6, 0.7), correlation))
     found = without_contradicted(look, catalogue())
     assert found.contradicted == (() if stays else ("backlash",))
 
@@ -335,7 +337,7 @@ def test_the_search_is_made_again_without_an_effect_at_its_limit_that_makes_erro
     ran: Ran, loss: float, position_after: float, stays: bool, held_out: float
 ) -> None:
     """By the training tests, whatever the held-out ones do."""
-    given = ran.diagnosed.diagnosis
+    given = ran.diagnosed.found.detail
     assert given.refinement is not None
     one = replace(given.effects[0], effect=StictionAfterRest(loss, 0.25))
     after = np.array([position_after, 100.0, np.nan])
@@ -366,7 +368,7 @@ def test_summary_says_verdict_effects_errors_and_what_was_tried(
     assert f"{value:.4g}" in text
     for error in ran.printed["residual"]["theta_rad"].values():
         assert f"{error:.4g}" in text
-    rejected = ran.diagnosed.diagnosis.effects[0].suspects[1]
+    rejected = ran.diagnosed.found.detail.effects[0].suspects[1]
     assert rejected.id in text.split("Tried, and not added")[1]
     assert "written:" in text and str(ran.extended.name) in text
 
@@ -392,7 +394,7 @@ def test_the_extended_bundle_is_a_bundle_that_simulates(ran: Ran, tmp_path: Path
 
 def test_intervals_of_refitted_base_parameters_have_the_degrees_of_freedom(ran: Ran) -> None:
     """As found, and as if three rows more than numbers had been fitted on."""
-    diagnosis = replace(ran.diagnosed.diagnosis, refinement=None)
+    diagnosis = replace(ran.diagnosed.found.detail, refinement=None)
     evidence = diagnosis.evidence
     assert isinstance(evidence, TwinEvidence)
     search = evidence.loop.search
@@ -426,7 +428,7 @@ def test_the_report_shows_the_diagnosis(ran: Ran) -> None:
 
 
 def test_the_section_is_the_same_from_what_a_file_holds(ran: Ran) -> None:
-    content = findings.content(ran.diagnosed.diagnosis)
+    content = findings.content(ran.diagnosed.found.detail)
     kept = json.loads(json.dumps(content, allow_nan=False))
     one, two = (diagnosis_section(c, False) for c in (kept, content))
     assert replace(one, blocks=drawn(one.blocks)) == replace(two, blocks=drawn(two.blocks))
@@ -434,7 +436,7 @@ def test_the_section_is_the_same_from_what_a_file_holds(ran: Ran) -> None:
 
 def test_curves_show_where_the_effect_acts(ran: Ran) -> None:
     """Stribeck friction is a torque at low speed, and it is gone from the extended model."""
-    curves = findings.figures(ran.diagnosed.diagnosis)["curves"]
+    curves = findings.figures(ran.diagnosed.found.detail)["curves"]
     first = next(c for c in curves if c["channel"] == "effort")
     assert first["regressor"] == "velocity"
     largest = max(range(len(first["centres"])), key=lambda i: abs(first["before"]["means"][i]))
@@ -445,7 +447,7 @@ def test_curves_show_where_the_effect_acts(ran: Ran) -> None:
 
 
 def test_looks_say_what_became_of_every_suspect(ran: Ran) -> None:
-    looks = ran.diagnosed.diagnosis.evidence.rounds_shown()
+    looks = ran.diagnosed.found.detail.evidence.rounds_shown()
     assert [look["added"] for look in looks] == ["stribeck-friction", None]
     for look in looks:
         added = [s["id"] for s in look["suspects"] if s["fate"] == "added"]

@@ -587,12 +587,11 @@ def test_an_effect_that_cannot_be_simulated_without_the_next_leaves_a_gap() -> N
 
 
 def test_a_channel_that_never_varies_has_no_fit_percentage() -> None:
-    from sysid.commands.printing import validation_table
 
     channel = {"rmse": 1.0, "fit_percent": None, "noise_floor": 0.5}
     log = {"file": "still.csv", "use": "holdout", "valve_model": "discrete"}
     content = {"logs": [{**log, "channels": {"theta_rad": channel}}]}
-    table = validation_table(Validation.model_validate(content))
+    table = Validation.model_validate(content).table()
     assert [row[5] for row in table.rows] == ["-"]
 
 

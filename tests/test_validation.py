@@ -23,7 +23,6 @@ from datasets.generator.campaign import (
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
 from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, simulated
-from sysid.commands.verdict import verdict_lines
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
@@ -45,6 +44,7 @@ from sysid.parameters.valves import (
     Valve,
 )
 from sysid.pipeline.pages.opening import verdict
+from sysid.pipeline.verdict import verdict_lines
 from sysid.plant.arrays import put_together, take_apart
 from sysid.plant.base import Array, array_namespace, filling_flow
 from sysid.plant.effects.chamber import TubeLag

@@ -147,6 +147,12 @@ def estimate_table(caption: str, estimates: Mapping[str, Estimate]) -> Table:
     return table(caption, columns, rows, text=(3,))
 
 
+def parameter_table(caption: str, estimates: Mapping[str, Estimate]) -> Table:
+    """One row per estimate, in SI: value, 95 % interval and unit."""
+    rows = [(name, *si_cells(estimate)) for name, estimate in estimates.items()]
+    return table(caption, ("parameter", "value", "95 % interval", "unit"), rows)
+
+
 def estimate_row(estimate: Estimate) -> tuple[str, str, str, str]:
     """Value, standard error, 95 % interval and unit: readable on a page, in SI in a terminal."""
     value, std, interval, unit = estimate_cells(estimate)

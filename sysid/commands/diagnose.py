@@ -23,7 +23,6 @@ from sysid.commands.options import (
     report_option,
 )
 from sysid.commands.printing import notices, print_json, print_result, progress
-from sysid.diagnosis.result import Diagnosis
 from sysid.pipeline.diagnose import CampaignDiagnosis, DiagnoseOptions
 from sysid.pipeline.diagnose import diagnose as workflow
 from sysid.pipeline.files import read_bundle, read_with
@@ -65,14 +64,9 @@ class Diagnosed:
     notices: tuple[str, ...]
     written: tuple[Path, ...]
 
-    @property
-    def diagnosis(self) -> Diagnosis:
-        """The verdict with its evidence."""
-        return self.found.detail
-
     def to_json(self) -> dict[str, Any]:
         """The output of `sysid diagnose --json` (spec/cli.md)."""
-        found = self.diagnosis.to_json()
+        found = self.found.detail.to_json()
         found["notices"] = list(self.notices)
         return found | {"written": [str(path) for path in self.written]}
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from sysid.blocks.numbers import ascii_text, si_cells
+from sysid.blocks.numbers import ascii_text
 from sysid.blocks.quality import quality_table
-from sysid.blocks.tables import Table, table
+from sysid.blocks.tables import Table
 from sysid.commands.options import (
     SEED,
     PathArgument,
@@ -27,14 +27,11 @@ from sysid.commands.options import (
 )
 from sysid.commands.printing import (
     notices,
-    parameter_table,
     print_blocks,
     print_json,
     progress,
     written_lines,
 )
-from sysid.parameters import FittedValves, Friction, assumptions, shown_by_logs
-from sysid.parameters.base import read_number
 from sysid.pipeline.files import read_with
 from sysid.pipeline.fit_logs import FitFiles, Fitted, fit_logs
 from sysid.pipeline.fit_part import (
@@ -43,6 +40,7 @@ from sysid.pipeline.fit_part import (
     ValveDiscreteOptions,
     ValvePwmOptions,
 )
+from sysid.pipeline.fit_tables import campaign_tables, friction_tables, valve_tables
 from sysid.pipeline.report import PageOptions, write_results
 from sysid.surfaces.kinds import SURFACES
 
@@ -123,7 +121,7 @@ def _friction(
     A table of speed and effort without a time is one of readings, a row each.
     """
     asked = FrictionOptions(kind=kind, estimate_inertia=estimate_inertia, cutoff_hz=cutoff_hz)
-    _fit_logs(asked, _friction_tables, **files)
+    _fit_logs(asked, friction_tables, **files)
 
 
 @fit.command("valve-discrete")
@@ -132,7 +130,7 @@ def _friction(
 @_part_options
 def _valve_discrete(valve: str | None, **files: Any) -> None:
     """Choked flows, unchoked coefficients and delays of on/off valves, piston held."""
-    _fit_logs(ValveDiscreteOptions(valve=valve), _valve_tables, **files)
+    _fit_logs(ValveDiscreteOptions(valve=valve), valve_tables, **files)
 
 
 @fit.command("valve-pwm")
@@ -153,7 +151,7 @@ def _valve_discrete(valve: str | None, **files: Any) -> None:
 def _valve_pwm(valve: str | None, surface: str, seed: int, sweep: bool, **files: Any) -> None:
     """Mean flow over duty and pressure under PWM, and its inverse, piston held."""
     asked = ValvePwmOptions(valve=valve, surface=surface, seed=seed, sweep=sweep)
-    _fit_logs(asked, _valve_tables, **files)
+    _fit_logs(asked, valve_tables, **files)
 
 
 def _fit_logs(asked: PartOptions, tables: Tables, *, as_json: bool, **files: Any) -> None:
@@ -183,7 +181,7 @@ def _campaign(
     said = (*found.contradictions, *contradictions_in(read), *found.notices)
     unseen = write_results(read, found.bundle, PageOptions(progress=progress()), output, report)
     fitted = Fitted(found.bundle, found.remarks, (*unseen, *said), output, report)
-    _show(fitted, as_json, _campaign_tables)
+    _show(fitted, as_json, campaign_tables)
 
 
 # --- printing -----------------------------------------------------------------------------
@@ -192,9 +190,7 @@ def _campaign(
 def _show(fitted: Fitted, as_json: bool, tables: Tables) -> None:
     """A fit's summary or its JSON, and where the bundle is."""
     notices(fitted.notices)
-    assumed = [one.line for one in assumptions(fitted.bundle)]
-    if shown := shown_by_logs(fitted.bundle):
-        assumed.append(f"from the log: {shown}")
+    assumed = fitted.assumed()
     if as_json:
         notices(assumed)
         print_json(fitted.to_json())
@@ -203,59 +199,3 @@ def _show(fitted: Fitted, as_json: bool, tables: Tables) -> None:
     judged = quality_table(fitted.bundle.qualities())
     print_blocks(map(ascii_text, assumed))
     print_blocks((*tables(fitted), judged, *written_lines(written)))
-
-
-def _friction_tables(fitted: Fitted) -> Iterable[Table]:
-    """The friction parameters, and static friction by position."""
-    yield from _of_friction(fitted.bundle.friction)
-    yield _remarks(fitted)
-
-
-def _of_friction(friction: Friction | None) -> Iterable[Table]:
-    if friction is not None:
-        yield parameter_table("Friction", friction.estimates())
-        sums = {name: row.estimate for name, row in friction.sums().items()}
-        yield parameter_table("Identified only together", sums)
-        columns = ("position", "tests", "value", "95 % interval", "unit")
-        rows = tuple(
-            (f"{row.position:.4g}", str(row.tests), *si_cells(row.static))
-            for row in friction.positions()
-        )
-        yield table("Static friction by position", columns, rows)
-
-
-def _valve_tables(fitted: Fitted) -> Iterable[Table]:
-    """Each valve's flow parameters and delays, and its surfaces' errors."""
-    valves = fitted.bundle.valves or FittedValves()
-    for name, valve in valves.sides().items():
-        if valve.discrete is not None:
-            yield parameter_table(f"Valve {name.upper()}, on/off", valve.discrete.estimates())
-    columns = (
-        "valve", "direction", "surface", "RMSE", "largest relative error, %", "parameters",
-    )  # fmt: skip
-    title = "PWM surfaces, error in duty on held-out tests"
-    yield table(title, columns, tuple(_surface_rows(valves)))
-    yield _remarks(fitted)
-
-
-def _surface_rows(valves: FittedValves) -> Iterator[tuple[str, ...]]:
-    for name, valve in valves.sides().items():
-        for direction, held in (valve.pwm.directions() if valve.pwm else {}).items():
-            for kind, surface in held.surfaces().items():
-                numbers = (surface.rmse_duty, surface.max_relative_error_duty_percent)
-                cells = [f"{read_number(n):.3g}" for n in numbers]
-                count = "41" if kind == "ann" else "9"
-                yield name.upper(), direction, kind, *cells, count
-
-
-def _remarks(fitted: Fitted) -> Table:
-    return table("Remarks", ("",), tuple((remark,) for remark in fitted.remarks))
-
-
-def _campaign_tables(fitted: Fitted) -> Iterable[Table]:
-    """Every part of a campaign's bundle, or the parameters of a component of the user's own."""
-    record = fitted.bundle.component
-    if record is not None:
-        yield parameter_table(f"{record.name} ({record.kind})", record.parameters)
-    yield from _of_friction(fitted.bundle.friction)
-    yield from _valve_tables(fitted)

@@ -16,14 +16,11 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from sysid.blocks.numbers import si_cells
 from sysid.blocks.progress import stage_bar
 from sysid.blocks.shown import Shown
-from sysid.blocks.tables import Table, table
+from sysid.blocks.tables import Table
 from sysid.blocks.terminal import console, terminal_table
 from sysid.errors import one_line
-from sysid.estimation.linear import Estimate
-from sysid.parameters import Validation
 from sysid.types import Progress, no_progress
 
 
@@ -138,28 +135,3 @@ def print_result(found: Shown, written: Iterable[Path] = ()) -> None:
 def written_lines(paths: Iterable[Path]) -> list[str]:
     """Where the results are, one line per file."""
     return [f"written: {path}" for path in paths]
-
-
-def parameter_table(title: str, parameters: Mapping[str, Estimate]) -> Table:
-    """One row per parameter."""
-    rows = tuple((name, *si_cells(estimate)) for name, estimate in parameters.items())
-    return table(title, ("parameter", "value", "95 % interval", "unit"), rows)
-
-
-def validation_table(validation: Validation | None) -> Table:
-    """One row per log, valve model and channel of a bundle's `validation`."""
-    rows = tuple(
-        (
-            log.file,
-            log.use,
-            log.valve_model,
-            name,
-            f"{channel.rmse:.4g}",
-            "-" if channel.fit_percent is None else f"{channel.fit_percent:.1f}",
-            f"{channel.noise_floor:.3g}",
-        )
-        for log in ([] if validation is None else validation.validated())
-        for name, channel in log.channels.items()
-    )
-    columns = ("log", "use", "valve model", "channel", "RMSE", "fit, %", "sensor noise")
-    return table("Open-loop validation", columns, rows)

@@ -29,8 +29,7 @@ from sysid.pipeline.validate import ValidateOptions, validate
 from sysid.types import Progress, no_progress
 
 if TYPE_CHECKING:
-    from sysid.components.refinement import OwnRefinement
-    from sysid.refinement.result import RefineResult
+    from sysid.pipeline.refine import Refined
 
 
 @click.command()
@@ -94,7 +93,7 @@ def refine_campaign(
     exclude: Sequence[str] = (),
     progress: Progress = no_progress,
     **options: Any,
-) -> tuple[RefineResult | OwnRefinement, tuple[str, ...], tuple[Path, ...]]:
+) -> tuple[Refined, tuple[str, ...], tuple[Path, ...]]:
     """Refine a bundle on a campaign's motion logs; the result, notices, and the files written.
 
     `component`: a file of the user's own, which is executed; `exclude` names what is not read;
@@ -111,7 +110,7 @@ def refine_campaign(
     return result, unseen, tuple(path for path in (output, report) if path is not None)
 
 
-def _show(result: RefineResult | OwnRefinement, written: tuple[Path, ...], as_json: bool) -> None:
+def _show(result: Refined, written: tuple[Path, ...], as_json: bool) -> None:
     """Every parameter before and after, the errors of whole tests, and the files written."""
     notices(result.notices)
     if as_json:

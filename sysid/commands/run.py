@@ -28,9 +28,7 @@ from sysid.commands.printing import (
     print_json,
     stage_progress,
     unasked_notices,
-    validation_table,
 )
-from sysid.commands.verdict import verdict_lines
 from sysid.pipeline.run import (
     BUNDLE_FILE,
     RunOptions,
@@ -38,6 +36,7 @@ from sysid.pipeline.run import (
     expected_seconds,
     run_campaign,
 )
+from sysid.pipeline.verdict import verdict_lines
 from sysid.surfaces.kinds import SURFACES
 
 run_options = options(
@@ -103,9 +102,10 @@ def show_run(done: RunReport, as_json: bool, verbose: bool = False) -> None:
         return
     stages = tuple((s.name, s.outcome, f"{s.seconds:.1f}") for s in done.stages)
     report = [f"report: {done.report}"] if done.report.is_file() else []
+    validation = done.bundle.validation
     print_blocks(
         (
-            *([validation_table(done.bundle.validation)] if verbose else []),
+            *([] if validation is None or not verbose else [validation.table()]),
             table("Stages", ("stage", "", "s"), stages),
             f"bundle: {done.folder / BUNDLE_FILE}",
             *report,

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from sysid.blocks.tables import Table
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
@@ -24,10 +25,8 @@ from sysid.commands.printing import (
     print_blocks,
     print_json,
     progress,
-    validation_table,
     written_lines,
 )
-from sysid.parameters import Bundle
 from sysid.pipeline.files import read_bundle, read_with
 from sysid.pipeline.report import PageOptions, write_results
 from sysid.pipeline.validate import ValidateOptions
@@ -52,16 +51,17 @@ def validate(campaign: Path, bundle: Path, as_json: bool, **options: Any) -> Non
 
 @dataclass(frozen=True)
 class Validated:
-    """The bundle with its validation, notices, and the files that were written."""
+    """A bundle's `validation` as its file holds it and as a table, notices, the written files."""
 
-    bundle: Bundle
+    content: Any
+    table: Table
     notices: tuple[str, ...]
     written: tuple[Path, ...]
 
     def to_json(self) -> dict[str, Any]:
         """The output of `sysid validate --json`."""
         return {
-            "validation": self.bundle.to_json()["validation"],
+            "validation": self.content,
             "notices": list(self.notices),
             "written": [str(path) for path in self.written],
         }
@@ -73,8 +73,7 @@ def _show(validated: Validated, as_json: bool) -> None:
     if as_json:
         print_json(validated.to_json())
         return
-    table = validation_table(validated.bundle.validation)
-    print_blocks((table, *written_lines(validated.written)))
+    print_blocks((validated.table, *written_lines(validated.written)))
 
 
 def validate_campaign(
@@ -97,10 +96,11 @@ def validate_campaign(
     campaign = read_with(campaign_path, component, progress, exclude)
     bundle = read_bundle(bundle_path)
     result = workflow(campaign, bundle, ValidateOptions(**options, progress=progress))
-    bundle = bundle.replaced(validation=result.record())
+    record = result.record()
+    bundle = bundle.replaced(validation=record)
     bundle = bundle.with_sources(campaign.sources("holdout"))
     page = PageOptions(validation=result, progress=progress)
     unseen = write_results(campaign, bundle, page, output, report)
     notices = (*unseen, *campaign.notices, *campaign.rig.notices, *result.notices)
     written = tuple(path for path in (output, report) if path is not None)
-    return Validated(bundle, notices, written)
+    return Validated(bundle.to_json()["validation"], record.table(), notices, written)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, JsonValue
 
+from sysid.blocks.tables import Table, table
 from sysid.parameters.base import Lenient, Number, Part
 
 
@@ -40,6 +41,24 @@ class Validation(Part):
     def validated(self) -> list[ValidatedLog]:
         """The logs; none where they have another form than sysid's."""
         return self.logs if isinstance(self.logs, list) else []
+
+    def table(self) -> Table:
+        """One row per log, valve model and channel."""
+        rows = [
+            (
+                log.file,
+                log.use,
+                log.valve_model,
+                name,
+                f"{channel.rmse:.4g}",
+                "-" if channel.fit_percent is None else f"{channel.fit_percent:.1f}",
+                f"{channel.noise_floor:.3g}",
+            )
+            for log in self.validated()
+            for name, channel in log.channels.items()
+        ]
+        columns = ("log", "use", "valve model", "channel", "RMSE", "fit, %", "sensor noise")
+        return table("Open-loop validation", columns, rows)
 
 
 __all__ = ["ValidatedChannel", "ValidatedLog", "Validation"]

@@ -19,7 +19,7 @@ from sysid.io.rig import Rig, find_rig_file, read_rig
 from sysid.io.source import Source
 from sysid.io.tables import require_log
 from sysid.io.units import parse_map
-from sysid.parameters import Bundle, assumptions, read_bundle, write_bundle
+from sysid.parameters import Bundle, assumptions, read_bundle, shown_by_logs, write_bundle
 from sysid.parameters.assumptions import FROM_LOG
 from sysid.pipeline.fit_part import PartOptions, ValvePwmOptions, are_readings
 from sysid.pipeline.report import PageOptions, write_page
@@ -37,6 +37,12 @@ class Fitted:
     notices: tuple[str, ...]
     written: Path | None = None
     report: Path | None = None
+
+    def assumed(self) -> list[str]:
+        """A line for each constant that nobody declared, and what the logs showed of them."""
+        shown = shown_by_logs(self.bundle)
+        lines = [one.line for one in assumptions(self.bundle)]
+        return [*lines, f"from the log: {shown}"] if shown else lines
 
     def to_json(self) -> dict[str, Any]:
         """The output of `--json`: the bundle, what it rests on, the remarks and the files."""

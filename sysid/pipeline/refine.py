@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from sysid.components.refinement import OwnRefinement
     from sysid.refinement.result import RefineResult
 
+    Refined = RefineResult | OwnRefinement
+
 
 @dataclass(frozen=True, kw_only=True)
 class RefineOptions(Reported):
@@ -31,9 +33,7 @@ class RefineOptions(Reported):
 
 
 @takes(RefineOptions)
-def refine(
-    campaign: Campaign, bundle: Bundle, options: RefineOptions
-) -> RefineResult | OwnRefinement:
+def refine(campaign: Campaign, bundle: Bundle, options: RefineOptions) -> Refined:
     """Estimate a bundle's parameters together on a campaign's training motion logs.
 
     A component of your own (`read_campaign(..., component=)`) is refined on its own tests.

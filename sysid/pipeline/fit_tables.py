@@ -1,0 +1,70 @@
+"""What a fit shows of its bundle: the parameters of friction and valves, and remarks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from sysid.blocks.numbers import si_cells
+from sysid.blocks.tables import Table, parameter_table, table
+from sysid.parameters import FittedValves, Friction
+from sysid.parameters.base import read_number
+from sysid.pipeline.fit_logs import Fitted
+
+
+def friction_tables(fitted: Fitted) -> Iterable[Table]:
+    """The friction parameters, and static friction by position."""
+    yield from _of_friction(fitted.bundle.friction)
+    yield _remarks(fitted)
+
+
+def _of_friction(friction: Friction | None) -> Iterable[Table]:
+    if friction is not None:
+        yield parameter_table("Friction", friction.estimates())
+        sums = {name: row.estimate for name, row in friction.sums().items()}
+        yield parameter_table("Identified only together", sums)
+        columns = ("position", "tests", "value", "95 % interval", "unit")
+        rows = tuple(
+            (f"{row.position:.4g}", str(row.tests), *si_cells(row.static))
+            for row in friction.positions()
+        )
+        yield table("Static friction by position", columns, rows)
+
+
+def valve_tables(fitted: Fitted) -> Iterable[Table]:
+    """Each valve's flow parameters and delays, and its surfaces' errors."""
+    valves = fitted.bundle.valves or FittedValves()
+    for name, valve in valves.sides().items():
+        if valve.discrete is not None:
+            yield parameter_table(f"Valve {name.upper()}, on/off", valve.discrete.estimates())
+    columns = (
+        "valve", "direction", "surface", "RMSE", "largest relative error, %", "parameters",
+    )  # fmt: skip
+    title = "PWM surfaces, error in duty on held-out tests"
+    yield table(title, columns, tuple(_surface_rows(valves)))
+    yield _remarks(fitted)
+
+
+def _surface_rows(valves: FittedValves) -> Iterator[tuple[str, ...]]:
+    for name, valve in valves.sides().items():
+        for direction, held in (valve.pwm.directions() if valve.pwm else {}).items():
+            for kind, surface in held.surfaces().items():
+                numbers = (surface.rmse_duty, surface.max_relative_error_duty_percent)
+                cells = [f"{read_number(n):.3g}" for n in numbers]
+                count = "41" if kind == "ann" else "9"
+                yield name.upper(), direction, kind, *cells, count
+
+
+def _remarks(fitted: Fitted) -> Table:
+    return table("Remarks", ("",), tuple((remark,) for remark in fitted.remarks))
+
+
+def campaign_tables(fitted: Fitted) -> Iterable[Table]:
+    """Every part of a campaign's bundle, or the parameters of a component of the user's own."""
+    record = fitted.bundle.component
+    if record is not None:
+        yield parameter_table(f"{record.name} ({record.kind})", record.parameters)
+    yield from _of_friction(fitted.bundle.friction)
+    yield from valve_tables(fitted)
+
+
+__all__ = ["campaign_tables", "friction_tables", "valve_tables"]
