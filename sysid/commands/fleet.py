@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from sysid.blocks.numbers import ascii_text
+from sysid.blocks.shown import Shown
 from sysid.commands.options import PathArgument, options
 from sysid.commands.printing import grouped_notices, notices, print_blocks, print_json, progress
 from sysid.commands.run import run_options
 from sysid.errors import NotIdentifiedError, input_error
-from sysid.fleet.trends import Fleet
 from sysid.pipeline.fleet import PAGE_FILE, FleetOptions, run_fleet
 
 fleet_options = options(
@@ -44,7 +45,8 @@ def fleet(
     asked = FleetOptions(**options, verbose=verbose, told=progress, progress=progress())
     done = run_fleet(campaigns, folder, asked)
     notices(done.notices)
-    _show_notices(done, verbose)
+    said = [f"{row.folder}: {line}" for row in done.rows for line in row.notices]
+    _show_notices(said, verbose)
     if as_json:
         print_json(done.to_json() | {"page": str(folder / PAGE_FILE)})
     else:
@@ -55,14 +57,13 @@ def fleet(
         raise NotIdentifiedError(str(error)) if unidentified else error
 
 
-def _show_notices(done: Fleet, verbose: bool) -> None:
+def _show_notices(lines: Sequence[str], verbose: bool) -> None:
     """Each campaign's own with its folder's name; grouped unless asked for."""
-    lines = [f"{row.folder}: {line}" for row in done.rows for line in row.notices]
     if verbose:
         notices(lines)
     else:
         grouped_notices(lines, named=True)
 
 
-def _show(done: Fleet, folder: Path) -> None:
+def _show(done: Shown, folder: Path) -> None:
     print_blocks((*done.tables(), ascii_text(done.headline()), f"page: {folder / PAGE_FILE}"))
