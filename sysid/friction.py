@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from sysid.balance.motion import default_cutoff
 from sysid.errors import Failure, NotIdentifiedError, error_of, input_error, on_its_own
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import LEAST_EXPLAINED, SCATTER_TIMES
@@ -34,9 +33,11 @@ from sysid.identification.friction.effort import (
 from sysid.identification.friction.motion import (
     HARDLY_MOVES,
     MotionFriction,
+    common_cutoff,
     effort_rmse,
     fit_motion,
     usable_motion,
+    usual_cutoff,
 )
 from sysid.identification.friction.result import FrictionResult
 from sysid.identification.friction.sliding import (
@@ -59,7 +60,6 @@ from sysid.io.rig import Rig
 from sysid.recording.even import pause_line, recorded
 from sysid.recording.friction_kind import KINDS, MOTION, SLIDING, STATIC, classify, classify_trial
 from sysid.recording.recording import Recording
-from sysid.signals import DEFAULT_CUTOFF_HZ
 
 __all__ = [
     "KINDS",
@@ -96,7 +96,6 @@ class _Fit:
 
     rig: Rig
     units: MotionUnits
-    cutoff_hz: float
     by_kind: dict[str, list[Recording]]
     uses: list[TrialUse] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
@@ -104,6 +103,7 @@ class _Fit:
     sums: tuple[Combination, ...] = ()
     contradicted: bool = False
     is_forced: bool = False
+    cutoff_hz: float = math.nan  # known once all trials are read
 
     def attempt(self, kind: str, fit: Callable[[], Result | None]) -> Result | None:
         """The fit of one kind of test; None, with the reason kept, where it gives nothing."""
@@ -276,8 +276,7 @@ def _prepared(
             f"{cutoff_hz:g} Hz is not a cut-off frequency",
             "give a frequency above 0, or omit it",
         )
-    highest = DEFAULT_CUTOFF_HZ if cutoff_hz is None else cutoff_hz
-    fit = _Fit(rig, rig.units, highest, {name: [] for name in KINDS})
+    fit = _Fit(rig, rig.units, {name: [] for name in KINDS})
     fit.is_forced = isinstance(kind, str)
     fit.contradicted = any_contradiction(trials)
     declared = [kind] * len(trials) if kind is None or isinstance(kind, str) else list(kind)
@@ -318,14 +317,8 @@ def _prepared(
     pushed = pushed_along([e for kind in (SLIDING, MOTION) for e in fit.by_kind[kind]])
     if pushed:
         fit.notices.append(pushed)
-    if cutoff_hz is None:
-        lowest = [default_cutoff(e, DEFAULT_CUTOFF_HZ) for e in fit.by_kind[MOTION] if len(e) > 1]
-        fit.cutoff_hz = min(lowest, default=DEFAULT_CUTOFF_HZ)
-        if fit.cutoff_hz < DEFAULT_CUTOFF_HZ:
-            fit.notices.append(
-                f"friction from motion: the filter's cut-off is {fit.cutoff_hz:.3g} Hz; faster "
-                "motion is lost in the noise or the sampling of the position"
-            )
+    moved = fit.by_kind[MOTION]
+    fit.cutoff_hz = usual_cutoff(moved, fit.notices) if cutoff_hz is None else cutoff_hz
     return fit
 
 
@@ -416,7 +409,7 @@ def _as_motion(fit: _Fit, inertia: float | None, before: int) -> MotionFriction 
     is changed."""
     trials = [*fit.by_kind[MOTION], *fit.by_kind[SLIDING]]
     said: list[str] = []
-    cutoff = min((default_cutoff(e, fit.cutoff_hz) for e in trials if len(e) > 1), default=0.0)
+    cutoff = common_cutoff(trials, fit.cutoff_hz)
 
     def whole() -> tuple[MotionFriction, list[TrialUse]]:
         samples, uses = usable_motion(trials, cutoff, said)

@@ -26,6 +26,7 @@ from sysid.parameters import Bundle
 from sysid.plant.effects.linkage import LinkFlexibility
 from sysid.plant.tangents import simulate_tangents
 from sysid.plant.trials import inputs_from_trial, simulate_trials
+from sysid.recording.even import recorded
 from sysid.recording.motion_tests import prepare_all
 from sysid.validation import validate
 
@@ -139,7 +140,7 @@ def test_balance_along_the_measured_motion(
         some = traces.at(Rows(np.arange(100, 200)))
         assert some.carried.shape == (100, 3 if len(errors) == 2 else 0)
         motor = [t for _, kind, t in trials if kind == "motion-motor"]
-        rmse.append(effort_rmse(motor, campaign.rig, model))
+        rmse.append(effort_rmse([recorded(t, campaign.rig, []) for t in motor], model))
     np.testing.assert_allclose(errors[1], errors[0], atol=1e-9 * np.abs(errors[0]).max())
     if made.rig.is_linear:
         return

@@ -9,6 +9,7 @@ from scipy import signal
 
 from sysid import signals
 from sysid.errors import InputError
+from sysid.recording.encoder import counts_at_rest
 from sysid.types import FloatArray
 
 PERIOD = 1e-3
@@ -163,17 +164,17 @@ def test_a_count_that_a_motion_passes_is_no_rest(power: float, edge: float, rows
     """At constant speed, where it turns and where it slows down, anywhere within a count."""
     way = np.linspace(-2.0, 2.0, rows)
     position = edge + np.sign(way) ** (power % 2.0) * np.abs(way) ** power
-    assert not signals.counts_at_rest(*readings_of(position)).any()
+    assert not counts_at_rest(*readings_of(position)).any()
 
 
 def test_a_rest_between_two_motions_is_one() -> None:
     way = np.linspace(0.0, 3.0, 60)
     position = np.concatenate([way, np.full(400, 3.5), 3.5 + way])
     changes, count = readings_of(position)
-    rests = signals.counts_at_rest(changes, count)
+    rests = counts_at_rest(changes, count)
     (rest,) = np.flatnonzero(rests)
     assert (changes[rest - 1], changes[rest]) == (59, 470)
-    assert signals.counts_at_rest(np.empty(0, dtype=np.intp), 50).all()
+    assert counts_at_rest(np.empty(0, dtype=np.intp), 50).all()
 
 
 def test_a_slow_stretch_is_longer_than_a_reversal() -> None:

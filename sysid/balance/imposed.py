@@ -16,12 +16,9 @@ import numpy as np
 from sysid import signals
 from sysid.balance.motion import FilteredMotion, default_cutoff
 from sysid.balance.residuals import effort_residual
-from sysid.io.logs import Trial
-from sysid.io.rig import Rig
 from sysid.plant import plant
 from sysid.plant.base import bare_parameters
 from sysid.plant.ports import Model, Point, with_load
-from sysid.recording.even import recorded
 from sysid.recording.recording import Recording
 from sysid.types import FloatArray, IntArray
 
@@ -86,14 +83,11 @@ def effort_gap(motion: ImposedMotion, model: Model) -> FloatArray:
     return motion.balanced.smooth(left / (scale if abs(scale) > _LEAST_SCALE else 1.0))
 
 
-def effort_rmse(trials: Sequence[Trial], rig: Rig, model: Model) -> float:
-    """RMSE (Nm or N) of the effort along the measured motion of trials, pooled; NaN without rows.
-
-    Raises InputError for a trial that cannot be brought onto even time.
-    """
+def effort_rmse(recordings: Sequence[Recording], model: Model) -> float:
+    """RMSE (Nm or N) of the effort along measured motions, pooled; NaN without rows."""
     squares, count = 0.0, 0
-    for trial in trials:
-        motion = imposed_motion(recorded(trial, rig, []))
+    for recording in recordings:
+        motion = imposed_motion(recording)
         left = effort_gap(motion, model)[motion.rows]
         squares, count = squares + float(left @ left), count + len(left)
     return math.sqrt(squares / count) if count else math.nan

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.errors import InputError, input_error
-from sysid.estimation.linear import Estimate
 from sysid.exporters.surface_tables import ExportedSurface, read_surface
 from sysid.io.channels import SIDES
 from sysid.io.declaration import range_of
@@ -222,7 +221,8 @@ def _take_identified_inertia(
     if estimate is None or not estimate.identified:
         return
     declared = constants[name].value
-    constants[name] = ExportedNumber(_number(estimate, unit, f"{where}, friction.{name}"), unit)
+    value = _number(estimate.value, estimate.unit, unit, f"{where}, friction.{name}")
+    constants[name] = ExportedNumber(value, unit)
     said = "gives none" if declared is None else f"says {declared:.6g}"
     notices.append(f"{name} is the identified {constants[name].value:.6g}; the rig file {said}")
 
@@ -256,7 +256,8 @@ def _static_row(
 ) -> tuple[float, float | None]:
     if isinstance(row, Unread):
         raise input_error(where, "a row is not a position and its static friction", _AGAIN)
-    static = _number(row.static, unit, where) if row.static.identified else None
+    found = row.static
+    static = _number(found.value, found.unit, unit, where) if found.identified else None
     return _finite(row.position, where), static
 
 
@@ -328,12 +329,12 @@ def _effect(effect: EffectEntry, where: str) -> ExportedEffect:
     for key, content in effect.parameters.items():
         if not key.isidentifier() or not key.isascii() or key.startswith("_"):
             raise input_error(place, f"{key!r} is not a parameter's name", _AGAIN)
-        if isinstance(content, Estimate):
-            known = content.identified
-            values[key] = _finite(content.value, f"{place}, {key}") if known else None
-            units[key] = clean_text(content.unit)
-        else:
+        if isinstance(content, str):
             values[key], units[key] = clean_text(content), ""
+            continue
+        known = content.identified
+        values[key] = _finite(content.value, f"{place}, {key}") if known else None
+        units[key] = clean_text(content.unit)
     return ExportedEffect(name, values, units)
 
 
@@ -356,15 +357,16 @@ def _estimates(
         elif not (estimate := known[place].estimate).identified:
             missing[place] = f"not identified ({clean_text(estimate.reason)})"
         else:
-            table[key] = ExportedNumber(_number(estimate, unit, f"{where}, {place}"), unit)
+            value = _number(estimate.value, estimate.unit, unit, f"{where}, {place}")
+            table[key] = ExportedNumber(value, unit)
     return table
 
 
-def _number(estimate: Estimate, unit: str, where: str) -> float:
-    """An estimate's value, whose unit must be the one that its name implies."""
-    if estimate.unit != unit:
-        raise input_error(where, f"is in {estimate.unit!r}, not {unit!r}", _AGAIN)
-    return _finite(estimate.value, where)
+def _number(value: float, unit: str, wanted: str, where: str) -> float:
+    """A finite value, whose unit must be the one that its name implies."""
+    if unit != wanted:
+        raise input_error(where, f"is in {unit!r}, not {wanted!r}", _AGAIN)
+    return _finite(value, where)
 
 
 def _finite(value: Any, where: str) -> float:

@@ -99,7 +99,9 @@ class Parameters:
         return dataclasses.replace(self, **changes)
 
     def valve(self, side: str) -> ValveParameters:
-        """Valve A's or B's four flow parameters; `side` is "a" or "b"."""
+        """Valve A's or B's four flow parameters; ValueError unless `side` is "a" or "b"."""
+        if side not in SIDES:
+            raise ValueError(f"side is {side!r}, not one of {', '.join(SIDES)}")
         return ValveParameters(
             choked_fill=getattr(self, f"choked_fill_{side}"),
             choked_dis=getattr(self, f"choked_dis_{side}"),

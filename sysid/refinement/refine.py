@@ -42,6 +42,7 @@ from sysid.parameters.declared import contradictions
 from sysid.parameters.friction import Friction
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
+from sysid.recording.even import recorded
 from sysid.recording.motion_tests import MotionTest, prepare_all
 from sysid.refinement.estimation import (
     NO_INFORMATION,
@@ -332,9 +333,10 @@ def _effort(
 ) -> dict[str, tuple[float, float]]:
     """RMSE by channel of both models' residual effort along the measured motion; NaN for tests that
     cannot be brought onto even time."""
-    trials, effort = [test.trial for test in tests], rig.effort_channel
+    effort = rig.effort_channel
     try:
-        return {effort: (effort_rmse(trials, rig, before), effort_rmse(trials, rig, after))}
+        even = [recorded(test.trial, rig, []) for test in tests]
+        return {effort: (effort_rmse(even, before), effort_rmse(even, after))}
     except InputError as error:
         notices.append(f"errors of the equation of motion are not known: {error}")
         return {effort: (math.nan, math.nan)}

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from sysid import signals
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs
 from sysid.plant.sensors import true_start
+from sysid.recording.encoder import counts_at_rest
 from sysid.recording.motion_tests import MotionTest, Segment
 from sysid.recording.simulation import inputs_of, run_up_of
 from sysid.types import FloatArray, IntArray
@@ -72,7 +72,7 @@ class Run:
         count = len(self.inputs.time)
         changes = np.flatnonzero(np.diff(self.measured[0])) + 1
         first = np.concatenate([[0], changes])
-        rests = signals.counts_at_rest(changes, count)
+        rests = counts_at_rest(changes, count)
         own = np.repeat(~rests, np.diff(first, append=count))
         own[first] = True
         return np.flatnonzero(own)

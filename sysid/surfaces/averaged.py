@@ -24,7 +24,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sysid.io.channels import SIDES
 from sysid.plant import base
 from sysid.plant.base import Array, Parameters, array_namespace
 
@@ -81,8 +80,6 @@ class AveragedLaw:
     @classmethod
     def of(cls, parameters: Parameters, side: str) -> AveragedLaw:
         """The law of valve "a" or "b" of a model's parameters. ValueError for another side."""
-        if side not in SIDES:
-            raise ValueError(f"side is {side!r}, not one of {', '.join(SIDES)}")
         valve = parameters.valve(side)
         return cls(
             choked_fill=valve.choked_fill,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
-from sysid.balance.motion import FilteredMotion, fastest_cutoff
+from sysid.balance.motion import FilteredMotion, default_cutoff, fastest_cutoff
 from sysid.balance.samples import (
     COULOMB,
     INERTIA,
@@ -120,6 +120,24 @@ def usable_motion(
         if not use.used:
             notices.append(f"{use.title}: left out of friction from motion, {use.reason}")
     return samples, uses
+
+
+def common_cutoff(tests: Sequence[Recording], highest_hz: float) -> float:
+    """The highest cut-off up to `highest_hz`, Hz, at which each test's motion exceeds its noise."""
+    cutoffs = (default_cutoff(test, highest_hz) for test in tests if len(test) > 1)
+    return min(cutoffs, default=highest_hz)
+
+
+def usual_cutoff(tests: Sequence[Recording], notices: list[str]) -> float:
+    """`common_cutoff` up to the filter's usual one, Hz, with a notice where it is lower."""
+    usual = signals.DEFAULT_CUTOFF_HZ
+    cutoff = common_cutoff(tests, usual)
+    if cutoff < usual:
+        notices.append(
+            f"friction from motion: the filter's cut-off is {cutoff:.3g} Hz; faster "
+            "motion is lost in the noise or the sampling of the position"
+        )
+    return cutoff
 
 
 def _why_few(trial: Recording, chosen: MotionSamples, cutoff_hz: float) -> str:
