@@ -114,7 +114,7 @@ def test_the_result_shows_itself(tracked: ControlledRun) -> None:
     frame = tracked.to_frame()
     assert len(frame) == 1000 and {"duty_a", "motor_torque_nm"} <= set(frame)
     axes = tracked.plot()
-    assert [ax.get_ylabel() for ax in axes][1] == "error, mrad"
+    assert [ax.get_ylabel() for ax in axes][1] == "Error (mrad)"
     # Trajectory 3 never rests: no steady state is judged.
     assert np.isnan(tracked.metrics.sse) and tracked.to_json()["sse_rad"] is None
 
