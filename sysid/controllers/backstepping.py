@@ -31,8 +31,8 @@ from sysid.plant import base, plant
 from sysid.plant.base import Array, array_namespace
 from sysid.plant.ports import Model, Point
 
-# 4.3.24: m2/(kg s). In SI it makes the coupling between torque and pressure error vanish
-# beside the pressures' own feedback.
+# 4.3.24: m2/(kg s). In SI it makes the coupling between torque and pressure error negligible
+# against the pressures' own feedback.
 _GAMMA_3 = 1.0
 
 

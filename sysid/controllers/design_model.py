@@ -108,12 +108,12 @@ def with_bipolynomials(design: DesignModel) -> DesignModel:
 
 
 def assumed_constants(rig: Rig) -> tuple[str, ...]:
-    """The constants that a rig's controllers use and nobody declared, as dotted keys."""
+    """The assumed constants that a rig's controllers use, as dotted keys."""
     return tuple(key for key in rig.assumed if key not in _NOT_USED)
 
 
 def require_declared(bundle: BundleContent, accept_assumed: bool) -> None:
-    """InputError for a bundle whose controllers rest on assumed constants that nobody accepts."""
+    """InputError for a bundle whose controllers use assumed constants without `accept_assumed`."""
     assumed = assumed_constants(bundle.rig)
     if assumed and not accept_assumed:
         raise input_error(

@@ -153,7 +153,7 @@ class DvmpcController(GuardedController):
     ) -> tuple[Array, Array]:
         """Valve A's and B's best input, 0 or 1 (lanes,), after the held inputs `before`.
 
-        A sequence whose cost is not finite is none; NaN where none is left.
+        Sequences whose cost is not finite are discarded; NaN if none remains.
         """
         costs = self.costs(before, estimate, reference, model)
         xp = array_namespace(costs)

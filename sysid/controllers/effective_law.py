@@ -28,7 +28,7 @@ def edge_delay(side: str, opening: bool, model: Model, like: Array) -> Array:
 
 
 def leakage(side: str, point: Point, model: Model) -> Array:
-    """Flow into a chamber beside its valve's, kg/s."""
+    """Flow into a chamber in addition to its valve's, kg/s."""
     return model.through("chamber_flow", 0.0 * point.pressure(side), side, point)
 
 

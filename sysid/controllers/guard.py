@@ -50,8 +50,8 @@ def rows_of(reference: Reference, preview: int) -> Iterator[Array]:
 def gains_of(value: Any) -> Iterator[Array]:
     """The numbers, each one or (lanes,), of a controller with its estimator and its model.
 
-    A motor without a limit has an infinite one. Tables and surfaces are left out: what is read of
-    them is in the commands.
+    A motor without a limit has an infinite one. Tables and surfaces are omitted: the values read
+    from them enter the commands.
     """
     if isinstance(value, FlowLaw):
         return
@@ -108,10 +108,10 @@ def _chosen(good: Array, before: Any, after: Any) -> Any:
 
 
 class GuardedController(Controller):
-    """A controller that lets go: it implements `law`, and its memory has a field `rejected`.
+    """A controller with a safe output: it implements `law`, and its memory has a field `rejected`.
 
-    That counts the ticks in which the estimate, the reference, a gain, a parameter of its model,
-    its memory, or what follows from these was not finite.
+    `rejected` counts the ticks in which the estimate, the reference, a gain, a parameter of its
+    model, its memory, or what follows from these was not finite.
     """
 
     @abstractmethod

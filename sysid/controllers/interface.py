@@ -7,7 +7,7 @@ A controller of one's own derives from `Controller` and implements `commands`:
             error = reference.position - estimate.position
             return memory, Commands(motor=20.0 * error, valve_a=0.0 * error, valve_b=0.0 * error)
 
-Arrays are (lanes,), one lane a closed loop of its own; SI, absolute pressures, rad and Nm
+Arrays are (lanes,), one closed loop per lane; SI, absolute pressures, rad and Nm
 (linear rigs: m and N).
 """
 
@@ -65,7 +65,7 @@ class Commands(NamedTuple):
 class Controller(ABC):
     """A controller for many lanes at once.
 
-    `preview`: ticks of the reference that it looks ahead. `is_duty`: its valve commands are
+    `preview`: ticks of the reference that it needs in advance. `is_duty`: its valve commands are
     PWM duties, taken over where a PWM period starts; else each tick's on (1) or off (0).
 
     A controller that is a frozen dataclass may differ in its numbers from lane to lane; any other

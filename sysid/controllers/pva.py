@@ -1,7 +1,7 @@
 """Position, velocity and acceleration feedback with feedforward and dead-zone compensation.
 
 Thesis 4.2; gains of Table 4.2.2. The feedforward (4.2.3) is added before the division by
-`full_scale`: its printed gains are of the feedback's size only there.
+`full_scale`: only there are its printed gains as large as the feedback's.
 """
 
 from __future__ import annotations

@@ -77,8 +77,8 @@ def write_run(
 ) -> list[Path]:
     """Write the log, the reference, the rig file and a campaign that holds the log.
 
-    The campaign's entry is for `fit`, so that `sysid diagnose` may look at it too. The folder
-    is made. Raises InputError where it cannot be written.
+    The campaign's entry is for `fit`, so that `sysid diagnose` can use it too. The folder is
+    created. Raises InputError where it cannot be written.
     """
     make_folder(folder)
     campaign = {

@@ -173,7 +173,7 @@ def _pair(time: FloatArray, values: Sequence[FloatArray], of: str) -> list[Mark]
 
 
 def _means(values: FloatArray, rows: int) -> FloatArray:
-    """Means of stretches of `rows` samples; what does not fill one is left out."""
+    """Means of stretches of `rows` samples; an incomplete one is dropped."""
     whole = len(values) // rows * rows
     return np.asarray(values[:whole].reshape(-1, rows).mean(axis=1))
 

@@ -1,4 +1,4 @@
-"""What a user may tell the named controllers beside the bundle, and what goes with which."""
+"""Options of the named controllers in addition to the bundle, and which apply to which."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Tuning:
         return {name: value for name in _OWNERS if (value := getattr(self, name)) is not None}
 
     def check(self, controller: str | None) -> None:
-        """InputError for an option that does not go with a controller (None: a user's own)."""
+        """InputError for an option that does not apply to a controller (None: a user's own)."""
         for name in self.given():
             owners = _OWNERS[name]
             if controller not in owners:
@@ -62,7 +62,7 @@ class Tuning:
             raise input_error(f"backstepping type {self.type}", "is unknown", "give 1 to 4")
 
     def estimator(self, by_itself: bool, rig: Rig) -> PayloadEstimator | None:
-        """The payload's estimator; `by_itself` where nothing was said.
+        """The payload's estimator; `by_itself` is the default.
 
         InputError on a horizontal rig, where a payload has no weight to be known by.
         """
@@ -78,7 +78,7 @@ class Tuning:
     def dvmpc(
         self, design: DesignModel, horizon: int, estimator: PayloadEstimator | None
     ) -> DvmpcController:
-        """DVMPC as told; `horizon` ticks where nothing was said."""
+        """DVMPC with these options; `horizon` ticks by default."""
         if not self.varying_input:
             return DvmpcController(design, horizon=self.horizon or horizon, estimator=estimator)
         return DvmpcController(
@@ -94,7 +94,7 @@ class Tuning:
     def backstepping(
         self, design: DesignModel, portion: float, estimator: PayloadEstimator | None
     ) -> BacksteppingController:
-        """Backstepping as told; type 4, both compensations, where nothing was said."""
+        """Backstepping with these options; type 4, both compensations, by default."""
         return backstepping_type(self.type or 4, design, portion=portion, estimator=estimator)
 
 
