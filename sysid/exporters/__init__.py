@@ -33,7 +33,7 @@ __all__ = [
 
 
 def check_folder(header: Path) -> Path:
-    """The folder beside a C header that checks it: `model_check` beside `model.h`."""
+    """The folder next to a C header that checks it: `model_check` next to `model.h`."""
     return header.with_name(f"{header.stem}_check")
 
 
@@ -50,8 +50,8 @@ def export_bundle(
 ) -> list[str]:
     """Write a checked bundle for a controller, whole or not at all; returns notices.
 
-    fmt: "c" (one C99 header whose names begin with `prefix`, and beside it a folder that replays
-    Python's numbers through it: `check_folder`, where `check` asks for it), "mat" (MAT 5, a struct
+    fmt: "c" (one C99 header whose names begin with `prefix`, and with `check` a folder next to it
+    that replays Python's numbers through it: `check_folder`), "mat" (MAT 5, a struct
     `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
     `sysid.parameters.write_bundle` makes of it. `catalogue` maps ids to the effects' classes, whose
     laws the C header holds; None is the project's own. Controllers that use a constant that nobody
@@ -91,7 +91,7 @@ def export_bundle(
 def listed_effects(
     bundle: Bundle, catalogue: Catalogue | None = None
 ) -> list[CatalogueEffect | None]:
-    """The effects that a bundle lists, in its order; None for an entry that is none."""
+    """The effects that a bundle lists, in its order; None for an invalid entry."""
     known = for_rig(catalogue_with(None) if catalogue is None else catalogue, bundle.is_linear)
     return [_effect(entry, bundle.source, known) for entry in bundle.effects]
 

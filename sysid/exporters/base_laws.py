@@ -159,7 +159,7 @@ def chamber(flat: Flat, side: str) -> Iterator[BaseLaw]:
         return volume_of(q, area, offset, p.pitch_radius), swept * w
 
     def where_possible(volume: Array, value: Array) -> Array:
-        """NaN where there is no such position."""
+        """NaN where no such position exists."""
         xp = array_namespace(volume)
         return xp.where(volume > 0.0, value, xp.nan)
 

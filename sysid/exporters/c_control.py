@@ -75,7 +75,7 @@ def controllers(flat: Flat, model: ControlModel, n: Names) -> str:
 
 
 def gains(design: DesignModel, has_motor: bool = True) -> dict[str, Any]:
-    """The defaults of every struct of gains: instances of the Python classes."""
+    """The defaults of every struct of controller gains: instances of the Python classes."""
     backstepping = BacksteppingController(
         design, portion=MOTOR_SHARE if has_motor else 0.0, compensation=has_motor
     )

@@ -1,8 +1,8 @@
 """What every function of the C header does with numbers that are not finite: one guard for all.
 
-A comparison with NaN is false, so that a law which chooses or limits would answer with a number
-that looks like any other. The guard is made from each function's declaration and put around what
-it computes: where an input is not finite, or what follows from it,
+A comparison with NaN is false, so that a law which chooses or limits would return a number that
+seems valid. The guard is generated from each function's declaration and wraps its computation:
+where an input, or what follows from it, is not finite,
 
 - a law answers NaN, and a duty is 0;
 - a function with commands lets go (motor 0, valves off) and returns 0 in place of 1;

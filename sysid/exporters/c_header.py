@@ -114,9 +114,9 @@ def render(
 ) -> Header:
     """The header of a bundle's content.
 
-    `effects` are the bundle's, None for an entry that is none. Without `accept_assumed` it holds
-    no controllers where these would use a constant that nobody declared. Raises InputError for a
-    prefix that is no C name.
+    `effects` are the bundle's, None for an invalid entry. Without `accept_assumed` it holds no
+    controllers if these would use an assumed constant. Raises InputError for a prefix that is not a
+    C name.
     """
     n = names(prefix)
     held = EffectsInC(flat, effects, n)
@@ -162,7 +162,7 @@ def _control(
     n: Names,
     accept_assumed: bool,
 ) -> ControlModel | str:
-    """The controllers' model, or why there is none."""
+    """The controllers' model, or why it cannot be made."""
     from sysid.exporters.control_model import control_model
 
     named = held.contained_places()
@@ -215,7 +215,7 @@ def _features(flat: Flat, held: EffectsInC, laws: Iterable[_Law]) -> dict[str, b
 
 
 def _title(bundle: Bundle, flat: Flat, effects: EffectsInC, has_controllers: bool) -> str:
-    """The opening comment: contents, bundle and rig, and the constants that nobody declared."""
+    """The opening comment: contents, bundle and rig, and the assumed constants."""
     made = flat.provenance
     absent = effects.not_contained()
     lines = [

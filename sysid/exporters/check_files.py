@@ -1,4 +1,4 @@
-"""The folder beside an exported header that replays Python's numbers through it."""
+"""The folder next to an exported header that replays Python's numbers through it."""
 
 from __future__ import annotations
 

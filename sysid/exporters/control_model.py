@@ -52,10 +52,10 @@ def control_model(
     n: Names,
     accept_assumed: bool,
 ) -> ControlModel | str:
-    """The controllers' model of a bundle, or why there is none.
+    """The controllers' model of a bundle, or why it cannot be made.
 
-    `constants` are the header's; `effects` the bundle's in its order, None for an entry that
-    is none, and whether the header holds their own constants.
+    `constants` are the header's; `effects` the bundle's in its order, None for an invalid entry,
+    and whether the header holds their constants.
     """
     if flat.rig.pwm is None:
         return "the rig file has no [pwm], whose period they need"

@@ -1,8 +1,8 @@
 """What a bundle's effects do, as expressions: their ports evaluated on names of the header.
 
-An effect is contained where all that it does follows from the point where the model is. It
-is not where it has a state, needs the signals or pulses of a whole test, or a constant that
-is not known; `Laws.reasons` says which.
+An effect is included if its action depends on the model's current point alone. It is not if it
+has a state, needs the signals or pulses of a whole test, or a constant that is not known;
+`Laws.reasons` says which.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Laws:
 
 
 def effect_laws(flat: Flat, effects: Sequence[CatalogueEffect | None], n: Names) -> Laws:
-    """The laws of a bundle's effects (None: an entry that is none), in the bundle's order."""
+    """The laws of a bundle's effects (None: an invalid entry), in the bundle's order."""
     made = _Maker(flat, n)
     reasons: dict[int, str] = {}
     held: dict[int, CatalogueEffect] = {}

@@ -14,7 +14,7 @@ from sysid.types import FloatArray
 # A share of the values are on edges, or within the last bit of one.
 _EDGES = 0.05
 # Rounding in single precision, of a value or its column's root mean square, and the change of an
-# output, of its bound of 1e-4, beyond which a row says nothing about single precision.
+# output, of its bound of 1e-4, beyond which a row cannot test single precision.
 _ROUNDING, _MOST_CHANGE = 2.0**-21, 0.3
 SINGLE, DOUBLE = 1e-4, 1e-12
 # What is more, as a share, is a jump, which both take on the same side.
