@@ -37,7 +37,7 @@ class Term:
     `adds(columns, values)` of a static component gives what is added to the prediction: an
     array, or arrays by output. `adds(state, inputs, values)` of a dynamic one gives, by state,
     what is added to its rate. `values` holds the component's parameters and the term's own
-    quantities by name. `tie_breaker`: the test that tells it from its rivals.
+    quantities by name. `tie_breaker`: the test that distinguishes it from its rivals.
     """
 
     id: str

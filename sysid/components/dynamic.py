@@ -25,7 +25,7 @@ _MOST_RESIDUALS = 12_000
 _FEWEST_ROWS = 4
 # Rows on each side through which the rate of a column is smoothed, as a regressor.
 _HALF_WINDOW = 15
-# Slopes beyond this are none: their squares would not be numbers.
+# Slopes beyond this are invalid: their squares would overflow.
 _STEEPEST = 1e100
 
 

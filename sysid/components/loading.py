@@ -138,7 +138,7 @@ def _again(path: str, name: str, sha256: str) -> LoadedComponent:
 
 
 def _offered(component: ComponentSource) -> list[LoadedComponent]:
-    """The components of a source, one or more, checked."""
+    """The components of a source, at least one, checked."""
     if isinstance(component, str | Path):
         return _of_file(str(component))
     made = component

@@ -118,7 +118,7 @@ def _identified(
     scaled_by: Sequence[int],
     noise: Mapping[str, float],
 ) -> list[tuple[Identification, ...]]:
-    """Which parameters each group of logs tells at their starts, from the law's derivatives.
+    """Which parameters each group of logs identifies at their starts, from the law's derivatives.
 
     `trials` are those of each log, `groups` places among them; `scaled_by` the logs whose outputs'
     spreads are the scales, `noise` the error of one sample of each output.

@@ -33,13 +33,13 @@ _FEWEST_ROWS = 8
 _TERM_MODULE = "sysid_user_terms"
 # What a residual counts, in spreads of its output, where a law gives no number.
 _DIVERGED = 1e3
-# Beyond so many times the largest measured value a prediction is none: its square overflows.
+# Beyond this many times the largest measured value a prediction is invalid: its square overflows.
 _FAR = 1e12
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Rows `start` to `stop` of a trial that are left out together: all of it, or a part."""
+    """Rows `start` to `stop` of a trial that are excluded together: all of it, or a part."""
 
     label: str
     trial: Trial
@@ -125,7 +125,7 @@ class OwnPart(Component):
         """Trial, its first row and the outputs (n, outputs) from there, as the law gives them."""
 
     def is_far(self, outputs: FloatArray) -> NDArray[np.bool_]:
-        """Which of (..., outputs) are no numbers, or lie beyond all that was measured."""
+        """Which of (..., outputs) are not finite, or lie far beyond what was measured."""
         largest = [np.max([np.max(np.abs(t[n])) for t in self.trials]) for n in self._outputs]
         return ~(np.abs(outputs) <= _FAR * np.where(largest, largest, 1.0))
 

@@ -90,7 +90,7 @@ def slopes(
 
 @dataclass(frozen=True)
 class _Identity:
-    """What tells compiled models apart: the class, and what it and the object declare."""
+    """The key of a compiled model: the class, and what it and the object declare."""
 
     kind: type
     own: str
@@ -229,7 +229,7 @@ def runs_of(made: DynamicComponent, pieces: Sequence[tuple[Trial, int, int]]) ->
 
 
 def _noise_of(trial: Trial, made: DynamicComponent) -> dict[str, float]:
-    """The noise of each column, in its unit; 0 in a test too short to tell."""
+    """The noise of each column, in its unit; 0 in a test too short to show it."""
     if len(trial) < signals.FEWEST_FOR_NOISE:
         return dict.fromkeys(made.columns, 0.0)
     return {n: signals.noise_floor(trial[n], stride=trial.stride_of(n)).total for n in made.columns}

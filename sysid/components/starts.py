@@ -17,7 +17,7 @@ _FIX_RUN = f"{_FIX}; raise substeps if it is stiff"
 def check_starts(part: OwnPart) -> None:
     """InputError that names the first output, row and time where the law gives no number.
 
-    Also for a parameter by which no slope is one: the fit could not tell it from one without
+    Also for a parameter without a finite slope: the fit could not distinguish it from one without
     influence.
     """
     law = Law({p.name: p.value for p in part.parameters()})
