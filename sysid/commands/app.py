@@ -112,7 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextlib.contextmanager
 def _others_silent() -> Iterator[None]:
-    """Warnings and log lines of other libraries do not stand beside our one line."""
+    """Suppress warnings and log lines of other libraries: one line is printed."""
     if os.environ.get("SYSID_DEBUG"):
         yield
         return
@@ -178,7 +178,7 @@ def _fault(error: Exception) -> int:
 
 
 def _open_closed() -> None:
-    """A caller may have closed standard output or error: then nobody reads them."""
+    """A caller may have closed standard output or error: then there is no reader."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115

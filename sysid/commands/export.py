@@ -32,7 +32,7 @@ from sysid.pipeline.export import ExportOptions, check_folder, export_file
 def export(bundle: Path, output: Path, as_json: bool, **options: Any) -> None:
     """Files for a controller: a C header, a MATLAB file or flat JSON.
 
-    Beside the header a folder is written that replays Python's numbers through it.
+    Next to the header a folder is written that replays Python's numbers through it.
     """
     asked = ExportOptions(**options)
     said = export_file(bundle, output, asked)

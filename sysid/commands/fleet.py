@@ -39,7 +39,7 @@ def fleet(
 ) -> None:
     """Every CAMPAIGN through `run`, and one page over all of them: what changed, and when.
 
-    A campaign whose results are up to date is not run again. Rigs are told apart by the name in
+    A campaign whose results are up to date is not run again. Rigs are distinguished by the name in
     the rig file, dates by an ISO date in the name of the campaign file or of its folder.
     """
     asked = FleetOptions(**options, verbose=verbose, told=progress, progress=progress())

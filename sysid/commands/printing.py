@@ -71,7 +71,7 @@ def stage_progress(
 ) -> Iterator[tuple[Progress, Progress]]:
     """What is told of each step, and of each stage as it is entered, on standard error.
 
-    On a terminal a bar with the time that is left, by the seconds `expected` of each stage; a line
+    On a terminal a bar with the remaining time, by the seconds `expected` of each stage; a line
     for each step elsewhere, and with `verbose`.
     """
     if verbose or not sys.stderr.isatty():

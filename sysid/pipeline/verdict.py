@@ -46,7 +46,7 @@ _Log = tuple[str, str | None, str | None]
 def _fits(validation: Validation | None) -> list[tuple[str, _Log, str, float]]:
     """Use, log, channel's title and fit percentage under the first valve model of each log.
 
-    Logs of several folders may share a file name: the digest tells them apart.
+    Logs of several folders may share a file name: the digest distinguishes them.
     """
     found: list[tuple[str, _Log, str, float]] = []
     seen: set[tuple[_Log, str]] = set()
