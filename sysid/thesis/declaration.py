@@ -55,7 +55,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """A column: its name, the group that it belongs to (or ""), and its unit, rad or Pa."""
+    """A column: its name, its group (or ""), and its unit, rad or Pa."""
 
     title: str
     group: str = ""

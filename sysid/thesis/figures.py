@@ -1,7 +1,7 @@
 """The thesis' figures of closed loops (4.2 to 4.31, 5.1 to 5.3): which loops each shows.
 
 Simulated ones and those measured on the rig are the same loops here where their settings are the
-same: a counterpart then carries both numbers. What is only in print is left out: the schematic 4.1.
+same: a counterpart then carries both numbers. What exists only in print is omitted: schematic 4.1.
 """
 
 from __future__ import annotations

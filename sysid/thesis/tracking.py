@@ -35,7 +35,7 @@ def by_controller(table: str) -> Declaration:
 def by_test(table: str) -> Declaration:
     """A row a controller and trajectory, a column a test (4.5.4 to 4.5.6, experiments).
 
-    Ours are simulations of the same controller: each test with a noise of its own.
+    Ours are simulations of the same controller, each test with different noise.
     """
     rows = []
     for row in rows_of("table_4_5_experiment", table):
