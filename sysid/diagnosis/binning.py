@@ -18,8 +18,8 @@ def equal_count_edges(regressor: FloatArray, count: int) -> FloatArray:
 def bins_of(regressor: FloatArray, most: int, least: int) -> tuple[IntArray, int]:
     """The bin of every value (n,) and how many there are: at most so many, of equal count.
 
-    A bin holds `least` values or more, but where there are no more distinct ones than `most`: those
-    have a bin each. Ties share a bin.
+    A bin holds at least `least` values; if at most `most` distinct values exist, each has its own
+    bin. Ties share a bin.
     """
     values, place = np.unique(regressor, return_inverse=True)
     if len(values) <= most:
@@ -35,8 +35,8 @@ def predicted_share(
 ) -> float:
     """Share of the squares of values (n,) that bin means of the other groups predict, 0 to 1.
 
-    Groups (n,), by number, are left out in `folds`; 0 without any. Unlike the share within the
-    sample it credits no dependence that values next to one another in time only seem to have.
+    Groups (n,), by number, are excluded in `folds`; 0 without any. Unlike the share within the
+    sample it is not inflated by the autocorrelation of values next to one another in time.
     """
     count = int(place.max()) + 1
     taken = total = 0.0
@@ -55,7 +55,7 @@ def binned_means(place: IntArray, values: FloatArray, group: IntArray) -> dict[s
     `place` (n,): each value's bin, `group` (n,): the test, or the unbroken stretch of one, that it
     is from. Values within a group are correlated: the errors take each group within a bin as one
     observation. Lists `means` and `errors` (bins,); `share`, 0 to 1, is adjusted for the number of
-    bins, `power` the mean square that goes with it.
+    bins, `power` the corresponding mean square.
     """
     count = np.bincount(place)
     means = np.bincount(place, values) / count

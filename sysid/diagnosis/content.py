@@ -16,7 +16,7 @@ from sysid.plant.effects.entry import CatalogueEffect
 def content(diagnosis: Diagnosis) -> dict[str, Any]:
     """The output of `sysid diagnose --json` (spec/cli.md), and the data drawn under `figures`.
 
-    Pictures that cannot be drawn are left out, and the notices say why.
+    Pictures that cannot be drawn are skipped, and the notices say why.
     """
     found, drawn = diagnosis.to_json(), figures(diagnosis)
     missing = drawn.pop("missing")
@@ -43,7 +43,7 @@ def names(diagnosis: Diagnosis) -> dict[str, Any]:
 
     `titles` and `meanings` name effects, those that were tried among them, and the parameters of
     those found; `laws` says in a sentence what each found one and each rival does, `telling` which
-    test tells it from others. `missing` says what could not be worked out, and why.
+    test distinguishes it from others. `missing` says what could not be computed, and why.
     """
     missing: list[str] = []
     looks = on_its_own(diagnosis.evidence.rounds_shown)

@@ -24,7 +24,7 @@ def is_of_actuator(content: Mapping[str, Any] | None) -> bool:
 
 
 class ComponentEvidence(ABC):
-    """How the effects of a component were found: by twins, or by tests left out of its fit."""
+    """How the effects of a component were found: by twins, or by leave-one-test-out prediction."""
 
     component: str
     """The component's name: `ACTUATOR`, or the kind of test of a part."""
@@ -63,7 +63,7 @@ class ComponentEvidence(ABC):
 
     @abstractmethod
     def with_base(self, bundle: Bundle) -> Bundle:
-        """A bundle with the base model's parameters as they were fitted beside the effects."""
+        """A bundle with the base model's parameters as they were fitted with the effects."""
 
     def to_json(self) -> dict[str, Any]:
         """What `sysid diagnose --json` prints of this kind of evidence only."""
@@ -75,7 +75,7 @@ class ComponentEvidence(ABC):
         return self.rounds[-1].tried
 
     def found(self, errors: Sequence[Mapping[str, float]]) -> tuple[FoundEffect, ...]:
-        """The effects with what each gained; `errors` by channel: before, then after each step."""
+        """The effects with the improvement by each; `errors` by channel: before, then by step."""
         return tuple(
             FoundEffect(
                 effect=self.effects[place],

@@ -31,12 +31,11 @@ class BeforeAfter:
 
 @dataclass(frozen=True, repr=False)
 class FoundEffect(Shown):
-    """An effect that was added: its numbers, its gain, and what is indistinguishable from it.
+    """An effect that was added: its numbers, what it explains, and its indistinguishable rivals.
 
     `share`: of the residual's excess over noise on the fitted logs (of a part: of the mean square
-    error of tests left out); `holdout` by channel,
-    before and after this effect was added; `advice` names the test that would decide; `repeats`:
-    what parts of the tests name.
+    error in leave-one-test-out prediction); `holdout` by channel, before and after this effect was
+    added; `advice` names the test that would decide; `repeats`: what parts of the tests name.
     """
 
     effect: CatalogueEffect

@@ -64,7 +64,7 @@ class Missed:
     decides: bool = True
 
     def not_done(self) -> dict[str, Any]:
-        """The stage, its round and the effect's id, None where there is none, as JSON types."""
+        """The stage, its round and the effect's id, None without one, as JSON types."""
         return {
             "stage": self.stage.value,
             "round": self.round or None,
@@ -148,7 +148,7 @@ _ENTRIES = ("screened", "fitted", "missed", "notes")
 
 @dataclass
 class Book:
-    """A `Looked` in the making; `quick`: only a first look is asked for (`QUICK`)."""
+    """A `Looked` under construction; `quick`: only a quick search was requested (`QUICK`)."""
 
     stage: SearchStage = SearchStage.TWIN
     round: int = 0
@@ -163,22 +163,22 @@ class Book:
         self.stage, self.round = stage, number
 
     def note(self, sentence: str) -> None:
-        """Note what the search came upon and no effect's numbers say."""
+        """Note a finding of the search that no effect's numbers contain."""
         if sentence not in self.notes:
             self.notes.append(sentence)
 
     def aside(self) -> Book:
-        """A book of its own for what may not count, with what is noted in this one."""
+        """A copy for a trial that may be discarded, with this one's entries."""
         own = {name: list(getattr(self, name)) for name in _ENTRIES}
         return Book(self.stage, self.round, **own, quick=self.quick)
 
     def take(self, other: Book) -> None:
-        """Have the entries of a book that went on `aside`."""
+        """Take over the entries of a copy made by `aside`."""
         for name in _ENTRIES:
             getattr(self, name)[:] = getattr(other, name)
 
     def left_out(self, stage: SearchStage, number: int = 0, *, decides: bool = False) -> None:
-        """Note that a quick search leaves a stage out."""
+        """Note that a quick search skips a stage."""
         self.enter(stage, number)
         self.miss(QUICK, decides=decides)
 

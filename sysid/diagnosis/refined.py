@@ -111,11 +111,11 @@ def _limits(effect: CatalogueEffect) -> list[str]:
 
 
 def _over_chance(refinement: RefineResult, place: int, kind: type[CatalogueEffect]) -> float:
-    """Wald's statistic of the strengths of the effect at a place over that which chance gives them,
-    were there none; infinite where none is known.
+    """Wald's statistic of an effect's strengths over its critical value without the effect;
+    infinite where no strength is known.
 
-    Its shapes stay as they are: without an effect they have no meaning, and a gap may be told from
-    none where it is not told from the speed at which it is crossed.
+    The effect's shapes are held: without the effect they have no meaning, and a gap may be
+    distinguishable from 0 even where it is confounded with the speed at which it is crossed.
     """
     of = {
         parameter.unknown.direction: i
@@ -214,8 +214,8 @@ def _errors_after(
 def simulating_best(
     found: Diagnosis, rival: Diagnosis, progress: Progress = no_progress
 ) -> Diagnosis:
-    """Of two diagnoses that the balances do not tell apart, the one that simulates the tests to fit
-    on better; where that is not known of the first, the other if its refinement holds.
+    """Of two diagnoses that the balances do not distinguish, the one that simulates the training
+    tests better; where that is unknown for the first, the other if its refinement holds.
     """
     from sysid.refinement.whole_tests import times  # loads jax
 

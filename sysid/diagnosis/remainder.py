@@ -1,4 +1,4 @@
-"""What is left of a residual: how much of it repeats from test to test, and how much is scatter.
+"""The remainder of a residual: how much of it repeats from test to test, how much is scatter.
 
 Repeatable is what one set of tests says of another's residual, over everything that was logged
 together: a gradient boosting of trees (Friedman, Ann. Statist. 29 (2001) 1189-1232), by
@@ -33,8 +33,8 @@ class Remainder:
     """RMSE of a channel's residual, in its unit, and its parts, whose squares add up to its own.
 
     `noise`: from one sample to the next; `repeatable`: what other tests predict over `regressors`;
-    `scatter`: the rest, from test to test. `agreeing`: of `tests`, the training tests left out in
-    turn and the held-out ones, those whose residual others predict at all.
+    `scatter`: the remaining part, from test to test. `agreeing`: of `tests`, the training tests
+    excluded in turn and the held-out ones, those whose residual others predict at all.
     """
 
     channel: str
@@ -83,7 +83,7 @@ class ResidualTable:
 
     @staticmethod
     def of(columns: Mapping[str, FloatArray], left: FloatArray, test: IntArray) -> ResidualTable:
-        """A table of regressors by name; those that hold the noise of the residual are left out."""
+        """A table of regressors by name, without those that contain the residual's noise."""
         used = {n: v for n, v in columns.items() if n not in _NOISY}
         inputs = np.column_stack([*used.values()]) if used else np.zeros((len(left), 0))
         return ResidualTable(tuple(used), inputs, left, test)

@@ -37,10 +37,10 @@ class Diagnosis:
     `because`: why the verdict is `unexplained`, unless it is `incomplete`.
     `refinement`: of the numbers by simulation error, where they are from it; the errors after each
     effect are those before it. `not_refined`: why its numbers were not taken, empty where they were
-    or none was asked for. `simulated`: errors (3,) of the tests to fit on with these numbers, where
-    a refinement looked. `missed`: what was not done after the search. `contradicted`: ids of
-    effects that an earlier search found and motion gives no strength, without which this one was
-    made. `evaluations`: how many were made (`sysid.parallel.spend`).
+    or none was requested. `simulated`: errors (3,) of the training tests with these numbers, where
+    a refinement computed them. `missed`: what was not done after the search. `contradicted`: ids of
+    effects that an earlier search found but that have no strength in motion, and were barred from
+    this search. `evaluations`: how many were made (`sysid.parallel.spend`).
     """
 
     effects: tuple[FoundEffect, ...]

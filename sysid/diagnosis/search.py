@@ -1,7 +1,7 @@
 """The search for what a model lacks: effects are added one after another, and taken out again.
 
 What a round screens, fits and judges is a matter of the evidence (`Rounds`): twins of an actuator
-(`actuator.search`), tests of a part left out of its fit (`bench.selection`). Every effect that is
+(`actuator.search`), leave-one-test-out prediction (`bench.selection`). Every effect that is
 not in the model is tried again in each round; one that those added after it make superfluous is
 removed, and not tried again.
 """
@@ -25,10 +25,10 @@ MOST_EFFECTS = 3
 
 @dataclass(frozen=True)
 class Tried:
-    """An effect that a round tried: what it gains, and how likely as much is by chance.
+    """An effect that a round tried: what it explains, and how likely as much is by chance.
 
-    `gain` in the evidence's own terms: whitened squares that its signature removes (twins), or the
-    share of the mean square error of tests left out, negative where it predicts worse.
+    `gain`: the reduction of the whitened sum of squares by its signature (twins), or the relative
+    reduction of the leave-one-test-out mean square error, negative where it predicts worse.
     """
 
     id: str
@@ -45,8 +45,8 @@ class Step:
     """An effect that was added, and what else its round tried, in descending order.
 
     All as it was found then, also where an effect before it was removed since. `share`: what it
-    explained of the excess over noise in the balances that it reaches, or of the mean square error
-    of tests left out. `ambiguous`: ids that the data put in its place.
+    explained of the excess over noise in the balances that it affects, or of the leave-one-test-out
+    mean square error. `ambiguous`: ids of effects that the data do not distinguish from it.
     """
 
     effect: CatalogueEffect
@@ -61,7 +61,7 @@ class Step:
 
     @property
     def is_ambiguous(self) -> bool:
-        """Whether other tests are needed to tell it from its rivals."""
+        """Whether other tests are needed to distinguish it from its rivals."""
         return bool(self.ambiguous)
 
     @property
@@ -96,7 +96,7 @@ class Rounds(ABC, Generic[StepT]):
 
     @abstractmethod
     def proposal(self, number: int, barred: frozenset[str]) -> StepT | None:
-        """The best effect to be added in a round, of those not in `barred`; None: there is none.
+        """The best effect to be added in a round, of those not in `barred`; None if none passes.
 
         Raises OutOfBudgetError.
         """
@@ -126,8 +126,8 @@ def run(
 ) -> tuple[Round, ...]:
     """Add effects, and remove what they make superfluous, until no round adds one.
 
-    Goes on after the `earlier` rounds, without the effects `given_up`. Ends within the limit in
-    force (`sysid.parallel`), but for the first round; what failed is in the book. A quick search
+    Continues after the `earlier` rounds, without the effects `given_up`. Ends within the limit in
+    force (`sysid.parallel`), except for the first round; `book` records failures. A quick search
     ends with the first effect.
     """
     history = list(earlier)

@@ -1,4 +1,4 @@
-"""The section on a diagnosis: what the model lacked, the gain, what was tried, the remainder."""
+"""The section on a diagnosis: effects found, improvement, effects tried, and the remainder."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ def parameters_table(content: Content) -> Table:
 
 
 def refitted_table(content: Content) -> Table:
-    """The base parameters that were estimated again beside the effects, from what to what."""
+    """The base parameters that were re-estimated with the effects, before and after."""
     rows: list[tuple[Any, ...]] = []
     for entry in content["figures"].get("refitted") or []:
         value, unit = float(entry["after"]), entry["unit"]
@@ -159,7 +159,7 @@ def step_names(content: Content) -> list[str]:
 def suspects_table(
     content: Content, caption: str, suspects: Sequence[tuple[int, Mapping[str, Any]]]
 ) -> Table:
-    """Each suspect with the number of its round: what it gained, and what became of it."""
+    """Each suspect with the number of its round: what it explained, and its outcome."""
     gain: tuple[str, ...] = ("Prediction error removed, %",)
     if is_of_actuator(content):
         gain = ("Gain", "Largest on a twin", "Refitted")

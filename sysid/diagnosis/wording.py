@@ -125,7 +125,7 @@ _NO_STRUCTURE = {
 
 
 def _remaining(content: Content) -> Iterator[str]:
-    """What is left, by balance: structure; where none counts as such, the reason comes first."""
+    """The remaining structure by balance; if none counts, the reason comes first."""
     other = _NO_STRUCTURE.get(content.get("because") or "")
     said = (
         "the residual of {0} depends most on {1} ({2} % of its variance)"
