@@ -135,7 +135,7 @@ def mean_friction(
 
 
 def _stds(fit: LinearFit) -> FloatArray:
-    """Infinite where there is no repetition to take an error from."""
+    """Infinite without repetitions from which an error could be estimated."""
     return np.asarray(np.sqrt(fit.variance * np.diag(fit.unscaled)))
 
 

@@ -24,7 +24,7 @@ _PUSHED = 0.3  # correlation of speed and push
 
 @dataclass
 class TrialUse:
-    """The outcome of one trial: used, or left out and why, and the values read from it.
+    """The outcome of one trial: used, or excluded and why, and the values read from it.
 
     `has_stopped`: a ramp's effort had stopped growing before the shaft moved.
     """
@@ -60,8 +60,8 @@ def left_out_lines(uses: Sequence[TrialUse]) -> list[str]:
 
 
 def tests_left_out(uses: Sequence[TrialUse], asked: tuple[FloatArray, FloatArray]) -> LeftOut:
-    """What a fit left out of its tests; `asked`: what was measured in, and what the law leaves of,
-    the tests (n,) that it can be asked about, used or not."""
+    """The tests that a fit excluded; `asked`: the measured values and the law's residuals of all
+    tests (n,) that the law predicts, used or not."""
     measured, left = asked
     used = sum(use.used for use in uses)
     unasked = len(uses) - max(len(measured), used)
@@ -73,7 +73,7 @@ def tests_left_out(uses: Sequence[TrialUse], asked: tuple[FloatArray, FloatArray
 
 
 def against_motion(uses: Sequence[TrialUse]) -> bool:
-    """Whether the effort works against the motion in most of the tests that tell."""
+    """Whether the effort works against the motion in most of the tests that show it."""
     works = [work for use in uses if (work := _work(use.values)) is not None]
     return 2 * sum(work < 0.0 for work in works) > len(works)
 
@@ -105,7 +105,7 @@ def pushed_along(trials: Sequence[Recording]) -> str | None:
     """A notice where the chambers' air pushes the motion along though only the motor drives it.
 
     Air that breathes through open exhausts resists: its effort and the speed have opposite signs
-    in the mean over all trials. None where they do, or where the trials do not tell.
+    in the mean over all trials. None where they do, or where the trials do not show it.
     """
     pairs = [_blocks(t) for t in trials if not t.valves_move and np.any(t.motor)]
     pairs = [(v, c) for v, c in pairs if np.any(c)]

@@ -1,20 +1,20 @@
-"""Samples whose friction is not yet, or no longer, that of sliding: left out where they show it.
+"""Samples whose friction is not yet, or no longer, that of sliding: excluded on evidence.
 
 After a reversal the contacts deform before they slide (presliding), and at low speed friction may
 be above Coulomb friction (Stribeck). Both bias Coulomb and viscous friction, which are the law of
-sliding. Lack of fit alone is no evidence of either: it has to have the shape.
+sliding. Lack of fit alone is no evidence of either: it must have the characteristic shape.
 
-Presliding is memory: friction falls short after a reversal, and did not before it, at the same
-place and speed. What depends on the place or the speed is the same before and after, along the
-motion or against it, and what is missing after a reversal counts only as far as it exceeds that.
-It also ends within a distance that is small against the way from one reversal to the next.
+Presliding has memory: friction is lower after a reversal than before it, at the same place and
+speed. An effect of the place or the speed is the same before and after, along the motion or
+against it, so that a deficit after a reversal counts only as far as it exceeds that before it.
+Presliding also ends within a distance that is small against that between two reversals.
 Stribeck friction is friction above the law of the faster motion, at the lower speeds.
 
 The samples are ordered by the way since the last reversal, then by speed, and cut into bins of
-equal number; the lowest bin is left out as long as it shows the effect against the law fitted on
+equal number; the lowest bin is excluded as long as it deviates in this way from the law fitted to
 the bins above, by more than a share of the friction and its own scatter over trials (or stretches
-of one). Where that does not end, the samples are kept: what the law lacks is then something else,
-which belongs in the interval and in the verdict.
+of one). If this does not end, the samples are kept: the lack of fit then has another cause, which
+belongs in the interval and in the verdict.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from sysid.estimation.linear import t_quantile
 from sysid.types import FloatArray
 
 BINS = 20
-# Presliding ends within this share of the way between reversals, or it is none.
+# Presliding ends within this share of the travel between reversals; else it is something else.
 _SMALL = 0.25
-# The law is that of most of the samples, or none of them are left out for their speed.
+# The law has to hold for most of the samples; otherwise none is excluded for its speed.
 _MOST_OUT = 0.5
 # A deviation of the lowest bin alone is left to the interval: it may be the filter's.
 _FEWEST_OUT = 2
@@ -62,14 +62,14 @@ _Shows = Callable[[Sequence[MotionSamples], float, float, FloatArray], bool]
 @dataclass(frozen=True)
 class SlidingLimits:
     """The travel since the last reversal (rad or m) and the speed (rad/s or m/s) below which
-    samples are left out, 0 where none are, and the share of the samples that is."""
+    samples are excluded, 0 where none are, and the share of the samples that is."""
 
     travel: float = 0.0
     speed: float = 0.0
     left_out: float = 0.0
 
     def text(self, position: str, speed: str) -> str:
-        """What is left out and why, empty where nothing is."""
+        """What is excluded and why, empty where nothing is."""
         parts = []
         if self.travel:
             parts.append(
@@ -97,7 +97,7 @@ def sliding_only(
     total = sum(len(s.effort) for s in samples)
     found = list(samples)
     if fit(found)[COULOMB] <= 0.0:
-        # What is not friction is not mended by leaving samples out.
+        # Excluding samples does not correct an effect other than friction.
         return found, SlidingLimits()
     way = _between_reversals(found)
     search = _Search(_since, _falls_short, _from_reversals, fit, separates, _SMALL * way)
@@ -212,7 +212,7 @@ class _Mean:
 
 
 def _mean_along(samples: Sequence[MotionSamples], law: FloatArray) -> _Mean | None:
-    """Over trials, or stretches of a few; None where there is nothing to take a mean over."""
+    """Over trials, or stretches of a few; None without values to average."""
     parts = [s for s in samples if len(s.effort)]
     along = [np.sign(s.speed) * (s.effort - s.regressors @ law) for s in parts]
     pieces = along

@@ -2,7 +2,7 @@
 
 The effort balance of `balance/samples` is linear in its parameters (`motion_regression`). Motion in
 one direction or at one speed identifies sums of the parameters (`combinations`), which are fitted
-in their place. Samples at low speed and after reversals are left out where the law of the others
+in their place. Samples at low speed and after reversals are excluded where the law of the others
 does not predict them (`low_speed`).
 """
 
@@ -192,7 +192,7 @@ def fit_motion(
 
 
 def _long_enough(samples: Sequence[MotionSamples]) -> list[MotionSamples]:
-    """Trials with enough samples for a residual variance of their own."""
+    """Trials with enough samples for their own residual variance."""
     return [s for s in samples if len(s.effort) >= _FEWEST_SAMPLES]
 
 
@@ -208,9 +208,9 @@ def separation(samples: Sequence[MotionSamples]) -> Separation:
 class _Model:
     """Which regressors are fitted (`columns`), and the inertia where it is not.
 
-    Where one speed leaves sums of friction only, `slope` is the speed's share of the columns of
-    direction and 1. What the speed deviates from that, on the way to a reversal, takes friction,
-    too: fitted beside the sums, it is not taken for inertia.
+    Where one speed identifies only sums of friction, `slope` holds the speed's projection on the
+    columns of direction and 1. The speed's deviation from it, on the way to a reversal, also causes
+    friction: it is fitted in addition to the sums, so that it is not mistaken for inertia.
     """
 
     shape: Separation
@@ -232,7 +232,7 @@ class _Model:
         return _Model(shape, columns, None, unmoved=True, slope=slope)
 
     def rows(self, samples: Sequence[MotionSamples]) -> WeightedRows:
-        """All trials' rows; each trial is weighted by the residual variance of its own fit."""
+        """All trials' rows; each trial is weighted by the residual variance of its separate fit."""
         if not samples:
             raise NotIdentifiedError("friction from motion: too few samples are left")
         parts = [self._of_trial(chosen) for chosen in samples]

@@ -138,7 +138,7 @@ class FrictionResult(NamedEstimates, Shown):
         }
 
     def _left_out(self, kind: str) -> Iterator[LeftOut]:
-        """The tests of a kind that its fit left out, as far as its law can be asked about them."""
+        """The tests of a kind that its fit excluded, as far as its law predicts them."""
         uses = [use for use in self.trials if use.kind == kind]
         if not all(use.used for use in uses):
             yield tests_left_out(uses, self._missed(kind, uses))

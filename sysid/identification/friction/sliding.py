@@ -105,8 +105,8 @@ class SlidingFriction:
 
 
 def missed_by(law: FrictionLaw, uses: Sequence[TrialUse]) -> tuple[FloatArray, FloatArray]:
-    """Mean friction of the trials (n,) that have one, used or left out, and what a law of friction
-    leaves of it; in effort."""
+    """Mean friction of the trials (n,) that have one, used or excluded, and its residual from a law
+    of friction; in effort."""
     known = [use.values for use in uses if "friction" in use.values]
     friction, speed = (np.array([row[key] for row in known]) for key in ("friction", "speed"))
     offset = law.offset.value if law.offset.identified else 0.0
@@ -326,7 +326,7 @@ class _Ratios:
     f = f_s s + f_T T + f_1, w = w_s s + w_T T + w_1. Then f = coulomb s + viscous w + offset
     gives viscous = f_T / w_T and coulomb = (f_s w_T - w_s f_T) / w_T, likewise the offset:
     ratios with one denominator, whose joint covariance comes from the scatter of friction
-    and speed in each group of trials with a variance of its own.
+    and speed in each group of trials with its own variance.
     """
 
     def __init__(self, force: LinearFit, speed: LinearFit, points: SlidingPoints) -> None:

@@ -144,7 +144,7 @@ def fit_static(
 
 
 def breakaway(trial: Recording, units: MotionUnits) -> TrialUse:
-    """One ramp's breakaway effort, signed, in `values`; or why it is left out."""
+    """One ramp's breakaway effort, signed, in `values`; or why it is excluded."""
     use = TrialUse(trial.label, trial.source, STATIC)
     found = find_onset(trial)
     if isinstance(found, str):
@@ -204,7 +204,7 @@ def _carried_on(times: FloatArray, effort: FloatArray, when: float) -> float:
 
 
 def find_onset(trial: Recording) -> Onset | str:
-    """Onset of sustained motion in a ramp, or why there is none."""
+    """Onset of sustained motion in a ramp, or why none was found."""
     x = trial.position
     if len(x) < 20:
         return "it is too short"

@@ -39,7 +39,7 @@ class SteadyStretch:
 
 
 def find_stretch(trial: Recording) -> SteadyStretch | str:
-    """The interval of constant effort and, if possible, steady speed; or why there is none.
+    """The interval of constant effort and, if possible, steady speed; or why none exists.
 
     Starts after the kick, once all later blocks of 50 ms stay within 5 % of the median speed
     of the later half; where they never do, 0.1 s after the kick, as an unsteady interval.
@@ -102,7 +102,7 @@ def _before_rest(
     """The stretch of a trial that comes to rest: against a stop, a cushion, a spring, gravity.
 
     Its longest steady stretch while it is fast, since what stops it may not be in the model;
-    where there is none (an arm that swings uphill), all of its motion while it is fast.
+    without one (an arm that swings uphill), all of its motion while it is fast.
     """
     least = math.ceil(MIN_STRETCH_S / (trial.period * (marks[1] - marks[0])))
     first, last = signals.longest_run(speed >= max(COAST * float(np.max(speed)), noise))
@@ -139,9 +139,9 @@ def _is_steady(speed: FloatArray, noise: float) -> bool:
 def sliding_points(
     trials: Sequence[Recording], inertia: float | None, units: MotionUnits, notices: list[str]
 ) -> tuple[SlidingPoints | None, list[TrialUse]]:
-    """One point per trial; trials that stall or are unusable are left out, with a notice.
+    """One point per trial; trials that stall or are unusable are excluded, with a notice.
 
-    Where most trials are not steady, the steady ones are left out and the points have each
+    Where most trials are not steady, the steady ones are excluded and the points have each
     trial's own law of friction over speed.
     """
     uses = [_use(trial, inertia) for trial in trials]
@@ -156,7 +156,7 @@ def sliding_points(
     used = [use.values for use in uses if use.used]
     if not used:
         return None, uses
-    # Only unsteady trials have a law of their own.
+    # Only unsteady trials have their own law.
     shared = set(used[0]).intersection(*used)
     table = {key: np.array([row[key] for row in used]) for key in shared}
     set_effort = table["motor"] - table["gravity"]
@@ -172,7 +172,7 @@ def sliding_points(
 
 
 def levels_of_tests(trials: Sequence[Recording]) -> list[Recording]:
-    """Each stretch of constant effort as a trial of its own, of tests that hold several, as far as
+    """Each stretch of constant effort as a separate trial, of tests that hold several, as far as
     its speed becomes steady; tests of one level as they are."""
     found: list[Recording] = []
     for trial in trials:
@@ -203,7 +203,7 @@ def _is_settled(trial: Recording) -> bool:
 
 
 def _keep_one_method(uses: Sequence[TrialUse], notices: list[str]) -> bool:
-    """Whether to fit within the trials (most are unsteady); steady ones are then left out."""
+    """Whether to fit within the trials (most are unsteady); steady ones are then excluded."""
     used = [use for use in uses if use.used]
     unsteady = [use for use in used if not use.values["steady"]]
     if not unsteady:

@@ -19,7 +19,7 @@ JUMPS = ("jump_fill_percent", "jump_dis_percent")
 _ATMOSPHERE_TOLERANCE = 0.005
 _DELAY_TOLERANCE_S = 0.0003
 _MISFIT = 1.3
-# Rows in motion from which a misfit is told from the noise.
+# Fewest rows in motion with which a lack of fit is distinguished from the noise.
 _FEWEST_ROWS = 20
 _RATIO_TOLERANCE = 0.02
 
@@ -64,7 +64,7 @@ def misfit_notices(curves: CurveFit, title: str) -> list[str]:
     """Fillings and discharges that the two-regime law misses by more than the noise.
 
     Pieces with too few rows in motion to be judged alone are judged together. A direction of
-    which no flow is fitted says nothing.
+    which no flow is fitted gives no notice.
     """
     lines = []
     for what, names, rises in (("filling", FLOWS[:2], True), ("discharge", FLOWS[2:], False)):

@@ -17,7 +17,7 @@ _AWAY = 5.0
 
 
 def qualities(curves: CurveFit) -> dict[str, FitQuality]:
-    """By direction, "fill" and "discharge"; one without a fitted flow is left out.
+    """By direction, "fill" and "discharge"; one without a fitted flow is omitted.
 
     The scatter is the noise of the pressure sensor. The rows are those that the command
     assigns to a direction, while the measured or the fitted pressure moves: at rest any law

@@ -1,6 +1,6 @@
 """The rows of a valve-discrete test that can be fitted, and known values (log format).
 
-A test in which the piston moves is left out. Rows where the sensor is clipped, or in which
+A test in which the piston moves is excluded. Rows where the sensor is clipped, or in which
 the chamber was filled from an unsteady supply, are cut out: the rows between the cuts form
 separate pieces, each with its own initial pressure.
 """
@@ -204,7 +204,7 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
             used = "fitted to its rise, at the declared supply" if keep_rise else "left out"
             notices.append(f"{trial.source}: {why}; its filling is {used}; {fix}")
             reasons += [(name, f"{why}; {fix}") for name in FILLING if not keep_rise]
-        # Of an unsteady filling only the last rows, after the cut, are at a level of their own.
+        # Of an unsteady filling only the last rows, after the cut, are at a constant level.
         last = closed - _EDGE_GUARD_S
         plateaus.append(
             (opened, closed, _settled(whole, bad, opened, closed))

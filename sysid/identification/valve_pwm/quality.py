@@ -31,7 +31,7 @@ def duty_quality(
 
 
 def fails(errors: Mapping[str, SurfaceError], duty: FloatArray, noise: float | None) -> str | None:
-    """What a law leaves of its own training tests where it explains too little; else None.
+    """A law's error on its own training tests where it explains too little; else None.
 
     Held-out tests may ask for what few tests do not hold; the training tests may not.
     """

@@ -18,7 +18,7 @@ class Remarks:
     lines: list[str] = field(default_factory=list)
 
     def leave_out(self, trial: Trial | PwmTest, reason: str) -> None:
-        """Note that a test is left out for this reason."""
+        """Note that a test is excluded for this reason."""
         self.about(trial, f"left out: {reason}")
 
     def about(self, trial: Trial | PwmTest, what: str) -> None:

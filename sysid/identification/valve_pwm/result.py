@@ -189,8 +189,8 @@ class ValvePwmFit(Shown):
     """Surfaces of every valve and direction that the tests hold.
 
     `fits` by (valve, direction); `unidentified`: for each of the others, the reason.
-    `averaged`: each valve's averaged law. `remarks` summarize, `notices` report what was left
-    out or is doubtful.
+    `averaged`: each valve's averaged law. `remarks` summarize, `notices` report what was excluded
+    or is doubtful.
     """
 
     fits: dict[tuple[str, str], DirectionFit]

@@ -134,7 +134,7 @@ def pulse_block(pwm_period: float, period: float) -> int:
 
 
 def settled_after(rig: Rig) -> float:
-    """Time, s, from a test's first row that is left out: the valve is not yet periodic.
+    """Time, s, from a test's first row that is excluded: the valve is not yet periodic.
 
     The valve's state depends on commands no older than the longer of the two delays. Before
     that the first pulse has not opened it (filling), or it is still on from before the first

@@ -1,6 +1,6 @@
 """Which tests of a log identify a pulsed valve's mean flow, and what the others lack.
 
-A test that cannot be trusted is left out with a notice that says why; nothing is corrected.
+A test that cannot be trusted is excluded with a notice that says why; nothing is corrected.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from sysid.identification.valve_pwm.samples import PwmTest, open_share
 from sysid.io.rig import Rig
 from sysid.types import FloatArray
 
-# Deviation from the rig file's supply pressure above which rows are left out, as a share of
+# Deviation from the rig file's supply pressure above which rows are excluded, as a share of
 # it. Choked flow is proportional to the supply and has the same relative error.
 SUPPLY_TOLERANCE = 0.02
 # Deviation of the supply that the tests were run with above which it is said, as a share of
