@@ -173,7 +173,7 @@ def _reversed(
             found[channel] = fit
     if not found:
         return ""
-    # The sign of a position with pressures beside it is not that of the effort.
+    # In a log with pressures, the sign of the position is not that of the effort.
     ranked = sorted(found, key=lambda n: (-len(found[n].of_sliding()), found[n].misses))
     name, best = ranked[0], found[ranked[0]]
     likely = [n for n in ranked if _alike(found[n], best)]
@@ -187,7 +187,7 @@ def _reversed(
 
 
 def _alike(one: FrictionResult, best: FrictionResult) -> bool:
-    """Whether a fit is as good as the best: one of the two signs cannot be told from the other."""
+    """Whether a fit is as good as the best: the two signs are then indistinguishable."""
     same = len(one.of_sliding()) == len(best.of_sliding())
     return same and one.misses <= SCATTER_TIMES * best.misses
 
@@ -228,10 +228,10 @@ def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
 
 
 def _refutes(motion: MotionFriction, sliding: SlidingFriction) -> bool:
-    """Whether constant-effort tests give what no friction is, and motion what it may be.
+    """Whether constant-effort tests give an impossible friction, and motion a possible one.
 
-    A force that changes along the stroke (a spring, a cushion, a tilt) is in a test of one way with
-    its speed; to and fro it is told from friction.
+    A force that changes along the stroke (a spring, a cushion, a tilt) is confounded with the speed
+    in a test in one direction; motion to and fro separates it from friction.
     """
     if not any(e.identified and e.interval[1] < 0.0 for e in (sliding.coulomb, sliding.viscous)):
         return False
@@ -246,7 +246,7 @@ def _refutes(motion: MotionFriction, sliding: SlidingFriction) -> bool:
 
 
 def _set_aside(fit: _Fit, sliding: SlidingFriction) -> None:
-    """Constant-effort tests left out, for what their own law is."""
+    """Constant-effort tests that are excluded because of their own law."""
     named = fit.units.keyed({"coulomb": sliding.coulomb, "viscous": sliding.viscous})
     wrong = " and ".join(
         f"{name} = {e.value:.3g} {e.unit}"
@@ -346,7 +346,7 @@ def _kind(name: str) -> str:
 
 
 def _reasons(uses: Sequence[TrialUse]) -> str:
-    """Why tests were left out, each reason once with its tests."""
+    """Why tests were excluded, each reason once with its tests."""
     return "; ".join(f"{titles(own)}: {why}" for why, own in by_reason(uses).items())
 
 
@@ -485,7 +485,7 @@ class _Moving:
     sums: tuple[Combination, ...] = ()
 
     def parameters(self, u: MotionUnits, reason: str = "") -> dict[str, Estimate]:
-        """Coulomb and viscous friction, and the offset where the tests tell of it."""
+        """Coulomb and viscous friction, and the offset where the tests identify it."""
         names = ("coulomb", "viscous", "offset")
         own = {} if self.fit is None else {name: getattr(self.fit, name) for name in names}
         in_sums = {name for c in self.sums for name in c.terms}

@@ -165,7 +165,7 @@ def _fit_valve(
 def _screened(used: Sequence[Trial], valve: str, rig: Rig) -> list[Screened]:
     screened = [screen(t, valve, rig) for t in used]
     if len(used) >= _FEWEST_RISES and all(s.never_still for s in screened):
-        # A supply that is never steady belongs to the rig: the tests' scatter shows its influence.
+        # A supply that is never steady is part of the rig: the tests' scatter shows its influence.
         screened = [screen(t, valve, rig, keep_rise=True) for t in used]
     return screened
 
@@ -243,9 +243,9 @@ def _free(
 ) -> list[str]:
     """The fitted parameters: the identified ones, and others that would otherwise bias them.
 
-    A flow that has too few samples of its own still moves them: held at a guess, it would bend
-    the other flow of its direction. Where no sample lies in a choked interval, its flow and the
-    delay before it only act together, and the flow alone is free.
+    A flow with too few samples still affects them: held at a guess, it would bias the other flow of
+    its direction. Where no sample lies in a choked interval, its flow and the delay before it are
+    identified only in combination, and the flow alone is free.
     """
     free = [n for n in (*FLOWS, *DELAYS) if n not in reasons]
     sparse = {n for r in read for n in r.sparse} & set(reasons)

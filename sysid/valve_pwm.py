@@ -302,8 +302,8 @@ def _with_surfaces(
 ) -> DirectionFit:
     """The fit with the requested surfaces, and their errors on the direction's own points.
 
-    Each surface stands alone, and so does what only judges them, with a notice where it cannot be
-    had. Raises NotIdentifiedError, or what the surfaces raised, where none is left.
+    Surfaces, and the comparisons that judge them, are independent: one that fails gives a notice.
+    Raises NotIdentifiedError, or the surfaces' own error, where none remains.
     """
     points, samples, own_domain = base.points, base.samples, base.domain
     where = _title(base.valve, base.direction)
@@ -369,7 +369,7 @@ def _surface(
 
 
 def _without_failures(fit: DirectionFit, remarks: Remarks) -> DirectionFit:
-    """Without surfaces that explain too little; NotIdentifiedError where none is left."""
+    """Without surfaces that explain too little; NotIdentifiedError where none remains."""
     failed = {
         name: short
         for name, errors in fit.errors.items()
