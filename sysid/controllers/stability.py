@@ -40,7 +40,7 @@ class StabilityCheck:
             if not value > least
         ]
         if not self.corrected:
-            found.append("k1 (k2 + b) does not exceed a^2/4 (4.3.50 with the sign of z_m corrected)")
+            found.append("k1 (k2 + b) does not exceed a^2/4 (4.3.50 with z_m's sign corrected)")
         return found
 
 
