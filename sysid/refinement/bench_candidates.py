@@ -58,7 +58,7 @@ def _columns(problem: ProbedProblem) -> int:
 
 
 def _sliding(problem: ProbedProblem, rig: Rig) -> Iterator[BenchCandidate]:
-    """Effort at steady speeds, each test with friction of its own: Coulomb and viscous."""
+    """Effort at steady speeds, each test with its own friction: Coulomb and viscous."""
     speeds = np.array(_SPEEDS) * float(rig.travel or 1.0)
     p = problem.model.parameters
     c, b = float(p.coulomb_effort), float(p.viscous)

@@ -236,7 +236,7 @@ def _final(
 def whitening_of(
     runs: Sequence[Run], residuals: Sequence[FloatArray]
 ) -> tuple[Autoregression, ...]:
-    """Of each channel, from the runs' residuals (3, n); their noise where there are none."""
+    """Of each channel, from the runs' residuals (3, n); their noise without residuals."""
     found = []
     for channel, floor in enumerate(np.nanmedian([run.noise for run in runs], axis=0)):
         logged = [
@@ -261,8 +261,8 @@ def _scatter_of(problem: Problem, solution: Solution, bench: FrictionScatter) ->
     variance[at.held, 1] = 0.0
     speaks = np.ones_like(variance)
     speaks[at.held & (solution.point.friction[:, 1] == 0.0), 1] = 0.0
-    misfit: FloatArray = problem.friction_residual(solution.point)
-    squares = np.sum(speaks * (misfit**2 + variance), axis=0) * np.square(problem.scatter)
+    deviation: FloatArray = problem.friction_residual(solution.point)
+    squares = np.sum(speaks * (deviation**2 + variance), axis=0) * np.square(problem.scatter)
     total = bench.tests + np.sum(speaks, axis=0)
     known = bench.tests * np.square(bench.pair)
     sliding, static = np.maximum(np.sqrt((known + squares) / total), _LEAST_SCATTER)

@@ -30,7 +30,7 @@ _SENSOR_STEP = 1e-3
 
 @dataclass(frozen=True)
 class SensorProbe:
-    """An effect of the sensors alone, at zero: its slope needs no simulation of its own.
+    """An effect of the sensors alone, at zero: its slope needs no further simulation.
 
     `quantity` names the strength, `typical` is the size that is one unit of its column.
     """

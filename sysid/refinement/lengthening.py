@@ -174,7 +174,7 @@ def _problem_of(
     runs = [_run_of(piece, old.runs, tests, old.model, old.position) for piece in pieces]
     for i, (piece, run) in enumerate(zip(pieces, runs, strict=True)):
         if run.inputs.elapsed < old.runs[piece.members[0]].inputs.elapsed:
-            starts[i] = 0.0  # the test's first row: a start of its own
+            starts[i] = 0.0  # the test's first row: a different start
     longer = dataclasses.replace(old, runs=tuple(runs), whitening=(old.whitening[0],) * len(runs))
     start = Iterate(point.shared, point.friction, starts)
     return longer.after_run_ups(start), start

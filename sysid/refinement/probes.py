@@ -91,12 +91,15 @@ def without_slope(problem: ProbedProblem, probes: Probes) -> list[str]:
     base, *shown = _simulated(one, [problem.model, *moved])
     wrong = []
     for i, (unknown, changed) in enumerate(zip(probes.unknowns, shown, strict=True), start=first):
-        misfits = [
+        departures = [
             _lack_of_fit((c - b) / _SMALL, own[i] / run.noise[:, None])
             for c, b, own, run in zip(changed, base, slopes, runs, strict=True)
         ]
         # Where a shaft breaks away in one run, the others show whether there is a slope.
-        if not np.nanmedian([1.0, *misfits] if np.isnan(misfits).all() else misfits) < _LINEAR:
+        if (
+            not np.nanmedian([1.0, *departures] if np.isnan(departures).all() else departures)
+            < _LINEAR
+        ):
             wrong.append(unknown.name.split(".")[0])
     return list(dict.fromkeys(wrong))
 

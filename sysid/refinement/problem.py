@@ -352,10 +352,10 @@ class Problem:
 
     def friction_residual(self, point: Iterate) -> FloatArray:
         """(tests, 2): how far each test's friction is from the model's, in units of the scatter."""
-        misfit = np.array(point.friction)
+        deviation = np.array(point.friction)
         if self.static_number is not None:
-            misfit[:, 1] -= point.shared[self.static_number] / self.scatter[1]
-        return misfit
+            deviation[:, 1] -= point.shared[self.static_number] / self.scatter[1]
+        return deviation
 
     @functools.cached_property
     def static_number(self) -> int | None:
@@ -364,7 +364,7 @@ class Problem:
 
     def unseen_friction(self, point: Iterate) -> FloatArray | None:
         """The direction (p + 2 tests,) of the shared unknowns, then of each test's friction, along
-        which no simulation changes; None where there is none.
+        which no simulation changes; None if every direction changes one.
 
         The model's sliding friction grows as each test's own shrinks about it.
         """
@@ -395,8 +395,8 @@ class Problem:
 
     def prior_cost(self, point: Iterate) -> float:
         """Of the unknowns about the bench tests, and of the tests' friction about the model's."""
-        misfit = self.prior(point.shared)[:, -1]
-        return float(misfit @ misfit + np.sum(self.friction_residual(point) ** 2))
+        deviation = self.prior(point.shared)[:, -1]
+        return float(deviation @ deviation + np.sum(self.friction_residual(point) ** 2))
 
     def prior(self, shared: FloatArray) -> FloatArray:
         """Rows (p, p + 1) of the unknowns' joint prior and their residuals; zero without one."""

@@ -84,10 +84,10 @@ def _kept(
     """Points, by number, and tests: each test's best as they are, and the first point."""
     runs = len(problem.runs)
     by_run = np.reshape(as_they_are, (len(points), runs))
-    misfit = np.array([problem.friction_residual(point) for point in points])
+    deviation = np.array([problem.friction_residual(point) for point in points])
     kept = []
     for test in range(problem.tests):
-        own = np.sum(np.square(misfit[:, test]), axis=1)
+        own = np.sum(np.square(deviation[:, test]), axis=1)
         costs = own + by_run[:, problem.members(test)].sum(axis=1)
         best = np.argsort(costs, kind="stable")[:_KEPT]
         kept += [(int(j), test) for j in sorted({0, *best})]

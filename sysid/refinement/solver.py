@@ -122,7 +122,7 @@ def _directions(problem: Problem, base: ReducedEquations) -> FloatArray:
 
     Damping means the same to each unknown then (Marquardt 1963). Friction's mean and each test's
     about it, of which the tests know the sum, would hardly move under any, so their difference is
-    a direction of its own.
+    a separate direction.
     """
     found = np.eye(base.jacobian.shape[1])
     stopped, unseen = base.stopped(problem), problem.unseen_friction(base.point)
