@@ -287,7 +287,7 @@ def thinned(time: FloatArray, values: Sequence[FloatArray], buckets: int) -> NDA
     """Rows (m,), sorted, that keep each curve's least and largest value in every bucket.
 
     `time` (n,) and every curve (n,); at most 2 `buckets` rows a curve, and the two ends. A
-    line through them looks like the whole one where a bucket is a pixel or less.
+    line through them is indistinguishable from the whole one if a bucket is at most a pixel.
     """
     n = len(time)
     if n <= 2 * buckets:

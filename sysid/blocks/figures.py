@@ -144,7 +144,7 @@ class Span:
 
 @dataclass(frozen=True, eq=False)
 class ColourMap:
-    """A map: `values` (len(y), len(x)) in `unit`, NaN where there is none; colours end at `limits`.
+    """A map: `values` (len(y), len(x)) in `unit`, NaN if missing; colours end at `limits`.
 
     `is_signed`: the colours part at zero.
     """

@@ -50,7 +50,7 @@ itself, and correlated noise hides part of it from a noise floor."""
 SIGNIFICANT = 0.01
 
 FEW = 0.1
-"""Of what was given, the share that may be left out without a word in the verdict."""
+"""The share of the data that may be excluded without a remark in the verdict."""
 MOST_UNASKED = 0.25, 0.5
 """Of the tests given, the share that may be unusable in a good and in a usable fit: what nobody
 can ask may say anything."""

@@ -54,8 +54,8 @@ def export_bundle(
     that replays Python's numbers through it: `check_folder`), "mat" (MAT 5, a struct
     `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
     `sysid.parameters.write_bundle` makes of it. `catalogue` maps ids to the effects' classes, whose
-    laws the C header holds; None is the project's own. Controllers that use a constant that nobody
-    declared are in it only with `accept_assumed`. Notices name every parameter that is
+    laws the C header holds; None is the project's own. Controllers that use an assumed constant are
+    in it only with `accept_assumed`. Notices name every parameter that is
     absent, and effects whose laws the C header does not hold.
     Raises InputError for an unknown format or prefix, for content that contradicts itself
     (units, PWM period), and where `path` cannot be written.

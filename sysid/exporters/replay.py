@@ -18,7 +18,7 @@ class Replay:
 
     `call`: statements that set out[] from v[], @p@ for the prefix. `evaluate` maps columns (n,)
     to columns (n,) by Python's own functions. `answer`: the outputs where an input is not finite;
-    None: what `evaluate` says there, which is a function with a guard of its own. `is_tie` says in
+    None: what `evaluate` says there, which is a function with its own guard. `is_tie` says in
     which rows (n,) two decisions are so near that single precision may take the other; None where
     nothing is decided.
     """

@@ -192,7 +192,7 @@ def _reading(
 ) -> Iterable[FleetReading]:
     """The reading of a row; a leak that a whole diagnosis did not find is one of 0.
 
-    Where one was found without a flow, or the search was not whole, there is no point. The standard
+    Without a point where one was found without a flow, or the search was cut short. The standard
     error of 0 is the median of those where it was found: what it could have been found to.
     """
     family, name, unit_of = key

@@ -149,7 +149,7 @@ class Unread:
 
 
 def read_number(value: int | float | Unread | None) -> float | None:
-    """The number of a lenient field; None where there is none."""
+    """The number of a lenient field; None without one."""
     return float(value) if isinstance(value, int | float) else None
 
 

@@ -68,7 +68,7 @@ class DiagnoseOptions(Reported):
 
     @property
     def simulates(self) -> bool:
-        """Whether the numbers found are those of simulation error; of a first look they are not."""
+        """Whether the numbers found minimise the simulation error; a quick diagnosis's do not."""
         return self.refine and not self.quick
 
 

@@ -39,7 +39,7 @@ class Fitted:
     report: Path | None = None
 
     def assumed(self) -> list[str]:
-        """A line for each constant that nobody declared, and what the logs showed of them."""
+        """A line for each assumed constant, and what the logs showed of it."""
         shown = shown_by_logs(self.bundle)
         lines = [one.line for one in assumptions(self.bundle)]
         return [*lines, f"from the log: {shown}"] if shown else lines

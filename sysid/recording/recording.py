@@ -77,7 +77,7 @@ class Recording:
         return replace(self, trial=replace(self.trial, label=label))
 
     def part(self, start: int, stop: int, label: str) -> Recording:
-        """The samples [start, stop) as a recording of their own."""
+        """The samples [start, stop) as a separate recording."""
         rows = slice(start, stop)
         channels = {name: values[rows] for name, values in self.trial.channels.items()}
         trial = replace(self.trial, label=label, time=self.time[rows], channels=channels)
