@@ -240,7 +240,7 @@ def test_a_campaign_without_motion_to_fit_on_is_refused(made: Made) -> None:
     path.write_text(made.campaign.read_text().replace('use = "fit"', 'use = "holdout"'))
     outcome = run_command(["refine", str(path), "--bundle", str(made.bundle)])
     assert outcome.code == 2
-    assert "holds no motion log to fit on" in outcome.err and "motion-motor" in outcome.err
+    assert "holds no training motion log" in outcome.err and "motion-motor" in outcome.err
 
 
 def test_a_bundle_without_the_valves_laws_cannot_be_refined(made: Made, tmp_path: Path) -> None:

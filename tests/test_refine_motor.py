@@ -321,7 +321,7 @@ def test_parts_that_do_not_move_are_refused_in_one_line(
     words = ["refine", str(tmp_path / "campaign.toml"), "--bundle", bundle, "-o", str(output)]
     assert main(words) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "holds no motion log to fit on" in line and "friction-motion" in line
+    assert "holds no training motion log" in line and "friction-motion" in line
     assert not output.exists()
 
 

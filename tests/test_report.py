@@ -378,7 +378,7 @@ def test_the_refinement_is_told_whole(made: Made) -> None:
     assert "2 further segments are left out" in text
     assert "2.1 % for sliding and 3.4 % for static friction" in text
     assert "of friction.static_nm they say less than what was known before" in text
-    assert "hardly tell apart: friction.coulomb_nm and friction.static_nm (−0.93)" in text
+    assert "hardly distinguish: friction.coulomb_nm and friction.static_nm (−0.93)" in text
     # The inertia moved by 3 of its standard errors before, 15 after.
     assert "rig.inertia: the rig file says 0.02" in text and "[inertia] equivalent_kg_m2" in text
     assert "held out Position (mrad) 30.0 33.0 +10 %" in text

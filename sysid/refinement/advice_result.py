@@ -127,7 +127,7 @@ class AdviceResult(Shown):
             for t in self.ties
         )
         head = ("one", "other", "correlation", "test that lowers it most", "then")
-        yield table("Hard to tell apart", head, ties)
+        yield table("Hard to distinguish", head, ties)
         yield self._sizes_table()
 
     def _tests_table(self) -> Table:

@@ -101,7 +101,7 @@ def noise_of(tests: Sequence[MotionTest], rig: Rig) -> FloatArray:
     if step is None or sensors.pressure_noise_pa is None:
         raise input_error(
             rig.source,
-            "declares no noise of the sensors, and no motion log to fit on shows it",
+            "declares no noise of the sensors, and no training motion log shows it",
             "add the encoder's counts and pressure_noise_pa under [sensors]",
         )
     return np.array([step / math.sqrt(12.0), *[sensors.pressure_noise_pa] * 2])

@@ -105,7 +105,7 @@ def refine(
     if not entries:
         raise input_error(
             campaign.path,
-            "holds no motion log to fit on",
+            "holds no training motion log",
             f'add a [[log]] of kind {", ".join(KINDS)} with use = "fit"',
         )
     model = bundle.model(campaign.rig, catalogue)
@@ -354,7 +354,7 @@ def _stalled_notice(found: Estimated) -> str:
 
 def _worse_notice(worse: str) -> str:
     return (
-        f"with these numbers the whole tests to fit on are simulated {worse}: they make up for "
+        f"with these numbers whole training tests are simulated {worse}: they make up for "
         "what the model lacks; look for it with diagnose first, or keep the bundle as it was"
     )
 

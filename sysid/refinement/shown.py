@@ -191,7 +191,7 @@ def _tied(values: list[RefinedValue], matrix: list[list[float]]) -> str:
         for i, j in itertools.combinations(range(len(values)), 2)
         if abs(matrix[i][j]) > _HIGHLY_CORRELATED
     ]
-    return f" The tests hardly tell apart: {', '.join(pairs)}." if pairs else ""
+    return f" The tests hardly distinguish: {', '.join(pairs)}." if pairs else ""
 
 
 def _profiles(refinement: Refinement) -> list[Block]:

@@ -81,7 +81,7 @@ def _rivals(content: Content) -> list[Block]:
             rows.append((named(content, effect["id"]), named(content, rival), said or "none known"))
     if not rows:
         return []
-    columns = ("Effect", "Indistinguishable from", "Test that would tell them apart")
+    columns = ("Effect", "Indistinguishable from", "Test that would distinguish them")
     return [table("Which of them it is", columns, rows, text=(1, 2))]
 
 
