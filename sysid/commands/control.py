@@ -31,7 +31,6 @@ from sysid.pipeline.control import MODES, ControlledRun, ControlOptions
 from sysid.pipeline.control import control as control_bundle
 from sysid.pipeline.control_table import TABLES, ControlTable, control_table
 from sysid.pipeline.files import read_bundle
-from sysid.surfaces.kinds import SURFACES
 from sysid.types import Progress, no_progress
 
 _run_options = options(
@@ -52,7 +51,7 @@ _run_options = options(
     click.option("--plant-bundle", type=PathArgument, help="The plant, else BUNDLE's own model."),
     click.option(
         "--inverse",
-        type=click.Choice(["averaged", *SURFACES]),
+        type=click.Choice(ControlOptions.inverses),
         help="Where backstepping's duties come from (default: averaged).",
     ),
     click.option("--horizon", type=int, metavar="N", help="Ticks that dvmpc predicts."),

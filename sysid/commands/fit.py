@@ -42,7 +42,6 @@ from sysid.pipeline.fit_part import (
 )
 from sysid.pipeline.fit_tables import campaign_tables, friction_tables, valve_tables
 from sysid.pipeline.report import PageOptions, write_results
-from sysid.surfaces.kinds import SURFACES
 
 Tables = Callable[[Fitted], Iterable[Table]]
 
@@ -138,7 +137,7 @@ def _valve_discrete(valve: str | None, **files: Any) -> None:
 @_valve_option
 @click.option(
     "--surface",
-    type=click.Choice([*SURFACES, "both"]),
+    type=click.Choice(ValvePwmOptions.surfaces),
     default="both",
     show_default=True,
     help="Which surface to fit; both are compared on held-out tests.",

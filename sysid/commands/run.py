@@ -37,12 +37,11 @@ from sysid.pipeline.run import (
     run_campaign,
 )
 from sysid.pipeline.verdict import verdict_lines
-from sysid.surfaces.kinds import SURFACES
 
 run_options = options(
     click.option(
         "--surface",
-        type=click.Choice([*SURFACES, "both"]),
+        type=click.Choice(RunOptions.surfaces),
         default="both",
         show_default=True,
         help="Which PWM surfaces to fit.",

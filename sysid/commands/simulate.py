@@ -19,7 +19,6 @@ from sysid.commands.options import (
 )
 from sysid.commands.printing import notices, print_blocks, print_json, written_lines
 from sysid.pipeline.simulate import SimulatedLog, SimulateOptions, simulate_log
-from sysid.surfaces.kinds import SURFACES
 
 
 @click.command()
@@ -28,7 +27,7 @@ from sysid.surfaces.kinds import SURFACES
 @click.option("-o", "output", required=True, type=PathArgument, help="CSV or Parquet to write.")
 @click.option(
     "--valve-model",
-    type=click.Choice(["discrete", "averaged", *SURFACES]),
+    type=click.Choice(SimulateOptions.valve_models),
     help="Default: the on/off law where the bundle has it.",
 )
 @map_option

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sysid.blocks.drawing import plot_panels
 from sysid.blocks.numbers import number
@@ -26,6 +26,7 @@ from sysid.controllers.tuning import Tuning
 from sysid.errors import input_error
 from sysid.io.locks import working_in
 from sysid.parameters import Bundle
+from sysid.parameters.assembled_model import MEAN_FLOW_MODELS
 from sysid.pipeline.pages.loop import write_control_page
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
@@ -191,6 +192,9 @@ class ControlOptions(Reported):
     seed: int = 0
     effects: EffectSource = None
     accept_assumed: bool = False
+
+    inverses: ClassVar[tuple[str, ...]] = MEAN_FLOW_MODELS
+    """What `inverse` can be."""
 
     def choice(self, controller: str) -> Choice:
         """The case of a controller of this name. Raises InputError for an unknown mode."""

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from sysid.blocks.progress import progress_or_shown
 from sysid.checks.consistency.campaign import check_consistency
@@ -26,7 +26,7 @@ from sysid.io.rig import Rig
 from sysid.io.source import Source
 from sysid.parallel import attempt_all
 from sysid.parameters import Bundle, Parts
-from sysid.pipeline.fit_part import FittedPart, PartResult, bench_fit
+from sysid.pipeline.fit_part import FittedPart, PartResult, ValvePwmOptions, bench_fit
 from sysid.pipeline.request import Reported, takes
 from sysid.recording.friction_kind import MOTION, balances
 from sysid.types import Progress
@@ -103,6 +103,9 @@ class FitOptions(Reported):
 
     surface: str = "both"
     seed: int = 0
+
+    surfaces: ClassVar[tuple[str, ...]] = ValvePwmOptions.surfaces
+    """What `surface` can be."""
 
 
 @takes(FitOptions)

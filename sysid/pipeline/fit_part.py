@@ -10,6 +10,7 @@ from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
 from sysid.parameters import Parts
+from sysid.parameters.valves import SURFACE_KINDS
 from sysid.pipeline.given_tests import Tests, rig_of, trials_of
 from sysid.pipeline.request import Options, takes
 
@@ -172,6 +173,8 @@ class ValvePwmOptions(Options):
     sweep: bool = False
 
     part: ClassVar[str] = "valve-pwm"
+    surfaces: ClassVar[tuple[str, ...]] = (*SURFACE_KINDS, "both")
+    """What `surface` can be."""
 
     def fitted(self, trials: list[Trial], rig: Rig) -> PartResult:
         """The fit of one part's logs."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from sysid.blocks.plots import legend, some_axes
 from sysid.blocks.progress import progress_or_shown
@@ -19,6 +19,7 @@ from sysid.io.units import parse_map
 from sysid.parameters import Bundle, read_bundle
 from sysid.parameters.assembled_model import (
     DISCRETE,
+    VALVE_MODELS,
     assumed_parameters,
     first_valve_model,
     surfaces_for,
@@ -166,6 +167,9 @@ class SimulateOptions(Reported):
     _: KW_ONLY
     valve_model: str | None = None
     effects: EffectSource = None
+
+    valve_models: ClassVar[tuple[str, ...]] = VALVE_MODELS
+    """What `valve_model` can be."""
 
 
 @takes(SimulateOptions)
