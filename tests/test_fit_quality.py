@@ -357,7 +357,7 @@ def test_friction_beyond_motor_and_cylinder_is_no_result(campaign: Campaign) -> 
         campaign.rig.max_effort + gauge * cylinder.area_a_m2 * cylinder.pitch_radius_m
     )
     beyond = Estimate.symmetric(1.1 * found.most_effort, 0.01, "Nm", 9.0)
-    wrong = dataclasses.replace(found, parameters={**found.parameters, "coulomb_nm": beyond})
+    wrong = dataclasses.replace(found, parameters={**found.parameters, "coulomb": beyond})
     with pytest.raises(NotIdentifiedError, match="motor and cylinder together give at most"):
         wrong.require_possible()
 

@@ -64,8 +64,8 @@ def test_friction_comes_out_of_a_drifting_log(tmp_path: Path) -> None:
     content = {"rig": {"name": "arm", "orientation": "horizontal"}}
     rig = rig_from_content(content | {"inertia": {"equivalent_kg_m2": INERTIA}}, "rig.toml")
     found = fit_friction(read(motion(drifting(8000), 1e-5), tmp_path, rig).trials, rig).parameters
-    assert found["coulomb_nm"].value == pytest.approx(COULOMB, rel=0.03)
-    assert found["viscous_nm_s_per_rad"].value == pytest.approx(VISCOUS, rel=0.08)
+    assert found["coulomb"].value == pytest.approx(COULOMB, rel=0.03)
+    assert found["viscous"].value == pytest.approx(VISCOUS, rel=0.08)
 
 
 def test_a_recorders_second_rate_is_refused(tmp_path: Path) -> None:

@@ -17,13 +17,14 @@ from sysid.recording.recording import Recording
 from sysid.types import BoolArray, FloatArray, IntArray
 
 REST_NOISE_TIMES = 5.0
-RESOLVED = 5
-"""Readings that distinguish a rest from a turn, a parabola of three numbers: two are left over."""
 _HALVINGS = 6
 _REST_SHARE = 0.5
+# What the default filter resolves, whatever the cut-off of a balance is; what is shorter is a turn.
+# With a quarter of its own filter, 12.5 ms at 20 Hz, a quadratic drag of an axis was missed.
+_SHORTEST_S = 1.0 / (signals.PER_LENGTH * signals.DEFAULT_CUTOFF_HZ)
 RULE = (
     f"samples count where the filtered speed exceeds {REST_NOISE_TIMES:g} times its own noise; "
-    f"where it does not for at least {RESOLVED} readings in a row the shaft may "
+    f"where it does not for at least {1000.0 * _SHORTEST_S:g} ms the shaft may "
     "rest, its friction is anything up to static friction, and these samples are left out, with "
     "the filter's length on either side; so are samples within 1 % of the stroke from an end and "
     "the log's ends"
@@ -96,7 +97,7 @@ class FilteredMotion:
     def counts(self) -> BoolArray:
         """Samples (n,) that count, by `RULE`."""
         own, length = self.recording, self.length
-        rests = signals.slow_stretches(self.speed, self.rest_speed, RESOLVED * own.stride)
+        rests = signals.slow_stretches(self.speed, self.rest_speed, round(_SHORTEST_S / own.period))
         found = signals.widened(rests | ~own.inside | own.lost, length)
         found[:length] = found[-length:] = True
         return ~found

@@ -60,8 +60,11 @@ class EffectEntry(Part):
         super()._check_form(data)
         _require_within(0.0, 1.0, data.get("p_value"))
         held = data.get("parameters")
-        given = held.values() if isinstance(held, Mapping) else ()
-        stds = [one.get("std") for one in given if isinstance(one, Mapping)]
+        given = held if isinstance(held, Mapping) else {}
+        # Which of the two a parameter is follows from its name, which a type does not say.
+        if isinstance(given.get(SIDE), Mapping):
+            raise ValueError("is a number, not a side")
+        stds = [one.get("std") for one in given.values() if isinstance(one, Mapping)]
         _require_within(0.0, math.inf, *stds)
 
     def numbers(self) -> dict[str, Estimate]:

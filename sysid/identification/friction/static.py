@@ -31,6 +31,10 @@ from sysid.recording.friction_kind import STATIC
 from sysid.recording.recording import Recording
 from sysid.types import FloatArray
 
+# A shaft that moves by less than its noise for this long is at rest. With twice the time that a
+# test's own first motion takes, static friction by 300 counts a revolution was 2.4 % too small; so
+# it is within 2 %.
+REST_S = 0.03
 TRAVEL_SHARE = 1e-3  # of the stroke: motion beyond it is more than presliding
 SUSTAINED_SHARE = 1e-2  # of the stroke: a movement that ends within it was a slip
 NOISE_TIMES, QUANTUM_TIMES = 8.0, 4.0
@@ -211,7 +215,7 @@ def find_onset(trial: Recording) -> Onset | str:
     noise = trial.position_noise
     span = trial.rig.travel if trial.rig.travel is not None else 20.0 * float(np.ptp(x))
     counts = _counts(trial, TRAVEL_SHARE * span)
-    hold = max(2, min(_onset_rows(trial, span), len(x) // 4), _rest_in_counts(counts))
+    hold = max(2, round(REST_S / trial.period), _rest_in_counts(counts))
     drift = trial.drift(hold)
     threshold = max(TRAVEL_SHARE * span, NOISE_TIMES * drift, QUANTUM_TIMES * noise.quantum)
     # Over `hold` samples a shaft at rest moves by less than this.
@@ -230,21 +234,6 @@ def find_onset(trial: Recording) -> Onset | str:
         f"it never moves by more than {threshold:.2g} (noise, counts, presliding): the ramp ends "
         "below breakaway, ramp higher"
     )
-
-
-def _onset_rows(trial: Recording, span: float) -> int:
-    """How long a motion from rest takes to show, in rows: it is at rest that moves less meanwhile.
-
-    Twice as long as the trial's own first motion takes for the second half of what is more than
-    presliding: for the first half it takes 2.4 times as long with a constant acceleration, 3.8
-    times where that grows with the ramp.
-    """
-    quantum = trial.position_noise.quantum
-    passed = max(TRAVEL_SHARE * span, NOISE_TIMES * trial.drift(1), QUANTUM_TIMES * quantum)
-    moved = np.abs(trial.position - trial.position[0])
-    end = int(np.argmax(moved > passed))
-    near = np.flatnonzero(moved[:end] <= 0.5 * passed)
-    return 2 * (end - int(near[-1])) if len(near) else 0
 
 
 def _counts(trial: Recording, presliding: float) -> NDArray[np.intp]:
