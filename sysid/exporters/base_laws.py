@@ -112,7 +112,7 @@ def mechanics(flat: Flat) -> Iterator[BaseLaw]:
         f"friction_{word}",
         f"Friction in full, {unit} (3.4.1, corrected). applied = cylinder + motor - gravity, less "
         f"the constant friction_offset_{suffix} where it is known. At rest friction holds against "
-        "what is applied, up to its static value",
+        f"what is applied, up to friction_static_{suffix}",
         (static, coulomb, viscous),
         {velocity: "velocity", f"applied_{suffix}": "effort"},
         lambda p, w, applied: base.friction_effort(

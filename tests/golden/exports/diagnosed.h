@@ -357,8 +357,8 @@ static inline sysid_real sysid_sliding_friction_torque(sysid_real omega_rad_s)
 }
 
 /* Friction in full, Nm (3.4.1, corrected). applied = cylinder + motor - gravity, less the constant
-   friction_offset_nm where it is known. At rest friction holds against what is applied, up to its
-   static value. */
+   friction_offset_nm where it is known. At rest friction holds against what is applied, up to
+   friction_static_nm. */
 static inline sysid_real sysid_friction_torque(sysid_real omega_rad_s, sysid_real applied_nm)
 {
     if (!(isfinite(omega_rad_s) && isfinite(applied_nm))) {
