@@ -188,7 +188,7 @@ def test_a_critical_ratio_that_cannot_be_found_leaves_the_flows(
     bundled: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     singular = failing(np.linalg.LinAlgError("Singular matrix"))
-    monkeypatch.setattr(valve_discrete, "critical_ratio", singular)
+    monkeypatch.setattr("sysid.identification.valve_discrete.estimates.critical_ratio", singular)
     entry = only(bundled, "valve-discrete").logs[0]
     found = valve_discrete.fit_valve_discrete(bundled.read(entry).trials, bundled.rig)
     estimates = found[entry.valve or "a"].estimates

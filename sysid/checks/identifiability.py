@@ -12,6 +12,7 @@ import numpy as np
 
 from sysid.checks.friction import Identification, friction_identified
 from sysid.errors import InputError, NotIdentifiedError
+from sysid.identification.valve_discrete.start import flows_not_shown
 from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.channels import DUTIES, SIDES, SWITCHES
 from sysid.io.logs import Trial
@@ -19,7 +20,6 @@ from sysid.io.rig import Air, Rig
 from sysid.io.trial_kind import is_active
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import FloatArray
-from sysid.valve_discrete import flows_not_shown
 
 TrialsByKind = Mapping[str, Sequence[Trial]]
 

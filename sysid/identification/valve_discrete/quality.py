@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from sysid.errors import NotIdentifiedError
 from sysid.estimation.quality import FitQuality, root_mean_square, scatter_test
 from sysid.identification.valve_discrete.curve import FLOWS, CurveFit
 from sysid.identification.valve_discrete.trials import Piece
@@ -52,6 +53,18 @@ def qualities(curves: CurveFit) -> dict[str, FitQuality]:
     return found
 
 
+def judged(curves: CurveFit, title: str) -> dict[str, FitQuality]:
+    """How well the law follows each direction; NotIdentifiedError where it does not."""
+    found = qualities(curves)
+    wrong = [f"{title}, {q.shortfall}" for q in found.values() if q.explains_too_little]
+    if wrong:
+        raise NotIdentifiedError(
+            f"{'; '.join(wrong)}: look for a wrong unit or time base, the other chamber's "
+            "pressure, a command that is not this valve's, or a piston that moves"
+        )
+    return found
+
+
 def _moving(curves: CurveFit, index: int) -> BoolArray:
     """Rows (n,) of a piece that are away from atmosphere and supply, as measured or as fitted."""
     piece = curves.problem.pieces[index]
@@ -82,4 +95,4 @@ def _emptying(piece: Piece) -> BoolArray:
     return np.asarray((c.time >= first) & ~_filling(piece))
 
 
-__all__ = ["qualities"]
+__all__ = ["judged", "qualities"]

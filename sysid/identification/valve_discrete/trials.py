@@ -7,6 +7,7 @@ separate pieces, each with its own initial pressure.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +37,8 @@ _RISE_SHARE = 0.9
 _EDGE_GUARD_S = 0.05
 _CLIPPED_RUN = 30
 _FEWEST_ROWS = 10
+# Tests from which the scatter may represent a supply that no test shows at rest.
+_FEWEST_RISES = 3
 # Smallest noise assumed, Pa: below it, rounding in the file dominates.
 _LEAST_NOISE_PA = 5.0
 
@@ -79,6 +82,21 @@ class Screened:
     notices: tuple[str, ...] = ()
     reasons: tuple[tuple[str, str], ...] = ()
     never_still: bool = False
+
+
+def is_switched(trial: Trial, valve: str) -> bool:
+    """Whether a test switches valve "a" or "b" on."""
+    name = f"valve_{valve}"
+    return name in trial and bool(np.any(trial[name] > 0.5))
+
+
+def screened_tests(used: Sequence[Trial], valve: str, rig: Rig) -> list[Screened]:
+    """Each test of valve "a" or "b" in pieces; a supply that rises in every test is kept."""
+    screened = [screen(t, valve, rig) for t in used]
+    if len(used) >= _FEWEST_RISES and all(s.never_still for s in screened):
+        # A supply that is never steady is part of the rig: the tests' scatter shows its influence.
+        screened = [screen(t, valve, rig, keep_rise=True) for t in used]
+    return screened
 
 
 def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Screened:

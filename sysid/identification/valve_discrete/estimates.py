@@ -1,0 +1,148 @@
+"""From the fitted curves of a valve to its parameters, each with an interval or why it has none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import numpy as np
+
+from sysid.errors import Failure, on_its_own
+from sysid.estimation.linear import Estimate
+from sysid.estimation.quality import FitQuality
+from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, UNITS, CurveFit
+from sysid.identification.valve_discrete.notices import JUMPS
+from sysid.identification.valve_discrete.ratio import DISCHARGE, FILL, critical_ratio
+from sysid.identification.valve_discrete.regimes import Stretches
+from sysid.identification.valve_discrete.result import DiscreteFit, PressureCurve
+from sysid.io.rig import Air
+from sysid.plant.base import exhaust_jump, filling_jump
+
+# With a standard error above this share, a flow is not identified.
+_LARGEST_ERROR = 0.3
+
+
+def flows_and_delays(
+    curves: CurveFit, reasons: Mapping[str, str], title: str, notices: list[str]
+) -> dict[str, Estimate]:
+    """The flow parameters and delays; `reasons` say why some are not identified."""
+    found: dict[str, Estimate] = {}
+    if not curves.fit.converged:
+        notices.append(f"{title}: the fit did not converge ({curves.fit.message})")
+    for name in (*FLOWS, *DELAYS):
+        if name in reasons:
+            found[name] = Estimate.unidentified(UNITS[name], reasons[name])
+            continue
+        estimate, scatters = curves.estimate(name)
+        if estimate.identified and name in FLOWS and estimate.std > _LARGEST_ERROR * estimate.value:
+            share = 100.0 * estimate.std / estimate.value
+            estimate = Estimate.unidentified(
+                UNITS[name],
+                f"its standard error is {share:.0f} %: record more tests, or log faster",
+            )
+        if name in DELAYS and estimate.identified and estimate.interval[1] < 0.0:
+            estimate = Estimate.unidentified(UNITS[name], _why_early(estimate, curves))
+        if scatters and estimate.identified:
+            notices.append(
+                f"{title}: {name} differs between tests by more than the noise explains; its "
+                "interval follows from the scatter of the tests"
+            )
+        found[name] = estimate
+    return found
+
+
+def _why_early(delay: Estimate, curves: CurveFit) -> str:
+    """Why a pressure seems to answer before its command, and the fix."""
+    rows = [float(np.median(np.diff(p.chamber.time))) for p in curves.problem.pieces]
+    row = float(np.median(rows))
+    low, high = (1e3 * end for end in delay.interval)
+    if delay.value > -row:  # a command is seen at the row after it
+        return (
+            f"the command's time is known to a row of {1e3 * row:.3g} ms only, which makes it "
+            f"{low:.3g} to {high:.3g} ms: log faster"
+        )
+    return (
+        f"the pressure answers before the command ({low:.3g} to {high:.3g} ms after it): "
+        "look for a command that is logged late, or an unsteady supply that is not logged"
+    )
+
+
+def critical_ratios(curves: CurveFit, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """The critical ratios with the boundary left free."""
+    found = {}
+    for direction in (FILL, DISCHARGE):
+        missing = [n for n in direction.free if not estimates[n].identified]
+        if missing:
+            why = f"{', '.join(missing)} not identified"
+            found[direction.ratio] = Estimate.unidentified("-", why)
+            continue
+        ratio = on_its_own(partial(critical_ratio, curves, direction))
+        if isinstance(ratio, Failure):
+            ratio = Estimate.unidentified("-", ratio.reason)
+        found[direction.ratio] = ratio
+    return found
+
+
+def boundary_jumps(
+    curves: CurveFit, estimates: Mapping[str, Estimate], air: Air
+) -> dict[str, Estimate]:
+    """Jump of the fitted law at the boundary of ratio 0.53, percent, at the rig's pressures."""
+    supply, atmosphere = air.supply_pressure_pa, air.atmospheric_pressure_pa
+    found = {}
+    for name, (choked, unchoked) in zip(JUMPS, (FLOWS[:2], FLOWS[2:]), strict=True):
+        m, c = estimates[choked], estimates[unchoked]
+        if not (m.identified and c.identified):
+            why = "needs both the choked and the unchoked interval"
+            found[name] = Estimate.unidentified("%", why)
+            continue
+        value = (
+            float(filling_jump(supply, m.value, c.value))
+            if name == JUMPS[0]
+            else float(exhaust_jump(atmosphere, m.value, c.value))
+        )
+        i, k = (curves.fit.names.index(n) for n in (choked, unchoked))
+        shared = float(curves.covariance.matrix[i, k]) / (m.value * c.value)
+        variance = (m.std / m.value) ** 2 + (c.std / c.value) ** 2 - 2.0 * shared
+        std = 100.0 * (1.0 + value) * math.sqrt(max(variance, 0.0))
+        dof = float(min(curves.covariance.dof[i], curves.covariance.dof[k]))
+        found[name] = Estimate.symmetric(100.0 * value, std, "%", dof)
+    return found
+
+
+def fit_of(
+    valve: str,
+    curves: CurveFit,
+    estimates: Mapping[str, Estimate],
+    read: Sequence[Stretches],
+    air: Air,
+    judged: Mapping[str, FitQuality],
+) -> DiscreteFit:
+    """A valve's fit with its curves; `read` are the start values of each test."""
+    pieces = curves.problem.pieces
+    measured = np.concatenate([p.pressure for p in pieces])
+    residuals = curves.fit.residuals
+    spread = float(np.linalg.norm(measured - measured.mean()))
+    nrmse = float(np.linalg.norm(residuals)) / spread
+    return DiscreteFit(
+        valve=valve,
+        estimates=dict(estimates),
+        stretches={
+            n: float(np.median([r.values[n] for r in read if n in r.values]))
+            for n in (*FLOWS, *DELAYS)
+            if any(n in r.values for r in read)
+        },
+        supply=air.supply_pressure_pa,
+        rmse=float(np.sqrt(np.mean(residuals**2))),
+        noise=float(np.median([p.noise for p in pieces])),
+        fit_percent=100.0 * (1.0 - nrmse),
+        curves=tuple(
+            PressureCurve(p.label, p.chamber.time, p.pressure, p.pressure + curves.residuals(i))
+            for i, p in enumerate(pieces)
+        ),
+        quality=judged,
+        joint=curves.joint,
+    )
+
+
+__all__ = ["boundary_jumps", "critical_ratios", "fit_of", "flows_and_delays"]
