@@ -30,6 +30,7 @@ import sysid as si  # noqa: E402
 from sysid.balance.imposed import effort_rmse  # noqa: E402
 from sysid.io.campaign import Campaign  # noqa: E402
 from sysid.plant.ports import Model  # noqa: E402
+from sysid.recording.even import recorded  # noqa: E402
 from sysid.recording.motion_tests import MotionTest, Segment  # noqa: E402
 from sysid.recording.simulation import simulate_segments  # noqa: E402
 from sysid.refinement.refine import motion_tests_of  # noqa: E402
@@ -74,8 +75,9 @@ def errors(campaign: Campaign, bundle: Any, model: Model, use: str) -> dict[str,
             for run, p in zip(runs, parts, strict=True)
         ]
         found[name] = 1e3 * math.sqrt(float(np.mean(np.concatenate(squares))))
-    trials = [trial for entry in entries for trial in campaign.read(entry).trials]
-    return found | {"force": effort_rmse(trials, campaign.rig, model)}
+    trials = (trial for entry in entries for trial in campaign.read(entry).trials)
+    recordings = [recorded(trial, campaign.rig, []) for trial in trials]
+    return found | {"force": effort_rmse(recordings, model)}
 
 
 def show(title: str, campaign: Campaign, bundle: Any) -> None:
