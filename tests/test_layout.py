@@ -228,3 +228,18 @@ def test_data_and_benchmarks_use_the_library_not_the_commands(path: Path) -> Non
     """What they want of a command they start as a process, as a user does."""
     rooms = {target.split(".")[1] for target, _ in imported(path) if target.startswith("sysid.")}
     assert "commands" not in rooms
+
+
+PACKAGES = [
+    path for name, path in MODULES.items() if path.name == "__init__.py" and name != "sysid"
+]
+
+
+@pytest.mark.parametrize("path", PACKAGES, ids=lambda path: path.parent.name)
+def test_what_a_room_says_of_itself_is_there(path: Path) -> None:
+    """Each word in code type of a room's docstring is a file in it, or a name of its modules."""
+    said = ast.get_docstring(ast.parse(path.read_text("utf-8"))) or ""
+    files = {p.stem for p in path.parent.rglob("*") if "__pycache__" not in p.parts}
+    written = "".join(p.read_text("utf-8") for p in path.parent.rglob("*.py"))
+    for word in re.findall(r"(?<!`)`([a-z_0-9]+)(?:\.py|/)?`(?!`)", said):
+        assert word in files or re.search(rf"(?:def |class |\b){word}\b\s*[(:=]", written), word

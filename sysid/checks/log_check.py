@@ -364,7 +364,7 @@ def _runs(values: FloatArray, shortest: int) -> list[tuple[int, int]]:
 
 
 def kind_of(trial: Trial, rig: Rig) -> str | None:
-    """The trial's kind as in `spec/log-format.md`; None where nothing is commanded.
+    """The trial's kind as in `docs/reference/log-format.md`; None where nothing is commanded.
 
     A motion driven by the motor alone is called `friction-motion`: it can identify the same
     as `motion-motor`. So is one that the logged chamber pressures alone drive.

@@ -1,4 +1,4 @@
-"""The command line (`spec/cli.md`): the group of commands, and exit codes.
+"""The command line (`docs/reference/command-line.md`): the group of commands, and exit codes.
 
 Each command is a file of this folder, imported when it is called: `sysid --help` reads only
 `COMMANDS` and stays quick.
@@ -103,7 +103,7 @@ def app() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; the exit status of `spec/cli.md`, errors as one line on standard error."""
+    """Run a command; its exit status, errors as one line on standard error."""
     _open_closed()
     parallel.share_one_heap()
     with _others_silent(), inputs_kept():

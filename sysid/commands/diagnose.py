@@ -65,7 +65,7 @@ class Diagnosed:
     written: tuple[Path, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """The output of `sysid diagnose --json` (spec/cli.md)."""
+        """The output of `sysid diagnose --json` (`docs/reference/command-line.md`)."""
         found = self.found.detail.to_json()
         found["notices"] = list(self.notices)
         return found | {"written": [str(path) for path in self.written]}

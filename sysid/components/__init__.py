@@ -7,7 +7,7 @@ the law may lack are declared in the class; docs/own-components.md shows how.
 
 `definition` holds the classes that a user derives from, `loading` checks one of a file; `static`
 and `dynamic` make a `sysid.diagnosis.bench.component.Component` of it and its tests; `starts`
-checks that a law gives numbers where it starts, `campaign` fits and diagnoses one, `validation`
+checks that a law gives numbers where it starts, `own_tests` reads the tests of one, `validation`
 simulates whole tests, `refinement` estimates on them, `log_check` says what its logs are good for.
 
 >>> si.components.LogColumn("V", "input").between

@@ -14,7 +14,7 @@ from sysid.plant.effects.entry import CatalogueEffect
 
 
 def content(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The output of `sysid diagnose --json` (spec/cli.md), and the data drawn under `figures`.
+    """The output of `sysid diagnose --json`, and the data drawn under `figures`.
 
     Pictures that cannot be drawn are skipped, and the notices say why.
     """

@@ -71,7 +71,7 @@ class FoundEffect(Shown):
         return {labels[name]: estimate for name, estimate in self.estimates.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """As `sysid diagnose --json` prints it (spec/cli.md)."""
+        """As `sysid diagnose --json` prints it (`docs/reference/command-line.md`)."""
         parameters: dict[str, Any] = {k: e.to_json() for k, e in self.by_label().items()}
         if type(self.effect).has_side():
             parameters["side"] = getattr(self.effect, "side")  # noqa: B009

@@ -24,7 +24,7 @@ class Unexplained:
     share: float
 
     def to_json(self) -> dict[str, Any]:
-        """As `sysid diagnose --json` prints it (spec/cli.md)."""
+        """As `sysid diagnose --json` prints it (`docs/reference/command-line.md`)."""
         return {"channel": self.channel, "regressor": self.regressor, "share": self.share}
 
 
@@ -85,7 +85,7 @@ class Diagnosis:
         return self.evidence.rejected
 
     def to_json(self) -> dict[str, Any]:
-        """What `sysid diagnose --json` prints (spec/cli.md)."""
+        """What `sysid diagnose --json` prints (`docs/reference/command-line.md`)."""
         return {
             "verdict": self.verdict,
             "component": self.component,

@@ -31,7 +31,7 @@ _NORMAL = 1e-3
 
 @dataclass(frozen=True)
 class Estimate:
-    """One fitted number, as a bundle holds it (`spec/bundle.md`).
+    """One fitted number, as a bundle holds it (`docs/reference/bundle.md`).
 
     `interval` is the 95 % interval; a limit that the data do not set is infinite, and of a
     number that a file gives without an interval both are NaN. A parameter that the data do not

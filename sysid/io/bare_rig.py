@@ -1,7 +1,7 @@
 """A rig for logs that come without a rig file: what they show, and else the reference rig's.
 
-`spec/cli.md`, "A bare log". The reference rig is the thesis' (`sysid.io.bundled`). Each constant
-that is taken from it stands in the rig's `assumed`; results say what rests on it.
+The reference rig is the thesis' (`sysid.io.bundled`). Each constant that is taken from it stands in
+the rig's `assumed`; results say what rests on it.
 """
 
 from __future__ import annotations

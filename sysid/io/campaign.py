@@ -25,26 +25,17 @@ from sysid.io.samples import Trial
 from sysid.io.source import Source
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, parse_map_table
 
-Kind = Literal[
-    "friction-static",
-    "friction-sliding",
-    "friction-motion",
-    "valve-discrete",
-    "valve-pwm",
-    "motion-motor",
-    "motion-pwm",
-    "motion-discrete",
-    "tank",
-    "valve-flow",
-    "valve-time",
-    "friction-points",
-]
+FrictionKind = Literal["friction-static", "friction-sliding", "friction-motion"]
+ValveKind = Literal["valve-discrete", "valve-pwm"]
+MotionKind = Literal["motion-motor", "motion-pwm", "motion-discrete"]
+BenchKind = Literal["tank", "valve-flow", "valve-time", "friction-points"]
+Kind = Literal[FrictionKind, ValveKind, MotionKind, BenchKind]
 Use = Literal["fit", "holdout"]
+FRICTION_KINDS: tuple[str, ...] = get_args(FrictionKind)
+MOTION_KINDS: tuple[str, ...] = get_args(MotionKind)
+BENCH_KINDS: tuple[str, ...] = get_args(BenchKind)
 KINDS: tuple[str, ...] = get_args(Kind)
-FRICTION_KINDS = KINDS[:3]
-MOTION_KINDS = KINDS[5:8]
-BENCH_KINDS = KINDS[8:]
-FRICTION_POINTS = KINDS[-1]
+FRICTION_POINTS = "friction-points"
 # Their force or torque is balanced with the motion, row by row.
 _BALANCED = ("friction-motion", "motion-motor")
 USES: tuple[str, ...] = get_args(Use)

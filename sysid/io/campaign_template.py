@@ -22,7 +22,7 @@ _USES = {
     "fit": "training: parameters are fitted to it",
     "holdout": "held out: nothing is fitted to it; errors are reported on it",
 }
-# What a log of each kind holds (`spec/log-format.md`).
+# What a log of each kind holds (`docs/reference/log-format.md`).
 _CONTENT = {
     "friction-static": "torque ramped slowly from zero until the shaft moves; several positions",
     "friction-sliding": "constant torque after a start; at least two levels, both directions",

@@ -1,4 +1,4 @@
-"""`sysid convert`: a lab's own file into the log format (`spec/log-format.md`).
+"""`sysid convert`: a lab's own file into the log format (`docs/reference/log-format.md`).
 
 The readers are in `sysid.io.foreign`, the units in `sysid.io.units`; here the columns are mapped,
 checked and written. The options of the command line may also be given in a TOML file

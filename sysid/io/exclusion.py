@@ -1,4 +1,4 @@
-"""Rows of a log that are not used: whole tests, or spans of one (`spec/log-format.md`).
+"""Rows of a log that are not used: whole tests, or spans of one (`docs/reference/log-format.md`).
 
 They are taken out of the table as it was read, before a value, a unit or a time is judged. A span
 at an end of a test trims it, one within splits it into parts, each a separate test. Times are

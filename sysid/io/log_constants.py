@@ -1,8 +1,8 @@
 """Constants of a rig that its logs show: supply, atmosphere, sampling, PWM period, travel.
 
-For logs that come without a rig file (`spec/cli.md`, "A bare log"). A pressure is read where it
-rests: in a chamber whose valve is off and at the end of a stretch in which it is on; a PWM period
-from the ripple of its pulses in the pressure.
+For logs that come without a rig file. A pressure is read where it rests: in a chamber whose valve
+is off and at the end of a stretch in which it is on; a PWM period from the ripple of its pulses in
+the pressure.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Reading a log file (`spec/log-format.md`): checked, and converted to SI."""
+"""Reading a log file (`docs/reference/log-format.md`): checked, and converted to SI."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rig as read from its file, and what follows from it (`spec/log-format.md`).
+"""A rig as read from its file, and what follows from it (`docs/reference/log-format.md`).
 
 The file's sections and keys are declared in `rig_file` and `rig_sections`.
 """

@@ -1,4 +1,4 @@
-"""The sections of the rig file, each key declared once (`spec/log-format.md`).
+"""The sections of the rig file, each key declared once (`docs/reference/log-format.md`).
 
 Every value is SI and has the unit in its name. A section that a command does not need may
 be absent (a purely electric axis has no `[cylinder]`); a section that is present must be

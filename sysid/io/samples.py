@@ -1,4 +1,4 @@
-"""One test's samples, and the log that holds them (`spec/log-format.md`)."""
+"""One test's samples, and the log that holds them (`docs/reference/log-format.md`)."""
 
 from __future__ import annotations
 

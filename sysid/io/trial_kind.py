@@ -1,4 +1,4 @@
-"""Which kind of test a trial is, by its content (`spec/cli.md`)."""
+"""Which kind of test a trial is, by its content (`docs/reference/command-line.md`)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Bundles in files: read with every key checked, written whole or not at all.
 
-The contract is `spec/bundle.md`; the schema is `bundle.schema.json` in this package, generated
-from the classes of this package by `sysid.parameters.schema`. Reading a bundle never runs code.
+The contract is `docs/reference/bundle.md`; the schema is `bundle.schema.json`, generated from the
+classes of this package by `sysid.parameters.schema`. Reading a bundle never runs code.
 """
 
 from __future__ import annotations

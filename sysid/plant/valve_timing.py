@@ -1,6 +1,6 @@
 """When a valve is really open: commands, PWM periods, delays, overtaking edges.
 
-`spec/log-format.md`, "What the samples mean". numpy only. All times in s.
+`docs/reference/log-format.md`, "What the samples mean". numpy only. All times in s.
 """
 
 from __future__ import annotations

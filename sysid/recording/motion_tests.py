@@ -2,7 +2,7 @@
 
 A test is simulated open loop from its first row, and in segments that start within it. Every
 start state is estimated from the samples around it; that a test starts at rest
-(`spec/log-format.md`) is checked against these samples.
+(`docs/reference/log-format.md`) is checked against these samples.
 """
 
 from __future__ import annotations

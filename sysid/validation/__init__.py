@@ -1,7 +1,8 @@
 """Validation: a bundle's model simulated open loop against the motion logs.
 
 `open_loop` goes through a campaign, `judging` compares a simulated test with the measured one
-(`residual_tests`) and `results` is what comes out.
+(`residual_tests`), `results` is what comes out, `shown_tests`, `shown_residuals` and `shown_own`
+its blocks.
 """
 
 from sysid.validation.open_loop import VALIDATED_KINDS, VALVE_MODELS, validate

@@ -341,7 +341,7 @@ class FrictionResult(NamedEstimates, Shown):
         return Correlation.of(fit.joint, known, self.units.keys)
 
     def part(self) -> Parts:
-        """The bundle's `friction` (`spec/bundle.md`), with the supporting tables."""
+        """The bundle's `friction` (`docs/reference/bundle.md`), with the supporting tables."""
         table: dict[str, Any] = self.by_name()
         table["source"] = self.source
         table[f"rmse_{self.units.suffix}"] = self.rmse

@@ -46,7 +46,7 @@ AMBIGUOUS_CLASSES: tuple[frozenset[str], ...] = (
         }
     ),
 )
-"""Effects that ordinary data cannot distinguish (spec/effects.md)."""
+"""Effects that ordinary data cannot distinguish."""
 
 _MODULES = (friction, linkage, stroke, motor, chamber, valve, bench, supply, sensor)
 _ATTRIBUTES = ("id", "title", "subsystem", "quantities", "signature", "source")

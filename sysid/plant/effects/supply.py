@@ -22,7 +22,7 @@ from sysid.plant.ports import Point
 _SWEEPS = 2
 # Below it strokes are those to first order: a sine at 0, which has a slope there.
 _LEAST_STROKE = 1e-6
-# A resistance that grows with the flow is given at this one, kg/s: that of spec/effects.md.
+# A resistance that grows with the flow is given at this one, kg/s.
 REFERENCE_FLOW_KG_PER_S = 3.5e-4
 
 
