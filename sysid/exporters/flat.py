@@ -326,15 +326,17 @@ def _effect(effect: EffectEntry, where: str) -> ExportedEffect:
     place = f"{where}, effect {name}"
     values: dict[str, float | str | None] = {}
     units: dict[str, str] = {}
+    numbers = effect.numbers()
     for key, content in effect.parameters.items():
         if not key.isidentifier() or not key.isascii() or key.startswith("_"):
             raise input_error(place, f"{key!r} is not a parameter's name", _AGAIN)
-        if isinstance(content, str):
+        if key in numbers:
+            number = numbers[key]
+            known = number.identified
+            values[key] = _finite(number.value, f"{place}, {key}") if known else None
+            units[key] = clean_text(number.unit)
+        else:
             values[key], units[key] = clean_text(content), ""
-            continue
-        known = content.identified
-        values[key] = _finite(content.value, f"{place}, {key}") if known else None
-        units[key] = clean_text(content.unit)
     return ExportedEffect(name, values, units)
 
 
