@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from sysid.errors import input_error
@@ -13,15 +13,6 @@ if TYPE_CHECKING:
 _WIDTH, _HEIGHT = 7.0, 2.2
 # A legend with more lines than this hides the plot.
 _MOST_IN_LEGEND = 12
-
-
-def one_axes(ax: Axes | None) -> Axes:
-    """The axes given, or those of a new figure."""
-    if ax is not None:
-        return ax
-    import matplotlib.pyplot as plt
-
-    return plt.subplots(figsize=(_WIDTH, 1.6 * _HEIGHT), layout="constrained")[1]
 
 
 def some_axes(count: int, axes: Axes | Iterable[Axes] | None, share_x: bool = True) -> list[Axes]:
@@ -57,15 +48,4 @@ def legend(ax: Axes) -> None:
         ax.legend(fontsize="small")
 
 
-def bars(ax: Axes, groups: Sequence[str], heights: Mapping[str, Sequence[float]]) -> None:
-    """Bars side by side: a place along x for each group, a colour for each series in it."""
-    width = 0.8 / max(len(heights), 1)
-    for i, (label, values) in enumerate(heights.items()):
-        places = [g - 0.4 + (i + 0.5) * width for g in range(len(groups))]
-        ax.bar(places, values, width, label=label)
-    ax.set_xticks(range(len(groups)), groups)
-    if len(heights) > 1:
-        ax.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
-
-
-__all__ = ["bars", "flat", "legend", "one_axes", "some_axes"]
+__all__ = ["flat", "legend", "some_axes"]

@@ -34,7 +34,6 @@ MODEL_STYLES: tuple[tuple[str, Any], ...] = (
 
 _MARGIN = {"left": 0.64, "right": 0.21, "top": 0.31, "bottom": 0.48}  # inches
 _FONT_PT = 8.6
-_LEGEND_ROOM = 0.2  # of the height
 _STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "sysid",
@@ -179,16 +178,6 @@ def legend(ax: Axes, **options: Any) -> None:
         ax.legend(**{"loc": "best", **options})
 
 
-def legend_above(ax: Axes, **options: Any) -> None:
-    """A legend in a separate row above everything drawn in linear axes."""
-    labels = ax.get_legend_handles_labels()[1]
-    if labels:
-        low, high = ax.get_ylim()
-        ax.set_ylim(low, high + _LEGEND_ROOM * (high - low))
-        row = {"loc": "upper right", "ncols": len(labels), "columnspacing": 0.8}
-        ax.legend(**{**row, "handlelength": 1.2, **options})
-
-
 def to_figure(figure: MatplotlibFigure, id: str, title: str, description: str) -> Picture:
     """The matplotlib figure as inline SVG, with its `title` and `description`.
 
@@ -248,7 +237,6 @@ __all__ = [
     "TALL_PANEL",
     "inline",
     "legend",
-    "legend_above",
     "panel",
     "panels",
     "picture",
