@@ -61,7 +61,7 @@ from sysid.diagnosis.actuator.equation_error import channels_of  # noqa: E402
 from sysid.diagnosis.actuator.loop import Start, begin  # noqa: E402
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null  # noqa: E402
 from sysid.diagnosis.actuator.refit import refit  # noqa: E402
-from sysid.diagnosis.actuator.screening import (  # noqa: E402
+from sysid.diagnosis.actuator.projection import (  # noqa: E402
     Projected,
     projected,
     screen,

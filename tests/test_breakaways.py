@@ -12,7 +12,7 @@ from sysid.diagnosis.actuator.breakaways import breakaways
 from sysid.diagnosis.actuator.equation_error import BREAKAWAY, channels_of, equation_error
 from sysid.diagnosis.actuator.refit import refit
 from sysid.diagnosis.actuator.samples import Traces, prepare
-from sysid.diagnosis.actuator.screening import Projected, projected, screen_group
+from sysid.diagnosis.actuator.projection import Projected, projected, screen_group
 from sysid.diagnosis.actuator.signatures import candidates
 from sysid.diagnosis.actuator.states import point_of
 from sysid.diagnosis.actuator.twins import Scatter, simulate_twins

@@ -36,7 +36,7 @@ from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.refit import Refit, own_columns, refit, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, windows
-from sysid.diagnosis.actuator.screening import (
+from sysid.diagnosis.actuator.projection import (
     Explained,
     Projected,
     explained,

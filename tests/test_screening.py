@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sysid.diagnosis.actuator.screening import Projected, explained
+from sysid.diagnosis.actuator.projection import Projected, explained
 from sysid.diagnosis.actuator.signatures import candidates
 from sysid.plant.effects.catalogue import catalogue
 

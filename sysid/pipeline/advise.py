@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from scipy.special import ndtri
 
 from sysid.blocks.progress import progress_or_shown
-from sysid.diagnosis.actuator.suspects import SIGNIFICANCE
+from sysid.diagnosis.thresholds import SIGNIFICANCE
 from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle
 from sysid.pipeline.request import Reported, takes

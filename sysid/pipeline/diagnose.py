@@ -21,7 +21,7 @@ from sysid.diagnosis.actuator.diagnose import (
     rivals_of,
     with_errors_after_judged,
 )
-from sysid.diagnosis.actuator.known import Earlier
+from sysid.diagnosis.actuator.loop import Memory
 from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
 from sysid.diagnosis.bench.evidence import HeldOutEvidence
 from sysid.diagnosis.bench.registry import AXIS, part_tested
@@ -276,7 +276,7 @@ def _look_at_actuator(
 ) -> Look:
     model = bundle.model(campaign.rig, catalogue)
     drawn = drawn_models(bundle, campaign.rig, model, _DRAWN, options.seed)
-    earlier: Earlier = {}
+    memory = Memory()
 
     def errors_of(other: Bundle) -> dict[str, float]:
         return open_loop_errors(logs, campaign.rig, other.model(campaign.rig, catalogue))
@@ -284,7 +284,7 @@ def _look_at_actuator(
     def look(effects: Catalogue) -> Diagnosis:
         found = diagnose_actuator(
             logs, campaign.rig, model, effects, drawn=drawn, seed=options.seed,
-            quick=options.quick, earlier=earlier, progress=options.tell,
+            quick=options.quick, memory=memory, progress=options.tell,
         )  # fmt: skip
         if options.simulates:
             rivals = rivals_of(found, logs, campaign.rig, model)

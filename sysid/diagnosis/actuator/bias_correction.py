@@ -63,7 +63,6 @@ def _move(search: Search, frame: Frame, count: int) -> FloatArray:
     residual = frame.residual(search.model)
     own = own_columns(frame, search.model)[:, -count:]
     assert search.joint is not None
-    own[:, [name in search.held for name in search.joint.fit.names[:count]]] = 0.0
     base = reaching_columns(search.first, frame, search.model, residual)
     return linear_step(np.hstack([own, base]), residual)
 

@@ -15,8 +15,7 @@ from sysid.blocks.numbers import number
 from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.holdout import HeldOut, motion_tests
-from sysid.diagnosis.actuator.known import Earlier
-from sysid.diagnosis.actuator.loop import Loop, close_loop
+from sysid.diagnosis.actuator.loop import Loop, Memory, close_loop
 from sysid.diagnosis.actuator.unexplained import (
     faintest,
     leftover,
@@ -68,7 +67,7 @@ def diagnose(
     drawn: Sequence[Model] = (),
     seed: int = 0,
     quick: bool = False,
-    earlier: Earlier | None = None,
+    memory: Memory | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Diagnosis:
     """Find what a fitted model lacks, and measure what adding it gains.
@@ -77,8 +76,8 @@ def diagnose(
     logs among those held out are only simulated, before and after. `drawn` are models about the
     fitted one, as wrong as its numbers may be: what a right form may leave. Raises InputError for
     logs that cannot be used, NotIdentifiedError where the model or the logs do not suffice.
-    Ends within the limit in force (`sysid.parallel`) with what was found by then. `earlier`:
-    see `close_loop`.
+    Ends within the limit in force (`sysid.parallel`) with what was found by then. `memory`: see
+    `close_loop`.
     """
     if not has_discrete_law(model.parameters):
         raise NotIdentifiedError(
@@ -101,10 +100,10 @@ def diagnose(
             rig,
             model,
             catalogue.values(),
-            simulation_error=partial(_log_error, inside),
+            simulated=partial(_simulated, inside),
             seed=seed,
             quick=quick,
-            earlier=earlier,
+            memory=memory,
             progress=progress,
         )
         progress("simulating the held-out logs, before and after")
@@ -272,15 +271,18 @@ def _of_static_friction(found: Loop) -> Iterator[str]:
         )
 
 
-def _log_error(tests: HeldOut, model: Model) -> float:
-    """Mean logarithm of the channels' open-loop RMSE: units do not count, 0 without tests.
+def _simulated(tests: HeldOut, model: Model) -> float:
+    """Minus twice the log likelihood of motion tests simulated with a model: units do not count.
 
-    Raises OutOfBudgetError.
+    A test is off as a whole, by as much as is unknown: so many draws as tests, whose variance is
+    each channel's mean square. 0 without tests. Raises SimulationError, OutOfBudgetError.
     """
     spend()
-    errors = tests.rmse(model) if tests.tests else np.ones(3)
+    if not tests.tests:
+        return 0.0
+    errors = tests.rmse(model)
     logged = errors[~np.isnan(errors)]
-    return float(np.mean(np.log(logged))) if len(logged) else 0.0
+    return float(2.0 * len(tests.tests) * np.sum(np.log(logged)))
 
 
 def _errors(outside: HeldOut, model: Model, found: Loop) -> list[FloatArray]:

@@ -54,7 +54,7 @@ class TwinEvidence(ComponentEvidence):
 
     def rounds_shown(self) -> list[dict[str, Any]]:
         """See `sysid.diagnosis.actuator.figures.rounds_shown`."""
-        return rounds_shown(self.loop.search, self.loop.null, self.looked)
+        return rounds_shown(self.loop.search, self.looked)
 
     def figures(self) -> dict[str, Any]:
         """`excess`, `curves`, `shows` and `leftover`.

@@ -15,21 +15,12 @@ from sysid.diagnosis.actuator.equation_error import (
     channels_of,
     equation_error,
 )
-from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.samples import Traces
-from sysid.diagnosis.actuator.search import RefittedStep, Search
-from sysid.diagnosis.actuator.suspects import (
-    CLEAR_RATIO,
-    MOST_SUSPECTS,
-    SIGNIFICANCE,
-    WORTH_REFITTING,
-    Suspect,
-)
+from sysid.diagnosis.actuator.search import RefittedStep, Search, Suspect
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, regressors
 from sysid.diagnosis.binning import binned_means, equal_count_edges
 from sysid.diagnosis.influence import strongest
 from sysid.diagnosis.looked import Looked, SearchStage
-from sysid.diagnosis.search import MOST_EFFECTS, mark_removed
 from sysid.plant.ports import Model
 from sysid.types import FloatArray, IntArray
 
@@ -46,12 +37,12 @@ _OWN_DERIVATIVE = {
 _FINE = 0.04
 
 
-def rounds_shown(search: Search, null: Null, looked: Looked) -> list[dict[str, Any]]:
+def rounds_shown(search: Search, looked: Looked) -> list[dict[str, Any]]:
     """What each round tried: `added` (an id, None in the last) and `suspects`.
 
-    A suspect: `id`, `gain` and `refitted` (whitened squares that its signature and its refit
-    remove from the residual; None where it was not refitted), `twins` (the gains on the twins
-    that were screened), `p_value`, and `fate`, in words.
+    A suspect: `id`, `gain` and `refitted` (by how much it lowers minus twice the log likelihood of
+    the balances, as it was screened and with its shape fitted; None where it was not fitted),
+    `twins` (the same on twins, where nothing is missing), `p_value`, and `fate`, in words.
     """
     shown: list[dict[str, Any]] = []
     for number, one in enumerate(search.rounds, start=1):
@@ -63,39 +54,28 @@ def rounds_shown(search: Search, null: Null, looked: Looked) -> list[dict[str, A
                 "id": s.id,
                 "gain": float(s.gain),
                 "refitted": None if s.refitted is None else float(s.refitted),
-                "twins": [float(g) for g in null.gains(s.id)],
+                "twins": [float(s.twins)],
                 "p_value": float(s.p_value),
-                "fate": late.get(s.id) or _fate(s, one.added, suspects),  # type: ignore[arg-type]
+                "fate": late.get(s.id) or _fate(s, one.added, search),  # type: ignore[arg-type]
             }
             for s in suspects
         ]
         added = None if one.added is None else one.added.id
         shown.append({"added": added, "removed": list(one.removed), "suspects": rows})
-    mark_removed(shown)
     return shown
 
 
-def _fate(suspect: Suspect, step: RefittedStep | None, suspects: Sequence[Suspect]) -> str:
-    """Why a suspect was added or not: the rules of `sysid.diagnosis.actuator.search`, in words."""
+def _fate(suspect: Suspect, step: RefittedStep | None, search: Search) -> str:
+    """Why a suspect was added or not."""
     if step is not None and suspect.id == step.id:
         return "added"
-    if step is not None and suspect.refitted is not None:
-        share = 100.0 * suspect.refitted / step.refit.gain
-        equal = ": indistinguishable in these data" if suspect.id in step.ambiguous else ""
-        return f"refitted, explains {share:.3g} % of what {step.id} explains{equal}"
-    if suspect.p_value >= SIGNIFICANCE:
-        return "gains no more than chance would"
-    if suspect.ratio <= CLEAR_RATIO:
-        return "gains too little more than on the twins"
-    if not suspect.is_fitted:
-        if suspect.gain <= WORTH_REFITTING * suspects[0].gain:
-            return f"not refitted: explains far less than {suspects[0].id}"
-        if not any(s.is_fitted for s in suspects):
-            return f"not tried: at most {MOST_EFFECTS} effects are added"
-        return f"not refitted: {MOST_SUSPECTS} others gain more"
-    if step is None:
-        return "explains too small a share of the remainder, or differs from test to test"
-    return "refitted: its strength differs from test to test"
+    if step is not None and suspect.id in step.ambiguous:
+        return f"as likely as {step.id}: indistinguishable in these data"
+    if suspect.id in {other.id for other in search.steps}:
+        return "added together with another effect"
+    if suspect.refitted is not None:
+        return "fitted: less likely than what was added" if step else "fitted: adds no evidence"
+    return "less likely than chance"
 
 
 def residual_curves(search: Search) -> list[dict[str, Any]]:

@@ -9,13 +9,13 @@ import numpy as np
 
 from sysid.diagnosis.actuator.bias_correction import corrected
 from sysid.diagnosis.actuator.equation_error import BALANCES, forget
-from sysid.diagnosis.actuator.known import Earlier, Known
+from sysid.diagnosis.actuator.finder import Finder
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
+from sysid.diagnosis.actuator.projection import Projected, projected, scatter_beside
 from sysid.diagnosis.actuator.refit import own_columns
 from sysid.diagnosis.actuator.samples import Traces, prepare
-from sysid.diagnosis.actuator.screening import Projected, projected, scatter_beside
-from sysid.diagnosis.actuator.search import Search, search
+from sysid.diagnosis.actuator.search import Search, Simulated, search
 from sysid.diagnosis.actuator.signatures import Candidate, candidates, one_form_each
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
 from sysid.diagnosis.actuator.twins import (
@@ -91,6 +91,14 @@ class Start:
         return build_frame(traces, self.model, self.colour, self.scatter.sliding, self.moving)
 
 
+@dataclass
+class Memory:
+    """What a search of some tests worked out, for the next one without some of its effects."""
+
+    start: Start | None = None
+    finder: Finder | None = None
+
+
 def begin(
     tests: Sequence[tuple[str, str, Trial]],
     rig: Rig,
@@ -154,7 +162,7 @@ def begin(
         ended = attempt(judge)
         if isinstance(ended, Failure):
             book.miss(ended, decides=False)
-        null = Null(judged or [twin_frame(pilot)], forms, sensors, twins_beside)
+        null = Null(judged or [twin_frame(pilot)], sensors, twins_beside)
     return Start(traces, model, noise, scatter, colour, forms, moving, null)
 
 
@@ -164,30 +172,33 @@ def close_loop(
     model: Model,
     catalogue: Iterable[type[CatalogueEffect]],
     *,
-    simulation_error: Callable[[Model], float],
+    simulated: Simulated,
     seed: int = 0,
     quick: bool = False,
-    earlier: Earlier | None = None,
+    memory: Memory | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Loop:
     """Find what a fitted model lacks on training tests, given as (file, kind, trial).
 
-    `simulation_error` is the logarithm of a model's error on the fitted motion logs: of the
-    numbers with and without the twins' correction, the better-simulating ones are kept. Ends
-    within the limit in force (`sysid.parallel`), save for what no verdict can do without: the
-    residual, the twins and the first round. `quick`: a first look, with one twin, one form of
-    each effect, one effect at most and no correction. `earlier`: what searches of these tests with
-    more effects know, to which this one adds.
+    Of the numbers with and without the twins' correction, those are kept with which the fitted
+    motion tests are `simulated` better. Ends within the limit in force (`sysid.parallel`), save for
+    what no verdict can do without: the residual, the twins and the first round. `quick`: a first
+    look, with one twin, one form of each effect, one effect at most and no correction. `memory`: of
+    an earlier search of these tests with more effects.
     """
-    book = Book(quick=quick)
-    start = begin(tests, rig, model, catalogue, book, seed=seed, progress=progress)
-    traces, null = start.traces, start.null
-    known = ({} if earlier is None else earlier).setdefault(start.moving, Known())
-    null.take(known.gains)
-    frame = start.frame(traces)
-    found = search(frame, start.model, start.forms, null, progress, simulation_error, book, known)
-    for one in (null, found.null, *(rival.null for rival in found.rivals)):
-        one.release()
+    book, memory = Book(quick=quick), memory or Memory()
+    catalogue = tuple(catalogue)
+    if memory.start is None or memory.finder is None:
+        start = begin(tests, rig, model, catalogue, book, seed=seed, progress=progress)
+        with limited():
+            first = projected(start.frame(start.traces), start.model)
+        finder = Finder(first, start.forms, start.null, book, progress)
+        memory.start, memory.finder = start, finder
+    else:
+        start, finder = memory.start, memory.finder
+        finder.bar({form.id for form in start.forms} - {e.id for e in catalogue}, book)
+    traces = start.traces
+    found = search(finder, simulated)
     forget()
     if found.steps and quick:
         book.left_out(SearchStage.CORRECTION)
@@ -195,7 +206,7 @@ def close_loop(
         book.enter(SearchStage.CORRECTION)
         progress("correcting the numbers with twins of the extended model")
         before = found
-        better = attempt(lambda: _corrected(before, start, rig, simulation_error, seed + 2))
+        better = attempt(lambda: _corrected(before, start, rig, simulated, seed + 2))
         if isinstance(better, Failure):
             book.miss(better, decides=False)
         else:
@@ -242,7 +253,7 @@ def _corrected(
     found: Search,
     start: Start,
     rig: Rig,
-    simulation_error: Callable[[Model], float],
+    simulated: Simulated,
     seed: int,
 ) -> Search:
     """The search with its numbers corrected by twins, where that simulates better."""
@@ -253,9 +264,9 @@ def _corrected(
         scatter = found.first.frame.scatter
         frames = [start.frame(twin) for twin in twins if twin.is_finite()]
         other = corrected(found, [replace(frame, scatter=scatter) for frame in frames])
-        return min(found, other, key=lambda s: simulation_error(s.model))
+        return min(found, other, key=lambda s: simulated(s.model))
     except SimulationError:
         return found
 
 
-__all__ = ["Loop", "Start", "begin", "close_loop"]
+__all__ = ["Loop", "Memory", "Start", "begin", "close_loop"]

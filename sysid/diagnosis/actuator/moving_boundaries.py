@@ -7,12 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.diagnosis.actuator.equation_error import BALANCES, EFFORT
-from sysid.diagnosis.actuator.screening import Projected, best_by_effect, screen
+from sysid.diagnosis.actuator.equation_error import BALANCES, CHANNELS, EFFORT
+from sysid.diagnosis.actuator.projection import Projected
+from sysid.diagnosis.actuator.screened import screened
 from sysid.diagnosis.actuator.signatures import Candidate
+from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.looked import Book
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import overrides
+from sysid.search.misfit import Channel
 from sysid.types import FloatArray
 
 # A balance whose mean whitened square is larger holds more than noise.
@@ -37,15 +40,26 @@ def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[Cata
         return ()
     least = max(_CLEAR_GAIN, _CLEAR_SHARE * sum(float(np.sum(own)) for own in squares))
     moving = [form for form in forms if _moves(form.neutral())]
+    none = np.array([float(np.sum(bare.rest[frame.rows(name)] ** 2)) for name in CHANNELS])
+    white = tuple(Channel(_rows(frame, name), 1.0, 1.0, 0.0) for name in CHANNELS)
     # Not in the search's book: what cannot be screened here it comes to itself.
-    best = best_by_effect(screen(bare, moving, Book()))
-    most = max((found.gain for found in best.values()), default=0.0)
+    some = screened(bare, moving, white, Book())
+    best: dict[str, tuple[float, CatalogueEffect]] = {}
+    for one in some.columns.proposals([(f,) for f in range(len(some.forms))]):
+        (effect,), gain = some.effects(one), float(np.sum(none - one.squares))
+        if effect.id not in best or gain > best[effect.id][0]:
+            best[effect.id] = gain, effect
+    most = max((gain for gain, _ in best.values()), default=0.0)
     return tuple(
         far
-        for found in best.values()
-        if found.gain > least and (_is_one_way(found.candidate.neutral()) or found.gain == most)
-        for far in _as_far_as_it_may(found.candidate.with_strengths(list(found.coefficients)))
+        for gain, effect in best.values()
+        if gain > least and (_is_one_way(effect) or gain == most)
+        for far in _as_far_as_it_may(effect)
     )
+
+
+def _rows(frame: Frame, name: str) -> int:
+    return len(frame.windows[name])
 
 
 def _moves(effect: CatalogueEffect) -> bool:

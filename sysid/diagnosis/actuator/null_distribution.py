@@ -1,31 +1,19 @@
-"""The distribution of scores and sums where nothing is missing: screening the twins."""
+"""What the balances leave where nothing is missing: the sums of twins."""
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from scipy.special import ndtr
 
 from sysid.diagnosis.actuator.equation_error import BALANCES, CHANNELS
-from sysid.diagnosis.actuator.screening import Projected, screen_group
-from sysid.diagnosis.actuator.signatures import Candidate
-from sysid.diagnosis.looked import Book
-from sysid.parallel import attempt_in_threads, spend
+from sysid.diagnosis.actuator.projection import Projected
 from sysid.types import FloatArray
 
-_SMALLEST_P = 1e-300
 # Real noise may be this much stronger than the twins' before it counts as structure.
 _NOISIEST = 1.6
-# Only a gain beyond this many times the first twin's warrants screening the others.
-_ASK_AGAIN = 2.0
-# Of one beyond so many times that the others would say the same.
-_BEYOND_DOUBT = 100.0
-# A gain that noise alone may give.
-_NOISE_ALONE = 10.0
 # A rig's numerics may bias a gain's root by this factor against its twins'.
 MARGIN = 1.3
 # A balance's excess is structure beyond this many of the twins' spreads, and beyond this share of
@@ -35,28 +23,29 @@ _TOLERATED = 0.2
 
 
 class Null:
-    """Twins' residuals, and the gain of each effect on them where it is needed.
+    """Twins' residuals, and the squares that they leave.
 
     `sums` maps a channel to the twins' whitened sums of squares a row, (twins,), `sensors` to
-    that of the sensors' noise along the logs' own motion. `family` is the number of forms
-    screened. `twins_of`: twins of a model with further effects, next to its residual.
+    that of the sensors' noise along the logs' own motion. `twins_of`: twins of a model with further
+    effects, next to its residual.
     """
 
     def __init__(
         self,
         twins: Sequence[Projected],
-        forms: Sequence[Candidate],
         sensors: Mapping[str, float],
         twins_of: Callable[[Projected], Sequence[Projected]] | None = None,
     ) -> None:
         self.sensors = dict(sensors)
         self._twins_of = twins_of
         self._twins = tuple(twins)
-        self._forms = tuple(forms)
-        self._gains: dict[str, FloatArray] = {}
-        self.family = len(forms)
         self.sums = _by_channel(_mean_square, twins)
         self._expected = self.sums, _by_channel(typical_square, twins)
+
+    @property
+    def twins(self) -> tuple[Projected, ...]:
+        """The twins' residuals."""
+        return self._twins
 
     def beside(self, base: Projected) -> Null:
         """The same, but that twins of this residual's own model say what is expected.
@@ -71,64 +60,11 @@ class Null:
         found._expected = _by_channel(_mean_square, twins), _by_channel(typical_square, twins)
         return found
 
-    def calibrate(self, gains: Mapping[str, float], least: float, book: Book) -> list[str]:
-        """Screen the twins for these effects, given with their gains on the logs.
-
-        Where the first twin gains as much, or next to nothing against it, or the gain is below
-        `least`, the others are not screened. Returns those that could be screened. Raises
-        OutOfBudgetError.
-        """
-        self._screen(gains, self._twins[:1], book)
-        known = [e for e in gains if e in self._gains]
-        first = {e: float(self._gains[e][0]) for e in known}
-        in_doubt = [
-            e
-            for e in known
-            if max(_ASK_AGAIN * first[e], least)
-            < gains[e]
-            <= _BEYOND_DOUBT * max(first[e], _NOISE_ALONE)
-        ]
-        self._screen(in_doubt, self._twins[1:], book)
-        return known
-
-    def take(self, gains: dict[str, FloatArray]) -> None:
-        """Share gains of these twins that are known, and add to them."""
-        self._gains = gains
-
-    def release(self) -> None:
-        """Drop the twins: no further effect can be calibrated, all that was found stays."""
-        self._twins = ()
-
-    def _screen(self, effects: Iterable[str], twins: Sequence[Projected], book: Book) -> None:
-        known = 0 if twins and twins[0] is self._twins[0] else 1
-        wanted = [e for e in effects if len(self._gains.get(e, ())) == known]
-        forms = {e: [f for f in self._forms if f.id == e] for e in wanted}
-        jobs = [(e, twin) for e in wanted for twin in twins]
-        tried = attempt_in_threads(partial(screen_group, twin, forms[e]) for e, twin in jobs)
-        spend(0)
-        for e, results in book.results([e for e, _ in jobs], tried):
-            best = max((r.gain for r in results), default=0.0)
-            self._gains[e] = np.append(self._gains.get(e, np.zeros(0)), best)
-
-    def gains(self, effect: str) -> FloatArray:
-        """The best gain of an effect on each screened twin, (twins,)."""
-        return self._gains[effect]
-
-    def p_value(self, effect: str, gain: float, strengths: int) -> float:
-        """Probability that any form in the catalogue gains as much where nothing is missing.
-
-        The root of an effect's gain is taken as normal about its mean among the twins,
-        which a real rig's own numerics may exceed by some share; the family is controlled by
-        Bonferroni's bound.
-        """
-        roots = np.sqrt(np.maximum(self.gains(effect), float(strengths)))
-        spread = max(1.0, float(np.std(roots, ddof=1)) if len(roots) > 1 else 1.0)
-        distance = (math.sqrt(gain) - MARGIN * float(np.mean(roots))) / spread
-        return min(1.0, max(self.family * float(ndtr(-distance)), _SMALLEST_P))
-
-    def ratio(self, effect: str, gain: float) -> float:
-        """A gain over the largest that a twin shows, or over that of noise alone."""
-        return gain / max(float(np.max(self.gains(effect))), _NOISE_ALONE)
+    def alone(self) -> Null:
+        """What is expected without the twins themselves, which are large."""
+        found = copy.copy(self)
+        found._twins, found._twins_of = (), None
+        return found
 
     def excess(self, base: Projected) -> dict[str, float]:
         """Each channel's sum of squares beyond that of any twin (`beside`: of the residual's own

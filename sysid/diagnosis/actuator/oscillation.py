@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.diagnosis.actuator.comparison import CLEAR_BIC, noise_scale, penalty
 from sysid.diagnosis.actuator.equation_error import EFFORT, EquationError, channels_of
-from sysid.diagnosis.actuator.refit import Refit
-from sysid.diagnosis.actuator.screening import Projected
+from sysid.diagnosis.actuator.projection import Projected
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.search.misfit import Channel
 from sysid.types import FloatArray
 
 # Of the mains, Hz; a fit of a resonance may end beside it.
@@ -40,21 +40,27 @@ class Oscillation:
         return 2 * self.tests + 1
 
 
-def steady_oscillation(base: Projected, found: Refit) -> Oscillation | None:
-    """The oscillation, near a frequency of an effect or of the mains, that explains clearly more of
-    the torque balance than the effect does.
+def steady_oscillation(
+    base: Projected, channel: Channel, effect: CatalogueEffect, fall: float
+) -> Oscillation | None:
+    """The oscillation, near a frequency of an effect or of the mains, for which there is more
+    evidence than for the effect.
 
-    None where there is none, and for an effect that has no frequency or does not act there.
+    `base` is the residual without the effect, `channel` its torque balance, `fall` by how much the
+    effect lowers minus twice the log likelihood there. None where there is none, and for an effect
+    that has no frequency or does not act there.
     """
-    effect = found.effect
     own = [float(getattr(effect, q.name)) for q in type(effect).quantities if q.unit == "Hz"]
     if not own or EFFORT not in channels_of(effect):
         return None
     centres = (*own, *_MAINS_HZ)
     tried = [_of_frequency(base, f) for centre in centres for f in centre + _OFFSETS_HZ]
     best = max(tried, key=lambda one: one.gain)
-    ahead = (best.gain - penalty(found, best.numbers)) - (found.gain - penalty(found))
-    return best if ahead >= CLEAR_BIC * noise_scale(found) else None
+    left = np.array(float(np.sum(base.rest[base.frame.rows(EFFORT)] ** 2)))
+    own_fall = float(channel.cost(left) - channel.cost(left - best.gain))
+    # Schwarz's criterion: each number costs the log of how many rows tell of it.
+    more = (best.numbers - len(type(effect).fitted())) * math.log(channel.rows)
+    return best if own_fall - more > fall else None
 
 
 def _of_frequency(base: Projected, frequency: float) -> Oscillation:

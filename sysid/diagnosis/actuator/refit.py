@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS, channels_of
-from sysid.diagnosis.actuator.screening import Projected
+from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.signatures import base_jacobian, base_parameters, channel_of
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.plant.ports import Model
 from sysid.plant.static_reading import as_read
-from sysid.types import FloatArray, IntArray
+from sysid.types import FloatArray
 
 _EVALUATIONS = 20
 # Slopes predict to within this share of what changes.
@@ -30,10 +30,6 @@ _STEP = 1e-5
 # A threshold acts in steps, pulse by pulse: its slope is that of a chord.
 THRESHOLD_STEP = 0.05
 _MOST_FACTOR = 5.0
-# Whitened squares: more than noise alone is likely to give one test.
-_CLEAR_GAIN = 20.0
-# What a test loses below this share of the largest gain is for the effect's form, not its being.
-_FORM_SHARE = 0.05
 _BASE_STEPS = 6
 _MOST_STEP = 0.5
 _SMALL_STEP = 1e-4
@@ -47,59 +43,14 @@ _LEAST_REACH = 0.02
 class Refit:
     """Effects with their numbers fitted, and their share of a residual.
 
-    `before` (rows,) is the residual without them, `rest` (rows,) the remainder; `fit`
+    `rest` (rows,) is the remainder; `fit`
     holds the effects' parameters by "id/name", in the effects' order, then the base
     parameters' factors.
     """
 
     effects: tuple[CatalogueEffect, ...]
-    before: FloatArray
     rest: FloatArray
     fit: LeastSquaresFit
-
-    @property
-    def gain(self) -> float:
-        """The fall of the whitened sum of squares."""
-        return float(self.before @ self.before - self.rest @ self.rest)
-
-    @property
-    def effect(self) -> CatalogueEffect:
-        """The last effect: the one that was added to those before it."""
-        return self.effects[-1]
-
-    @property
-    def id(self) -> str:
-        return self.effect.id
-
-    def wald(self, tests: IntArray, place: int = -1) -> float:
-        """How clearly an effect's strengths differ from 0: s' C^-1 s over their number.
-
-        The effect at `place`, by default the last; one with a threshold only there.
-
-        C is the jackknife's over the tests (rows,): evidence from one test alone does not count.
-        The shape stays as fitted: without an effect it has no meaning, and short tests of a
-        drift show no more than its slope. A strength stuck at a bound other than 0 counts as
-        clear. A threshold has no slope from which C could be computed: there the result is the
-        squared z of a sign test on the tests that gain or lose clearly.
-        """
-        stuck, effect = self.fit.diagnosis.at_bound, self.effects[place]
-        strong = [q for q in type(effect).quantities if q.is_strength]
-        if any(f"{effect.id}/{q.name}" in stuck and getattr(effect, q.name) for q in strong):
-            return math.inf
-        if has_threshold(effect):
-            gains = np.bincount(tests, weights=self.before**2 - self.rest**2)
-            won = int(np.count_nonzero(gains > _CLEAR_GAIN))
-            lost = int(np.count_nonzero(gains < -max(_CLEAR_GAIN, _FORM_SHARE * gains.max())))
-            return (won - lost) * abs(won - lost) / max(won + lost, 1)
-        shapes = {f"{effect.id}/{q.name}" for q in type(effect).shapes()}
-        fit = self.fit.holding(shapes)
-        covariance = fit.jackknife_covariance(tests).matrix
-        places = [fit.names.index(f"{effect.id}/{q.name}") for q in strong]
-        if np.any(fit.shown_by(tests)[places] == 1):
-            return 0.0
-        strengths = fit.values[places]
-        inverse = np.linalg.pinv(covariance[np.ix_(places, places)], hermitian=True)
-        return float(strengths @ inverse @ strengths) / len(places)
 
 
 def refit(base: Projected, starts: Sequence[CatalogueEffect], held: Collection[str] = ()) -> Refit:
@@ -127,7 +78,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect], held: Collection[s
             replace(p, value=float(v)) for p, v in zip(parameters, fit.values, strict=True)
         ]
     fit = replace(fit, values=equations.exact(fit.values))
-    return Refit(equations.effects(fit.values), base.rest, fit.residuals, fit)
+    return Refit(equations.effects(fit.values), fit.residuals, fit)
 
 
 class _Equations:

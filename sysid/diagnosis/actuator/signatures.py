@@ -18,15 +18,13 @@ from sysid.diagnosis.actuator.equation_error import (
 )
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.io.channels import SIDES
-from sysid.plant.effects.entry import SIDE_CHOICES, CatalogueEffect, Quantity
+from sysid.plant.effects.entry import SIDE_CHOICES, CatalogueEffect
 from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
 _BASE_STEP = 0.01
 # A strength whose effect is proportional to it is probed at this share of its usual size.
 _PROBE = 0.3
-# Sizes of a threshold on a finer grid: so far beyond those screened, and each over the one before.
-_BEYOND, _FINE = 1.5, 1.08
 
 
 @dataclass(frozen=True)
@@ -86,35 +84,6 @@ def candidates(
             for shape in itertools.product(*axes)
             for steps in itertools.product(*strengths)
         ]
-    return found
-
-
-def finer(effect: type[CatalogueEffect]) -> list[Candidate]:
-    """The usual shapes of an effect on every side, its thresholds at more sizes than are screened.
-
-    What acts in steps has no slope that a fit could follow from one of the few to another.
-    """
-    shape: list[list[tuple[str, Any]]] = []
-    if effect.has_side():
-        # Of a size that is a little off one side alone may seem better than both.
-        shape.append([("side", side) for side in SIDE_CHOICES])
-    shape += [[(q.name, v) for v in q.grid or (q.typical,)] for q in effect.shapes()]
-    steps = [
-        [(q.name, s) for s in (_sizes(q) if q.is_threshold else (_PROBE * q.typical,))]
-        for q in effect.strengths()
-    ]
-    return [
-        Candidate(effect, chosen, strengths)
-        for chosen in itertools.product(*shape)
-        for strengths in itertools.product(*steps)
-    ]
-
-
-def _sizes(threshold: Quantity) -> list[float]:
-    low, high = threshold.grid[0] / _BEYOND, threshold.grid[-1] * _BEYOND
-    count = math.ceil(math.log(high / low) / math.log(_FINE)) + 1
-    sizes = np.geomspace(low, high, count)
-    found: list[float] = sizes[(sizes >= threshold.lower) & (sizes <= threshold.upper)].tolist()
     return found
 
 

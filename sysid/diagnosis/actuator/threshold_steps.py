@@ -12,10 +12,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sysid.diagnosis.actuator.comparison import noise_scale
 from sysid.diagnosis.actuator.equation_error import channels_of
+from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.refit import Refit
-from sysid.diagnosis.actuator.screening import Projected
 from sysid.estimation.linear import Estimate
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model
@@ -55,7 +54,8 @@ def with_steps(
     effects, count = list(model.effects), len(base.model.effects)
     effect = effects[count + place]
     channels = channels_of(effect, model.effects)
-    size, limit = float(estimate.value), _RISE * noise_scale(joint)
+    scale = max(float(joint.rest @ joint.rest) / len(joint.rest), 1.0)
+    size, limit = float(estimate.value), _RISE * scale
 
     def squares(value: float) -> float:
         effects[count + place] = dataclasses.replace(effect, **{quantity.name: value})  # type: ignore[type-var]

@@ -1,0 +1,369 @@
+"""Sets of effects by evidence: all forms as one linear problem, the best sets fitted, and again.
+
+What is linear proposes: every form of every effect, alone, in pairs and in threes. The sets that
+are worth it are fitted with their shapes, channel by channel as much as it can be trusted. Beside
+the best of them everything is screened again, as its effects change what the others would do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, forget
+from sysid.diagnosis.actuator.fitted_set import (
+    FittedSet,
+    channel_squares,
+    cost,
+    fit_set,
+    weights_of,
+)
+from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
+from sysid.diagnosis.actuator.oscillation import steady_oscillation
+from sysid.diagnosis.actuator.projection import Projected, projected, scatter_beside
+from sysid.diagnosis.actuator.refit import own_columns
+from sysid.diagnosis.actuator.screened import Bias, Screened, noise_channels, screened
+from sysid.diagnosis.actuator.signatures import Candidate
+from sysid.diagnosis.looked import Book, SearchStage
+from sysid.diagnosis.search import MOST_EFFECTS
+from sysid.errors import Failure
+from sysid.parallel import attempt, limited
+from sysid.plant.effects.catalogue import class_of
+from sysid.plant.ports import Model
+from sysid.search.columns import Columns, Proposal
+from sysid.search.misfit import Channel
+from sysid.search.sets import best_sets, names_of
+from sysid.types import Progress
+
+# Sets of each size that are fitted a round.
+_FITTED = 3
+_BIAS_TWINS = 2
+_MOST_ROUNDS = 5
+_SMALLEST_P = 1e-300
+_LIMIT = (
+    f"the search adds {MOST_EFFECTS} effects at most, and ended with as many: diagnose the "
+    "extended bundle to look for more"
+)
+# Friction is weighed anew where it scatters by more than this, and beside the effects by less than
+# this part of that.
+_MUCH_SCATTER, _FAR_LESS = 0.02, 0.5
+
+
+@dataclass(frozen=True)
+class Contender:
+    """An effect that a round screened: its evidence beside the effects before, alone.
+
+    `gain`: twice the fall of the log likelihood; `twins`: the same where nothing is missing.
+    """
+
+    id: str
+    evidence: float
+    gain: float
+    twins: float
+
+
+@dataclass(frozen=True)
+class Round:
+    """What a round screened beside the set `before`, and the set that was `best` after it."""
+
+    contenders: tuple[Contender, ...]
+    before: frozenset[str]
+    best: frozenset[str]
+
+
+@dataclass
+class Finder:
+    """The search on one residual: `sets` fitted so far by their effects, `rounds` in turn.
+
+    `expected`: what twins of the model with the best set leave; `none` (channels,) the squares
+    without effects, `channels` their noise as the twins show it.
+    """
+
+    first: Projected
+    forms: Sequence[Candidate]
+    null: Null
+    book: Book
+    progress: Progress
+    sets: dict[frozenset[str], FittedSet] = field(default_factory=dict)
+    rounds: list[Round] = field(default_factory=list)
+    barred: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        self.expected = self.null
+        self.bias = Bias(self.null.twins[:_BIAS_TWINS])
+        # Of each effect the form that was proposed, with the columns that it was proposed from.
+        self._proposed: dict[str, tuple[Screened, int]] = {}
+        # Beside each set what was screened.
+        self._screened: dict[frozenset[str], Screened] = {}
+        self._most = 1 if self.book.quick else MOST_EFFECTS
+        # In how many directions the forms show in each channel: known once they are screened.
+        self._directions = np.full(len(CHANNELS), math.inf)
+        self._take(self.first)
+
+    def bar(self, names: Collection[str], book: Book) -> None:
+        """Go on without these effects, with what is known of the others."""
+        self.barred |= frozenset(names)
+        self.sets = {own: s for own, s in self.sets.items() if not own & self.barred}
+        self._screened = {own: s for own, s in self._screened.items() if not own & self.barred}
+        book.screened += [name for name in self.book.screened if name not in self.barred]
+        book.fitted += [name for name in self.book.fitted if name not in self.barred]
+        self.book, self.rounds = book, []
+
+    def _take(self, first: Projected) -> None:
+        """A residual without effects, and its noise."""
+        self.first, self.sets, self._screened = first, {}, {}
+        self.none = channel_squares(first, first.rest)
+        self.channels: tuple[Channel, ...] = self._channels_of(first)
+
+    def _channels_of(self, base: Projected) -> tuple[Channel, ...]:
+        return noise_channels(base, self.expected, self.none, self._directions)
+
+    def evidence(self, names: frozenset[str]) -> float:
+        """Twice the log evidence of a fitted set over that of no effect; -inf if not fitted.
+
+        Less what twins gain by its effects, and what the best of so many gain by chance.
+        """
+        if not names:
+            return 0.0
+        found = self.sets.get(names)
+        if found is None:
+            return -math.inf
+        by_chance = sum(self._by_chance(name, found) for name in names)
+        return found.evidence(self.channels, self.none) - by_chance
+
+    def _by_chance(self, name: str, found: FittedSet) -> float:
+        some, form = self._proposed[name]
+        twins = self.bias.gain(some, form, weights_of(self.channels, found.squares))
+        return float(some.columns.penalty[form]) + MARGIN**2 * twins
+
+    def best(self) -> frozenset[str]:
+        """The effects of the set with most evidence."""
+        return max([frozenset[str](), *self.sets], key=self.evidence)
+
+    def run(self) -> frozenset[str]:
+        """Screen, propose and fit until no set is better; the best set's effects."""
+        best: frozenset[str] = frozenset()
+        for number in range(1, _MOST_ROUNDS + 1):
+            with limited() if number == 1 else nullcontext():
+                tried = attempt(lambda: self._proposals(best, number))  # noqa: B023
+            if isinstance(tried, Failure):
+                self.book.miss(tried)
+                return best
+            better = self._without_superfluous(self.best())
+            self.rounds.append(Round(tried, best, better))
+            if better == best or self.book.quick:
+                return better
+            best = better
+            self._narrow(best)
+            if len(best) == self._most:
+                self.book.note(_LIMIT)
+                return best
+        return best
+
+    def p_value(self, names: frozenset[str], name: str) -> float:
+        """Probability that any form gains as much as this effect of a set where it is missing."""
+        some, form = self._proposed[name]
+        fewer = names - {name}
+        was = self.sets[fewer].squares if fewer else self.none
+        found = self.sets[names]
+        gain = cost(self.channels, was) - cost(self.channels, found.squares)
+        twins = self.bias.gain(some, form, weights_of(self.channels, found.squares))
+        return self.by_chance(gain, twins, name)
+
+    def by_chance(self, gain: float, twins: float, name: str) -> float:
+        """Probability that any form gains as much by noise, beyond what twins gain: Bonferroni."""
+        strengths = next(len(f.steps) for f in self.forms if f.id == name)
+        beyond = max(gain - MARGIN**2 * twins, 0.0)
+        return min(1.0, max(len(self.forms) * float(chdtrc(strengths, beyond)), _SMALLEST_P))
+
+    def ambiguous(self, names: frozenset[str], name: str, doubt: float) -> tuple[str, ...]:
+        """Effects that may be there in the place of one of a set: of its class, or with as much
+        evidence, to within `doubt`."""
+        others, least = names - {name}, self.evidence(names) - doubt
+        rivals = {
+            next(iter(some - others))
+            for some in self.sets
+            if some != names and others < some and len(some) == len(names)
+            if self.evidence(some) > least
+        }
+        return tuple(sorted((rivals | set(class_of(name))) - {name}))
+
+    def round_of(self, names: frozenset[str]) -> int:
+        """The number, from 0, of the round that first fitted a set of these effects."""
+        for place, one in enumerate(self.rounds):
+            if names <= one.best:
+                return place
+        return len(self.rounds) - 1
+
+    def gained(self, before: frozenset[str], name: str) -> float | None:
+        """By how much an effect lowers minus twice the log likelihood; None if not fitted."""
+        found = self.sets.get(before | {name})
+        if found is None:
+            return None
+        was = self.sets[before].squares if before in self.sets else self.none
+        return cost(self.channels, was) - cost(self.channels, found.squares)
+
+    def model(self, names: frozenset[str]) -> Model:
+        """The model with a set's effects."""
+        given = self.first.model
+        effects = self.sets[names].effects if names else ()
+        return Model(given.parameters, (*given.effects, *effects))
+
+    def _beside(self, names: frozenset[str]) -> Projected:
+        """The residual that a set leaves, its numbers projected out. Raises OutOfBudgetError."""
+        forget()
+        if not names:
+            return self.first
+        model = self.model(names)
+        base = projected(self.first.frame, model, own_columns(self.first.frame, model))
+        if self.book.quick:
+            return base
+        null = attempt(lambda: self.null.beside(base))
+        if isinstance(null, Failure):
+            self.book.miss(null, decides=False)
+        else:
+            self.expected = null
+            self.channels = self._channels_of(base)
+        return base
+
+    def _narrow(self, names: frozenset[str]) -> None:
+        """Weigh friction by the scatter that the effects leave, where it is far less than before.
+
+        What an effect does may look like scatter of friction from test to test: as if the friction
+        of each test were hardly known, which hides the next effect.
+        """
+        frame = self.first.frame
+        if not names or self.book.quick or frame.scatter < _MUCH_SCATTER:
+            return
+        with limited():
+            left = scatter_beside(frame, self.model(names))
+            if left > _FAR_LESS * frame.scatter:
+                return
+            self.progress(f"friction scatters by {100 * left:.1f} % beside the effects")
+            found = self.sets[names]
+            self._take(projected(replace(frame, scatter=left), self.first.model))
+            self.sets[names] = fit_set(self.first, self.channels, found.effects, found.squares)
+
+    def _proposals(self, names: frozenset[str], number: int) -> tuple[Contender, ...]:
+        """Fit the sets that are worth it beside a set's effects; what was screened.
+
+        Raises OutOfBudgetError.
+        """
+        self.book.enter(SearchStage.SCREENING, number)
+        base = self._beside(names)
+        some = self._screened.get(names)
+        if some is None:
+            states = {state for e in base.model.effects for state in e.states}
+            gone = self.barred | names
+            forms = [
+                f for f in self.forms if f.id not in gone and not states & set(f.neutral().states)
+            ]
+            some = screened(base, forms, self.channels, self.book)
+            if not names:
+                self._directions = some.columns.directions()
+                self.channels = self._channels_of(base)
+                some = Screened(some.forms, replace(some.columns, channels=self.channels))
+        some = self._screened[names] = some.without(self.barred)
+        columns, by_size = self._unbiased(some, self._most - len(names))
+        self.book.enter(SearchStage.SUSPECTS, number)
+        before, least = self.sets.get(names), 0.0
+        for ranked in by_size:
+            # A shape between two that were screened may gain more than either.
+            worth = [p for p in ranked[:_FITTED] if p.evidence + self._penalty(columns, p) > least]
+            for proposal in worth:
+                self._fit(before, some, proposal)
+            least = max([least, *(p.evidence for p in ranked[:1])])
+        self._without_hum(base, names)
+        alone = by_size[0] if by_size else []
+        return tuple(self._contender(some, columns, p) for p in alone)
+
+    @staticmethod
+    def _penalty(columns: Columns, proposal: Proposal) -> float:
+        return float(columns.penalty[proposal.forms[-1]])
+
+    def _without_hum(self, base: Projected, names: frozenset[str]) -> None:
+        """Drop sets with an effect whose place an oscillation takes that goes on whatever the
+        motion does."""
+        before = self.sets[names].squares if names in self.sets else self.none
+        effort = CHANNELS.index(EFFORT)
+        channel = self.channels[effort]
+        for other in [own for own in self.sets if names < own and len(own) == len(names) + 1]:
+            (name,) = other - names
+            found = self.sets[other]
+            fall = float(channel.cost(before[effort]) - channel.cost(found.squares[effort]))
+            effect = next(e for e in found.effects if e.id == name)
+            hum = steady_oscillation(base, channel, effect, fall)
+            if hum is None:
+                continue
+            self.book.note(
+                f"not {name}: in the torque balance an oscillation of {hum.frequency:.1f} Hz "
+                "goes on whatever the motion does, as hum of the mains does; log a rest with the "
+                "amplifier on"
+            )
+            self.sets = {own: s for own, s in self.sets.items() if name not in own}
+
+    def _unbiased(self, some: Screened, most: int) -> tuple[Columns, list[list[Proposal]]]:
+        """The columns without the bias of all effects that are proposed, and the best sets."""
+        while True:
+            columns = self.bias.taken_from(some)
+            by_size = best_sets(columns, most)
+            proposed = {
+                name
+                for ranked in by_size
+                for p in ranked[:_FITTED]
+                if p.evidence > 0.0
+                for name in names_of(columns, p)
+            }
+            unknown = proposed - set(self.bias.known)
+            if not unknown:
+                return columns, by_size
+            self.bias.ask(unknown, self.forms, self.book)
+            if unknown - set(self.bias.known):
+                return columns, by_size
+
+    def _fit(self, before: FittedSet | None, some: Screened, proposal: Proposal) -> None:
+        """Fit a proposed set together with the effects before it."""
+        starts = some.effects(proposal)
+        effects = (*(before.effects if before is not None else ()), *starts)
+        names = frozenset(e.id for e in effects)
+        if names in self.sets:
+            return
+        for f in proposal.forms:
+            self._proposed.setdefault(some.forms[f].id, (some, f))
+        found = attempt(lambda: fit_set(self.first, self.channels, effects, proposal.squares))
+        if isinstance(found, Failure):
+            self.book.miss(found, *(e.id for e in starts))
+            return
+        self.sets[names] = found
+        self.book.fitted += [e.id for e in starts]
+        self.progress(f"{' and '.join(e.id for e in effects)}: {self.evidence(names):.0f}")
+
+    def _without_superfluous(self, names: frozenset[str]) -> frozenset[str]:
+        """The best of a set and of those without one of its effects."""
+        if len(names) < 2:
+            return names
+        found = self.sets[names]
+        for effect in found.effects:
+            fewer = names - {effect.id}
+            if fewer not in self.sets:
+                others = [e for e in found.effects if e is not effect]
+                own = attempt(lambda: fit_set(self.first, self.channels, others, found.squares))  # noqa: B023
+                if not isinstance(own, Failure):
+                    self.sets[fewer] = own
+        return self.best()
+
+    def _contender(self, some: Screened, columns: Columns, one: Proposal) -> Contender:
+        (form,) = one.forms
+        weights = weights_of(columns.channels, one.squares)
+        gain = cost(columns.channels, columns.squares) - cost(columns.channels, one.squares)
+        return Contender(
+            some.forms[form].id, one.evidence, gain, self.bias.gain(some, form, weights)
+        )
+
+
+__all__ = ["Contender", "Finder", "Round"]

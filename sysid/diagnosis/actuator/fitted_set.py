@@ -1,0 +1,167 @@
+"""A set of effects fitted together, each channel by its weight, with its marginal likelihood."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.diagnosis.actuator.equation_error import CHANNELS
+from sysid.diagnosis.actuator.projection import Projected
+from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
+from sysid.diagnosis.actuator.screened import usual_size
+from sysid.diagnosis.actuator.threshold_steps import best_near
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.ports import Model, overrides
+from sysid.search.misfit import Channel
+from sysid.types import FloatArray
+
+_PASSES = 3
+# Weights that change by less than this factor move no number by much of its error.
+_SAME_WEIGHT = 1.3
+# A strength below this share of its usual size is absent: its bound is next to it.
+_ABSENT = 1e-6
+
+
+@dataclass(frozen=True)
+class FittedSet:
+    """Effects with their numbers, fitted together.
+
+    `refit` with the channels as they count; `squares` (channels,) of what is left, as they are;
+    `complexity`: minus twice the log of the prior at the numbers, and of the share of it that the
+    data leave (Laplace's approximation).
+    """
+
+    refit: Refit
+    squares: FloatArray
+    complexity: float
+
+    @property
+    def effects(self) -> tuple[CatalogueEffect, ...]:
+        return self.refit.effects
+
+    @property
+    def names(self) -> frozenset[str]:
+        return frozenset(effect.id for effect in self.effects)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every effect has a strength other than 0."""
+        return not any(_is_absent(effect) for effect in self.effects)
+
+    def evidence(self, channels: Sequence[Channel], none: FloatArray) -> float:
+        """Twice the log of the marginal likelihood over that of no effect, which leaves the squares
+        `none` (channels,); -inf where one of the effects is absent."""
+        if not self.is_whole:
+            return -math.inf
+        return cost(channels, none) - cost(channels, self.squares) - self.complexity
+
+
+def fit_set(
+    first: Projected,
+    channels: Sequence[Channel],
+    starts: Sequence[CatalogueEffect],
+    squares: FloatArray,
+    held: Collection[str] = (),
+) -> FittedSet:
+    """Fit effects together in addition to a model's; `squares` (channels,): what they may leave.
+
+    Raises OutOfBudgetError.
+    """
+    effects, weights = tuple(starts), weights_of(channels, squares)
+    best: FittedSet | None = None
+    for number in range(_PASSES):
+        if number == 0:
+            effects = tuple(_with_steps(first, effects, i) for i in range(len(effects)))
+        found = refit(weighed(first, weights), effects, held)
+        left = channel_squares(first, found.rest) / weights
+        own = FittedSet(found, left, _prior_cost(found.effects) + _log_volume(found))
+        if best is not None and own.evidence(channels, left) < best.evidence(channels, left):
+            break
+        best, effects = own, found.effects
+        before, weights = weights, weights_of(channels, left)
+        if np.max(np.abs(np.log(weights / before))) < math.log(_SAME_WEIGHT):
+            break
+    assert best is not None
+    return best
+
+
+def weighed(base: Projected, weights: FloatArray) -> Projected:
+    """A residual with the squares of its channels times weights (channels,).
+
+    Each base parameter acts in one channel, so that what is projected out stays so.
+    """
+    scales = dict(zip(CHANNELS, np.sqrt(weights), strict=True))
+    white = {name: scales[name] * matrix for name, matrix in base.frame.whitening.items()}
+    rows = np.ones(len(base.rest))
+    for name in CHANNELS:
+        rows[base.frame.rows(name)] = scales[name]
+    frame = replace(base.frame, whitening=white)
+    return replace(base, frame=frame, residual=rows * base.residual, rest=rows * base.rest)
+
+
+def channel_squares(base: Projected, rest: FloatArray) -> FloatArray:
+    """The sum of squares of each channel, (channels,)."""
+    return np.array([float(np.sum(rest[base.frame.rows(name)] ** 2)) for name in CHANNELS])
+
+
+def weights_of(channels: Sequence[Channel], squares: FloatArray) -> FloatArray:
+    """How much a square of each channel counts for, (channels,), where so many are left."""
+    return np.array([float(c.weight(s)) for c, s in zip(channels, squares, strict=True)])
+
+
+def cost(channels: Sequence[Channel], squares: FloatArray) -> float:
+    """Minus twice the log likelihood of what is left, (channels,)."""
+    return float(sum(c.cost(s) for c, s in zip(channels, squares, strict=True)))
+
+
+def _prior_cost(effects: Sequence[CatalogueEffect]) -> float:
+    return sum(
+        (float(getattr(e, q.name)) / usual_size(q)) ** 2 for e in effects for q in e.strengths()
+    )
+
+
+def _is_absent(effect: CatalogueEffect) -> bool:
+    return all(
+        abs(float(getattr(effect, q.name))) < _ABSENT * usual_size(q) for q in effect.strengths()
+    )
+
+
+def _log_volume(found: Refit) -> float:
+    """Log determinant of the effects' information in units of their priors, the base parameters
+    at their best: how much of the prior the data rule out."""
+    numbers = [(e, q) for e in found.effects for q in type(e).quantities]
+    count = len(numbers)
+    jacobian = found.fit.jacobian
+    own, base = jacobian[:, :count] * [_prior(q) for _, q in numbers], jacobian[:, count:]
+    if base.shape[1]:
+        size = np.linalg.norm(base, axis=0)
+        base = base[:, size > 0.0] / size[size > 0.0]
+        own = own - base @ np.linalg.lstsq(base, own, rcond=1e-9)[0]
+    return float(np.linalg.slogdet(np.eye(count) + own.T @ own)[1])
+
+
+def _prior(quantity: Quantity) -> float:
+    """Standard deviation of a number's prior, in its unit: of a shape half its usual range."""
+    if quantity.is_choice:
+        return 0.0
+    if quantity.is_strength or len(quantity.grid) < 2:
+        return usual_size(quantity)
+    return 0.5 * (max(quantity.grid) - min(quantity.grid))
+
+
+def _with_steps(
+    first: Projected, effects: tuple[CatalogueEffect, ...], place: int
+) -> CatalogueEffect:
+    """An effect with its threshold where it acts best beside the others: it has no slope."""
+    effect = effects[place]
+    if not (has_threshold(effect) and overrides(effect, "pulses")):
+        return effect
+    others = tuple(e for i, e in enumerate(effects) if i != place)
+    model = Model(first.model.parameters, (*first.model.effects, *others))
+    return best_near(effect, replace(first, model=model))
+
+
+__all__ = ["FittedSet", "channel_squares", "cost", "fit_set", "weighed", "weights_of"]

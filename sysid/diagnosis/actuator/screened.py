@@ -1,0 +1,252 @@
+"""All forms of all effects along the logs, and along twins of the model, as one linear problem."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from sysid.diagnosis.actuator.equation_error import CHANNELS
+from sysid.diagnosis.actuator.null_distribution import Null
+from sysid.diagnosis.actuator.projection import Projected
+from sysid.diagnosis.actuator.signatures import Candidate, Signatures
+from sysid.diagnosis.looked import Book
+from sysid.parallel import attempt_in_threads, spend
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.search.columns import Block, Columns, Proposal
+from sysid.search.misfit import Channel
+from sysid.types import FloatArray
+
+# Below this remaining share of its length a column is one that the base parameters imitate.
+_OWN_SHARE = 1e-3
+# A form with a state takes as long as so many without.
+_OF_A_STATE = 10
+
+
+def usual_size(quantity: Quantity) -> float:
+    """The size of a number's prior, in its unit."""
+    return abs(quantity.typical) or quantity.upper
+
+
+@dataclass(frozen=True)
+class Screened:
+    """The forms that could be screened, in the order of the blocks of `columns`."""
+
+    forms: tuple[Candidate, ...]
+    columns: Columns
+
+    def without(self, names: Collection[str]) -> Screened:
+        """The same without some effects."""
+        kept = [i for i, form in enumerate(self.forms) if form.id not in names]
+        if len(kept) == len(self.forms):
+            return self
+        return Screened(tuple(self.forms[i] for i in kept), self.columns.of(kept))
+
+    def effects(self, proposal: Proposal) -> list[CatalogueEffect]:
+        """The effects of a proposed set: a threshold is where it was screened."""
+        pairs = zip(proposal.forms, proposal.strengths, strict=True)
+        return [_effect(self.forms[f], own) for f, own in pairs]
+
+
+def _effect(form: Candidate, strengths: FloatArray) -> CatalogueEffect:
+    values = {}
+    for q, (name, step), own in zip(form.effect.strengths(), form.steps, strengths, strict=True):
+        value = step if q.grid else float(own) * usual_size(q)
+        values[name] = float(np.clip(value, q.lower, q.upper))
+    return form.effect.neutral(**dict(form.shape) | values)
+
+
+def noise_channels(
+    base: Projected, null: Null, none: FloatArray, directions: FloatArray
+) -> tuple[Channel, ...]:
+    """Each channel's rows, draws and noise: the mean square of the twin with most.
+
+    `none` (channels,): the squares that the model without effects leaves; `directions` (channels,)
+    those of all forms.
+    """
+    frame, expected, found = base.frame, null.expected(base), []
+    for name, origin, most in zip(CHANNELS, none, directions, strict=True):
+        rows = frame.rows(name)
+        tests = len(np.unique(frame.windows[name].run))
+        square = float(np.mean(expected[rows])) if tests else 1.0
+        draws = max(min(float(tests), float(most)), 1.0)
+        found.append(Channel(rows.stop - rows.start, draws, square, float(origin)))
+    return tuple(found)
+
+
+def screened(
+    base: Projected, forms: Sequence[Candidate], channels: tuple[Channel, ...], book: Book
+) -> Screened:
+    """Every form's columns against a residual. Raises OutOfBudgetError.
+
+    Effects that cannot be screened are noted.
+    """
+    found = _gradients(base, forms, book)
+    kept = tuple(form for name in found for form in found[name].forms)
+    parts = list(found.values())
+    size = sum(part.gradient.shape[1] for part in parts)
+    book.screened += list(found)
+    squares = np.array([_power(base.rest[base.frame.rows(name)]) for name in CHANNELS])
+    gram, gradient = np.zeros((len(CHANNELS), size, size)), np.zeros((len(CHANNELS), size))
+    for place, name in enumerate(CHANNELS):
+        rows = base.frame.rows(name)
+        own = np.hstack([part.columns[rows] for part in parts])
+        acts = np.flatnonzero(np.any(own != 0.0, axis=0))
+        used = own[:, acts].astype(float)
+        gram[place][np.ix_(acts, acts)] = used.T @ used
+        gradient[place, acts] = used.T @ base.rest[rows]
+    blocks = tuple(_blocks(kept))
+    columns = Columns(channels, blocks, gram, gradient, squares, np.ones(size))
+    return Screened(kept, columns)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """An effect's forms with their columns (rows, m) of one usual size, projected; gradients and
+    lengths by channel (channels, m)."""
+
+    forms: tuple[Candidate, ...]
+    columns: FloatArray
+    gradient: FloatArray
+    length: FloatArray
+
+
+def _gradients(base: Projected, forms: Sequence[Candidate], book: Book) -> dict[str, _Part]:
+    # The forms of one effect stay together: those on both sides build on those on either.
+    groups = [list(group) for _, group in itertools.groupby(forms, key=lambda f: f.id)]
+    # What takes long begins first, so that no core waits for the last of them.
+    order = sorted(range(len(groups)), key=lambda i: -_duration(groups[i]))
+    done = attempt_in_threads(partial(_part, base, groups[i]) for i in order)
+    tried = [one for _, one in sorted(zip(order, done, strict=True), key=lambda pair: pair[0])]
+    found = book.results([group[0].id for group in groups], tried)
+    spend(0)
+    return dict(found)
+
+
+def _duration(forms: Sequence[Candidate]) -> int:
+    return len(forms) * (_OF_A_STATE if forms[0].effect.states else 1)
+
+
+def _part(base: Projected, forms: Sequence[Candidate]) -> _Part:
+    signatures = Signatures(base.frame, base.model, base.residual)
+    found = []
+    for form in forms:
+        plain = signatures(form)
+        own = base.project(plain)
+        imitated = np.linalg.norm(own, axis=0) <= _OWN_SHARE * np.linalg.norm(plain, axis=0)
+        own[:, imitated] = 0.0
+        found.append(own / _steps_in_usual_sizes(form))
+    columns = np.hstack(found)
+    rows = [base.frame.rows(name) for name in CHANNELS]
+    gradient = np.array([columns[own].T @ base.rest[own] for own in rows])
+    length = np.array([np.linalg.norm(columns[own], axis=0) for own in rows])
+    return _Part(tuple(forms), columns.astype(np.float32), gradient, length)
+
+
+def _steps_in_usual_sizes(form: Candidate) -> FloatArray:
+    """(strengths,): the probing sizes over the usual ones."""
+    strengths = form.effect.strengths()
+    return np.array(
+        [step / usual_size(q) for q, (_, step) in zip(strengths, form.steps, strict=True)]
+    )
+
+
+def _blocks(forms: Sequence[Candidate]) -> Iterator[Block]:
+    first = 0
+    for form in forms:
+        strengths = form.effect.strengths()
+        sizes = np.array([usual_size(q) for q in strengths])
+        lower, upper = (np.array([getattr(q, name) for q in strengths]) for name in _BOUNDS)
+        yield Block(
+            form.id,
+            range(first, first + len(strengths)),
+            lower / sizes,
+            upper / sizes,
+            frozenset(form.neutral().states),
+        )
+        first += len(strengths)
+
+
+_BOUNDS = ("lower", "upper")
+
+
+def _power(values: FloatArray) -> float:
+    return float(values @ values)
+
+
+class Bias:
+    """What the columns' gradients are where nothing is missing, as twins show them.
+
+    What smoothing and windows put into a balance looks like some effects, on twins as on the logs.
+    Each effect is screened on the twins once it is asked for.
+    """
+
+    def __init__(self, twins: Sequence[Projected]) -> None:
+        self._twins = twins
+        # (twins, channels, columns) of each effect, in standard deviations of the columns.
+        self._known: dict[str, FloatArray] = {}
+
+    @property
+    def known(self) -> Collection[str]:
+        """The effects that have been screened on the twins."""
+        return self._known.keys()
+
+    def ask(self, names: Collection[str], forms: Sequence[Candidate], book: Book) -> None:
+        """Screen the twins for these effects. Raises OutOfBudgetError."""
+        own = [f for f in forms if f.id in names]
+        parts = [_gradients(twin, own, book) for twin in self._twins]
+        for name in names:
+            if all(name in part for part in parts):
+                # A twin's column is as long as it moves.
+                self._known[name] = np.array(
+                    [p[name].gradient / np.maximum(p[name].length, _TINY) for p in parts]
+                )
+
+    def taken_from(self, some: Screened) -> Columns:
+        """The columns without the bias of the effects that are known."""
+        columns = some.columns
+        bias, spread = np.zeros(columns.gradient.shape), np.ones(len(columns.spread))
+        noise = np.sqrt([[channel.square] for channel in columns.channels])
+        for name, shown in self._known.items():
+            own = _columns_of(columns, name)
+            if len(own) != shown.shape[2]:
+                continue
+            bias[:, own] = shown.mean(axis=0) * _lengths(columns, own)
+            if len(shown) > 1:
+                spread[own] = np.max(np.std(shown, axis=0, ddof=1) / noise, axis=0)
+        return columns.without_bias(bias, spread)
+
+    def gain(self, some: Screened, form: int, weights: FloatArray) -> float:
+        """What a form gains on the twins, in the mean, with the channels at weights (channels,); 0
+        where it was not asked for.
+        """
+        block = some.columns.blocks[form]
+        shown = self._known.get(block.name)
+        every = _columns_of(some.columns, block.name)
+        if shown is None or len(every) != shown.shape[2]:
+            return 0.0
+        own = list(block.columns)
+        place = [every.index(i) for i in own]
+        gradients = shown[:, :, place] * _lengths(some.columns, own)
+        gram = np.einsum("c,cij->ij", weights, some.columns.gram[:, own][:, :, own])
+        slopes = np.einsum("c,tci->it", weights, gradients)
+        found = np.linalg.solve(gram + np.eye(len(own)), slopes)
+        return float(np.mean(np.sum(slopes * found, axis=0)))
+
+
+_TINY = 1e-300
+
+
+def _columns_of(columns: Columns, name: str) -> list[int]:
+    return [i for block in columns.blocks if block.name == name for i in block.columns]
+
+
+def _lengths(columns: Columns, own: Sequence[int]) -> FloatArray:
+    """(channels, k)."""
+    return np.sqrt([np.diag(gram)[own] for gram in columns.gram])
+
+
+__all__ = ["Bias", "Screened", "noise_channels", "screened", "usual_size"]

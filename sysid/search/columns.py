@@ -1,0 +1,224 @@
+"""Every form of every effect as columns of one linear problem, channel by channel.
+
+A strength has a normal prior of one usual size about 0, so that a set's marginal likelihood is that
+of Laplace's approximation: exact but for the weights of the channels, which follow from what is
+left (iteratively reweighted least squares).
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sysid.search.misfit import Channel
+from sysid.types import BoolArray, FloatArray, IntArray
+
+_PASSES = 6
+# A pass that lowers minus twice the log likelihood by less changes no decision.
+_SETTLED = 1e-2
+
+
+@dataclass(frozen=True)
+class Block:
+    """A form of an effect: the effect's name, its columns, and what it may not be combined with.
+
+    `lower`, `upper` (k,): bounds of its strengths, in usual sizes. `claims`: of two forms that
+    claim the same, only one may be there.
+    """
+
+    name: str
+    columns: range
+    lower: FloatArray
+    upper: FloatArray
+    claims: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A set of forms (their numbers), strengths in usual sizes, and twice its log evidence.
+
+    `squares` (channels,): the sum of squares that is left of each.
+    """
+
+    forms: tuple[int, ...]
+    strengths: tuple[FloatArray, ...]
+    evidence: float
+    squares: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """The normal equations of all forms, (channels, m, m), (channels, m), squares (channels,).
+
+    Of a residual r and columns X of one usual size each: X'X, X'r and r'r, channel by channel. The
+    residual of strengths s is r + X s. `spread` (m,): how many times the noise's a column's
+    gradient scatters, at least 1.
+    """
+
+    channels: tuple[Channel, ...]
+    blocks: tuple[Block, ...]
+    gram: FloatArray
+    gradient: FloatArray
+    squares: FloatArray
+    spread: FloatArray
+
+    def of(self, blocks: Sequence[int]) -> Columns:
+        """The columns of some blocks alone."""
+        own = [self.blocks[b] for b in blocks]
+        index = np.array([i for block in own for i in block.columns], dtype=int)
+        edges = np.cumsum([0, *(len(block.columns) for block in own)]).tolist()
+        moved = (
+            replace(b, columns=range(*e))
+            for b, e in zip(own, itertools.pairwise(edges), strict=True)
+        )
+        return Columns(
+            self.channels,
+            tuple(moved),
+            self.gram[:, index[:, None], index],
+            self.gradient[:, index],
+            self.squares,
+            self.spread[index],
+        )
+
+    def without_bias(self, bias: FloatArray, spread: FloatArray) -> Columns:
+        """The same with a gradient less that where nothing is missing, (channels, m), and with its
+        `spread` (m,)."""
+        return replace(self, gradient=self.gradient - bias, spread=np.maximum(self.spread, spread))
+
+    def directions(self) -> FloatArray:
+        """(channels,): in how many directions a channel's columns lie, every effect counting alike.
+
+        The exponential of the entropy of the shares of their principal components.
+        """
+        forms = Counter(block.name for block in self.blocks)
+        share = np.array(
+            [1.0 / forms[b.name] / len(b.columns) for b in self.blocks for _ in b.columns]
+        )
+        return np.array([_directions(gram, share) for gram in self.gram])
+
+    @functools.cached_property
+    def penalty(self) -> FloatArray:
+        """(blocks,): twice the log of how many effects, and forms of the effect, were tried.
+
+        The best of so many that gain by chance gains as much; more where gradients scatter more.
+        """
+        forms = Counter(block.name for block in self.blocks)
+        by_chance = [2.0 * math.log(len(forms) * forms[block.name]) for block in self.blocks]
+        spread = [float(np.max(self.spread[list(block.columns)])) for block in self.blocks]
+        return np.square(spread) * by_chance
+
+    @functools.cached_property
+    def lower(self) -> FloatArray:
+        """(m,)."""
+        return np.concatenate([block.lower for block in self.blocks])
+
+    @functools.cached_property
+    def upper(self) -> FloatArray:
+        """(m,)."""
+        return np.concatenate([block.upper for block in self.blocks])
+
+    def cost(self, squares: FloatArray) -> FloatArray:
+        """Minus twice the log likelihood (k,) of what is left, (k, channels)."""
+        costs = [c.cost(own) for c, own in zip(self.channels, squares.T, strict=True)]
+        return np.asarray(np.sum(costs, axis=0))
+
+    def proposals(self, sets: Sequence[tuple[int, ...]]) -> list[Proposal]:
+        """Each set of forms, at its strengths; -inf where one of its forms has none."""
+        found: list[Proposal | None] = [None] * len(sets)
+        columns = [tuple(i for f in forms for i in self.blocks[f].columns) for forms in sets]
+        by_size = sorted(range(len(sets)), key=lambda k: len(columns[k]))
+        for _, group in itertools.groupby(by_size, key=lambda k: len(columns[k])):
+            places = list(group)
+            some = self._solved([sets[k] for k in places], np.array([columns[k] for k in places]))
+            for k, proposal in zip(places, some, strict=True):
+                found[k] = proposal
+        return [p for p in found if p is not None]
+
+    def _solved(self, sets: Sequence[tuple[int, ...]], index: IntArray) -> list[Proposal]:
+        """Sets with as many columns each, (k, size)."""
+        gram = self.gram[:, index[:, :, None], index[:, None, :]]
+        gradient = self.gradient[:, index]
+        none = np.broadcast_to(self.squares, (len(index), len(self.squares)))
+        squares, best = none, np.full(len(index), math.inf)
+        strengths, log_det = np.zeros(index.shape), np.zeros(len(index))
+        left, present = np.array(none), np.zeros(index.shape, dtype=bool)
+        for _ in range(_PASSES):
+            weights = np.stack(
+                [c.weight(own) for c, own in zip(self.channels, squares.T, strict=True)]
+            )
+            curvature = np.einsum("ck,ckij->kij", weights, gram)
+            slope = np.einsum("ck,cki->ki", weights, gradient)
+            moved, free, size = self._bounded(curvature, slope, index)
+            squares = none + np.einsum(
+                "ki,cki->kc", moved, 2.0 * gradient + np.einsum("ckij,kj->cki", gram, moved)
+            )
+            squares = np.maximum(squares, 0.0)
+            cost = self.cost(squares) + np.sum(moved**2, axis=1)
+            better = cost < best - _SETTLED
+            best = np.where(better, cost, best)
+            strengths[better], log_det[better] = moved[better], size[better]
+            left[better], present[better] = squares[better], free[better]
+            if not better.any():
+                break
+        evidence = float(self.cost(none[:1])[0]) - best - log_det
+        return [
+            self._proposal(forms, strengths[k], present[k], float(evidence[k]), left[k])
+            for k, forms in enumerate(sets)
+        ]
+
+    def _bounded(
+        self, curvature: FloatArray, slope: FloatArray, index: IntArray
+    ) -> tuple[FloatArray, BoolArray, FloatArray]:
+        """Strengths (k, size) with their prior, which of them are there, and the log determinant.
+
+        One that would have to leave a bound at 0 is absent.
+        """
+        eye = np.eye(index.shape[1])
+        low, high = self.lower[index], self.upper[index]
+        free = np.ones(index.shape, dtype=bool)
+        while True:
+            both = free[:, :, None] & free[:, None, :]
+            matrix = np.where(both, curvature, 0.0) + eye
+            found = -np.linalg.solve(matrix, np.where(free, slope, 0.0)[:, :, None])[:, :, 0]
+            wrong = free & (((found < 0.0) & (low == 0.0)) | ((found > 0.0) & (high == 0.0)))
+            if not wrong.any():
+                break
+            free &= ~wrong
+        size = np.linalg.slogdet(matrix)[1]
+        return np.clip(found, low, high), free, size
+
+    def _proposal(
+        self,
+        forms: tuple[int, ...],
+        strengths: FloatArray,
+        present: BoolArray,
+        evidence: float,
+        squares: FloatArray,
+    ) -> Proposal:
+        edges = np.cumsum([0, *(len(self.blocks[f].columns) for f in forms)])
+        own = [slice(*pair) for pair in itertools.pairwise(edges)]
+        if not all(present[part].any() for part in own):
+            evidence = -math.inf
+        evidence -= float(sum(self.penalty[f] for f in forms))
+        parts = tuple(strengths[part] for part in own)
+        return Proposal(forms, parts, evidence, squares)
+
+
+def _directions(gram: FloatArray, share: FloatArray) -> float:
+    """Of columns (m,) by their Gram matrix, each counted by its `share`."""
+    acts = np.diag(gram) > 0.0
+    if not acts.any():
+        return 1.0
+    size = np.sqrt(share[acts] / np.diag(gram)[acts])
+    parts = np.linalg.eigvalsh(size[:, None] * gram[np.ix_(acts, acts)] * size)
+    parts = parts[parts > 0.0] / np.sum(parts[parts > 0.0])
+    return float(np.exp(-np.sum(parts * np.log(parts))))
+
+
+__all__ = ["Block", "Columns", "Proposal"]
