@@ -24,6 +24,9 @@ from sysid.types import FloatArray
 FORM = 0.05
 """How far off an effect's law may be, as a share: a prior, that of a model of engineering."""
 
+# Draws of a misfit that is noise.
+_MANY = 1e12
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -37,6 +40,11 @@ class Channel:
     draws: float
     square: float
     origin: float
+
+    @classmethod
+    def of_noise(cls, rows: int) -> Channel:
+        """A channel without misfit, its noise of unit variance: costs are sums of squares."""
+        return cls(rows, _MANY, 1.0, 0.0)
 
     def excess(self, squares: FloatArray | float) -> FloatArray:
         """Sums of squares (k,) beyond the noise's, in its variances; negative where below."""

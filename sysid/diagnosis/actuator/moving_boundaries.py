@@ -11,7 +11,6 @@ from sysid.diagnosis.actuator.equation_error import BALANCES, CHANNELS, EFFORT
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.screened import screened
 from sysid.diagnosis.actuator.signatures import Candidate
-from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.looked import Book
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import overrides
@@ -41,7 +40,7 @@ def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[Cata
     least = max(_CLEAR_GAIN, _CLEAR_SHARE * sum(float(np.sum(own)) for own in squares))
     moving = [form for form in forms if _moves(form.neutral())]
     none = np.array([float(np.sum(bare.rest[frame.rows(name)] ** 2)) for name in CHANNELS])
-    white = tuple(Channel(_rows(frame, name), 1.0, 1.0, 0.0) for name in CHANNELS)
+    white = tuple(Channel.of_noise(len(frame.windows[name])) for name in CHANNELS)
     # Not in the search's book: what cannot be screened here it comes to itself.
     some = screened(bare, moving, white, Book())
     best: dict[str, tuple[float, CatalogueEffect]] = {}
@@ -56,10 +55,6 @@ def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[Cata
         if gain > least and (_is_one_way(effect) or gain == most)
         for far in _as_far_as_it_may(effect)
     )
-
-
-def _rows(frame: Frame, name: str) -> int:
-    return len(frame.windows[name])
 
 
 def _moves(effect: CatalogueEffect) -> bool:
