@@ -15,10 +15,10 @@ from sysid.diagnosis.actuator.equation_error import (
     channels_of,
     equation_error,
 )
+from sysid.diagnosis.actuator.projection import Projected, projected
 from sysid.diagnosis.actuator.refit import refit
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.screened import screened
-from sysid.diagnosis.actuator.projection import Projected, projected
 from sysid.diagnosis.actuator.signatures import Candidate, candidates
 from sysid.diagnosis.actuator.states import point_of
 from sysid.diagnosis.actuator.twins import Scatter, simulate_twins
@@ -26,8 +26,8 @@ from sysid.diagnosis.actuator.whitening import build_frame, noise_of
 from sysid.diagnosis.looked import Book
 from sysid.io.rig import Rig
 from sysid.plant import plant
-from sysid.plant.effects.friction import SealFriction, StictionAfterRest
 from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.friction import SealFriction, StictionAfterRest
 from sysid.plant.ports import Model
 from sysid.search.misfit import Channel
 from sysid.types import FloatArray

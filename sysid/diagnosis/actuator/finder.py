@@ -112,7 +112,8 @@ class Finder:
         self._screened = {own: s for own, s in self._screened.items() if not own & self.barred}
         book.screened += [name for name in self.book.screened if name not in self.barred]
         book.fitted += [name for name in self.book.fitted if name not in self.barred]
-        self.book, self.rounds = book, []
+        self.book, self.rounds, self.expected = book, [], self.null
+        self.channels = self._channels_of(self.first)
 
     def _take(self, first: Projected) -> None:
         """A residual without effects, and its noise."""
@@ -267,8 +268,7 @@ class Finder:
             if not names:
                 self._directions = some.columns.directions()
                 self.channels = self._channels_of(base)
-                some = Screened(some.forms, replace(some.columns, channels=self.channels))
-        some = self._screened[names] = some.without(self.barred)
+        some = self._screened[names] = some.without(self.barred).among(self.channels)
         columns, by_size = self._unbiased(some, self._most - len(names))
         self.book.enter(SearchStage.SUSPECTS, number)
         before, least = self.sets.get(names), 0.0

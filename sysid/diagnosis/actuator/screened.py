@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -44,6 +44,10 @@ class Screened:
         if len(kept) == len(self.forms):
             return self
         return Screened(tuple(self.forms[i] for i in kept), self.columns.of(kept))
+
+    def among(self, channels: tuple[Channel, ...]) -> Screened:
+        """The same with what is known of the channels' noise."""
+        return replace(self, columns=replace(self.columns, channels=channels))
 
     def effects(self, proposal: Proposal) -> list[CatalogueEffect]:
         """The effects of a proposed set: a threshold is where it was screened."""

@@ -37,6 +37,8 @@ IN_DOUBT = 2.0 * math.log(20.0)
 # Where the balances' odds are less than this, twice their log, motion decides as well.
 _DECIDED = 2.0 * math.log(1e4)
 _MOST_JUDGED = 4
+# Rivals that are refined: a refinement takes as long as half a search.
+_MOST_RIVALS = 1
 _SMALLEST_P = 1e-300
 
 Simulated = Callable[[Model], float]
@@ -152,7 +154,7 @@ def _judged(
         finder.progress(f"{better} rather than {worse}: motion is simulated better")
     doubtful = [n for n in near if n not in (winner, none)]
     doubtful = [n for n in doubtful if evidence[winner] - evidence[n] < IN_DOUBT]
-    return winner, doubtful
+    return winner, doubtful[:_MOST_RIVALS]
 
 
 def _with_base(finder: Finder, names: frozenset[str]) -> Model:
