@@ -4,12 +4,12 @@
     python benchmarks/detectable.py check RESULTS.jsonl [--seeds 4000 4001] [--times 3] [--jobs 2]
     python benchmarks/detectable.py pairs [RESULTS] [--attribution ATTRIBUTION]
 
-`table`, on a generated campaign of a lab's size with nothing missing: the size at which an
-effect would be added, that is, its gain passes the twins' test and is a fair share of the
-excess over noise. It is computed from the length of the effect's signature with the base
-parameters projected out, from the twins' gains and from the excess (gains grow with the
-square of the size), and printed next to the usual size on such a rig. Effects whose
-strengths have a grid (thresholds) are given in the form with the largest gain.
+`table`, on a generated campaign of a lab's size with nothing missing: the size at which a set of
+this one effect has evidence: what it explains, channel by channel, is worth as much as its numbers
+cost, their information about a prior of one usual size, as the number of forms that are tried, and
+as what twins gain where nothing is missing. It is computed from the effect's signature with the
+base parameters projected out, whose square grows with that of the size, and printed next to the
+usual size on such a rig. Each effect is given in the form that is detectable first.
 
 `check` generates the campaign of each seed with each effect whose injected form is the
 catalogue's own law, at `--times` its smallest detectable size there, runs `sysid fit` and
@@ -17,9 +17,9 @@ catalogue's own law, at `--times` its smallest detectable size there, runs `sysi
 appended to the results; those already present are skipped.
 
 `pairs`: how many times its smallest detectable size each effect of the pairs of
-`attribution.py` has. Its rig is generated with nothing missing and with either effect alone; the
-size is the root of what the effect, refitted, gains on the latter, over what it would take to be
-added to the former. One line of JSON per pair is appended to `benchmarks/pair_sizes.jsonl`;
+`attribution.py` has. Its rig is generated with nothing missing and with either effect alone; what
+the effect, fitted, explains of the latter is compared with what it would take to be evidence on the
+former. One line of JSON per pair is appended to `benchmarks/pair_sizes.jsonl`;
 `attribution.py table` reads them.
 """
 
@@ -32,12 +32,11 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
@@ -57,23 +56,31 @@ from benchmarks.attribution import (  # noqa: E402
 )
 from benchmarks.true_model import SAME_LAW, true_effects  # noqa: E402
 from datasets.generator.campaign import drawn_effects  # noqa: E402
-from sysid.diagnosis.actuator.equation_error import channels_of  # noqa: E402
+from sysid.diagnosis.actuator.equation_error import CHANNELS  # noqa: E402
+from sysid.diagnosis.actuator.fitted_set import (  # noqa: E402
+    channel_squares,
+    cost,
+    fit_set,
+    weights_of,
+)
 from sysid.diagnosis.actuator.loop import Start, begin  # noqa: E402
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null  # noqa: E402
-from sysid.diagnosis.actuator.refit import refit  # noqa: E402
-from sysid.diagnosis.actuator.projection import (  # noqa: E402
-    Projected,
-    projected,
-    screen,
-    starting_points,
+from sysid.diagnosis.actuator.projection import Projected, projected  # noqa: E402
+from sysid.diagnosis.actuator.screened import (  # noqa: E402
+    Bias,
+    Screened,
+    noise_channels,
+    screened,
+    usual_size,
 )
-from sysid.diagnosis.actuator.search import LEAST_SHARE, LEAST_SIZE  # noqa: E402
-from sysid.diagnosis.actuator.signatures import Signatures, candidates  # noqa: E402
-from sysid.diagnosis.actuator.suspects import CLEAR_RATIO, SIGNIFICANCE  # noqa: E402
+from sysid.diagnosis.actuator.signatures import Candidate  # noqa: E402
 from sysid.diagnosis.looked import Book  # noqa: E402
 from sysid.io.campaign import KINDS, read_campaign  # noqa: E402
 from sysid.parameters import read_bundle  # noqa: E402
 from sysid.plant.effects import catalogue  # noqa: E402
+from sysid.plant.effects.entry import CatalogueEffect  # noqa: E402
+from sysid.search.misfit import Channel  # noqa: E402
+from sysid.types import FloatArray  # noqa: E402
 
 EFFECTS = {name: effect for name, effect in catalogue().items() if not effect.averaged_only}
 # Share of the usual size at which an injected law's signature is computed.
@@ -82,27 +89,62 @@ PROBE = 0.1
 _NOTHING = ("torque-offset:constant*1e-9", "area-error:area*1e-9")
 
 
+# Twins that say what an effect gains where nothing is missing, as in a search.
+_TWINS = 2
+# The smallest size is known to this share of it; it is looked for so many times.
+_CLOSELY, _MOST_STEPS = 1e-3, 500
+
+
 @dataclass(frozen=True)
 class Standard:
-    """A campaign with nothing missing as `sysid diagnose` sees it: residual and twins."""
+    """A campaign with nothing missing as `sysid diagnose` sees it.
+
+    Its residual, every form's columns, and what twins gain by them. `none` (channels,): the squares
+    of the residual.
+    """
 
     base: Projected
-    null: Null
+    some: Screened
+    bias: Bias
+    none: FloatArray
 
-    def length_to_pass(self, name: str) -> float:
-        """Length of a projected signature at which an effect would be added.
+    def forms_of(self, name: str) -> list[int]:
+        """The numbers of an effect's forms."""
+        return [f for f, form in enumerate(self.some.forms) if form.id == name]
 
-        Its gain must pass the twins' test and be a fair share of the remainder beyond noise;
-        some of that is due to a rig's own numerics even with nothing missing.
+    def smallest(self, form: int, squares: FloatArray, size: float = 1.0) -> float:
+        """The share of a size at which a set of this form alone has evidence; inf where none has.
+
+        `squares` (channels,): of its projected signature at that size; `size`: that of its
+        strengths, in usual sizes.
         """
-        excess = self.null.excess(self.base)
-        own = sum(max(excess[c], 0.0) for c in channels_of(EFFECTS[name].neutral()))
-        shared = math.sqrt(LEAST_SHARE / (1.0 - LEAST_SHARE) * own)
-        gains = self.null.gains(name)
-        spread = max(1.0, float(np.std(np.sqrt(gains), ddof=1)))
-        distance = float(norm.isf(SIGNIFICANCE / self.null.family))
-        root = MARGIN * float(np.mean(np.sqrt(np.maximum(gains, 1.0)))) + distance * spread
-        return max(shared, root, math.sqrt(CLEAR_RATIO * max(float(gains.max()), 10.0)))
+        share = 1.0
+        for _ in range(_MOST_STEPS):
+            before, gain, price = share, *self._gain_and_price(form, share**2 * squares)
+            price += (share * size) ** 2
+            # What it explains grows less than with its square, so that this does not overshoot.
+            share *= math.sqrt(price / max(gain, 1e-300))
+            if not math.isfinite(share) or share > 1e6:
+                break
+            if abs(share / before - 1.0) < _CLOSELY:
+                return share
+        return math.inf
+
+    def _gain_and_price(self, form: int, squares: FloatArray) -> tuple[float, float]:
+        """What a form gains by explaining squares (channels,), and what that must outweigh."""
+        columns = self.some.columns
+        origin = self.none + squares
+        channels = [
+            Channel(c.rows, c.draws, c.square, float(own))
+            for c, own in zip(columns.channels, origin, strict=True)
+        ]
+        weights = weights_of(channels, self.none)
+        own = list(columns.blocks[form].columns)
+        information = np.einsum("c,cij->ij", weights, columns.gram[:, own][:, :, own])
+        size = float(np.linalg.slogdet(np.eye(len(own)) + information)[1])
+        twins = self.bias.gain(self.some, form, weights)
+        price = size + float(columns.penalty[form]) + MARGIN**2 * twins
+        return cost(channels, origin) - cost(channels, self.none), price
 
 
 class CommandFailedError(Exception):
@@ -118,10 +160,24 @@ def command(*words: str) -> str:
 
 
 def standard(seed: int, *options: str, names: Iterable[str] = EFFECTS) -> Standard:
-    """The campaign of a seed, generated, fitted and looked at; `names` can pass then."""
+    """The campaign of a seed, generated, fitted and looked at; `names` are asked for then."""
     start = started(seed, *options)
-    start.null.calibrate(dict.fromkeys(names, math.inf), 0.0, Book())
-    return Standard(projected(start.frame(start.traces), start.model), start.null)
+    base, book = projected(start.frame(start.traces), start.model), Book()
+    some = all_forms(base, start.null, start.forms, book)
+    bias = Bias(start.null.twins[:_TWINS])
+    bias.ask(set(names), start.forms, book)
+    for miss in book.missed:
+        print(f"{miss.subject}: {miss.reason}", file=sys.stderr)
+    return Standard(base, some, bias, channel_squares(base, base.rest))
+
+
+def all_forms(base: Projected, null: Null, forms: Iterable[Candidate], book: Book) -> Screened:
+    """Every form against a residual, with its noise as in a search's first round."""
+    none = channel_squares(base, base.rest)
+    unknown = noise_channels(base, null, none, np.full(len(CHANNELS), math.inf))
+    some = screened(base, list(forms), unknown, book)
+    known = noise_channels(base, null, none, some.columns.directions())
+    return Screened(some.forms, replace(some.columns, channels=known))
 
 
 def started(seed: int, *options: str, quick: bool = False) -> Start:
@@ -152,41 +208,51 @@ def generate(seed: int, folder: Path, *options: str) -> None:
 def table(options: argparse.Namespace) -> None:
     """Print the smallest sizes as Markdown."""
     seen = standard(options.seed)
-    base = seen.base
-    signatures = Signatures(base.frame, base.model, base.residual)
     print("| effect | strength | usual size | smallest detectable | usual / smallest |")
     print("| --- | --- | --- | --- | --- |")
     for name, effect in EFFECTS.items():
-        enough = seen.length_to_pass(name)
-        best = math.inf, "", 0.0
-        for form in candidates([effect]):
-            length = np.linalg.norm(base.project(signatures(form)), axis=0)
-            for (strength, step), size in zip(form.steps, length, strict=True):
-                usual = next(q.typical for q in effect.quantities if q.name == strength)
-                smallest = abs(step) * enough / max(float(size), 1e-12)
-                best = min(best, (smallest / abs(usual), strength, abs(usual)))
-        ratio, strength, usual = best
-        unit = next(q.unit for q in effect.quantities if q.name == strength)
-        print(
-            f"| `{name}` | {strength} | {usual:.3g} {unit} | {ratio * usual:.2g} {unit} "
-            f"| {1.0 / ratio:.2g} |"
+        best = min(
+            (seen.smallest(form, own[:, i]), i)
+            for form in seen.forms_of(name)
+            for own in [squares_of(seen, form)]
+            for i in range(own.shape[1])
         )
+        share, strength = best[0], effect.strengths()[best[1]]
+        usual = usual_size(strength)
+        print(
+            f"| `{name}` | {strength.name} | {usual:.3g} {strength.unit} "
+            f"| {share * usual:.2g} {strength.unit} | {1.0 / share:.2g} |"
+        )
+
+
+def squares_of(seen: Standard, form: int) -> FloatArray:
+    """Of each strength of a form at its usual size the squares, (channels, strengths)."""
+    own = list(seen.some.columns.blocks[form].columns)
+    return np.array([np.diag(gram)[own] for gram in seen.some.columns.gram])
 
 
 # --- a multiple of the smallest size -----------------------------------------------------
 
 
 def smallest_scale(seen: Standard, seed: int, form: str) -> float:
-    """The share of its usual size at which an injected law is just detectable.
-
-    Not below that at which the search asks simulations as well, whatever the balances show.
-    """
+    """The share of its usual size at which an injected law is just detectable."""
     name, _, law = form.partition(":")
     injected = [e.content() for e in drawn_effects(seed, [(name, law, PROBE)])]
     base = seen.base
     changed = base.frame.residual(base.model + true_effects(injected)[0]) - base.residual
-    length = float(np.linalg.norm(base.project(changed[:, None])))
-    return max(PROBE * seen.length_to_pass(name) / max(length, 1e-12), LEAST_SIZE)
+    missing = base.project(changed[:, None])[:, 0]
+    squares = channel_squares(base, missing) / PROBE**2
+    return seen.smallest(nearest_form(seen, name, missing), squares)
+
+
+def nearest_form(seen: Standard, name: str, missing: FloatArray) -> int:
+    """The number of an effect's form that explains most of what is missing, (rows,)."""
+    own = seen.forms_of(name)
+    base = replace(seen.base, rest=-missing)
+    some = screened(base, [seen.some.forms[f] for f in own], seen.some.columns.channels, Book())
+    alone = some.columns.proposals([(f,) for f in range(len(own))])
+    place = min(range(len(own)), key=lambda f: float(np.sum(alone[f].squares)))
+    return own[place]
 
 
 def check(options: argparse.Namespace) -> None:
@@ -267,13 +333,31 @@ def sizes_of(pair: dict[str, Any]) -> list[float]:
         nothing = next(form for form in _NOTHING if form.split(":")[0] != name)
         alone = [nothing] * place + [pair["effects"][place]]
         chosen = [word for form in alone for word in ("--effect", form)]
-        start = started(pair["seed"], *words, *chosen, quick=True)
-        base = projected(start.frame(start.traces), start.model)
-        screened = screen(base, candidates([EFFECTS[name]], start.traces.travel), Book())
-        refits = [refit(base, [effect]) for effect in starting_points(screened)[name]]
-        gain = max([r.gain for r in screened] + [r.gain for r in refits])
-        found.append(round(math.sqrt(max(gain, 0.0)) / seen.length_to_pass(name), 2))
+        start = started(pair["seed"], *words, *chosen)
+        found.append(round(times_the_smallest(seen, start, name), 2))
     return found
+
+
+def times_the_smallest(seen: Standard, start: Start, name: str) -> float:
+    """How many times as large an effect, alone on a rig, is as it must be to be detected."""
+    base = projected(start.frame(start.traces), start.model)
+    forms = [form for form in start.forms if form.id == name]
+    some = screened(base, forms, seen.some.columns.channels, Book())
+    alone = some.columns.proposals([(f,) for f in range(len(forms))])
+    best = max(alone, key=lambda one: one.evidence)
+    if best.evidence == -math.inf:
+        return 0.0
+    none = channel_squares(base, base.rest)
+    fitted = fit_set(base, some.columns.channels, some.effects(best), best.squares)
+    explained = np.maximum(none - fitted.squares, 0.0)
+    form = seen.some.forms.index(some.forms[best.forms[0]])
+    return 1.0 / seen.smallest(form, explained, usual_sizes(fitted.effects[0]))
+
+
+def usual_sizes(effect: CatalogueEffect) -> float:
+    """The length of an effect's strengths, each in its usual size."""
+    sizes = [float(getattr(effect, q.name)) / usual_size(q) for q in effect.strengths()]
+    return float(np.linalg.norm(sizes))
 
 
 def main() -> None:

@@ -19,6 +19,8 @@ import numpy as np
 from sysid.search.misfit import Channel
 from sysid.types import BoolArray, FloatArray, IntArray
 
+ODDS = 2.0 * math.log(20.0)
+"""Twice the log of the odds from which on something is not in doubt, as of an interval of 95 %."""
 _PASSES = 6
 # A pass that lowers minus twice the log likelihood by less changes no decision.
 _SETTLED = 1e-2
@@ -57,8 +59,8 @@ class Columns:
     """The normal equations of all forms, (channels, m, m), (channels, m), squares (channels,).
 
     Of a residual r and columns X of one usual size each: X'X, X'r and r'r, channel by channel. The
-    residual of strengths s is r + X s. `spread` (m,): how many times the noise's a column's
-    gradient scatters, at least 1.
+    residual of strengths s is r + X s. `chance` (blocks,): twice the log of what each gains where
+    nothing is missing.
     """
 
     channels: tuple[Channel, ...]
@@ -66,7 +68,7 @@ class Columns:
     gram: FloatArray
     gradient: FloatArray
     squares: FloatArray
-    spread: FloatArray
+    chance: FloatArray
 
     def of(self, blocks: Sequence[int]) -> Columns:
         """The columns of some blocks alone."""
@@ -83,13 +85,12 @@ class Columns:
             self.gram[:, index[:, None], index],
             self.gradient[:, index],
             self.squares,
-            self.spread[index],
+            self.chance[list(blocks)],
         )
 
-    def without_bias(self, bias: FloatArray, spread: FloatArray) -> Columns:
-        """The same with a gradient less that where nothing is missing, (channels, m), and with its
-        `spread` (m,)."""
-        return replace(self, gradient=self.gradient - bias, spread=np.maximum(self.spread, spread))
+    def with_chance(self, chance: FloatArray) -> Columns:
+        """The same with what each block (blocks,) gains where nothing is missing."""
+        return replace(self, chance=chance)
 
     def directions(self) -> FloatArray:
         """(channels,): in how many directions a channel's columns lie, every effect counting alike.
@@ -104,14 +105,14 @@ class Columns:
 
     @functools.cached_property
     def penalty(self) -> FloatArray:
-        """(blocks,): twice the log of how many effects, and forms of the effect, were tried.
+        """(blocks,): what evidence for a block has to exceed.
 
-        The best of so many that gain by chance gains as much; more where gradients scatter more.
+        Odds of 20 to 1; twice the log of how many effects, and forms of the effect, were tried, as
+        the best of so many gains by chance; and its `chance`.
         """
         forms = Counter(block.name for block in self.blocks)
-        by_chance = [2.0 * math.log(len(forms) * forms[block.name]) for block in self.blocks]
-        spread = [float(np.max(self.spread[list(block.columns)])) for block in self.blocks]
-        return np.square(spread) * by_chance
+        tried = [2.0 * math.log(len(forms) * forms[block.name]) for block in self.blocks]
+        return ODDS + np.array(tried) + self.chance
 
     @functools.cached_property
     def lower(self) -> FloatArray:
@@ -127,6 +128,11 @@ class Columns:
         """Minus twice the log likelihood (k,) of what is left, (k, channels)."""
         costs = [c.cost(own) for c, own in zip(self.channels, squares.T, strict=True)]
         return np.asarray(np.sum(costs, axis=0))
+
+    def weights(self, squares: FloatArray) -> FloatArray:
+        """How much a square of each channel counts for where so many are left, (channels,)."""
+        pairs = zip(self.channels, squares, strict=True)
+        return np.array([float(channel.weight(own)) for channel, own in pairs])
 
     def proposals(self, sets: Sequence[tuple[int, ...]]) -> list[Proposal]:
         """Each set of forms, at its strengths; -inf where one of its forms has none."""
@@ -221,4 +227,4 @@ def _directions(gram: FloatArray, share: FloatArray) -> float:
     return float(np.exp(-np.sum(parts * np.log(parts))))
 
 
-__all__ = ["Block", "Columns", "Proposal"]
+__all__ = ["ODDS", "Block", "Columns", "Proposal"]

@@ -23,7 +23,7 @@ from sysid.diagnosis.actuator.fitted_set import (
     fit_set,
     weights_of,
 )
-from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
+from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.oscillation import steady_oscillation
 from sysid.diagnosis.actuator.projection import Projected, projected, scatter_beside
 from sysid.diagnosis.actuator.refit import own_columns
@@ -35,7 +35,7 @@ from sysid.errors import Failure
 from sysid.parallel import attempt, limited
 from sysid.plant.effects.catalogue import class_of
 from sysid.plant.ports import Model
-from sysid.search.columns import Columns, Proposal
+from sysid.search.columns import Proposal
 from sysid.search.misfit import Channel
 from sysid.search.sets import best_sets, names_of
 from sysid.types import Progress
@@ -139,8 +139,8 @@ class Finder:
 
     def _by_chance(self, name: str, found: FittedSet) -> float:
         some, form = self._proposed[name]
-        twins = self.bias.gain(some, form, weights_of(self.channels, found.squares))
-        return float(some.columns.penalty[form]) + MARGIN**2 * twins
+        gained = self.bias.gain(some, form, weights_of(self.channels, found.squares))
+        return float(some.columns.penalty[form] - some.columns.chance[form]) + gained
 
     def best(self) -> frozenset[str]:
         """The effects of the set with most evidence."""
@@ -179,7 +179,7 @@ class Finder:
     def by_chance(self, gain: float, twins: float, name: str) -> float:
         """Probability that any form gains as much by noise, beyond what twins gain: Bonferroni."""
         strengths = next(len(f.steps) for f in self.forms if f.id == name)
-        beyond = max(gain - MARGIN**2 * twins, 0.0)
+        beyond = max(gain - twins, 0.0)
         return min(1.0, max(len(self.forms) * float(chdtrc(strengths, beyond)), _SMALLEST_P))
 
     def ambiguous(self, names: frozenset[str], name: str, doubt: float) -> tuple[str, ...]:
@@ -269,22 +269,22 @@ class Finder:
                 self._directions = some.columns.directions()
                 self.channels = self._channels_of(base)
         some = self._screened[names] = some.without(self.barred).among(self.channels)
-        columns, by_size = self._unbiased(some, self._most - len(names))
+        some, by_size = self._counted(some, self._most - len(names))
         self.book.enter(SearchStage.SUSPECTS, number)
         before, least = self.sets.get(names), 0.0
         for ranked in by_size:
             # A shape between two that were screened may gain more than either.
-            worth = [p for p in ranked[:_FITTED] if p.evidence + self._penalty(columns, p) > least]
+            worth = [
+                p
+                for p in ranked[:_FITTED]
+                if p.evidence + float(some.columns.penalty[p.forms[-1]]) > least
+            ]
             for proposal in worth:
                 self._fit(before, some, proposal)
             least = max([least, *(p.evidence for p in ranked[:1])])
         self._without_hum(base, names)
         alone = by_size[0] if by_size else []
-        return tuple(self._contender(some, columns, p) for p in alone)
-
-    @staticmethod
-    def _penalty(columns: Columns, proposal: Proposal) -> float:
-        return float(columns.penalty[proposal.forms[-1]])
+        return tuple(self._contender(some, p) for p in alone)
 
     def _without_hum(self, base: Projected, names: frozenset[str]) -> None:
         """Drop sets with an effect whose place an oscillation takes that goes on whatever the
@@ -307,24 +307,22 @@ class Finder:
             )
             self.sets = {own: s for own, s in self.sets.items() if name not in own}
 
-    def _unbiased(self, some: Screened, most: int) -> tuple[Columns, list[list[Proposal]]]:
-        """The columns without the bias of all effects that are proposed, and the best sets."""
+    def _counted(self, some: Screened, most: int) -> tuple[Screened, list[list[Proposal]]]:
+        """The best sets, with what all effects in them gain where nothing is missing counted."""
         while True:
-            columns = self.bias.taken_from(some)
-            by_size = best_sets(columns, most)
+            some = self.bias.counted(some)
+            by_size = best_sets(some.columns, most)
             proposed = {
                 name
                 for ranked in by_size
                 for p in ranked[:_FITTED]
                 if p.evidence > 0.0
-                for name in names_of(columns, p)
+                for name in names_of(some.columns, p)
             }
             unknown = proposed - set(self.bias.known)
-            if not unknown:
-                return columns, by_size
             self.bias.ask(unknown, self.forms, self.book)
-            if unknown - set(self.bias.known):
-                return columns, by_size
+            if not unknown & set(self.bias.known):
+                return some, by_size
 
     def _fit(self, before: FittedSet | None, some: Screened, proposal: Proposal) -> None:
         """Fit a proposed set together with the effects before it."""
@@ -357,13 +355,10 @@ class Finder:
                     self.sets[fewer] = own
         return self.best()
 
-    def _contender(self, some: Screened, columns: Columns, one: Proposal) -> Contender:
-        (form,) = one.forms
-        weights = weights_of(columns.channels, one.squares)
+    def _contender(self, some: Screened, one: Proposal) -> Contender:
+        (form,), columns = one.forms, some.columns
         gain = cost(columns.channels, columns.squares) - cost(columns.channels, one.squares)
-        return Contender(
-            some.forms[form].id, one.evidence, gain, self.bias.gain(some, form, weights)
-        )
+        return Contender(some.forms[form].id, one.evidence, gain, float(columns.chance[form]))
 
 
 __all__ = ["Contender", "Finder", "Round"]

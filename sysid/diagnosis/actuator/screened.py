@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS
-from sysid.diagnosis.actuator.null_distribution import Null
+from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures
 from sysid.diagnosis.looked import Book
@@ -103,7 +103,7 @@ def screened(
         gram[place][np.ix_(acts, acts)] = used.T @ used
         gradient[place, acts] = used.T @ base.rest[rows]
     blocks = tuple(_blocks(kept))
-    columns = Columns(channels, blocks, gram, gradient, squares, np.ones(size))
+    columns = Columns(channels, blocks, gram, gradient, squares, np.zeros(len(blocks)))
     return Screened(kept, columns)
 
 
@@ -209,22 +209,19 @@ class Bias:
                     [p[name].gradient / np.maximum(p[name].length, _TINY) for p in parts]
                 )
 
-    def taken_from(self, some: Screened) -> Columns:
-        """The columns without the bias of the effects that are known."""
+    def counted(self, some: Screened) -> Screened:
+        """The same with what its known effects gain where nothing is missing."""
         columns = some.columns
-        bias, spread = np.zeros(columns.gradient.shape), np.ones(len(columns.spread))
-        noise = np.sqrt([[channel.square] for channel in columns.channels])
-        for name, shown in self._known.items():
-            own = _columns_of(columns, name)
-            if len(own) != shown.shape[2]:
-                continue
-            bias[:, own] = shown.mean(axis=0) * _lengths(columns, own)
-            if len(shown) > 1:
-                spread[own] = np.max(np.std(shown, axis=0, ddof=1) / noise, axis=0)
-        return columns.without_bias(bias, spread)
+        known = [f for f, form in enumerate(some.forms) if form.id in self._known]
+        chance = np.zeros(len(some.forms))
+        for f, alone in zip(known, columns.proposals([(f,) for f in known]), strict=True):
+            chance[f] = self.gain(some, f, columns.weights(alone.squares))
+        return replace(some, columns=columns.with_chance(chance))
 
     def gain(self, some: Screened, form: int, weights: FloatArray) -> float:
-        """What a form gains on the twins, in the mean, with the channels at weights (channels,); 0
+        """What a form may gain where nothing is missing, with the channels at weights (channels,).
+
+        As much as on the twins, in the mean, whose gain's root a rig's own numerics may exceed; 0
         where it was not asked for.
         """
         block = some.columns.blocks[form]
@@ -238,7 +235,7 @@ class Bias:
         gram = np.einsum("c,cij->ij", weights, some.columns.gram[:, own][:, :, own])
         slopes = np.einsum("c,tci->it", weights, gradients)
         found = np.linalg.solve(gram + np.eye(len(own)), slopes)
-        return float(np.mean(np.sum(slopes * found, axis=0)))
+        return MARGIN**2 * float(np.mean(np.sum(slopes * found, axis=0)))
 
 
 _TINY = 1e-300

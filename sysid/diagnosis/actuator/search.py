@@ -30,10 +30,9 @@ from sysid.errors import Failure, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.parallel import attempt, limited
 from sysid.plant.ports import Model
+from sysid.search.columns import ODDS
 from sysid.types import FloatArray
 
-# Twice the log of the odds from which on a set is not in doubt: 1 to 20, as of an interval.
-IN_DOUBT = 2.0 * math.log(20.0)
 # Where the balances' odds are less than this, twice their log, motion decides as well.
 _DECIDED = 2.0 * math.log(1e4)
 _MOST_JUDGED = 4
@@ -135,9 +134,14 @@ def search(finder: Finder, simulated: Simulated) -> Search:
 def _judged(
     finder: Finder, best: frozenset[str], simulated: Simulated
 ) -> tuple[frozenset[str], list[frozenset[str]]]:
-    """The set with most evidence of balances and motion together, and those that are in doubt."""
+    """The set with most evidence of balances and motion together, and those that are in doubt.
+
+    Motion decides between sets for which there is evidence; it adds no effect, as numbers that are
+    a little off move it more than most effects do.
+    """
     none: frozenset[str] = frozenset()
-    ranked = sorted([none, *finder.sets], key=lambda names: -finder.evidence(names))
+    for_it = [n for n in finder.sets if finder.evidence(n) > 0.0 and len(n) <= len(best)]
+    ranked = sorted([none, *for_it], key=lambda names: -finder.evidence(names))
     near = [n for n in ranked if finder.evidence(best) - finder.evidence(n) < _DECIDED]
     near = near[:_MOST_JUDGED]
     if len(near) < 2:
@@ -153,7 +157,7 @@ def _judged(
         better, worse = (" and ".join(sorted(n)) or "no effect" for n in (winner, best))
         finder.progress(f"{better} rather than {worse}: motion is simulated better")
     doubtful = [n for n in near if n not in (winner, none)]
-    doubtful = [n for n in doubtful if evidence[winner] - evidence[n] < IN_DOUBT]
+    doubtful = [n for n in doubtful if evidence[winner] - evidence[n] < ODDS]
     return winner, doubtful[:_MOST_RIVALS]
 
 
@@ -223,7 +227,7 @@ def _steps(finder: Finder, found: FittedSet, model: Model) -> tuple[RefittedStep
                 effect,
                 finder.p_value(before, name),
                 _share(finder, own, before - {name}),
-                finder.ambiguous(found.names, name, IN_DOUBT),
+                finder.ambiguous(found.names, name, ODDS),
                 _tried(finder, place),
                 own.refit,
                 own_model,
@@ -274,4 +278,4 @@ def _tried(finder: Finder, place: int) -> tuple[Suspect, ...]:
     )
 
 
-__all__ = ["IN_DOUBT", "Contender", "RefittedStep", "Search", "Simulated", "Suspect", "search"]
+__all__ = ["Contender", "RefittedStep", "Search", "Simulated", "Suspect", "search"]

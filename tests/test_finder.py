@@ -1,0 +1,190 @@
+"""The search for effects by evidence on twins of a rig whose lack is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from test_diagnosis import Tests, finder_of, made, null_of, seen_in
+
+from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT
+from sysid.diagnosis.actuator.finder import Finder
+from sysid.diagnosis.actuator.fitted_set import fit_set, weighed, weights_of
+from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
+from sysid.diagnosis.actuator.projection import Projected
+from sysid.diagnosis.actuator.samples import Traces, prepare
+from sysid.diagnosis.actuator.screened import Bias, screened, usual_size
+from sysid.diagnosis.actuator.signatures import candidates
+from sysid.diagnosis.looked import Book
+from sysid.io.rig import Rig
+from sysid.plant.effects.chamber import AtmosphereLeakage
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.friction import QuadraticDrag, SealFriction
+from sysid.plant.effects.linkage import LinkFlexibility
+from sysid.plant.effects.motor import TorqueOffset
+from sysid.plant.ports import Model
+
+KINDS = (QuadraticDrag, SealFriction, AtmosphereLeakage, TorqueOffset)
+
+
+@pytest.fixture(scope="module")
+def rig() -> tuple[Traces, Model, Rig]:
+    """Eight tests that move, the model of their rig, and the rig."""
+    tests, declared, model = made(scatter=0.02)
+    wanted = {"friction_sliding": 2, "motion_motor": 1, "motion_pwm": 3, "motion_discrete": 2}
+    some: Tests = [
+        test for stem, n in wanted.items() for test in [t for t in tests if t[0] == stem][:n]
+    ]
+    return prepare(some, declared, model), model, declared
+
+
+@pytest.fixture(scope="module")
+def null(rig: tuple[Traces, Model, Rig]) -> Null:
+    return null_of(*rig)
+
+
+def lacking(rig: tuple[Traces, Model, Rig], *effects: CatalogueEffect) -> Projected:
+    traces, model, declared = rig
+    return seen_in(traces, Model(model.parameters, effects), model, declared)
+
+
+@pytest.mark.parametrize(
+    ("drag", "leak"),
+    [(0.004, 5e-17), (0.02, 5e-17), (0.004, 4e-16)],
+    ids=["alike", "drag", "leak"],
+)
+def test_a_pair_in_different_balances_is_found_however_much_each_explains(
+    drag: float, leak: float, rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """What is left of the chambers, far more than the drag explains, does not outvote it."""
+    true = QuadraticDrag(drag), AtmosphereLeakage(leak)
+    finder = finder_of(lacking(rig, *true), null, KINDS)
+    names = frozenset(e.id for e in true)
+    assert finder.run() == names
+    found = {e.id: e for e in finder.sets[names].effects}
+    for effect in true:
+        for q in effect.strengths():
+            own = getattr(found[effect.id], q.name)
+            assert own == pytest.approx(getattr(effect, q.name), rel=0.05)
+    # Each of them is evidence, alone and beside the other.
+    alone = [finder.evidence(frozenset({name})) for name in names]
+    assert min(alone) > 0.0 and finder.evidence(names) > max(alone) + 10.0
+    effort = CHANNELS.index(EFFORT)
+    left = finder.sets[names].squares
+    assert finder.none[effort] - left[effort] > 0.0 < np.sum(finder.none - left)
+
+
+def test_where_nothing_is_missing_there_is_no_evidence_for_anything(
+    rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """However like a link that bends smoothing and windows look: they do on the twins as well."""
+    base = lacking(rig)
+    kinds = (*KINDS, LinkFlexibility)
+    finder = finder_of(base, null, kinds)
+    assert finder.run() == frozenset()
+    assert all(finder.evidence(names) < 0.0 for names in finder.sets)
+    (only,) = finder.rounds
+    assert only.before == only.best == frozenset()
+    # Every effect was tried, and those that bias alone explains were asked of the twins.
+    some = finder._screened[frozenset()]
+    assert {form.id for form in some.forms} == {kind.id for kind in kinds}
+
+
+def test_a_bias_that_twins_show_as_well_is_no_evidence(
+    rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """The gradient of the link's form that looks most like it is that of the twins, in the mean."""
+    base, book = lacking(rig), Book()
+    forms = candidates([LinkFlexibility])
+    finder = finder_of(base, null, [LinkFlexibility])
+    some = screened(base, forms, finder.channels, book)
+    bias = Bias(null.twins)
+    assert "link-flexibility" not in bias.known
+    np.testing.assert_array_equal(bias.taken_from(some).gradient, some.columns.gradient)
+    bias.ask({"link-flexibility"}, forms, book)
+    assert "link-flexibility" in bias.known
+    plain = bias.taken_from(some)
+    noise = np.sqrt([c.square for c in some.columns.channels])
+
+    def sizes(gradient: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+        """In standard deviations of noise (channels, m)."""
+        length = np.sqrt([np.diag(gram) for gram in some.columns.gram])
+        return np.abs(gradient) / np.maximum(noise[:, None] * length, 1e-300)
+
+    before, after = sizes(some.columns.gradient), sizes(plain.gradient)
+    worst = np.unravel_index(np.argmax(before), before.shape)
+    assert before[worst] > 3.0
+    assert after[worst] < 0.5 * before[worst]
+
+
+def test_the_evidence_of_a_set_is_that_of_all_its_numbers(
+    rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """Laplace's approximation against a sum over a grid of the effect's one number.
+
+    The base parameters, which act linearly, are projected out.
+    """
+    base = lacking(rig, SealFriction(2e-7))
+    finder = finder_of(base, null, [SealFriction])
+    assert finder.run() == {"seal-friction"}
+    found = finder.sets[frozenset({"seal-friction"})]
+    (effect,) = found.effects
+    (strength,) = effect.strengths()
+    assert len(type(effect).quantities) == 1
+    weights = weights_of(finder.channels, found.squares)
+    own = weighed(base, weights)
+    best = float(getattr(effect, strength.name))
+
+    def power(value: float) -> float:
+        """Minus twice the log likelihood, with the channels' noise as it is weighed."""
+        model = base.model + type(effect)(value)
+        rest = own.project(own.frame.residual(model))
+        return float(rest @ rest)
+
+    size = usual_size(strength)
+    width = size / math.sqrt(power(best + size) + power(best - size) - 2.0 * power(best)) * 2.0**0.5
+    grid = np.linspace(best - 6.0 * width, best + 6.0 * width, 41)
+    powers = np.array([power(value) for value in grid])
+    prior = np.exp(-0.5 * (grid / size) ** 2) / (math.sqrt(2.0 * math.pi) * size)
+    step = grid[1] - grid[0]
+    ratio = np.sum(np.exp(-0.5 * (powers - powers.min())) * prior) * step
+    # -2 log of the share of the prior that the data leave.
+    assert found.complexity == pytest.approx(-2.0 * math.log(ratio), abs=0.3)
+    fall = sum(
+        float(c.cost(was) - c.cost(left))
+        for c, was, left in zip(finder.channels, finder.none, found.squares, strict=True)
+    )
+    raw = found.evidence(finder.channels, finder.none)
+    assert raw == pytest.approx(fall - found.complexity)
+    # Less what it gains by chance: of so many forms the best, and on the twins.
+    some, form = finder._proposed["seal-friction"]
+    by_chance = some.columns.penalty[form] + MARGIN**2 * finder.bias.gain(some, form, weights)
+    assert finder.evidence(frozenset({"seal-friction"})) == pytest.approx(raw - by_chance)
+    assert finder.bias.gain(some, form, weights) >= 0.0
+
+
+def test_a_set_with_an_effect_that_is_absent_is_none(
+    rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """One that would have to leave its bound: however well the others explain it."""
+    base = lacking(rig, SealFriction(2e-7))
+    finder = finder_of(base, null, [SealFriction, QuadraticDrag])
+    starts = [SealFriction(1e-7), QuadraticDrag(0.0)]
+    held = {"quadratic-drag/drag_nm_s2_per_rad2"}
+    pair = fit_set(base, finder.channels, starts, finder.none, held)
+    alone = fit_set(base, finder.channels, starts[:1], finder.none)
+    assert pair.effects[1] == QuadraticDrag(0.0) and not pair.is_whole and alone.is_whole
+    np.testing.assert_allclose(pair.squares, alone.squares, rtol=1e-3)
+    assert pair.evidence(finder.channels, finder.none) == -math.inf
+    assert alone.evidence(finder.channels, finder.none) > 0.0
+
+
+def test_a_search_that_is_quick_adds_one_effect_at_most(
+    rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    base = lacking(rig, QuadraticDrag(0.004), AtmosphereLeakage(5e-17))
+    finder = finder_of(base, null, KINDS)
+    quick = Finder(base, finder.forms, null, Book(quick=True), finder.progress)
+    assert len(quick.run()) == 1 and len(quick.rounds) == 1
+    assert all(len(names) == 1 for names in quick.sets)
