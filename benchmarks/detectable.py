@@ -64,7 +64,7 @@ from sysid.diagnosis.actuator.fitted_set import (  # noqa: E402
     weights_of,
 )
 from sysid.diagnosis.actuator.loop import Start, begin  # noqa: E402
-from sysid.diagnosis.actuator.null_distribution import MARGIN, Null  # noqa: E402
+from sysid.diagnosis.actuator.null_distribution import Null  # noqa: E402
 from sysid.diagnosis.actuator.projection import Projected, projected  # noqa: E402
 from sysid.diagnosis.actuator.screened import (  # noqa: E402
     Bias,
@@ -143,7 +143,7 @@ class Standard:
         information = np.einsum("c,cij->ij", weights, columns.gram[:, own][:, :, own])
         size = float(np.linalg.slogdet(np.eye(len(own)) + information)[1])
         twins = self.bias.gain(self.some, form, weights)
-        price = size + float(columns.penalty[form]) + MARGIN**2 * twins
+        price = size + float(columns.penalty[form]) + twins
         return cost(channels, origin) - cost(channels, self.none), price
 
 

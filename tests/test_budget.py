@@ -18,8 +18,8 @@ from test_diagnosis import loop, made
 from test_parallel import is_alive
 
 import sysid.diagnosis.actuator.diagnose as actuator_diagnose
+import sysid.diagnosis.actuator.finder as actuator_finder
 import sysid.diagnosis.actuator.loop as actuator_loop
-import sysid.diagnosis.actuator.search as actuator_search
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.rigs import reference_rig
@@ -206,46 +206,44 @@ def test_nothing_but_a_budget_looks_at_a_clock(jobs: str, monkeypatch: pytest.Mo
 def test_a_suspect_that_cannot_be_fitted_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("SYSID_DEBUG", raising=False)
     monkeypatch.setenv(VARIABLE, "2")
-    refit = actuator_search.refit
+    fit_set = actuator_finder.fit_set
 
     broken: set[str] = set()
 
-    def fails(base: Any, starts: Any, held: Any = ()) -> Any:
-        if starts[-1].id == "seal-friction":
-            return refit(base, starts, held)
-        broken.add(starts[-1].id)
+    def fails(base: Any, channels: Any, starts: Any, *others: Any) -> Any:
+        names = {start.id for start in starts}
+        if names == {"seal-friction"}:
+            return fit_set(base, channels, starts, *others)
+        broken.update(names)
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr(actuator_search, "refit", fails)
+    monkeypatch.setattr(actuator_finder, "fit_set", fails)
     found = loop(*made(SEAL, scatter=0.02))
-    assert [step.refit.id for step in found.search.steps] == ["seal-friction"]
-    assert found.looked.fitted == ("seal-friction",) and broken
-    assert {m.subject for m in found.looked.missed} == broken <= set(found.looked.screened)
+    assert [step.id for step in found.search.steps] == ["seal-friction"]
+    assert found.looked.fitted == ("seal-friction",) and broken - {"seal-friction"}
+    missed = {m.subject for m in found.looked.missed}
+    assert broken - {"seal-friction"} <= missed <= set(found.looked.screened)
     whys = {(m.reason, m.out_of_budget) for m in found.looked.missed}
     assert whys == {("LinAlgError: Singular matrix", False)}
-    # What could not be fitted may be the cause as well.
-    assert broken <= set(found.search.steps[0].ambiguous)
 
 
 def test_out_of_budget_the_best_that_was_fitted_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And what was not fitted may be the cause as well."""
     monkeypatch.setenv(VARIABLE, "1")
-    refit = actuator_search.refit
+    fit_set = actuator_finder.fit_set
     ended: list[str] = []
 
-    def only_one(base: Any, starts: Any, held: Any = ()) -> Any:
+    def only_one(base: Any, channels: Any, starts: Any, *others: Any) -> Any:
         if ended:
             raise OutOfBudgetError
-        ended.append(starts[-1].id)
-        return refit(base, starts, held)
+        ended.extend(start.id for start in starts)
+        return fit_set(base, channels, starts, *others)
 
-    monkeypatch.setattr(actuator_search, "refit", only_one)
+    monkeypatch.setattr(actuator_finder, "fit_set", only_one)
     found = loop(*made(SEAL, scatter=0.02))
-    (first, *_) = found.search.steps
-    assert first.refit.id == ended[0]
-    suspects = (SearchStage.SUSPECTS, 1)
-    late = {m.subject for m in found.looked.missed if (m.stage, m.round) == suspects}
-    assert late and late <= set(first.ambiguous)
+    assert [step.id for step in found.search.steps] == ended == ["seal-friction"]
+    suspects = {SearchStage.SUSPECTS}
+    late = {m.subject for m in found.looked.missed if m.stage in suspects}
+    assert late and late <= set(found.looked.screened)
     assert all(m.out_of_budget for m in found.looked.missed)
 
 

@@ -417,8 +417,28 @@ def null_of(traces: Traces, model: Model, rig: Rig) -> Null:
     return Null([seen_in(traces, model, model, rig, seed) for seed in (11, 12)], {})
 
 
+# Effects that are tried beside others: of few, what is not explained lies in few directions.
+OTHERS = (
+    "mounting-tilt",
+    "cable-spring",
+    "torque-constant-error",
+    "area-error",
+    "dead-volume-error",
+    "piston-leakage",
+    "choked-exhaust-scaling",
+    "inertia-mismatch",
+)
+
+
 def finder_of(first: Projected, null: Null, kinds: Sequence[type[CatalogueEffect]]) -> Finder:
-    return Finder(first, candidates(kinds), null, Book(), no_progress)
+    """A search for these effects and a few others."""
+    others = [catalogue()[name] for name in OTHERS if name not in {kind.id for kind in kinds}]
+    return Finder(first, candidates([*kinds, *others]), null, Book(), no_progress)
+
+
+def one(some: Screened, name: str) -> int:
+    """The number of a form of an effect."""
+    return next(f for f, form in enumerate(some.forms) if form.id == name)
 
 
 def squares_alone(
@@ -577,7 +597,7 @@ def test_a_search_without_an_effect_does_not_work_out_what_is_known(
 ) -> None:
     """What was screened and fitted before is not again, and the same is found."""
     _, rig, model = healthy
-    true = model + SealFriction(3e-7) + StribeckFriction(0.12, 0.06, 1.0)
+    true = model + SealFriction(1e-7) + StribeckFriction(0.12, 0.06, 1.0)
     first, null = seen_in(traces, true, model, rig), null_of(traces, model, rig)
     asked: list[frozenset[str]] = []
     fitted: list[frozenset[str]] = []
@@ -597,16 +617,17 @@ def test_a_search_without_an_effect_does_not_work_out_what_is_known(
     finder = finder_of(first, null, kinds)
     before = search(finder, lambda trial: 0.0)
     assert {s.id for s in before.steps} == {"seal-friction", "stribeck-friction"}
-    assert asked[0] == {kind.id for kind in kinds} and fitted
+    assert asked[0] == {kind.id for kind in kinds} | set(OTHERS) and fitted
     last = before.steps[-1].id
     book, rest = Book(), [kind for kind in kinds if kind.id != last]
     known = list(fitted)
-    asked.clear(), fitted.clear()
+    asked.clear()
+    fitted.clear()
     finder.bar({last}, book)
     again = search(finder, lambda trial: 0.0)
-    assert set(book.screened) == {kind.id for kind in rest}
+    assert set(book.screened) == {kind.id for kind in rest} | set(OTHERS)
     assert not any(last in names for names in [*asked, *fitted])
-    assert frozenset(kind.id for kind in rest) not in asked and not set(fitted) & set(known)
+    assert asked[:1] != [{kind.id for kind in rest} | set(OTHERS)] and not set(fitted) & set(known)
     afresh = search(finder_of(first, null, rest), lambda trial: 0.0)
     assert [s.id for s in again.steps] == [s.id for s in afresh.steps]
     for mine, own in zip(again.steps, afresh.steps, strict=True):
@@ -622,12 +643,13 @@ def test_an_effect_that_a_later_one_makes_superfluous_is_removed(
     _, rig, model = healthy
     first = seen_in(traces, model + SealFriction(3e-7), model, rig)
     finder = finder_of(first, null_of(traces, model, rig), [QuadraticDrag, SealFriction])
-    finder.run()
     seals, drag = frozenset({"seal-friction"}), frozenset({"quadratic-drag"})
-    starts = [QuadraticDrag(1e-3), SealFriction(2e-7)]
-    squares = finder.sets[seals].squares
-    joint = fit_set(first, finder.channels, starts, squares)
-    finder.sets = {drag | seals: joint}
+    assert finder.run() == seals
+    some = finder._screened[frozenset()]
+    (pair,) = some.columns.proposals([tuple(one(some, name) for name in sorted(drag | seals))])
+    finder.sets = {}
+    finder._fit(None, some, pair)
+    assert list(finder.sets) == [drag | seals]
     assert finder._without_superfluous(drag | seals) == seals
     left = finder.sets[seals]
     assert left.refit.fit["seal-friction/seal_torque_nm_per_pa"] == pytest.approx(3e-7, rel=0.05)
@@ -922,9 +944,9 @@ def test_a_rival_that_the_balances_do_not_tell_apart_is_found_too() -> None:
 
 @pytest.mark.parametrize(
     ("size", "rises", "count"),
-    [(0.04, -100.0, 1), (0.04, 100.0, 0), (1.0, 0.0, 1), (1.0, 100.0, 1)],
+    [(0.04, 0.0, 0), (0.04, -100.0, 0), (1.0, 0.0, 1), (1.0, 100.0, 1)],
 )
-def test_where_the_balances_do_not_decide_motion_does(
+def test_motion_adds_no_effect_that_the_balances_do_not_show(
     size: float, rises: float, count: int
 ) -> None:
     """What they show of a tiny effect may be another misfit; of a usual one they are sure."""

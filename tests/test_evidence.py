@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from sysid.search.columns import Block, Columns, Proposal
+from sysid.search.columns import ODDS, Block, Columns, Proposal
 from sysid.search.misfit import FORM, Channel
 from sysid.search.sets import best_sets, names_of
 from sysid.types import FloatArray
@@ -122,6 +122,7 @@ def columns_of(
         np.array([x.T @ x for x in parts]),
         np.array([x.T @ rest for x, rest in zip(parts, rests, strict=True)]),
         squares,
+        np.zeros(len(blocks)),
     )
 
 
@@ -211,9 +212,9 @@ def test_a_strength_that_would_have_to_leave_its_bound_at_0_is_absent() -> None:
     columns = columns_of(parts, rests, blocks, square=None, bounds=(0.0, math.inf))
     below, above, both, pair = columns.proposals([(0,), (1,), (2,), (1, 0)])
     assert below.evidence == -math.inf and below.strengths[0] == 0.0
-    assert above.evidence > 0.0 and above.strengths[0] > 0.0
+    assert above.evidence > -math.inf and above.strengths[0] > 0.0
     # Of a form with two strengths the other stays, as if it were alone.
-    assert both.evidence > 0.0
+    assert both.evidence > -math.inf
     assert both.strengths[0][0] > 0.0 and both.strengths[0][1] == 0.0
     single = columns_of(
         [x[:, [2]] for x in parts], rests, [("both", 1)], square=None, bounds=(0.0, math.inf)
@@ -224,7 +225,7 @@ def test_a_strength_that_would_have_to_leave_its_bound_at_0_is_absent() -> None:
     # A set with a form that is absent is none, however well the other explains.
     assert pair.evidence == -math.inf
     mirrored = columns_of(parts, rests, blocks, square=None, bounds=(-math.inf, 0.0))
-    assert [p.evidence > 0.0 for p in mirrored.proposals([(0,), (1,)])] == [True, False]
+    assert [p.evidence > -math.inf for p in mirrored.proposals([(0,), (1,)])] == [True, False]
 
 
 def test_a_strength_ends_at_its_other_bound() -> None:
@@ -246,24 +247,24 @@ def test_how_many_were_tried_counts_against_an_effect() -> None:
     parts, rests = random_parts(rng, np.zeros(5))
     blocks = [("one", 1), ("two", 1), ("two", 1), ("three", 2)]
     columns = columns_of(parts, rests, blocks)
-    expected = 2.0 * np.log([3.0, 6.0, 6.0, 3.0])
-    np.testing.assert_allclose(columns.penalty, expected)
+    np.testing.assert_allclose(columns.penalty, ODDS + 2.0 * np.log([3.0, 6.0, 6.0, 3.0]))
 
 
-def test_a_bias_is_taken_from_the_gradients() -> None:
-    """What columns gain where nothing is missing, they do not gain."""
+def test_what_an_effect_gains_where_nothing_is_missing_is_no_evidence() -> None:
+    """It counts against every set that the effect is in, and against no other."""
     rng = np.random.default_rng(7)
-    parts, rests = random_parts(rng, np.array([1.0, 0.0]))
-    columns = columns_of(parts, rests, [("one", 1), ("two", 1)], square=None)
-    bias = columns.gradient.copy()
-    bias[:, 1] = 0.0
-    plain = columns.without_bias(bias)
-    before, after = (c.proposals([(0,), (1,)]) for c in (columns, plain))
-    assert before[0].evidence > 0.0 > after[0].evidence
-    assert after[0].strengths[0] == pytest.approx(0.0)
-    assert after[1].evidence == before[1].evidence
-    again = columns.without_bias(np.zeros(bias.shape)).proposals([(0,)])
-    assert again[0].evidence == before[0].evidence
+    parts, rests = random_parts(rng, np.array([1.0, 0.5, 0.0]))
+    columns = columns_of(parts, rests, [("one", 1), ("two", 1), ("three", 1)], square=None)
+    chance = np.array([7.0, 0.0, 0.0])
+    sets = [(0,), (1,), (0, 1), (1, 2)]
+    before = columns.proposals(sets)
+    after = columns.with_chance(chance).proposals(sets)
+    falls = [b.evidence - a.evidence for b, a in zip(before, after, strict=True)]
+    assert falls == pytest.approx([7.0, 0.0, 7.0, 0.0])
+    for one, other in zip(before, after, strict=True):
+        np.testing.assert_array_equal(one.squares, other.squares)
+    (some,) = columns.with_chance(chance).of([2, 0]).proposals([(1,)])
+    assert some.evidence == pytest.approx(after[0].evidence + 2.0 * math.log(1.5))
 
 
 def test_the_columns_of_some_forms_are_what_they_were() -> None:

@@ -6,16 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from test_diagnosis import Tests, finder_of, made, null_of, seen_in
+from test_diagnosis import OTHERS, Tests, finder_of, made, null_of, seen_in
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT
 from sysid.diagnosis.actuator.finder import Finder
 from sysid.diagnosis.actuator.fitted_set import fit_set, weighed, weights_of
-from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
+from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.screened import Bias, screened, usual_size
-from sysid.diagnosis.actuator.signatures import candidates
 from sysid.diagnosis.looked import Book
 from sysid.io.rig import Rig
 from sysid.plant.effects.chamber import AtmosphereLeakage
@@ -23,6 +22,7 @@ from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.effects.friction import QuadraticDrag, SealFriction
 from sysid.plant.effects.linkage import LinkFlexibility
 from sysid.plant.effects.motor import TorqueOffset
+from sysid.plant.effects.sensor import PressureLag, TimeSkew
 from sysid.plant.ports import Model
 
 KINDS = (QuadraticDrag, SealFriction, AtmosphereLeakage, TorqueOffset)
@@ -88,34 +88,37 @@ def test_where_nothing_is_missing_there_is_no_evidence_for_anything(
     assert only.before == only.best == frozenset()
     # Every effect was tried, and those that bias alone explains were asked of the twins.
     some = finder._screened[frozenset()]
-    assert {form.id for form in some.forms} == {kind.id for kind in kinds}
+    assert {form.id for form in some.forms} == {kind.id for kind in kinds} | set(OTHERS)
 
 
-def test_a_bias_that_twins_show_as_well_is_no_evidence(
+def test_what_a_pair_gains_where_nothing_is_missing_is_no_evidence(
     rig: tuple[Traces, Model, Rig], null: Null
 ) -> None:
-    """The gradient of the link's form that looks most like it is that of the twins, in the mean."""
+    """The difference of two that are nearly alike, as on the twins: neither alone gains it."""
+    finder = finder_of(lacking(rig), null, [PressureLag, TimeSkew])
+    assert finder.run() == frozenset()
+
+
+def test_a_gain_that_twins_show_as_well_is_no_evidence(
+    rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """A link that bends: smoothing and windows leave what looks like it, on twins and on logs."""
     base, book = lacking(rig), Book()
-    forms = candidates([LinkFlexibility])
-    finder = finder_of(base, null, [LinkFlexibility])
-    some = screened(base, forms, finder.channels, book)
+    kinds = (*KINDS, LinkFlexibility)
+    finder = finder_of(base, null, kinds)
+    some = screened(base, finder.forms, finder.channels, book)
     bias = Bias(null.twins)
-    assert "link-flexibility" not in bias.known
-    np.testing.assert_array_equal(bias.taken_from(some).gradient, some.columns.gradient)
-    bias.ask({"link-flexibility"}, forms, book)
-    assert "link-flexibility" in bias.known
-    plain = bias.taken_from(some)
-    noise = np.sqrt([c.square for c in some.columns.channels])
-
-    def sizes(gradient: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
-        """In standard deviations of noise (channels, m)."""
-        length = np.sqrt([np.diag(gram) for gram in some.columns.gram])
-        return np.abs(gradient) / np.maximum(noise[:, None] * length, 1e-300)
-
-    before, after = sizes(some.columns.gradient), sizes(plain.gradient)
-    worst = np.unravel_index(np.argmax(before), before.shape)
-    assert before[worst] > 3.0
-    assert after[worst] < 0.5 * before[worst]
+    np.testing.assert_array_equal(bias.counted(some).columns.penalty, some.columns.penalty)
+    bias.ask({"link-flexibility"}, finder.forms, book)
+    assert set(bias.known) == {"link-flexibility"}
+    counted = bias.counted(some)
+    own = [f for f, form in enumerate(some.forms) if form.id == "link-flexibility"]
+    alone = [(f,) for f in range(len(some.forms))]
+    before, after = some.columns.proposals(alone), counted.columns.proposals(alone)
+    assert max(before[f].evidence for f in own) > 0.0 > max(after[f].evidence for f in own)
+    assert all(counted.columns.chance[f] > 0.0 for f in own)
+    for f in set(range(len(alone))) - set(own):
+        assert before[f].evidence == after[f].evidence
 
 
 def test_the_evidence_of_a_set_is_that_of_all_its_numbers(
@@ -125,10 +128,10 @@ def test_the_evidence_of_a_set_is_that_of_all_its_numbers(
 
     The base parameters, which act linearly, are projected out.
     """
-    base = lacking(rig, SealFriction(2e-7))
-    finder = finder_of(base, null, [SealFriction])
-    assert finder.run() == {"seal-friction"}
-    found = finder.sets[frozenset({"seal-friction"})]
+    base = lacking(rig, QuadraticDrag(0.004))
+    finder = finder_of(base, null, [QuadraticDrag])
+    assert finder.run() == {"quadratic-drag"}
+    found = finder.sets[frozenset({"quadratic-drag"})]
     (effect,) = found.effects
     (strength,) = effect.strengths()
     assert len(type(effect).quantities) == 1
@@ -158,9 +161,12 @@ def test_the_evidence_of_a_set_is_that_of_all_its_numbers(
     raw = found.evidence(finder.channels, finder.none)
     assert raw == pytest.approx(fall - found.complexity)
     # Less what it gains by chance: of so many forms the best, and on the twins.
-    some, form = finder._proposed["seal-friction"]
-    by_chance = some.columns.penalty[form] + MARGIN**2 * finder.bias.gain(some, form, weights)
-    assert finder.evidence(frozenset({"seal-friction"})) == pytest.approx(raw - by_chance)
+    some, form = finder._proposed["quadratic-drag"]
+    columns = some.columns
+    assert columns.penalty[form] - columns.chance[form] > 2.0 * math.log(len(OTHERS))
+    by_chance = columns.penalty[form] - columns.chance[form]
+    by_chance += finder.bias.gain(some, form, weights)
+    assert finder.evidence(frozenset({"quadratic-drag"})) == pytest.approx(raw - by_chance)
     assert finder.bias.gain(some, form, weights) >= 0.0
 
 
@@ -175,7 +181,7 @@ def test_a_set_with_an_effect_that_is_absent_is_none(
     pair = fit_set(base, finder.channels, starts, finder.none, held)
     alone = fit_set(base, finder.channels, starts[:1], finder.none)
     assert pair.effects[1] == QuadraticDrag(0.0) and not pair.is_whole and alone.is_whole
-    np.testing.assert_allclose(pair.squares, alone.squares, rtol=1e-3)
+    np.testing.assert_allclose(pair.squares, alone.squares, rtol=1e-2)
     assert pair.evidence(finder.channels, finder.none) == -math.inf
     assert alone.evidence(finder.channels, finder.none) > 0.0
 
