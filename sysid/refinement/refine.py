@@ -58,6 +58,7 @@ from sysid.refinement.profiles import profile as profile_of
 from sysid.refinement.result import Fit, RefinedParameter, RefineResult
 from sysid.refinement.runs import LEAST_ROWS, Run, runs_of
 from sysid.refinement.unknowns import (
+    Unknown,
     chosen,
     model_at,
     numbers_of,
@@ -119,6 +120,31 @@ def refine(
     numbers_of(unknowns, profile)  # a name that is none is refused before anything is computed
     progress("reading motion logs")
     tests = motion_tests_of(campaign, entries, bundle, notices)
+    scatter = bench_scatter(bundle)
+    problem = _problem(campaign, tests, unknowns, model, scatter)
+    progress(f"estimating {len(unknowns)} parameters on {len(problem.runs)} segments")
+    found = _estimated(problem, scatter, tests, robust, progress, by_differences)
+    if found.left_out:
+        notices.append(_left_out_notice(found.left_out))
+    if not (found.solution.converged or found.cut_short):
+        notices.append(_stalled_notice(found))
+    result = _result(found, tests, campaign, bundle, profile, notices, progress)
+    options: dict[str, Any] = {"free": free, "fix": fix, "prior": prior, "robust": robust}
+    made = updated(bundle, campaign, result, KINDS, options)
+    if made.refinement is not None:
+        wrong = contradictions(made.refinement.values(), campaign.rig)
+        notices += [ascii_text(line) for line in wrong]
+    return dataclasses.replace(result, bundle=made, notices=tuple(notices))
+
+
+def _problem(
+    campaign: Campaign,
+    tests: Sequence[MotionTest],
+    unknowns: tuple[Unknown, ...],
+    model: Model,
+    scatter: FrictionScatter,
+) -> Problem:
+    """The segments of these tests with the unknowns; raises NotIdentifiedError without any."""
     position = campaign.rig.position_channel
     runs = [r for i, t in enumerate(tests) for r in runs_of(i, t, model, position)]
     if not runs:
@@ -126,41 +152,38 @@ def refine(
             f"{campaign.path}: no stretch of its motion logs can be simulated; give tests of more "
             "than a second, away from the end stops"
         )
-    scatter = bench_scatter(bundle)
     white = tuple(tuple(Autoregression.white(float(n) ** 2) for n in run.noise) for run in runs)
-    problem = Problem(tuple(runs), unknowns, model, position, white, scatter.pair, len(tests))
-    progress(f"estimating {len(unknowns)} parameters on {len(runs)} segments")
-    found = _estimated(problem, scatter, tests, robust, progress, by_differences)
-    if found.left_out:
-        notices.append(_left_out_notice(found.left_out))
-    if not (found.solution.converged or found.cut_short):
-        notices.append(_stalled_notice(found))
+    return Problem(tuple(runs), unknowns, model, position, white, scatter.pair, len(tests))
+
+
+def _result(
+    found: Estimated,
+    tests: Sequence[MotionTest],
+    campaign: Campaign,
+    bundle: Bundle,
+    profile: Iterable[str],
+    notices: list[str],
+    progress: Progress,
+) -> RefineResult:
+    """The estimates with their errors, and what whole tests, held-out ones too, say of them.
+
+    `bundle` is the one that the estimation started from; notices are appended.
+    """
+    model, position = found.problem.model, found.problem.position
     parameters, matrix = _parameters(found)
-    values = np.array([p.estimate.value for p in parameters])
     progress("simulating whole tests")
     held_out = motion_tests_of(
         campaign, campaign.select(KINDS, use="holdout"), bundle, notices, needed=False
     )
-    after = model_at(model, unknowns, values)
-    static = found.problem.static_number
-    if static is not None and not parameters[static].is_known:
-        # As the bundle's model has it, which then holds no static friction.
-        after = Model(
-            after.parameters.replace(static_effort=after.parameters.coulomb_effort), after.effects
-        )
-    freed = [u.name for u in unknowns if u.origin == "rig"]
+    after = _model_after(found, parameters)
+    freed = [u.name for u in found.problem.unknowns if u.origin == "rig"]
     if freed:
         notices.append(_freed_notice(freed))
-    fits = {
-        use: _fit(some, model, after, position, notices)
-        for use, some in (("fit", tests), ("holdout", held_out))
-        if some
-    }
-    profiles = _profiles(found, profile, progress)
+    uses = {use: some for use, some in (("fit", tests), ("holdout", held_out)) if some}
     result = RefineResult(
         parameters=parameters,
         correlation=matrix,
-        fits=fits,
+        fits={use: _fit(some, model, after, position, notices) for use, some in uses.items()},
         channels=simulated_channels(position),
         scatter=found.scatter.pair,
         evaluations=found.evaluations,
@@ -168,23 +191,31 @@ def refine(
         segments=len(found.problem.runs),
         left_out=len(found.left_out),
         longest=max(float(np.ptp(run.inputs.time)) for run in found.problem.runs),
-        profiles=profiles,
+        profiles=_profiles(found, profile, progress),
         cut_short=found.cut_short,
         bundle=bundle,
         effort={
             use: _effort(some, model, after, campaign.rig, notices)
-            for use, some in (("fit", tests), ("holdout", held_out))
-            if some and campaign.rig.is_motor_alone
+            for use, some in uses.items()
+            if campaign.rig.is_motor_alone
         },
     )
-    options: dict[str, Any] = {"free": free, "fix": fix, "prior": prior, "robust": robust}
     if result.worse:
         notices.append(_worse_notice(result.worse))
-    made = updated(bundle, campaign, result, KINDS, options)
-    if made.refinement is not None:
-        wrong = contradictions(made.refinement.values(), campaign.rig)
-        notices += [ascii_text(line) for line in wrong]
-    return dataclasses.replace(result, bundle=made, notices=tuple(notices))
+    return result
+
+
+def _model_after(found: Estimated, parameters: Sequence[RefinedParameter]) -> Model:
+    """The model with the estimates."""
+    values = np.array([p.estimate.value for p in parameters])
+    after = model_at(found.problem.model, found.problem.unknowns, values)
+    static = found.problem.static_number
+    if static is None or parameters[static].is_known:
+        return after
+    # As the bundle's model has it, which then holds no static friction.
+    return Model(
+        after.parameters.replace(static_effort=after.parameters.coulomb_effort), after.effects
+    )
 
 
 def _estimated(
