@@ -13,8 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from sysid.blocks.numbers import estimate_cells
-from sysid.blocks.tables import Table, table
+from sysid.blocks.tables import Table, TableColumn, estimate_table
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
 from sysid.parameters.base import Part
@@ -135,6 +134,12 @@ class ParameterTable(Mapping[str, ParameterRow]):
         """The numbers by key, of a table of one part."""
         return {row.key: row.estimate for row in self.rows}
 
+    def shown(self, caption: str) -> Table:
+        """One row per parameter of one part, with its interval and its key there."""
+        titled = {row.title: row.estimate for row in self.rows}
+        keys = (TableColumn("Key", "code"), [row.key for row in self.rows])
+        return estimate_table(caption, titled, "page", more=keys)
+
     def covariance(self, keys: Collection[str]) -> FloatArray:
         """(k, k): of the errors of these keys, in a table of one part."""
         own = [row.key for row in self.rows]
@@ -252,13 +257,6 @@ def _fill(found: FloatArray, known: list[str], names: list[str], matrix: FloatAr
                 found[i, j] = matrix[own, other]
 
 
-def parameters_table(caption: str, part: ParameterTable) -> Table:
-    """One row per parameter of a part, with its interval and its key there."""
-    rows = [(row.title, *estimate_cells(row.estimate), row.key) for row in part.rows]
-    columns = ("Parameter", "Value", "Std. error", "95 % interval", "Unit", "Key")
-    return table(caption, columns, rows, text=(4,), code=(5,))
-
-
 __all__ = [
     "DELAYS",
     "Origin",
@@ -267,6 +265,5 @@ __all__ = [
     "Status",
     "effect_names",
     "field_of",
-    "parameters_table",
     "table_of",
 ]

@@ -36,7 +36,7 @@ def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
     if not values:
         return None
     intervals = Fold("95 % intervals", (intervals_table(refinement),))
-    blocks: list[Block] = [parameters_table(values), intervals]
+    blocks: list[Block] = [before_and_after_table(values), intervals]
     wrong = contradictions(values, rig)
     if wrong:
         blocks.append(Lines(tuple(wrong)))
@@ -49,7 +49,7 @@ def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
     return Section("refinement", "Refinement on motion", _intro(refinement, values), tuple(blocks))
 
 
-def parameters_table(values: Iterable[RefinedValue]) -> Table:
+def before_and_after_table(values: Iterable[RefinedValue]) -> Table:
     """Every parameter before and after; marked where only the bench tests identify it."""
     rows = []
     for place, value in enumerate(values, start=1):
@@ -265,9 +265,9 @@ def _channel_cells(name: str, errors: BeforeAndAfter) -> tuple[str, ...]:
 
 
 __all__ = [
+    "before_and_after_table",
     "effort_table",
     "errors_table",
     "intervals_table",
-    "parameters_table",
     "refinement_section",
 ]

@@ -9,7 +9,7 @@ import numpy as np
 from sysid.blocks.figures import Band, Figure, Intervals, Line, Mark, Panel, Points, Role, Scale
 from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, unit
 from sysid.blocks.sections import Block, FigureGroup, Lines, Section
-from sysid.blocks.tables import table
+from sysid.blocks.tables import TableColumn, estimate_table, table
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.jackknife import jackknife
 from sysid.estimation.linear import Estimate, t_quantile
@@ -17,7 +17,6 @@ from sysid.identification.friction.sliding import SlidingPoints, fit_sliding
 from sysid.io.motion import MotionUnits
 from sysid.parameters import Bundle, Friction
 from sysid.parameters.friction import TestUse
-from sysid.parameters.table import parameters_table
 from sysid.recording.friction_kind import SLIDING, STATIC
 from sysid.types import FloatArray
 
@@ -31,11 +30,11 @@ def friction_section(bundle: Bundle) -> Section:
     """From a bundle that holds friction."""
     friction, units, parts = bundle.friction, bundle.units, bundle.parameters.parts()
     assert friction is not None
-    blocks: list[Block] = [parameters_table("Friction parameters", parts["friction"])]
+    blocks: list[Block] = [parts["friction"].shown("Friction parameters")]
     blocks += _combinations(friction)
     if (check := parts.get("friction.cross_check")) is not None:
         caption = "Cross-check: the same parameters from general motion"
-        blocks.append(parameters_table(caption, check))
+        blocks.append(check.shown(caption))
     figures = (speed_figure(friction), breakaway_figure(friction))
     drawn = tuple(figure for figure in figures if figure is not None)
     if drawn:
@@ -58,14 +57,13 @@ def friction_section(bundle: Bundle) -> Section:
 
 def _combinations(friction: Friction) -> list[Block]:
     """The sums that the tests identify, with the test that would separate their parts."""
-    rows = [
-        (name, *estimate_cells(row.estimate), row.test) for name, row in friction.sums().items()
-    ]
-    if not rows:
+    sums = friction.sums()
+    if not sums:
         return []
     caption = "Identified only together, and the test that would separate the parts"
-    columns = ("Sum", "Value", "Std. error", "95 % interval", "Unit", "Test")
-    return [table(caption, columns, rows, text=(0, 4, 5), code=(0,))]
+    found = {name: row.estimate for name, row in sums.items()}
+    tests = (TableColumn("Test", "text"), [row.test for row in sums.values()])
+    return [estimate_table(caption, found, "page", named=TableColumn("Sum", "code"), more=tests)]
 
 
 def _position_table(friction: Friction, units: MotionUnits) -> list[Block]:

@@ -11,7 +11,7 @@ import numpy as np
 from sysid.blocks.figures import ColourMap, Dash, Figure, Line, Mark, Panel, Points, Role, Scale
 from sysid.blocks.numbers import MISSING, estimate_cells, number
 from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section
-from sysid.blocks.tables import Table, table
+from sysid.blocks.tables import Table, estimate_table, table
 from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.samples import sample_tests
 from sysid.identification.valve_pwm.selection import select_tests
@@ -141,13 +141,9 @@ def _laws(parts: Sequence[_Measured]) -> list[Table]:
     found = {p.side: p.averaged for p in parts if p.averaged is not None}
     tables = []
     for side, law in found.items():
-        rows = [
-            (_LAW_NAMES[key], *estimate_cells(estimate))
-            for key, estimate in law.estimates().items()
-        ]
+        named = {_LAW_NAMES[key]: estimate for key, estimate in law.estimates().items()}
         caption = f"Valve {side.upper()}: averaged law from the PWM tests alone"
-        columns = ("Parameter", "Value", "Std. error", "95 % interval", "Unit")
-        tables.append(table(caption, columns, rows, text=(4,)))
+        tables.append(estimate_table(caption, named, "page"))
     return tables
 
 
