@@ -156,6 +156,16 @@ def on_its_own(part: Callable[[], Result]) -> Result | Failure:
         return Failure(what)
 
 
+def unless_failed(
+    not_done: str, part: Callable[[], Result], notices: list[str]
+) -> Result | Failure:
+    """`on_its_own`, with a notice of what is `not_done`, and why, where the part failed."""
+    found = on_its_own(part)
+    if isinstance(found, Failure):
+        notices.append(f"{not_done}: {found.reason}")
+    return found
+
+
 def error_of(failures: Sequence[Failure], what: str) -> Exception:
     """The error, saying `what`, of a whole of which no part came to a result, as these failed.
 

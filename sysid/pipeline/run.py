@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sysid import __version__
 from sysid.checks.log_check import LogCheck
 from sysid.components.loading import component_in
-from sysid.errors import Failure, InputError, on_its_own
+from sysid.errors import Failure, InputError, on_its_own, unless_failed
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, remove_leftovers, write_atomic
 from sysid.io.foreign import digest_of
@@ -333,24 +333,9 @@ def _stale(
     return None
 
 
-def _unless_failed(
-    run: PipelineRun, not_done: str, work: Callable[[], Result], output: Path | None = None
-) -> Result | Failure:
-    """The result of a stage that the others do without; a notice where it is `not_done`.
-
-    An `output` of an earlier call would then not be this one's: it is removed.
-    """
-    found = on_its_own(work)
-    if isinstance(found, Failure):
-        run.notices.append(f"{not_done}: {found.reason}")
-        if output is not None and output.is_file():
-            output.unlink()
-    return found
-
-
 def _check(run: PipelineRun) -> None:
     """Raises InputError for a log that cannot be read; other reasons leave the checks out."""
-    checks = _unless_failed(run, "not checked", partial(checks_of, run.campaign))
+    checks = unless_failed("not checked", partial(checks_of, run.campaign), run.notices)
     if isinstance(checks, Failure):
         if isinstance(checks.error, InputError):
             raise checks.error
@@ -376,7 +361,7 @@ def _diagnose(run: PipelineRun) -> None:
         diagnosis = diagnose(run.campaign, bundle, run.options)
         return _json_text(diagnosis.content()), diagnosis.bundle, diagnosis.notices
 
-    found = _unless_failed(run, "not diagnosed", made)
+    found = unless_failed("not diagnosed", made, run.notices)
     if isinstance(found, Failure):
         text = _json_text({"skipped": found.reason})
     else:
@@ -410,7 +395,7 @@ def _refine(run: PipelineRun) -> None:
     if not tried and not why_not_refined(run.campaign, bundle):
         options = RefineOptions(effects=run.options.effects, progress=run.options.tell)
         work = partial(refine, run.campaign, bundle, options)
-        result = _unless_failed(run, "not refined", work)
+        result = unless_failed("not refined", work, run.notices)
         if not isinstance(result, Failure) and result.worse:
             run.notices.append(f"not refined: the training tests would be simulated {result.worse}")
         elif not isinstance(result, Failure):
@@ -446,14 +431,24 @@ def _validate(run: PipelineRun) -> None:
     write_bundle(bundle, run.path(BUNDLE_FILE))
 
 
+def _written(
+    run: PipelineRun, path: Path, write: Callable[[], Result], not_done: str
+) -> Result | Failure:
+    """What writing a file gave; a file of an earlier call is removed where this one has none."""
+    found = unless_failed(not_done, write, run.notices)
+    if isinstance(found, Failure) and path.is_file():
+        path.unlink()
+    return found
+
+
 def _report(run: PipelineRun) -> None:
     from sysid.pipeline.pages.campaign import write_report
 
     content = json.loads(run.path(_CHECKS_FILE).read_text("utf-8"))
     path = run.path(REPORT_FILE)
-    _unless_failed(
+    _written(
         run,
-        "no report",
+        path,
         lambda: write_report(
             path,
             campaign=run.campaign,
@@ -463,7 +458,7 @@ def _report(run: PipelineRun) -> None:
             diagnosis=run.diagnosis(),
             progress=run.options.tell,
         ),
-        path,
+        "no report",
     )
 
 
@@ -474,7 +469,7 @@ def _export(run: PipelineRun) -> None:
         path = run.path(name)
         options = ExportOptions(format=kind, effects=run.options.effects)
         write = partial(export_file, run.path(BUNDLE_FILE), path, options)
-        said = _unless_failed(run, f"no {name}", write, path)
+        said = _written(run, path, write, f"no {name}")
         if not isinstance(said, Failure):
             run.notices += said
             run.unasked += said
