@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -57,6 +57,14 @@ class Correlation(Part):
             raise ValueError("is no correlation: it has a negative eigenvalue")
         return self
 
+    def among(self, keys: Sequence[str]) -> FloatArray:
+        """(k, k) of these keys; independent where it has no entry."""
+        found = np.eye(len(keys))
+        at = [self.names.index(key) for key in keys if key in self.names]
+        own = [place for place, key in enumerate(keys) if key in self.names]
+        found[np.ix_(own, own)] = self.array()[np.ix_(at, at)]
+        return found
+
     def array(self) -> FloatArray:
         """The matrix (k, k)."""
         return np.array(self.matrix, dtype=float)
@@ -77,6 +85,13 @@ class CorrelatedPart(Part):
             names = ", ".join(sorted(others))
             raise ValueError(f"has a correlation of {names}, which it does not hold")
         return self
+
+    def covariance(self, keys: Sequence[str]) -> FloatArray:
+        """(k, k) of the errors of these keys."""
+        estimates = self.estimates()
+        std = np.array([estimates[key].std for key in keys])
+        known = np.eye(len(keys)) if self.correlation is None else self.correlation.among(keys)
+        return np.asarray(known * np.outer(std, std))
 
     def _correlated(self) -> list[str]:
         return [] if self.correlation is None else self.correlation.names
