@@ -28,8 +28,6 @@ from sysid.surfaces.kinds import SURFACES
 DIRECTIONS = ("fill", "discharge")
 FORMAT = "sysid-controller/1"
 
-# Sections of the rig file that are exported whole, under their own names.
-_WHOLE = ("air", "cylinder")
 _AGAIN = "fit again to rewrite the bundle"
 _NO_PART = "the bundle does not hold this part"
 
@@ -174,16 +172,36 @@ def _constants(rig: Rig, missing: dict[str, str]) -> NumberTable:
 
 
 def _rig_keys(rig: Rig) -> dict[str, dict[str, str]]:
-    """By section of the rig file: exported name -> key of the section."""
+    """By section of the rig file: exported name -> key of the section.
+
+    Each is named: a key that is added to a section is not null in the exports of older bundles.
+    """
     u = rig.units
-    motor, sensors = (u.effort_per_volt, u.max_effort), (u.encoder_counts, "encoder_zero_counts")
+
+    def same(*keys: str) -> dict[str, str]:
+        return {key: key for key in keys}
+
     return {
-        **{section: {key: key for key in RIG_TABLES[section].model_fields} for section in _WHOLE},
-        "motor": {key: key for key in motor},
+        "air": same(
+            "gas_constant_j_per_kg_k",
+            "heat_capacity_ratio",
+            "temperature_k",
+            "atmospheric_pressure_pa",
+            "supply_pressure_pa",
+        ),
+        "cylinder": same(
+            "area_a_m2",
+            "area_b_m2",
+            "offset_a_m",
+            "offset_b_m",
+            "stroke_m",
+            "pitch_radius_m",
+        ),
+        "motor": same(u.effort_per_volt, u.max_effort),
         "pwm": {"pwm_period_s": "period_s"},
         "valves": {f"declared_{edge}_delay_s": f"{edge}_delay_s" for edge in ("on", "off")},
         "sampling": {"sampling_period_s": "period_s"},
-        "sensors": {key: key for key in sensors},
+        "sensors": same(u.encoder_counts, "encoder_zero_counts"),
     }
 
 
