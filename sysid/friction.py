@@ -39,7 +39,7 @@ from sysid.identification.friction.motion import (
     usable_motion,
     usual_cutoff,
 )
-from sysid.identification.friction.result import FrictionResult
+from sysid.identification.friction.result import FrictionResult, doubtful
 from sysid.identification.friction.sliding import (
     ANOTHER_LEVEL,
     SlidingFriction,
@@ -210,8 +210,9 @@ def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
     inertia = rig.total_inertia()
     declared = inertia if rig.has_declared_inertia else None
     motion = fit.attempt(MOTION, lambda: _motion(fit, None if estimate_inertia else declared))
+    # An inertia below zero is none: what is assumed, if anything, is nearer.
     if declared is None and motion is not None and motion.inertia is not None:
-        inertia = motion.inertia.value
+        inertia = motion.inertia.value if motion.inertia.value > 0.0 else inertia
     said = len(fit.notices)
     sliding = fit.attempt(SLIDING, lambda: _sliding(fit.by_kind[SLIDING], fit, inertia))
     lacking = motion is None or not motion.viscous.identified
@@ -537,6 +538,7 @@ def _result(
     checked = chosen.kind == SLIDING and motion is not None
     cross_check = _Moving(MOTION, motion).parameters(u) if checked else {}
     _say_what_lacks(fit, chosen)
+    fit.notices += doubtful(parameters, fit.rig)
     _compare(parameters, cross_check, u, fit.notices)
     _order(parameters, u, fit.notices)
     return FrictionResult(

@@ -19,6 +19,7 @@ from test_valve_pwm import make_rig, make_trials
 from sysid import valve_discrete, valve_pwm
 from sysid.blocks.sections import Plot, Section
 from sysid.checks.consistency import campaign as consistency
+from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.diagnose import _held_out
 from sysid.errors import (
     Failure,
@@ -259,11 +260,15 @@ def test_a_valve_model_that_cannot_be_simulated_leaves_the_others(
 
 
 def test_an_inertia_that_cannot_be_is_named(bundled: Campaign, fitted: Bundle) -> None:
+    """The rig file's stands in for it; a rig file without one leaves nothing to simulate with."""
     friction = fitted.friction
     assert friction is not None
     wrong = friction.replaced(inertia_kg_m2=Estimate.symmetric(-0.5, 0.2, "kg m2", 9.0))
+    spoilt = fitted.replaced(friction=wrong)
+    assert spoilt.model(bundled.rig).parameters.inertia == bundled.rig.total_inertia()
+    assert any("inertia_kg_m2 is -0.5 (-0.95" in n for n in assumed_parameters(spoilt))
     with pytest.raises(NotIdentifiedError, match=r"inertia is -0\.5 kg m2, which cannot be"):
-        fitted.replaced(friction=wrong).model(bundled.rig)
+        spoilt.model(dataclasses.replace(bundled.rig, inertia=None))
 
 
 @dataclasses.dataclass
@@ -272,6 +277,7 @@ class Held:
 
     channel: str = "motor_torque_nm"
     tests: tuple[str, ...] = ("1",)
+    further_errors_of = Component.further_errors_of
 
     def noise_floor(self, law: float) -> float:
         return 0.5

@@ -19,8 +19,8 @@ from sysid.io.motion import FRICTION
 from sysid.io.rig import Rig
 from sysid.io.rig_file import RIG_TABLES
 from sysid.parameters import Bundle, EffectEntry, Friction, PwmSurfaces, Unread, Valve
-from sysid.parameters.assembled_model import negative_friction
 from sysid.parameters.friction import StaticAtPosition
+from sysid.parameters.possible import impossible
 from sysid.parameters.table import ParameterTable
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.surfaces.kinds import SURFACES
@@ -106,7 +106,7 @@ def flatten(bundle: Bundle, sha256: str) -> Flat:
     """
     rig, where = bundle.rig, bundle.source
     missing: dict[str, str] = {}
-    notices = negative_friction(bundle)
+    notices = impossible(bundle, rig)
     constants = _constants(rig, missing)
     known = bundle.parameters
     friction = _friction(known, rig, missing, where)
@@ -233,10 +233,10 @@ def _add_load(table: NumberTable, rig: Rig, missing: dict[str, str]) -> None:
 def _take_identified_inertia(
     bundle: Bundle, rig: Rig, constants: NumberTable, notices: list[str], where: str
 ) -> None:
-    """An identified inertia replaces the declared one, as in the simulation."""
+    """An identified inertia that can be replaces the declared one, as in the simulation."""
     name, unit = inertia_name(rig)
     estimate = None if bundle.friction is None else bundle.friction.inertia
-    if estimate is None or not estimate.identified:
+    if estimate is None or not estimate.identified or not estimate.value > 0.0:
         return
     declared = constants[name].value
     value = _number(estimate.value, estimate.unit, unit, f"{where}, friction.{name}")

@@ -144,7 +144,8 @@ class Bundle(Shown, BundleContent):
         """
         fields: dict[str, Any] = {}
         if self.friction is not None:
-            fields["friction"] = _renewed(self.friction, "friction.", estimates, joint)
+            renewed = _renewed(self.friction, "friction.", estimates, joint)
+            fields["friction"] = renewed.with_sum_of(self.friction)
         if self.valves is not None:
             sides = {
                 side: valve.replaced(

@@ -41,6 +41,7 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle, EffectEntry, HeldOutError
 from sysid.parameters.assembled_model import assumed_parameters
 from sysid.parameters.effects import entry_of
+from sysid.parameters.possible import impossible
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 from sysid.plant.effects.entry import Catalogue
@@ -231,9 +232,10 @@ def _searched(
             "of which it holds none; add some (docs: how-to/part-alone)"
         )
     if kind is not None:
+        notices += impossible(bundle, campaign.rig) if kind == AXIS else []
         look = _look_at_part(kind, campaign, bundle, logs, catalogue, options)
     else:
-        notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle)]
+        notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle, campaign.rig)]
         look = _look_at_actuator(campaign, bundle, logs, catalogue, options)
     return without_contradicted(look, open_ones, options.tell), tuple(notices)
 

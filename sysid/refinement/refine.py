@@ -111,7 +111,7 @@ def refine(
         )
     model = bundle.model(campaign.rig, catalogue)
     notices = [*campaign.notices, *campaign.rig.notices]
-    notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle)]
+    notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle, campaign.rig)]
     check_on_off_law(bundle, model)
     every = without_own_data(unknowns_of(bundle, campaign.rig, model), bundle, notices)
     unknowns = tuple(chosen(every, free, fix, prior=prior))

@@ -236,8 +236,7 @@ def _effects(bundle: Bundle, model: Model, known: Known) -> list[Unknown]:
                     value,
                     std if std > 0.0 else math.nan,
                     q.unit,
-                    q.lower,
-                    q.upper,
+                    *q.around(value),
                     abs(q.typical) or 1.0,
                     "effect",
                     # Effects are estimated on motion logs: these would count twice.

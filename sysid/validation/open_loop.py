@@ -89,7 +89,7 @@ def validate(
     """
     tell = progress or (lambda line: None)
     rig = campaign.rig
-    notices = [*bundle.other_rig(rig), *_offset(bundle, rig), *assumed_parameters(bundle)]
+    notices = [*bundle.other_rig(rig), *_offset(bundle, rig), *assumed_parameters(bundle, rig)]
     entries = campaign.select(tuple(kinds), use=None)
     if not entries:
         raise input_error(

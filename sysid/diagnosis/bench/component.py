@@ -7,11 +7,12 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
 
-from sysid.errors import NotIdentifiedError
+from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
@@ -21,6 +22,9 @@ from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.types import FloatArray, IntArray
 
 Effects = tuple[CatalogueEffect, ...]
+Further = dict[str, tuple[float, float]]
+"""RMSE and noise floor by channel."""
+NOT_SIMULATED = "held-out tests are not simulated"
 
 
 @dataclass(frozen=True)
@@ -161,6 +165,16 @@ class Component(ABC):
         """
         return {}
 
+    def further_errors_of(self, laws: Sequence[Law]) -> tuple[list[Further], tuple[str, ...]]:
+        """`further_errors` of each law, on the same tests; empty where a law gives none.
+
+        With notices of what is not simulated, and why.
+        """
+        found = [on_its_own(partial(self.further_errors, law)) for law in laws]
+        reasons = dict.fromkeys(own.reason for own in found if isinstance(own, Failure))
+        known = [{} if isinstance(own, Failure) else own for own in found]
+        return known, tuple(f"{NOT_SIMULATED}: {why}" for why in reasons)
+
 
 def law_held(
     section: str, held: Part | None, names: Sequence[str], tests: str, **absent: float
@@ -251,9 +265,11 @@ def rmse(parts: Sequence[FloatArray]) -> float:
 
 
 __all__ = [
+    "NOT_SIMULATED",
     "PROBE",
     "Component",
     "Effects",
+    "Further",
     "Law",
     "bends",
     "law_held",

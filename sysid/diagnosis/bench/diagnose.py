@@ -18,6 +18,7 @@ from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import why_unexplained
 from sysid.diagnosis.remainder import Remainder
 from sysid.diagnosis.result import Diagnosis, Unexplained
+from sysid.diagnosis.search import full_sentence
 from sysid.diagnosis.thresholds import FAR_OFF
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.io.logs import Trial
@@ -79,7 +80,9 @@ def diagnose_component(
     floor = floors[component.channel]
     ambiguous = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
     ambiguous += [effect.undecided_sentence for effect in selection.undecided]
-    looked = selection.looked.sentences()
+    ambiguous += [a.limit_sentence for a in selection.additions if a.limit_sentence]
+    full = full_sentence(selection.additions)
+    looked = [*selection.looked.sentences(), *([full] if full else [])]
     notices = (*component.left_out, *lacks_outside, *ambiguous, *looked)
     left = curves(component, given, laws[-1])
     error = errors[-1].get(component.channel, selection.final.fit.residual_std)
@@ -135,8 +138,7 @@ def _held_out(
 ) -> tuple[list[dict[str, float]], dict[str, float], tuple[str, ...]]:
     """RMSE by channel of each law, and of a correct one; NaN where a law cannot be simulated, with
     a notice of why."""
-    further = [on_its_own(partial(outside.further_errors, law)) for law in laws]
-    known = [{} if isinstance(own, Failure) else own for own in further]
+    known, notices = outside.further_errors_of(laws)
     names = dict.fromkeys(name for own in known for name in own)
     unknown = (math.nan, math.nan)
     errors = [
@@ -146,8 +148,7 @@ def _held_out(
     ]
     floor = outside.noise_floor(laws[-1])
     floors = {outside.channel: floor} | {name: known[-1].get(name, unknown)[1] for name in names}
-    reasons = dict.fromkeys(own.reason for own in further if isinstance(own, Failure))
-    return errors, floors, tuple(f"held-out tests are not simulated: {why}" for why in reasons)
+    return errors, floors, notices
 
 
 def held_out_errors(outside: Component, bundle: Bundle, catalogue: Catalogue) -> dict[str, float]:
@@ -185,7 +186,8 @@ def _cross_validated(selection: Selection) -> list[float]:
 
 def _errors(outside: Component, law: Law) -> dict[str, float]:
     predicted = rmse(outside.residuals(law, range(len(outside.tests))))
-    simulated = {name: error for name, (error, _) in outside.further_errors(law).items()}
+    ((further,), _) = outside.further_errors_of([law])
+    simulated = {name: error for name, (error, _) in further.items()}
     return {outside.channel: predicted, **simulated}
 
 

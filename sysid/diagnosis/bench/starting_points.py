@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,7 +13,6 @@ from sysid.estimation.nonlinear import LeastSquaresFit, Parameter
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.types import FloatArray
 
-_SIZED = {"N", "Nm", "kg", "W"}
 # Tolerated deviation of the effect of four times a strength from four times its effect.
 _BENT = 0.5
 # Below this share of its length a signature is one the law's own parameters can imitate.
@@ -29,17 +26,6 @@ def law_at(own: Sequence[Parameter], effects: Sequence[CatalogueEffect], values:
         dict(zip(names, map(float, values), strict=False)),
         with_values(effects, values[len(own) :]),
     )
-
-
-def bounds_of(quantity: Quantity) -> tuple[float, float]:
-    """Its bounds; only the sign for a strength in units of effort, flow or heat.
-
-    Parts differ in size, but a sensor's delay or an exponent is the same on any rig.
-    """
-    units = set(re.findall(r"[A-Za-z]+", quantity.unit))
-    if not quantity.is_strength or not units & _SIZED:
-        return quantity.lower, quantity.upper
-    return (-math.inf if quantity.lower < 0.0 else 0.0), math.inf
 
 
 def side_of(kind: type[CatalogueEffect], component: Component) -> dict[str, str]:
@@ -136,10 +122,10 @@ def _take(
     thresholds = np.array([bool(q.grid) for q in kind.strengths()])
     coefficients = np.where(thresholds & keep, 1.0, coefficients)
     for i, (q, size) in enumerate(zip(kind.strengths(), probes, strict=True)):
-        low, high = bounds_of(q)
+        low, high = q.anywhere
         coefficients[i] = np.clip(coefficients[i] * size, low, high) / size
     left = rest + own @ coefficients
     return float(rest @ rest - left @ left), coefficients
 
 
-__all__ = ["bounds_of", "first_guesses", "law_at", "residuals_of", "side_of"]
+__all__ = ["first_guesses", "law_at", "residuals_of", "side_of"]

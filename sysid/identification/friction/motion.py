@@ -25,6 +25,7 @@ from sysid.balance.samples import (
     VISCOUS,
     MotionSamples,
     motion_samples,
+    only_way,
     tells_speeds,
 )
 from sysid.errors import NotIdentifiedError
@@ -54,8 +55,6 @@ from sysid.recording.recording import MIN_SAMPLES, Recording
 from sysid.types import FloatArray
 
 MIN_TRIALS_APART = 3
-# Share of the samples of one direction beyond those of the other.
-_MOST_ONE_WAY = 0.98
 # A trial's variance inflation beyond which its parameters cannot be distinguished in practice.
 _MOST_INFLATION = 100.0
 HARDLY_MOVES = "it hardly moves"
@@ -199,9 +198,8 @@ def _long_enough(samples: Sequence[MotionSamples]) -> list[MotionSamples]:
 def separation(samples: Sequence[MotionSamples]) -> Separation:
     """Whether the motion has both directions and several speeds."""
     speed, load = (np.concatenate([getattr(s, n) for s in samples]) for n in ("speed", "load"))
-    mean = float(np.mean(np.sign(speed)))
-    way = 1.0 if mean >= 0.0 else -1.0
-    return Separation(abs(mean) <= _MOST_ONE_WAY, tells_speeds(speed, load), way)
+    way = only_way(speed)
+    return Separation(not way, tells_speeds(speed, load), way or 1.0)
 
 
 @dataclass(frozen=True)

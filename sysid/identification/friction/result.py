@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +32,9 @@ from sysid.identification.friction.shown import parameters_figure, speed_figure
 from sysid.identification.friction.sliding import SlidingFriction, missed_by
 from sysid.identification.friction.static import CRITERION, StaticFriction, breakaway_of
 from sysid.io.motion import MotionUnits
+from sysid.io.rig import Rig
 from sysid.parameters import Correlation, Friction, Parts
+from sysid.parameters.possible import doubtful_inertia, negative_friction
 from sysid.parameters.quality import records_of
 from sysid.recording.friction_kind import KINDS, MOTION, SLIDING, STATIC
 from sysid.types import FloatArray
@@ -404,6 +406,13 @@ class FrictionResult(NamedEstimates, Shown):
         return plot(figure or parameters_figure(self.by_name()), ax)[0]
 
 
+def doubtful(parameters: Mapping[str, Estimate], rig: Rig) -> list[str]:
+    """Notices of numbers that cannot be, or that may as well be zero; friction below zero beyond
+    its interval is in the verdict on the fit."""
+    near = {rig.units.key(name): e for name, e in parameters.items() if not e.interval[1] < 0.0}
+    return [*negative_friction(near, rig), *doubtful_inertia(parameters.get("inertia"), rig)]
+
+
 def _test(test: FTest) -> dict[str, float]:
     return {
         "f": test.statistic,
@@ -413,4 +422,4 @@ def _test(test: FTest) -> dict[str, float]:
     }
 
 
-__all__ = ["FrictionResult"]
+__all__ = ["FrictionResult", "doubtful"]
