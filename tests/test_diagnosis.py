@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -113,10 +114,14 @@ SILENT = SensorNoise((np.zeros(1), np.zeros(1), np.zeros(1)), np.zeros(3))
 Tests = list[tuple[str, str, Trial]]
 
 
+@lru_cache(maxsize=2)
 def made(
     *effects: tuple[str, str, float], scatter: float = 0.0, seed: int = SEED
 ) -> tuple[Tests, Rig, Model]:
-    """Tests to fit on of a generated rig, the rig as declared, and its true base model."""
+    """Tests to fit on of a generated rig, the rig as declared, and its true base model.
+
+    Whoever calls it leaves them as they are: the next one has the same.
+    """
     campaign: GeneratedCampaign = make_campaign(
         seed, size=LAB, stems=STEMS, scatter=scatter, effects=drawn_effects(seed, effects)
     )

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import joblib
 import pytest
 
 from sysid.commands.app import main
@@ -127,6 +128,11 @@ def test_a_pool_of_the_users_own_is_left_alone(monkeypatch: pytest.MonkeyPatch) 
             found = attempt_all([partial(endless, 0)] * 2)
         assert found == [LATE] * 2
         assert pool.apply_async(process_number, (0,)).get(30.0) == number
+
+
+def test_without_a_number_of_jobs_every_core_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    assert job_count() == joblib.cpu_count()
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "two", "1e3", "9" * 30])
