@@ -17,6 +17,7 @@ from sysid.io.campaign import (
     FRICTION_KINDS,
     FRICTION_POINTS,
     MOTION_KINDS,
+    SIMULATED_KINDS,
     Campaign,
     CampaignLog,
 )
@@ -249,18 +250,17 @@ def _asked(one: Answer, rig: Rig, kinds: set[str]) -> Answer:
 
 def _test_for(name: str, rig: Rig) -> tuple[set[str], str]:
     """The kinds of test that identify a parameter, and the test in words."""
-    moving = {"friction-motion", *MOTION_KINDS}
     if name == "static friction":
         effort = rig.units.word
         return {"friction-static"}, f"a friction-static test: {effort} ramped slowly from zero"
     if name in ("Coulomb friction", "viscous friction"):
         test = "friction-sliding tests at two levels of the effort, or a friction-motion test"
-        return {"friction-sliding", *moving}, test
+        return {"friction-sliding", *SIMULATED_KINDS}, test
     if name in ("torque offset", "force offset"):
         test = "friction-sliding or friction-motion tests in both directions"
-        return {"friction-sliding", *moving}, test
+        return {"friction-sliding", *SIMULATED_KINDS}, test
     if name == "inertia":
-        return moving, "a friction-motion test that accelerates and reverses"
+        return {*SIMULATED_KINDS}, "a friction-motion test that accelerates and reverses"
     valve = name.removeprefix("valve ")[:1]
     if name.startswith("valve ") and name[8:] in _SWITCHED:
         test = f"a valve-discrete test of valve {valve}: piston held, on 3 s, off"

@@ -15,13 +15,14 @@ from sysid.blocks.drawing import plot_panels
 from sysid.blocks.figures import Panel, Scale, grouped_bars
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
-from sysid.checks.bench import BENCH_LAWS, COLUMNS, bench_identified, bench_kind
+from sysid.checks.bench import BENCH_LAWS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import located_contradictions, readings_of
 from sysid.checks.friction import Identification
 from sysid.checks.identifiability import excitation, identifications
 from sysid.io.campaign import FRICTION_POINTS, Campaign
 from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
 from sysid.io.exclusion import Excluded
+from sysid.io.kinds import KIND_BY_COLUMN
 from sysid.io.logs import Log, Trial
 from sysid.io.measured_speed import velocity_channel
 from sysid.io.rig import Rig
@@ -287,7 +288,7 @@ def _measured_channels(log: Log, rig: Rig) -> list[str]:
     # A speed's integral is no measurement: its range and noise are the speed's.
     motion = [rig.position_channel] if all(t.place_known for t in log.trials) else []
     motion.append(velocity_channel(rig))
-    names = [*motion, *PRESSURES, "temperature_k", rig.effort_channel, *COLUMNS]
+    names = [*motion, *PRESSURES, "temperature_k", rig.effort_channel, *KIND_BY_COLUMN]
     return [n for n in names if n in present]
 
 
@@ -297,7 +298,7 @@ def check_channel(log: Log, name: str, rig: Rig) -> ChannelCheck:
     parts = [t[name] for t in trials]
     values = np.concatenate(parts)
     quantum = signals.quantum(values)
-    is_command = name in COLUMNS
+    is_command = name in KIND_BY_COLUMN
     noise = (
         None if is_command else _noise([c for t in trials for c in _combs(t, name, rig)], quantum)
     )

@@ -17,7 +17,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from sysid.errors import input_error
-from sysid.io.campaign import Campaign
+from sysid.io.campaign import SIMULATED_KINDS, Campaign
 from sysid.parameters import Bundle
 from sysid.plant.effects.catalogue import catalogue as own_catalogue
 from sysid.plant.effects.entry import Catalogue
@@ -37,7 +37,7 @@ from sysid.refinement.options import (
     runs_of_tests,
 )
 from sysid.refinement.probes import Probes, probes_of
-from sysid.refinement.refine import KINDS, bench_scatter, check_on_off_law, motion_tests_of
+from sysid.refinement.refine import bench_scatter, check_on_off_law, motion_tests_of
 from sysid.refinement.unknowns import Unknown, chosen, unknowns_of, without_own_data
 from sysid.types import FloatArray, Progress, no_progress
 
@@ -75,7 +75,7 @@ def advise(
     check_on_off_law(bundle, model)
     notices: list[str] = []
     progress("reading motion logs")
-    entries = campaign.select(KINDS, use="fit")
+    entries = campaign.select(SIMULATED_KINDS, use="fit")
     logged = motion_tests_of(campaign, entries, bundle, notices, needed=False)
     unknowns = tuple(_known_without(bundle, chosen(unknowns_of(bundle, rig, model))))
     scatter = bench_scatter(bundle)

@@ -33,7 +33,7 @@ from sysid.errors import (
 )
 from sysid.estimation.autoregression import Autoregression
 from sysid.estimation.linear import Estimate, t_quantile
-from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
+from sysid.io.campaign import SIMULATED_KINDS, Campaign, CampaignLog
 from sysid.io.channels import simulated_channels
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
@@ -70,7 +70,6 @@ from sysid.refinement.whole_tests import correlation, rmse, whole_residuals
 from sysid.types import FloatArray, Progress, no_progress
 
 SEGMENT_S = 1.0
-KINDS = (*MOTION_KINDS, "friction-motion")
 _LEAST_SCATTER, _MOST_SCATTER = 2e-3, 0.1
 # A parameter's error falls to less than this share of the bench tests': motion informs it.
 _INFORMED = 0.9
@@ -102,12 +101,12 @@ def refine(
     the bundle does not hold the on/off law of both valves, or nothing can be simulated.
     """
     free, fix, profile = list(free), list(fix), list(profile)
-    entries = campaign.select(KINDS, use="fit")
+    entries = campaign.select(SIMULATED_KINDS, use="fit")
     if not entries:
         raise input_error(
             campaign.path,
             "holds no training motion log",
-            f'add a [[log]] of kind {", ".join(KINDS)} with use = "fit"',
+            f'add a [[log]] of kind {", ".join(SIMULATED_KINDS)} with use = "fit"',
         )
     model = bundle.model(campaign.rig, catalogue)
     notices = [*campaign.notices, *campaign.rig.notices]
@@ -130,7 +129,7 @@ def refine(
         notices.append(_stalled_notice(found))
     result = _result(found, tests, campaign, bundle, profile, notices, progress)
     options: dict[str, Any] = {"free": free, "fix": fix, "prior": prior, "robust": robust}
-    made = updated(bundle, campaign, result, KINDS, options)
+    made = updated(bundle, campaign, result, SIMULATED_KINDS, options)
     if made.refinement is not None:
         wrong = contradictions(made.refinement.values(), campaign.rig)
         notices += [ascii_text(line) for line in wrong]
@@ -173,7 +172,7 @@ def _result(
     parameters, matrix = _parameters(found)
     progress("simulating whole tests")
     held_out = motion_tests_of(
-        campaign, campaign.select(KINDS, use="holdout"), bundle, notices, needed=False
+        campaign, campaign.select(SIMULATED_KINDS, use="holdout"), bundle, notices, needed=False
     )
     after = _model_after(found, parameters)
     freed = [u.name for u in found.problem.unknowns if u.origin == "rig"]
@@ -406,4 +405,4 @@ def _left_out_notice(runs: Sequence[Run]) -> str:
     )
 
 
-__all__ = ["KINDS", "bench_scatter", "check_on_off_law", "motion_tests_of", "refine"]
+__all__ = ["bench_scatter", "check_on_off_law", "motion_tests_of", "refine"]

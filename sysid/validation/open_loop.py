@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any
 
 from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
-from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
+from sysid.io.campaign import MOTION_KINDS, SIMULATED_KINDS, Campaign, CampaignLog
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
@@ -42,7 +42,6 @@ from sysid.validation.results import (
     pooled_channels,
 )
 
-VALIDATED_KINDS = (*MOTION_KINDS, "friction-motion")
 _OFFSET_EFFECT = "torque-offset"
 _ALONE = "; a cylinder without valves is judged by `sysid diagnose`, on its held-out tests"
 _NO_VALVES = "fit valve-discrete tests of both valves, or valve-pwm tests, into the bundle"
@@ -73,7 +72,7 @@ def validate(
     campaign: Campaign,
     bundle: Bundle,
     *,
-    kinds: Iterable[str] = VALIDATED_KINDS,
+    kinds: Iterable[str] = SIMULATED_KINDS,
     catalogue: Catalogue | None = None,
     progress: Progress | None = None,
 ) -> ValidationResult:
@@ -257,4 +256,4 @@ def _logs(results: Sequence[tuple[_Case, TestResult]]) -> list[LogResult]:
     return logs
 
 
-__all__ = ["VALIDATED_KINDS", "VALVE_MODELS", "validate"]
+__all__ = ["VALVE_MODELS", "validate"]

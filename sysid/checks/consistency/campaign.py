@@ -24,7 +24,7 @@ from sysid.checks.consistency.offsets import OffsetReading, offset_lines, offset
 from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
 from sysid.errors import Failure, SysidError, on_its_own
 from sysid.identification.friction.result import FrictionResult
-from sysid.io.campaign import MOTION_KINDS, Campaign
+from sysid.io.campaign import SIMULATED_KINDS, Campaign
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
@@ -35,7 +35,6 @@ _STATIC = "static friction"
 _COULOMB = "Coulomb friction"
 # A slow start of a ramp is found early, so that static friction comes out a little low.
 _LEAST_STATIC = 0.9
-_MOVING = (*MOTION_KINDS, "friction-motion")
 _BY = {MOTOR: "its motor", CYLINDER: "its chambers"}
 # Half an interval over its value: a single test's friction, which differs from test to test.
 _WIDEST_OF_FRICTION = 0.3
@@ -104,7 +103,7 @@ def _readings_of(log: Log, kind: str, rig: Rig, name: str) -> LogReadings:
     if other is not None:
         notices.append(Contradiction(name, other))
     offset = None
-    if kind in _MOVING:
+    if kind in SIMULATED_KINDS:
         even = [e for e in (_even(t, rig) for t in log.trials) if e is not None]
         if takes_energy_out(even):
             notices.append(Contradiction(name, _energy(name, rig)))
