@@ -21,10 +21,9 @@ from golden_folder import golden_bundle
 from page_boxes import box_faults
 from part_reports import PART_NAMES, write_part_report
 
-from sysid.blocks import numbers
+from sysid.blocks import numbers, standing, svg
 from sysid.blocks.tables import Table
 from sysid.checks.log_check import check_log
-from sysid.document import standing, svg
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign

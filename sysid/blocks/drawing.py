@@ -1,6 +1,6 @@
 """Figures drawn with matplotlib: on the caller's axes, or on new ones.
 
-Matplotlib is imported when used. A page's print form (`sysid.document.svg`) draws with the same
+Matplotlib is imported when used. A page's print form (`sysid.blocks.svg`) draws with the same
 functions in different colours.
 """
 

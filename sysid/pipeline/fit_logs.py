@@ -238,7 +238,7 @@ def _option(path: Path) -> str:
 
 def _made_from(path: Path) -> frozenset[tuple[str, str]] | None:
     """Kind of fit and SHA-256 of each log of a bundle or a report; None where it names none."""
-    from sysid.document.html import origin_of
+    from sysid.blocks.html import origin_of
 
     try:
         if path.suffix == ".json":

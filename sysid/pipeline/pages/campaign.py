@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.blocks.sections import Block, Fold, Plot, Section
+from sysid.blocks.standing import section_or_why
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
-from sysid.document.standing import section_or_why
 from sysid.errors import Failure, input_error, on_its_own
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
@@ -75,7 +75,7 @@ def render_report(
     """The page of `write_report` as text."""
     tell = progress or (lambda line: None)
     _check_units(campaign, bundle)
-    from sysid.document import svg
+    from sysid.blocks import svg
 
     with svg.styled():
         parts = _parts(campaign, bundle, validation, diagnosis)
@@ -275,7 +275,7 @@ def _fill(
 ) -> str:
     from markupsafe import Markup
 
-    from sysid.document.html import fill, origin_text, template_text
+    from sysid.blocks.html import fill, origin_text, template_text
     from sysid.pipeline.pages.interactive import bokeh_script
 
     plots = [block for section in sections for block in _plots(section.blocks)]
@@ -318,7 +318,7 @@ def _own_provenance(campaign: Campaign, bundle: Bundle) -> Provenance:
 
 def _moment(text: str) -> str:
     """An ISO time to the minute, UTC; anything else as it is."""
-    from sysid.document.html import moment
+    from sysid.blocks.html import moment
 
     try:
         return moment(datetime.datetime.fromisoformat(text))

@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 from urllib.parse import quote
 
+from sysid.blocks.html import fill
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Section
-from sysid.document.html import fill
-from sysid.document.standing import section_or_why
+from sysid.blocks.standing import section_or_why
 from sysid.fleet.rows import LEAKAGE, FleetRow
 from sysid.fleet.shown import changes_table, rig_section, shown_unit, title_of
 from sysid.fleet.trends import Fleet
