@@ -275,6 +275,15 @@ class NoiseFloor:
     def total(self) -> float:
         return math.sqrt(self.noise**2 + self.quantum**2 / 12.0)
 
+    def after(self, power: float) -> float:
+        """Standard deviation after a filter that leaves `power` (0 to 1) of white noise's variance.
+
+        A converter's error is white too where half a count of noise precedes it (Widrow, Kollar
+        2008); of a quieter signal it stays as long as the signal stays between two counts.
+        """
+        of_converter = power if self.noise > 0.5 * self.quantum else 1.0
+        return math.sqrt(power * self.noise**2 + of_converter * self.quantum**2 / 12.0)
+
 
 def noise_floor(values: FloatArray, resolution: float | None = None, stride: int = 1) -> NoiseFloor:
     """Noise of a uniformly sampled channel, from the channel itself.

@@ -191,6 +191,11 @@ JOBS: dict[str, tuple[str, str]] = {
     ),
     # Edges of bins of equal count.
     "residual over a regressor": (r"\.unique\(np\.quantile\(", "diagnosis.binning"),
+    # Each test predicted by the means of the others.
+    "structure that repeats": (
+        r"- means\) / np\.maximum\(tests - 1|predicted_share|HistGradientBoosting",
+        "diagnosis.lack_of_fit",
+    ),
     "integration of sampled inputs": (
         r"0\.5 \* \w+ \* \(\w+ \+ \w+\)|def _?(heun|rodas\w*|runge_kutta)\(",
         "plant.steps",

@@ -89,6 +89,11 @@ class FilteredMotion:
         return measured.total * gains[0], measured.total * gains[1]
 
     @property
+    def noise_power(self) -> float:
+        """Share of the variance of white noise that passes the filter."""
+        return _noise_power(self.recording.period, self.cutoff_hz)
+
+    @property
     def rest_speed(self) -> float:
         """The speed below which the shaft may rest, rad/s or m/s."""
         return REST_NOISE_TIMES * self.speed_noise
@@ -127,6 +132,15 @@ def default_cutoff(recording: Recording, highest_hz: float) -> float:
             break
         cutoff *= 0.5
     return cutoff
+
+
+@lru_cache(maxsize=32)
+def _noise_power(period: float, cutoff_hz: float) -> float:
+    """Variance of white noise after the filter, over that before it."""
+    half = 10 * signals.filter_length(period, cutoff_hz)
+    impulse = np.zeros(2 * half + 1)
+    impulse[half] = 1.0
+    return float(np.sum(signals.lowpass(impulse, period, cutoff_hz) ** 2))
 
 
 @lru_cache(maxsize=32)

@@ -11,7 +11,6 @@ from typing import cast
 
 import numpy as np
 
-from sysid import signals
 from sysid.components.definition import DynamicComponent
 from sysid.components.parts import OwnPart
 from sysid.components.simulation import Runs, runs_of, simulated, slopes, with_starts
@@ -205,16 +204,13 @@ class DynamicPart(OwnPart):
     def noise_of(self, name: str, law: Law) -> float:
         """The measurement's own noise: from the channel itself, or from one row's residual to the
         next, whichever is less: motion adds to both."""
-        long = [t for t in self.trials if len(t) >= signals.FEWEST_FOR_NOISE]
-        floors = [signals.noise_floor(t[name], stride=t.stride_of(name)).total for t in long]
         outputs, i = self._simulated([law])[0], self.made.outputs.index(name)
         steps = [
             np.diff(self.stretches[k].trial[name][a:b] - outputs[r, : b - a, i])
             for r, (k, a, b) in enumerate(self.pieces)
         ]
         by_rows = math.sqrt(0.5 * float(np.mean(np.concatenate(steps) ** 2)))
-        own = math.sqrt(float(np.mean(np.square(floors)))) if floors else math.inf
-        return min(own, by_rows)
+        return min(self.noise_as_logged(name), by_rows)
 
 
 def _none_if_steep(slopes: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid import signals
 from sysid.components.definition import OwnComponent, Term
 from sysid.components.loading import LoadedComponent
 from sysid.diagnosis.bench.component import Component, Law, rmse
@@ -271,6 +272,12 @@ class OwnPart(Component):
     @abstractmethod
     def noise_of(self, name: str, law: Law) -> float:
         """The noise of an output, in its unit."""
+
+    def noise_as_logged(self, name: str) -> float:
+        """The noise that an output's column shows by itself, in its unit; infinite: too short."""
+        long = [t for t in self.trials if len(t) >= signals.FEWEST_FOR_NOISE]
+        floors = [signals.noise_floor(t[name], stride=t.stride_of(name)).total for t in long]
+        return math.sqrt(float(np.mean(np.square(floors)))) if floors else math.inf
 
 
 def _key(term: Term, quantity: Quantity) -> str:

@@ -32,6 +32,7 @@ from sysid.diagnosis.actuator.whitening import (
     friction_scatter,
     noise_of,
 )
+from sysid.diagnosis.lack_of_fit import MOST_SCATTER
 from sysid.diagnosis.looked import Book, Looked, SearchStage
 from sysid.errors import Failure, SimulationError
 from sysid.io.logs import Trial
@@ -43,7 +44,6 @@ from sysid.plant.ports import Model
 TWINS = 4
 CORRECTION_TWINS = 2
 _QUICK_TWINS = 1
-_SCATTER_LIMIT = 0.1
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def begin(
         moving = moving_boundaries(bare, forms)
         if moving:
             bare = projected(build_frame(traces, model, colour, 0.0, moving), model)
-        spread = min(friction_scatter(bare.frame, bare.rest), _SCATTER_LIMIT)
+        spread = min(friction_scatter(bare.frame, bare.rest), MOST_SCATTER)
         sensors = _sensor_squares(replace(bare.frame, scatter=spread), model, noise, seed + 3)
     scatter = Scatter(spread, spread)
     progress(f"friction scatters by {100 * spread:.1f} % from test to test")

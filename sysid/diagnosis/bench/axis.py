@@ -20,14 +20,13 @@ from typing import cast
 import numpy as np
 
 from sysid import signals
-from sysid.balance.imposed import ImposedMotion, effort_gap, imposed_motion
+from sysid.balance.imposed import ImposedMotion, effort_gap, effort_noise, imposed_motion
 from sysid.balance.samples import only_way, tells_speeds
 from sysid.diagnosis.bench.component import (
     NOT_SIMULATED,
     Component,
     Further,
     Law,
-    bends,
     law_held,
     rmse,
     smallest_probe,
@@ -109,6 +108,11 @@ class Axis(Component):
     def quantities_of(self, kind: type[CatalogueEffect]) -> tuple[Quantity, ...]:
         """A speed that shapes an effect lies among those of this axis, whatever its size."""
         return tuple(q.at_speeds(self.fastest) for q in super().quantities_of(kind))
+
+    @property
+    def spacing(self) -> float:
+        places = [np.asarray(c.point.position)[c.rows] for c in self.cases]
+        return float(np.median(np.abs(np.concatenate([np.diff(place) for place in places]))))
 
     def parameters(self) -> list[Parameter]:
         u = self.rig.units
@@ -224,18 +228,19 @@ class Axis(Component):
         return {name: np.concatenate(parts) for name, parts in found.items()}
 
     def noise_floor(self, law: Law) -> float:
-        """What changes over more than the filter's length, beyond a straight line (N or Nm).
+        """Of the channels' noise in the balance after its filter, N or Nm."""
+        model = self._model(law)
+        # Stretches of one trial share its sensors.
+        own = {id(case.point): effort_noise(case, model) for case in self.cases}
+        squares = [len(case.rows) * own[id(case.point)] ** 2 for case in self.cases]
+        return math.sqrt(sum(squares) / sum(len(case.rows) for case in self.cases))
 
-        Samples closer together share the filter's noise.
-        """
-        found = []
-        for case, left in zip(self.cases, self.residuals(law, range(len(self.cases))), strict=True):
-            step = max(1, int(np.median(np.diff(case.rows)))) if len(case.rows) > 1 else 1
-            lag = max(1, math.ceil(case.balanced.length / step))
-            if len(left) > 2 * lag:
-                near = np.ptp(np.stack([case.rows[2 * lag :], case.rows[: -2 * lag]]), axis=0)
-                found.append(bends(left, lag)[near <= 3 * lag * step])
-        return rmse(found)
+    def of_each_test(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
+        u = self.rig.units
+        free = {u.key("coulomb"): 0.0, u.key("viscous"): 0.0}
+        without = Law({k: free.get(k, v) for k, v in law.values.items()}, law.effects)
+        pairs = zip(self.residuals(without, tests), self.residuals(law, tests), strict=True)
+        return [more - left for more, left in pairs]
 
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         judged = quality_field(quality, MOTION)

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from sysid.diagnosis.lack_of_fit import MOST_SCATTER, scatter_of_tests
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -131,9 +132,14 @@ class Component(ABC):
         """How much of the position the tests visit, rad or m; infinite where that is unknown."""
         return math.inf
 
+    @property
+    def spacing(self) -> float:
+        """From one sample to the next in the position, rad or m; infinite where it is unknown."""
+        return math.inf
+
     def quantities_of(self, kind: type[CatalogueEffect]) -> tuple[Quantity, ...]:
         """An effect's quantities with what these tests can show of them; none: nothing."""
-        return kind.within(self.travel) or ()
+        return kind.within(self.travel, self.spacing) or ()
 
     @property
     def most_folds(self) -> int:
@@ -148,15 +154,28 @@ class Component(ABC):
         """Whether a part with this law could have given its tests at all."""
         return True
 
+    @abstractmethod
     def noise_floor(self, law: Law) -> float:
-        """RMSE of a correct law, in `unit`.
+        """What the sensors' noise leaves of a correct law's residual, RMSE in `unit`; NaN: unknown.
 
-        By default the change from one sample to the next, which no law in the logged
-        quantities explains.
+        Of the channels as declared or as logged, or of readings that repeat one another: a
+        residual holds what the law lacks.
         """
-        steps = [np.diff(part) for part in self.residuals(law, range(len(self.tests)))]
-        squares = np.concatenate([step**2 for step in steps]) if steps else np.zeros(0)
-        return math.sqrt(0.5 * float(np.mean(squares))) if len(squares) else math.nan
+
+    def of_each_test(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
+        """What differs by some per cent from test to test though the law is correct, as friction.
+
+        (n,) for each of `tests`, in `unit`; by default nothing.
+        """
+        return [np.zeros(len(part)) for part in self.measured(tests)]
+
+    def scatter(self, law: Law) -> float:
+        """RMSE, in `unit`, that `of_each_test` leaves of a correct law's residual."""
+        every = range(len(self.tests))
+        own = self.of_each_test(law, every)
+        test = np.repeat(np.arange(len(own)), [len(part) for part in own])
+        left = np.concatenate(self.residuals(law, every))
+        return min(scatter_of_tests(left, np.concatenate(own), test), MOST_SCATTER) * rmse(own)
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
         """RMSE and noise floor of further channels that a law is judged by; by default none.

@@ -8,7 +8,7 @@ from typing import Any
 
 from sysid.blocks.quality import quality_name
 from sysid.diagnosis.evidence import is_of_actuator
-from sysid.diagnosis.thresholds import FAR_OFF
+from sysid.diagnosis.lack_of_fit import MISFIT
 from sysid.parameters import Bundle
 
 LEVELS = ("good", "fair", "poor")
@@ -62,7 +62,7 @@ def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:
     if not is_of_actuator(diagnosis):
         # Of a part the floor is what no law could explain; a motion's adds up small errors.
         for errors in diagnosis.get("residual", {}).values():
-            if errors["noise_floor"] > 0.0 and errors["after"] > FAR_OFF * errors["noise_floor"]:
+            if errors["noise_floor"] > 0.0 and errors["after"] > MISFIT * errors["noise_floor"]:
                 times = errors["after"] / errors["noise_floor"]
                 yield Concern("fair", f"errors {times:.0f} times the noise")
 

@@ -69,18 +69,20 @@ class Quantity:
         """Whether it acts in steps: screening tries a grid of sizes, and it has no slope."""
         return self.is_strength and bool(self.grid) and not self.is_smooth
 
-    def within(self, travel: float) -> Quantity | None:
+    def within(self, travel: float, spacing: float = math.inf) -> Quantity | None:
         """It on a log that visits so much of the position: at least one period; None: none fits.
 
         Less than a period is a polynomial of low order, and its amplitude and phase mean nothing.
+        `spacing` of the samples in the position: waves are as short as two samples resolve.
         """
         if not self.is_wave or math.isinf(travel):
             return self
         least = max(2.0 * math.pi / travel, self.lower) if travel > 0.0 else math.inf
-        if least > self.upper:
+        most = max(self.upper, math.pi / spacing) if spacing > 0.0 else self.upper
+        if least > most:
             return None
         grid = tuple(value for value in self.grid if value >= least) or (least,)
-        return replace(self, lower=least, typical=max(self.typical, least), grid=grid)
+        return replace(self, lower=least, upper=most, typical=max(self.typical, least), grid=grid)
 
     @property
     def anywhere(self) -> tuple[float, float]:
@@ -154,12 +156,12 @@ class CatalogueEffect(Effect):
         return tuple(q for q in cls.quantities if not q.is_choice)
 
     @classmethod
-    def within(cls, travel: float) -> tuple[Quantity, ...] | None:
+    def within(cls, travel: float, spacing: float = math.inf) -> tuple[Quantity, ...] | None:
         """The quantities on logs that visit so much of the position (rad or m; infinite: unknown).
 
         None where no period of a wave fits (`Quantity.within`).
         """
-        found = [q.within(travel) for q in cls.quantities]
+        found = [q.within(travel, spacing) for q in cls.quantities]
         kept = tuple(q for q in found if q is not None)
         return kept if len(kept) == len(found) else None
 
