@@ -152,7 +152,7 @@ def _ladder(values: FloatArray, finest: int) -> Iterator[IntArray]:
     while count <= finest:
         # Ties share a cell.
         rank = below * count // len(values)
-        cell = np.cumsum(np.diff(rank, prepend=rank[0]) > 0)
+        cell = np.cumsum(np.diff(rank, prepend=rank[0]) > 0, dtype=np.intp)
         if cell[-1] + 1 > last:
             last = int(cell[-1]) + 1
             yield cell[place]
