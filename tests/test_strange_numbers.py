@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 
 from sysid.commands.app import main
+from sysid.diagnosis.actuator.holdout import HeldOut
+from sysid.diagnosis.actuator.twins import Scatter, _take_logs_own
 from sysid.diagnosis.bench.axis import Axis, axis
 from sysid.diagnosis.bench.component import Law
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.registry import AXIS as KIND
 from sysid.diagnosis.bench.selection import preferred, select
 from sysid.diagnosis.search import MOST_EFFECTS, full_sentence, limit_sentence
-from sysid.errors import NotIdentifiedError
+from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.friction import fit_friction
 from sysid.io.logs import Trial
@@ -33,7 +35,12 @@ from sysid.plant import simulator
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.linear import for_rig
 from sysid.plant.simulator import ENDLESS
+from sysid.recording.motion_tests import prepare
+from sysid.recording.simulation import NOT_FINITE, simulate_segments
+from sysid.refinement import refine
+from sysid.refinement.whole_tests import in_both, simulated, times_worse
 from sysid.types import FloatArray
+from sysid.validation import open_loop
 
 HEAD = {"rig": {"name": "axis", "orientation": "horizontal", "motion": "linear"}}
 RIG = rig_from_content(HEAD, "rig.toml")
@@ -254,7 +261,7 @@ def but_one(trial: Trial) -> Callable[..., Any]:
 
     def simulated(inputs: Any, models: Any, *args: Any, **options: Any) -> Any:
         runs = simulate(inputs, models, *args, **options)
-        own = [one.time is trial.time for one in inputs]
+        own = [np.shares_memory(one.time, trial.time) for one in inputs]
         return [
             replace(run, position=np.full(len(run.time), np.nan)) if lost else run
             for run, lost in zip(runs, own, strict=True)
@@ -277,6 +284,137 @@ def test_a_test_without_end_costs_that_test(monkeypatch: pytest.MonkeyPatch) -> 
     assert said[0].startswith("held-out tests are not simulated: the law: the fitted mass is 0 kg")
     (lost,) = said[1:]
     assert part.trials[1].title in lost and ENDLESS in lost and "other held-out tests" in lost
+
+
+def test_a_segment_without_end_is_nan_or_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    trials = [forward(1, plain), forward(2, plain)]
+    tests = [prepare(trial, "friction-motion", RIG, 1.0, MASS) for trial in trials]
+    model = Bundle.new(RIG, known(), []).model(RIG)
+    runs = [(test, test.whole) for test in tests]
+    whole = simulate_segments(runs, model, (), "position_m")
+    monkeypatch.setattr(simulator, "simulate", but_one(trials[1]))
+    with pytest.raises(SimulationError, match="run 2: the simulation switches without end"):
+        simulate_segments(runs, model, (), "position_m")
+    found = simulate_segments(runs, model, (), "position_m", nan_if_endless=True)
+    assert np.array_equal(found[0], whole[0]) and np.isnan(found[1]).all()
+
+
+ENDS = np.ones((3, 4))
+NONE = np.full((3, 4), np.nan)
+
+
+def test_whole_tests_are_compared_where_both_models_simulate_them() -> None:
+    worse = 1.5 * ENDS
+    assert simulated([ENDS, NONE]).tolist() == [True, False]
+    before, after = in_both([ENDS, NONE, ENDS], [worse, worse, NONE])
+    assert len(before) == len(after) == 1 and after[0] is worse
+    assert times_worse([ENDS, NONE], [worse, worse]) == pytest.approx(1.5)
+    assert times_worse([ENDS, ENDS], [worse, NONE]) == np.inf
+    assert times_worse([NONE], [ENDS]) == 0.0 and times_worse([NONE], [NONE]) == np.inf
+
+
+def test_a_refinement_gives_the_errors_of_the_tests_that_have_an_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    of = {"before": [ENDS, ENDS], "after": [0.5 * ENDS, NONE]}
+    monkeypatch.setattr(refine, "whole_residuals", lambda tests, model, position: of[model])
+    tests: Any = [SimpleNamespace(source="run 1"), SimpleNamespace(source="run 2")]
+    notices: list[str] = []
+    fit = refine._fit(tests, "before", "after", "theta_rad", notices)  # type: ignore[arg-type]
+    assert fit.before.tolist() == [1.0] * 3 and fit.after.tolist() == [0.5] * 3
+    (said,) = notices
+    assert said.startswith("run 2: is not simulated with the refined numbers")
+
+
+def test_a_validation_leaves_out_the_test_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    tests = [
+        prepare(forward(number, plain), "friction-motion", RIG, 1.0, MASS) for number in (1, 2)
+    ]
+    cases: Any = [SimpleNamespace(test=test, entry=None, name="log") for test in tests]
+    counts = [1 + len(test.segments) for test in tests]
+    runs = [ENDS] * sum(counts)
+    runs[2] = runs[counts[0]] = NONE
+    monkeypatch.setattr(open_loop, "simulate_segments", lambda *args, **options: runs)
+    seen: list[Any] = []
+    monkeypatch.setattr(open_loop, "judged", lambda *args: seen.append(args))
+    discrete: Any = SimpleNamespace(name="discrete", surfaces=())
+    results, notices = open_loop._simulated(cases, RIG, None, discrete)  # type: ignore[arg-type]
+    assert [case for case, _ in results] == cases[:1]
+    assert len(seen[0][0].segments) == len(seen[0][-1]) == counts[0] - 2
+    assert "run 1: 1 of" in notices[0] and "run 2: left out of the discrete" in notices[1]
+    runs[0] = NONE
+    with pytest.raises(SimulationError, match="run 1: left out"):
+        open_loop._simulated(cases, RIG, None, discrete)  # type: ignore[arg-type]
+
+
+def held_out(monkeypatch: pytest.MonkeyPatch, runs: dict[str, list[FloatArray]]) -> HeldOut:
+    """Two held-out tests of four rows, simulated so by each model."""
+
+    def simulated(
+        self: HeldOut, model: Any, times: int = 1, *, nan_if_endless: bool = False
+    ) -> list[FloatArray]:
+        models = [model] * len(self.tests) if isinstance(model, str) else model
+        numbers = [int(test.source[-1]) for test in self.tests] * times
+        found = [runs[m][n] for m, n in zip(models, numbers, strict=True)]
+        if not nan_if_endless and not all(np.isfinite(run).all() for run in found):
+            raise SimulationError(NOT_FINITE)
+        return found
+
+    def of(number: int) -> Any:
+        return SimpleNamespace(
+            source=f"test {number}",
+            whole=None,
+            counted=lambda segment: 4,
+            measured_in=lambda segment: np.zeros((3, 4)),
+            residual_of=lambda segment, run: -run,
+        )
+
+    monkeypatch.setattr(HeldOut, "simulated", simulated)
+    return HeldOut(RIG, (of(0), of(1)))
+
+
+def test_a_held_out_test_without_end_costs_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    outside: Any = held_out(
+        monkeypatch, {"given": [ENDS, NONE], "better": [0.5 * ENDS, ENDS], "none": [NONE, NONE]}
+    )
+    with pytest.raises(SimulationError):
+        outside.rmse("given")
+    found = outside.simulable(["given", "better", "none"])
+    assert [test.source for test in found.tests] == ["test 0"]
+    assert found.notices == (f"test 1: is not simulated, and left out of the errors: {NOT_FINITE}",)
+    assert found.rmse("given").tolist() == [1.0] * 3 and found.rmse("better").tolist() == [0.5] * 3
+    assert outside.simulable(["none"]).tests == outside.tests
+
+
+def test_a_draw_without_end_costs_that_test_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    outside: Any = held_out(
+        monkeypatch,
+        {"given": [ENDS, ENDS], "drawn": [3.0 * ENDS, NONE], "none": [NONE, NONE]},
+    )
+    monkeypatch.setattr("sysid.diagnosis.actuator.holdout.scattered", lambda model, *rest: model)
+    noise: Any = SimpleNamespace(total=np.zeros(3))
+    draws = outside.draws(["drawn", "none", "given"], "given", noise, Scatter(), 0)
+    assert draws.tolist() == [[2.0] * 3, [0.0] * 3]
+    with pytest.raises(SimulationError):
+        outside.draws(["none"], "given", noise, Scatter(), 0)
+
+
+def test_a_twins_test_without_end_is_the_logs_own() -> None:
+    channels = np.arange(8.0)
+    runs = [
+        SimpleNamespace(file="a.csv", label="1", rows=slice(0, 4)),
+        SimpleNamespace(file="b.csv", label="", rows=slice(4, 8)),
+    ]
+    traces: Any = SimpleNamespace(
+        runs=runs, position=channels, pressure_a=channels, pressure_b=channels
+    )
+    twin = np.full((3, 8), 100.0)
+    twin[0, 1] = np.nan
+    assert _take_logs_own(twin, traces) == ["a.csv, test 1"]
+    assert np.array_equal(twin[:, :4], np.tile(channels[:4], (3, 1))) and (twin[:, 4:] == 100).all()
+    twin[:, [1, 5]] = np.nan
+    with pytest.raises(SimulationError):
+        _take_logs_own(twin, traces)
 
 
 # --- how many, and which ------------------------------------------------------------------

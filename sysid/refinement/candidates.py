@@ -109,9 +109,9 @@ class _Stage:
         """(tests, 3, n): what the sensors show under these commands (kind, motor, valves)."""
         from sysid.plant.simulator import simulate
 
-        runs = simulate(
-            [self._inputs(*command) for command in commands], [self.model] * len(commands)
-        )
+        inputs = [self._inputs(*command) for command in commands]
+        # NaN where a run has no end: it moves over nothing, and is no test to propose.
+        runs = simulate(inputs, [self.model] * len(commands), nan_if_endless=True)
         names = (self.rig.position_channel, "pressure_a_pa", "pressure_b_pa")
         found = [measured_channels(run, self.rig.position_channel, self.model) for run in runs]
         return np.array([[channels[n] for n in names] for channels in found])

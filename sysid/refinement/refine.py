@@ -44,6 +44,7 @@ from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
 from sysid.recording.even import recorded
 from sysid.recording.motion_tests import MotionTest, prepare_all
+from sysid.recording.simulation import NOT_FINITE
 from sysid.refinement.estimation import (
     NO_INFORMATION,
     Estimated,
@@ -66,7 +67,13 @@ from sysid.refinement.unknowns import (
     without_own_data,
 )
 from sysid.refinement.updating import updated
-from sysid.refinement.whole_tests import correlation, rmse, whole_residuals
+from sysid.refinement.whole_tests import (
+    correlation,
+    in_both,
+    rmse,
+    simulated,
+    whole_residuals,
+)
 from sysid.types import FloatArray, Progress, no_progress
 
 SEGMENT_S = 1.0
@@ -344,18 +351,20 @@ def _profiles(found: Estimated, names: Iterable[str], progress: Progress) -> dic
 def _fit(
     tests: Sequence[MotionTest], before: Model, after: Model, position: str, notices: list[str]
 ) -> Fit:
-    """Whole tests simulated open loop, from rest, with both models; NaN where one blows up."""
-    errors = []
-    for model in (before, after):
-        try:
-            residuals = whole_residuals(tests, model, position)
-        except SimulationError as error:
-            notices.append(f"errors of whole tests are not known: {error}")
-            unknown = np.full(len(simulated_channels(position)), math.nan)
-            errors.append((unknown, unknown))
-            continue
-        errors.append((rmse(residuals), correlation(residuals)))
-    return Fit(errors[0][0], errors[1][0], errors[0][1], errors[1][1])
+    """Whole tests simulated open loop, from rest, with both models: of those that both simulate.
+
+    NaN of a model that simulates none.
+    """
+    found = [whole_residuals(tests, model, position) for model in (before, after)]
+    for own, numbers in zip(found, ("the bundle's", "the refined"), strict=True):
+        for test, known in zip(tests, simulated(own), strict=True):
+            if not known:
+                notices.append(
+                    f"{test.source}: is not simulated with {numbers} numbers, and left out of the "
+                    f"errors of whole tests: {NOT_FINITE}"
+                )
+    pair = in_both(*found)
+    return Fit(*map(rmse, pair), *map(correlation, pair))
 
 
 def _effort(

@@ -10,7 +10,7 @@ import numpy as np
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import MotionTest
 from sysid.recording.simulation import simulate_segments
-from sysid.types import FloatArray
+from sysid.types import BoolArray, FloatArray
 
 # If whole training tests are simulated this much worse (mean over the channels), the estimation
 # found a wrong optimum; a smaller change is due to the friction of single tests.
@@ -20,10 +20,36 @@ _MUCH_WORSE = 1.1
 def whole_residuals(tests: Sequence[MotionTest], model: Model, position: str) -> list[FloatArray]:
     """Measured less simulated (3, n) of each test's rows that count, NaN where not logged.
 
-    Position in rad or m, pressures in Pa. Raises SimulationError where one does not stay finite.
+    Position in rad or m, pressures in Pa. All of a test is NaN that is not simulated, as its
+    simulation switches without end or does not stay finite (`simulated`).
     """
-    runs = simulate_segments([(t, t.whole) for t in tests], model, (), position)
+    segments = [(t, t.whole) for t in tests]
+    runs = simulate_segments(segments, model, (), position, nan_if_endless=True)
     return [t.residual_of(t.whole, run) for t, run in zip(tests, runs, strict=True)]
+
+
+def simulated(residuals: Sequence[FloatArray]) -> BoolArray:
+    """(tests,): whether each test has been simulated."""
+    return np.array([bool(np.isfinite(one).any()) for one in residuals])
+
+
+def in_both(
+    before: Sequence[FloatArray], after: Sequence[FloatArray]
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Residuals of the tests that both models simulate; all, where there are none."""
+    shared = np.flatnonzero(simulated(before) & simulated(after))
+    kept = shared if len(shared) else range(len(before))
+    return [before[i] for i in kept], [after[i] for i in kept]
+
+
+def times_worse(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
+    """`times` of the errors of the tests that were simulated before; infinite where one of these
+    no longer is."""
+    own, other = simulated(before), simulated(after)
+    if np.any(own & ~other):
+        return math.inf
+    kept = np.flatnonzero(own) if own.any() else range(len(own))
+    return times(rmse([before[i] for i in kept]), rmse([after[i] for i in kept]))
 
 
 def rmse(residuals: Sequence[FloatArray]) -> FloatArray:
@@ -67,4 +93,13 @@ def times(before: FloatArray, after: FloatArray) -> float:
     return float(np.exp(np.nanmean(np.log(ratio))))
 
 
-__all__ = ["correlation", "much_worse", "rmse", "times", "whole_residuals"]
+__all__ = [
+    "correlation",
+    "in_both",
+    "much_worse",
+    "rmse",
+    "simulated",
+    "times",
+    "times_worse",
+    "whole_residuals",
+]

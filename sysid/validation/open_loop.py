@@ -11,11 +11,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
+import numpy as np
+
+from sysid.errors import (
+    Failure,
+    InputError,
+    NotIdentifiedError,
+    SimulationError,
+    error_of,
+    input_error,
+    on_its_own,
+)
 from sysid.io.campaign import MOTION_KINDS, SIMULATED_KINDS, Campaign, CampaignLog
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
@@ -31,7 +41,7 @@ from sysid.parameters.assembled_model import (
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
 from sysid.recording.motion_tests import MotionTest, prepare_all
-from sysid.recording.simulation import simulate_segments
+from sysid.recording.simulation import NOT_FINITE, simulate_segments
 from sysid.types import Progress
 from sysid.validation.judging import judged
 from sysid.validation.results import (
@@ -120,7 +130,8 @@ def validate(
             failed.append(results)
             notices.append(f"the {valves.name} valve model is left out: {results.reason}")
         else:
-            logs += _logs(results)
+            logs += _logs(results[0])
+            notices += results[1]
     if failed and not logs:
         raise _none_left(failed)
     return ValidationResult(tuple(_in_order(logs, campaign, entries)), tuple(notices))
@@ -218,18 +229,38 @@ def _read(
 
 def _simulated(
     cases: Sequence[_Case], rig: Rig, model: Model, valves: _ValveModel
-) -> list[tuple[_Case, TestResult]]:
-    """Every case's result: whole tests and segments go through the simulator together."""
+) -> tuple[list[tuple[_Case, TestResult]], list[str]]:
+    """Every case's result: whole tests and segments go through the simulator together.
+
+    A test or a segment whose simulation switches without end, or does not stay finite, is left out
+    with a notice. Raises SimulationError where no test is left.
+    """
     segments = [(c.test, s) for c in cases for s in (c.test.whole, *c.test.segments)]
-    runs = simulate_segments(segments, model, valves.surfaces, rig.position_channel)
-    results, next_run = [], 0
+    position = rig.position_channel
+    runs = simulate_segments(segments, model, valves.surfaces, position, nan_if_endless=True)
+    results, notices, next_run = [], [], 0
     for case in cases:
         count = 1 + len(case.test.segments)
-        own = runs[next_run : next_run + count]
+        whole, *parts = runs[next_run : next_run + count]
         next_run += count
-        found = judged(case.test, case.entry, case.name, rig, valves.name, own[0], own[1:])
+        if not np.isfinite(whole).all():
+            notices.append(
+                f"{case.test.source}: left out of the {valves.name} valve model: {NOT_FINITE}"
+            )
+            continue
+        known = [i for i, part in enumerate(parts) if np.isfinite(part).all()]
+        if len(known) < len(parts):
+            notices.append(
+                f"{case.test.source}: {len(parts) - len(known)} of {len(parts)} segments are left "
+                f"out of the {valves.name} valve model: {NOT_FINITE}"
+            )
+        test = replace(case.test, segments=tuple(case.test.segments[i] for i in known))
+        own = [parts[i] for i in known]
+        found = judged(test, case.entry, case.name, rig, valves.name, whole, own)
         results.append((case, found))
-    return results
+    if cases and not results:
+        raise SimulationError("; ".join(notices))
+    return results, notices
 
 
 def _logs(results: Sequence[tuple[_Case, TestResult]]) -> list[LogResult]:
