@@ -126,7 +126,7 @@ class Failure:
 
     @staticmethod
     def of(error: BaseException) -> Failure:
-        """Of a job that raised an error."""
+        """The failure of a job that raised an error."""
         return Failure(one_line(f"{type(error).__name__}: {error}"))
 
 

@@ -1,4 +1,4 @@
-"""What is left of a part's error: what repeats is told from what differs between tests."""
+"""Remainder of a part's error: what repeats is told from what differs between tests."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_noise_alone_repeats_nothing() -> None:
 def test_a_few_readings_say_nothing() -> None:
     few: Any = bench(0.5, 0.2, 5, tests=1)
     assert remainder(few, None, Law({}), NOISE) is None
-    assert wording.left({"remainder": []}) == ()
+    assert wording.remainder_lines({"remainder": []}) == ()
 
 
 def test_what_repeats_is_structure_beyond_the_noise_and_a_tenth_of_the_error() -> None:
@@ -112,7 +112,7 @@ def test_what_holds_the_residual_explains_nothing() -> None:
 def test_in_words() -> None:
     found = remainder(bench(0.5, 0.2, 1), bench(0.5, 0.2, 2), Law({}), NOISE)
     assert found is not None
-    (said,) = wording.left({"remainder": [found.to_json()]})
+    (said,) = wording.remainder_lines({"remainder": [found.to_json()]})
     assert "repeat from test to test over position" in said
     assert "0.1 N are noise" in said or "0.100 N are noise" in said
 

@@ -149,7 +149,7 @@ def test_the_command_line_bounds_every_command(
     assert main(["effects", "--jobs", "3"]) == 0
     assert job_count() == 3
     assert main(["--jobs=none", "effects"]) == 2
-    assert "--jobs: 'none' is no number of processes" in capsys.readouterr().err
+    assert "--jobs: 'none' is not a number of processes" in capsys.readouterr().err
     assert main(["effects", "--jobs"]) == 2
 
 

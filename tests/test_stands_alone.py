@@ -234,7 +234,7 @@ def test_a_motion_log_with_a_gap_leaves_the_others(
     monkeypatch.setattr(Campaign, "read", without_rows)
     found = validate(some, fitted)
     assert {log.kind for log in found.logs} == {"motion-discrete"}
-    left_out = [n for n in found.notices if n.startswith("left out: ") and "no sample for" in n]
+    left_out = [n for n in found.notices if n.startswith("excluded: ") and "no sample for" in n]
     assert len(left_out) == sum(e.kind == "motion-motor" for e in some.logs)
     with pytest.raises(InputError, match="no sample for"):
         validate(only(bundled, "motion-motor"), fitted)
@@ -253,7 +253,7 @@ def test_a_valve_model_that_cannot_be_simulated_leaves_the_others(
     monkeypatch.setattr(open_loop, "_simulated", but_discrete)
     found = validate(only(bundled, "motion-pwm"), fitted)
     assert {log.model for log in found.logs} == {"averaged"}
-    said = "the discrete valve model is left out: it does not stay finite"
+    said = "the discrete valve model is excluded: it does not stay finite"
     assert said in found.notices
     with pytest.raises(NotIdentifiedError, match="does not stay finite"):
         validate(only(bundled, "motion-discrete"), fitted)
@@ -406,7 +406,7 @@ def test_a_verdict_that_cannot_be_worked_out_says_why(
 ) -> None:
     monkeypatch.setattr(page, "verdict", failing(ZeroDivisionError("division by zero")))
     html = render_report(campaign=only(bundled, "friction-static"), bundle=fitted)
-    assert "No verdict could be worked out" in html and '<section id="friction"' in html
+    assert "No verdict could be reached" in html and '<section id="friction"' in html
 
 
 @pytest.mark.parametrize("way", ["fill", "dis"])

@@ -500,7 +500,7 @@ def test_surfaces_of_another_supply_are_left_out(campaign: Campaign, with_surfac
     held = dataclasses.replace(campaign, rig=rig)
     found = validate(held, with_surfaces, kinds=("motion-pwm",))
     assert {log.model for log in found.logs} == {"discrete", "averaged"}
-    assert any("the bipolynomial model is left out" in notice for notice in found.notices)
+    assert any("the bipolynomial model is excluded" in notice for notice in found.notices)
 
 
 def test_choked_filling_is_scaled_to_another_supply(bundle: Bundle, campaign: Campaign) -> None:
@@ -707,7 +707,7 @@ def test_a_start_in_motion_is_left_out_where_others_are_at_rest(pulsed: Trial, r
     tests, notices = prepare_all([pulsed, moving], "motion-pwm", rig, 1.0)
     assert [len(t.time) for t in tests] == [len(pulsed)]
     (notice,) = notices
-    assert notice.startswith("left out: ") and "starts while moving" in notice
+    assert notice.startswith("excluded: ") and "starts while moving" in notice
     with pytest.raises(InputError, match="starts while moving"):
         prepare_all([moving], "motion-pwm", rig, 1.0)
 

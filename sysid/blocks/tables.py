@@ -91,7 +91,7 @@ class ComparedTable:
     kind: Literal["compared"] = "compared"
 
     def plain(self) -> Table:
-        """As a table of text: `ours / other (factor)`, a column's group before its name."""
+        """The table as text: `ours / other (factor)`, with a column's group before its name."""
         of = [name for name, width in self.groups for _ in range(width)] or [""] * len(self.columns)
         names = (f"{a}, {b}" if a else b for a, b in zip(of, self.columns, strict=True))
         rows = [

@@ -51,7 +51,7 @@ def _why(kind: str, trials: Sequence[Trial], error: Exception) -> str:
     commands = {"pump_volts", _VALVE}
     if kind != _TANK or any(commands & {*t.channels, *t.unusable} for t in trials):
         return str(error)
-    return f"this is a tank's discharge (one pressure, beside a rig with [tank]): {error}"
+    return f"this is a tank's discharge (one pressure, and a rig file with [tank]): {error}"
 
 
 __all__ = ["BENCH_LAWS", "bench_identified", "bench_kind"]

@@ -73,7 +73,7 @@ class LogCheck(Shown):
     `kinds` counts its tests by the kind that their content shows; `declared` is the kind and
     `use` the use that a campaign gives the log, None for one that was checked alone. `contradicts`
     says in what it contradicts the rig file or, in a campaign, the other logs; `excluded` is what
-    was not looked at.
+    was excluded.
     """
 
     file: str
@@ -109,12 +109,12 @@ class LogCheck(Shown):
 
     @property
     def said(self) -> tuple[str, ...]:
-        """What it contradicts, first, and the notices of its reader."""
+        """Contradictions first, then the notices of its reader."""
         return (*self.contradicts, *self.notices)
 
     @property
     def answer(self) -> str:
-        """In one line what the log identifies, and what it does not."""
+        """One line: what the log identifies, and what it does not."""
         yes, no = ([i for i in self.identifies if i.identified is good] for good in (True, False))
         name = Path(self.file).name
         if not yes:
@@ -141,7 +141,7 @@ class LogCheck(Shown):
         """The channels, and what the log can identify."""
         columns = ("channel", "low", "high", "resolution", "noise", "remark")
         yield table("Channels", columns, tuple(map(_channel_row, self.channels)))
-        # What has one reason is read once.
+        # A shared reason is read once.
         rows: dict[tuple[bool, str], list[str]] = {}
         for item in self.identifies:
             rows.setdefault((item.identified, item.reason), []).append(item.parameter)
@@ -152,7 +152,7 @@ class LogCheck(Shown):
         yield table("Identifies", ("parameter", "", "reason, or test needed"), found)
 
     def left_out(self) -> Iterator[str]:
-        """A line for each test or span that is not looked at."""
+        """A line for each excluded test or span."""
         for one in self.excluded:
             why = f": {one.exclusion.why}" if one.exclusion.why else ""
             yield f"excluded: {one.exclusion.title} ({one.rows} rows){why}"
@@ -164,7 +164,7 @@ class LogCheck(Shown):
             "range over resolution": [_ratio(c, c.quantum) for c in self.channels],
         }
         shown, ticks = grouped_bars([c.name for c in self.channels], shares)
-        panel = Panel(Scale(ticks=ticks), Scale(kind="log"), shown, legend="beside")
+        panel = Panel(Scale(ticks=ticks), Scale(kind="log"), shown, legend="right")
         return plot_panels((panel,), ax)[0]
 
     @classmethod
@@ -285,7 +285,7 @@ def _kind_in(trial: Trial, rig: Rig, declared: str | None) -> str:
 
 def _measured_channels(log: Log, rig: Rig) -> list[str]:
     present = log.channels
-    # A speed's integral is no measurement: its range and noise are the speed's.
+    # The integral of a speed is not a measurement: range and noise are those of the speed.
     motion = [rig.position_channel] if all(t.place_known for t in log.trials) else []
     motion.append(velocity_channel(rig))
     names = [*motion, *PRESSURES, "temperature_k", rig.effort_channel, *KIND_BY_COLUMN]

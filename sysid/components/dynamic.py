@@ -118,7 +118,7 @@ class DynamicPart(OwnPart):
 
     def residuals_of(self, laws: Sequence[Law], tests: Sequence[int]) -> list[list[FloatArray]]:
         outputs = self._simulated(laws)
-        return [self._left(self._of_tests(one, tests), tests) for one in outputs]
+        return [self._scaled_residuals(self._of_tests(one, tests), tests) for one in outputs]
 
     def jacobian(self, law: Law, tests: Sequence[int]) -> FloatArray:
         """Derivatives of the residuals by the law's numbers, then its effects', (n, p)."""
@@ -146,7 +146,9 @@ class DynamicPart(OwnPart):
         """All residuals (n,) where the runs start `starts` (runs, states) off their own starts."""
         every = range(len(self.stretches))
         outputs = with_starts(self.made, self.vector(law), starts, self.runs)
-        return np.concatenate(self._left(self._of_tests(self.bounded(outputs), every), every))
+        return np.concatenate(
+            self._scaled_residuals(self._of_tests(self.bounded(outputs), every), every)
+        )
 
     def jacobian_from(self, law: Law, starts: FloatArray) -> FloatArray:
         """Derivatives of these by the parameters, then by each run's start, (n, p)."""
@@ -163,7 +165,7 @@ class DynamicPart(OwnPart):
 
         columns = [column(one) for one in found[: len(own)]]
         for r in range(len(self.pieces)):
-            # A run's start moves that run alone.
+            # The start of a run changes that run alone.
             alone = np.zeros((len(self.pieces), 1, 1))
             alone[r] = 1.0
             columns += [column(one * alone) for one in found[len(own) :]]

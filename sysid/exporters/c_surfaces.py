@@ -120,7 +120,7 @@ def macro(name: str, kind: str) -> str:
 
 
 def surface_functions(flat: Flat) -> Iterator[SurfaceFunction]:
-    """Those of every surface that a bundle holds, in the header's order."""
+    """The functions of every surface in a bundle, in the header's order."""
     for slot, kind, surface in slots(flat):
         if surface is None:
             continue

@@ -46,7 +46,7 @@ def comment_text(text: str) -> str:
 
 
 def real(n: Names) -> str:
-    """The header's real type: SYSID_REAL, double unless the compiler is told otherwise."""
+    """The header's real type: SYSID_REAL, double unless the compiler sets it."""
     return f"{n.lower}real"
 
 

@@ -169,7 +169,7 @@ PAYLOAD_FUNCTIONS = (
     ),
     ControlFunction(
         "payload_detected",
-        "1 where an estimate is a payload, 0 where it cannot be told from none",
+        "1 where an estimate is a payload, 0 where it is indistinguishable from none",
         (_ESTIMATOR, _PAYLOAD),
         lambda design, gains, payload: gains.detects(payload, design),
         kind="int",

@@ -172,7 +172,7 @@ def _constants(rig: Rig, missing: dict[str, str]) -> NumberTable:
 
 
 def _rig_keys(rig: Rig) -> dict[str, dict[str, str]]:
-    """By section of the rig file: exported name -> key of the section.
+    """For each section of the rig file: exported name -> key of the section.
 
     Each is named: a key that is added to a section is not null in the exports of older bundles.
     """

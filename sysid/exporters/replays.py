@@ -25,7 +25,7 @@ from sysid.types import BoolArray, FloatArray
 
 
 def control_replays(flat: Flat, design: DesignModel) -> Iterator[Replay]:
-    """Those of the controllers' part."""
+    """The replays of the controllers' part."""
     yield from function_replays(design)
     yield _pva()
     yield _backstepping(flat, design)

@@ -74,7 +74,7 @@ class ExcludedSpan(TomlTable):
     """An entry of `exclude`: a test, or a span of one, that is not used."""
 
     test: Annotated[str, TextKey("Label of the test; empty for the only test of a file.")] = ""
-    from_s: Annotated[float | None, Field(description="Begin, s since the test's first row.")] = (
+    from_s: Annotated[float | None, Field(description="Start, s since the test's first row.")] = (
         None
     )
     to_s: Annotated[float | None, Field(description="End, s since the test's first row.")] = None
@@ -82,7 +82,7 @@ class ExcludedSpan(TomlTable):
 
 
 class LogEntry(TomlTable):
-    """`[[log]]`: the file of one or more tests of a kind, and what it may be used for."""
+    """`[[log]]`: the file of at least one test of a kind, and what it may be used for."""
 
     file: Annotated[str, TextKey("Path of the log, relative to the campaign file.")]
     kind: Annotated[
@@ -107,7 +107,7 @@ class LogEntry(TomlTable):
     ] = None
     exclude: list[str | ExcludedSpan] = Field(
         default_factory=list,
-        description="What is used for nothing: labels of whole tests, or tables with a span of one "
+        description="What is excluded: labels of whole tests, or tables with a span of one "
         "(`test`, `from_s`, `to_s`, s since its first row) and a reason (`why`).",
     )
 

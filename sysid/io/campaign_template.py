@@ -12,7 +12,7 @@ from sysid.io.kinds import TEST_KINDS, TestKind
 _HEAD = """\
 # All tests of a rig, and what each may be used for. Paths are relative to this file.
 # Keep the entries whose logs you have and delete the others; a kind may have several entries.
-# A log holds any number of tests of its kind, one after the other, told apart by its column `test`.
+# A log holds any number of tests of its kind, in sequence, distinguished by its column `test`.
 rig = "rig.toml"                     # what is known about the rig: `sysid init rig.toml`
 # name = "after the service of 2024-03-17"  # for readers; a date in it tells a fleet when
 

@@ -132,7 +132,7 @@ class ColumnMap:
         return f"{self.target}={self.column}:{other} {unit}"
 
     def notices(self, readings: FloatArray, where: str, place: Callable[[int], str]) -> list[str]:
-        """What is to be said of readings (n,) as this entry takes them, at `place(row)`."""
+        """Notices on readings (n,) as this entry converts them, at `place(row)`."""
         said = [f"{where}: {self.column}: {self.remark}"] if self.remark else []
         found = None if self.sensor is None else self.sensor.beyond(readings)
         if found is not None:

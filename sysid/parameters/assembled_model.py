@@ -44,7 +44,7 @@ from sysid.surfaces.hull import ValveLaw
 MEAN_FLOW_MODELS = (AVERAGED, *SURFACE_KINDS)
 VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
 _SAME_PERIOD = 1e-6
-# As far as the fit takes rows of a surface for rows at one supply.
+# Share within which the fit of a surface takes rows to be at one supply.
 _SAME_SUPPLY = 0.02
 
 _OTHER_REGIME = {
@@ -105,14 +105,14 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
 def _motor_alone(
     bundle: BundleContent, friction: Friction, rig: Rig, values: Mapping[str, float]
 ) -> Parameters:
-    """Of a rig without pneumatics: its mechanics alone; `values` of friction by short name."""
+    """Parameters of a rig without pneumatics; `values` of friction by short name."""
     offset = friction.in_motion("offset")
     return bare_parameters(rig).replace(
         static_effort=values["static"],
         coulomb_effort=values["coulomb"],
         viscous=values["viscous"],
         inertia=_inertia(bundle, rig),
-        # A friction fit counts it against the motion, the model along it.
+        # A friction fit counts the offset against the motion, the model along it.
         offset=-offset.value if offset is not None and offset.identified else 0.0,
     )
 
@@ -138,14 +138,14 @@ def require_moving_inertia(inertia: float, rig: Rig, where: str) -> None:
     if not inertia > 0.0:
         u, what = rig.units, "mass" if rig.is_linear else "inertia"
         raise NotIdentifiedError(
-            f"{where}: the fitted {what} is {inertia:.3g} {u.inertia_unit}, which cannot be, so "
-            f"that no motion is simulated with it; declare [inertia] {u.rig_inertia} in "
+            f"{where}: the fitted {what} is {inertia:.3g} {u.inertia_unit}, which is impossible, "
+            f"so no motion is simulated with it; declare [inertia] {u.rig_inertia} in "
             f"{rig.source}, or give motion that accelerates more"
         )
 
 
 def _supply_of_fit(bundle: BundleContent, rig: Rig) -> float:
-    """Supply pressure, Pa, that the bundle's choked filling holds at: its own rig file's."""
+    """Supply pressure, Pa, at which the bundle's choked filling holds: its own rig file's."""
     air = bundle.rig.air or rig.require("air", "which the chamber equations need")
     return air.supply_pressure_pa
 
@@ -195,8 +195,8 @@ def _assumed_static(bundle: BundleContent) -> Iterator[str]:
     if friction is not None and _lacks_static_alone(friction):
         key = bundle.units.key
         yield (
-            f"{bundle.source}: {key('static')} is not identified: the model takes "
-            f"{key('coulomb')} for it; give {_TESTS['static']}"
+            f"{bundle.source}: {key('static')} is not identified: the model uses "
+            f"{key('coulomb')} instead; give {_TESTS['static']}"
         )
 
 
@@ -209,11 +209,11 @@ def _assumed_flows(bundle: BundleContent) -> Iterator[str]:
             own = getattr(bundle.valve(side).discrete, key)
             what = f"{key} is not identified"
             if own is not None and own.identified:
-                what = f"{stated(key, own)}, but a flow below zero is none"
+                what = f"{stated(key, own)}, but a flow is never negative"
             if taken:
                 yield (
                     f"{bundle.source}: valves.{side}.discrete: {what}: the model "
-                    f"takes {taken}; valve-discrete tests of valve {side} would identify it"
+                    f"uses {taken}; valve-discrete tests of valve {side} would identify it"
                 )
 
 
@@ -405,8 +405,8 @@ def _choked_on_surface(valve: Valve, name: str, rig: Rig) -> float | None:
 
 
 def _taken_from(valve: Valve, name: str, rig: Rig) -> str:
-    """Where the model has a flow from that the on/off tests do not identify; empty if they do, or
-    if nothing gives it."""
+    """The source of a flow that the on/off tests do not identify; empty if they do,
+    or if there is none."""
     own = getattr(valve.discrete, LAW_KEYS[name])
     if own is None or is_possible(own):
         return ""

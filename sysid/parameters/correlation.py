@@ -28,7 +28,8 @@ class Correlation(Part):
     def of(
         cls, joint: JointCovariance, known: Collection[str], keys: Mapping[str, str] | None = None
     ) -> Correlation | None:
-        """Of those in `known`, under their `keys` (None: their names); None with fewer than two."""
+        """The correlation of those in `known`, under their `keys` (None: their names); None with
+        fewer than two."""
         names, matrix = joint.correlation(known)
         if len(names) < 2:
             return None
@@ -47,14 +48,14 @@ class Correlation(Part):
             raise ValueError(f"is not a matrix of {count} rows and columns, as its names say")
         # Compared one by one: a whole number in a file may be too large for an array.
         if not all(abs(c) <= 1.0 + ROUNDING for row in self.matrix for c in row):
-            raise ValueError("holds a number beyond -1 to 1")
+            raise ValueError("holds a number outside -1 to 1")
         matrix = self.array()
         if np.any(np.abs(np.diag(matrix) - 1.0) > ROUNDING):
             raise ValueError("has a diagonal that is not 1")
         if np.any(np.abs(matrix - matrix.T) > ROUNDING):
             raise ValueError("is not symmetric")
         if np.linalg.eigvalsh(matrix)[0] < -ROUNDING * count:
-            raise ValueError("is no correlation: it has a negative eigenvalue")
+            raise ValueError("is not a correlation: it has a negative eigenvalue")
         return self
 
     def among(self, keys: Sequence[str]) -> FloatArray:

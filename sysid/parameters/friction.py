@@ -67,7 +67,7 @@ class CombinationRecord(Part):
         return Estimate.from_json(self.to_json())
 
 
-# What a rotary rig's friction has to hold, or a linear one's.
+# Keys that the friction of a rotary or a linear rig has to hold.
 _WHOLE: list[list[str]] = [list(map(units.key, FRICTION)) for units in (ROTARY, LINEAR)]
 
 
@@ -173,7 +173,7 @@ class Friction(CorrelatedPart):
 
     @property
     def units(self) -> MotionUnits:
-        """Those of its keys."""
+        """The units of its keys."""
         held = (getattr(self, key) for key in LINEAR.keys.values())
         return LINEAR if any(one is not None for one in held) else ROTARY
 

@@ -57,7 +57,7 @@ class ParameterRow:
 
     `part` is the place of its part ("friction", "valves.a.discrete", "effect backlash"), `key` its
     key there, `name` what it is called inside, whatever its unit and valve (`coulomb`, `c_fill`).
-    `status`: fitted, declared in the rig file, assumed as nobody declared it, a fit's check that no
+    `status`: fitted, declared in the rig file, assumed because undeclared, a fit's check that no
     model has, or an alternative to what was fitted, by other tests. `alias` is the name under which
     a refinement lists and takes it, `side` its valve's.
     """
@@ -78,17 +78,17 @@ class ParameterRow:
 
     @property
     def title(self) -> str:
-        """What a reader calls it."""
+        """Its name for readers."""
         return _TITLES.get(self.key) or _TITLES.get(self.name, self.key)
 
     @property
     def field(self) -> str:
-        """What the plant's parameters call it."""
+        """Its name in the plant's parameters."""
         return field_of(self.name, self.side)
 
 
 def field_of(name: str, side: str = "") -> str:
-    """What the plant's parameters (`sysid.plant.base.Parameters`) call a parameter, of a valve."""
+    """The name of a valve's parameter in the plant's parameters (`sysid.plant.base.Parameters`)."""
     return f"{name}_{side}" if side else _FIELDS.get(name, name)
 
 
@@ -115,13 +115,13 @@ class ParameterTable(Mapping[str, ParameterRow]):
         return len(self.rows)
 
     def where(self, holds: Callable[[ParameterRow], bool]) -> ParameterTable:
-        """Those rows of which this holds."""
+        """The rows for which this holds."""
         kept = [i for i, row in enumerate(self.rows) if holds(row)]
         rows = tuple(self.rows[i] for i in kept)
         return ParameterTable(rows, self.correlation[np.ix_(kept, kept)])
 
     def fitted(self) -> ParameterTable:
-        """Those that a fit gave, without its checks."""
+        """The rows from fits, without their checks."""
         return self.where(lambda row: row.status == "fitted")
 
     def parts(self) -> dict[str, ParameterTable]:
@@ -141,7 +141,7 @@ class ParameterTable(Mapping[str, ParameterRow]):
         return estimate_table(caption, titled, "page", more=keys)
 
     def covariance(self, keys: Collection[str]) -> FloatArray:
-        """(k, k): of the errors of these keys, in a table of one part."""
+        """Covariance (k, k) of the errors of these keys, in a table of one part."""
         own = [row.key for row in self.rows]
         places = [own.index(key) for key in keys]
         std = np.array([self.rows[i].estimate.std for i in places])
@@ -213,7 +213,7 @@ def _effect_place(effect: EffectEntry) -> str:
 
 
 def effect_names(effects: Sequence[EffectEntry]) -> list[str]:
-    """What the aliases of each effect's numbers begin with: its id, numbered where there are two
+    """The prefix of the aliases of each effect's numbers: its id, numbered where there are two
     of it."""
     ids = [effect.id for effect in effects]
     return [

@@ -161,7 +161,7 @@ class SimulatedLog:
 
 @dataclass(frozen=True)
 class SimulateOptions(Reported):
-    """Of which rig, by which valve model; `effects`: those that the catalogue lacks."""
+    """The rig and the valve model; `effects`: those that the catalogue lacks."""
 
     rig: Rig | None = None
     _: KW_ONLY

@@ -94,7 +94,7 @@ def advise(
     rivals = _rivals(bundle, known)
     probes = probes_of(model, [known[r] for own in rivals.values() for r in own])
     problem = problem_of(tests, probes, setting)
-    progress(f"simulating {len(tests.runs)} segments with their slopes")
+    progress(f"simulating {len(tests.runs)} segments with derivatives")
     now, options = information(problem, tests, setting)
     options += bench_options(problem, setting)
     p = len(unknowns)
@@ -118,8 +118,8 @@ def advise(
 
 
 _REFINED = (
-    "{} is refined: its standard errors, with their correlation, hold its motion logs, which are "
-    "not counted again"
+    "{} is refined: its standard errors, with their correlation, already include its motion logs, "
+    "which are not counted again"
 )
 
 
@@ -149,15 +149,15 @@ def _known_without(bundle: Bundle, unknowns: Sequence[Unknown]) -> list[Unknown]
 
 
 def _coordinate_std(found: FloatArray, count: int) -> FloatArray:
-    """(count,): of the first unknowns, all others known."""
+    """Standard errors (count,) of the first unknowns, all others known."""
     std = np.sqrt(np.diag(covariance(found[:count, :count])))
     return np.where(std > _UNKNOWN, np.inf, std)
 
 
 def _std(found: FloatArray, unknowns: Sequence[Unknown]) -> FloatArray:
-    """(p,) in the parameters' units; infinite where nothing is known.
+    """Standard errors (p,) in the parameters' units; infinite where nothing is known.
 
-    As of a refinement, at least what the equations are integrated to.
+    As in a refinement, at least the accuracy of the integration.
     """
     slopes = np.array([abs(u.slope(u.start)) for u in unknowns])
     least = np.array([u.integration_error(u.start) for u in unknowns])
@@ -188,7 +188,7 @@ def _candidate(
 
 @dataclass(frozen=True)
 class _Pair:
-    """Two of the columns, by their place among `columns`: the unknowns that are estimated."""
+    """Two of the columns, by their index in `columns`: the unknowns that are estimated."""
 
     one: str
     other: str

@@ -28,7 +28,7 @@ from sysid.refinement.unknowns import model_at
 from sysid.refinement.whole_tests import times_worse, whole_residuals
 from sysid.types import BoolArray, FloatArray, Progress, no_progress
 
-# So many segments are joined; 0: all of a test, from its first row.
+# Number of segments that are joined; 0: all of a test, from its first row.
 _JOINED = (3, 0)
 # Runs that the model does not follow in one stay as they were, and the others are tried again.
 _TRIES = 4
@@ -147,7 +147,7 @@ def _follows_at_once(problem: Problem, point: Iterate) -> BoolArray:
 
 
 def _solved(problem: Problem, point: Iterate) -> tuple[Problem, Solution]:
-    """With the shorter runs' whitening, then, if that converged, with that of its own residuals."""
+    """Solved with the shorter runs' whitening, then, if converged, with its own."""
     near = functools.partial(
         solve, most=_EVALUATIONS, near=_CLOSELY, first_step=_UNDAMPED, chords=True
     )

@@ -78,7 +78,7 @@ from sysid.types import FloatArray, Progress, no_progress
 
 SEGMENT_S = 1.0
 _LEAST_SCATTER, _MOST_SCATTER = 2e-3, 0.1
-# A parameter's error falls to less than this share of the bench tests': motion informs it.
+# A parameter is informed by motion where its error falls below this share of the bench tests'.
 _INFORMED = 0.9
 # Where no bench test shows the scatter of friction: a usual one, believed as much as five tests.
 _ASSUMED_SCATTER, _ASSUMED_TESTS = 0.02, 5.0
@@ -218,7 +218,7 @@ def _model_after(found: Estimated, parameters: Sequence[RefinedParameter]) -> Mo
     static = found.problem.static_number
     if static is None or parameters[static].is_known:
         return after
-    # As the bundle's model has it, which then holds no static friction.
+    # As in the bundle's model, which then holds no static friction.
     return Model(
         after.parameters.replace(static_effort=after.parameters.coulomb_effort), after.effects
     )
@@ -232,7 +232,7 @@ def _estimated(
     progress: Progress,
     by_differences: bool,
 ) -> Estimated:
-    """From segments to the longest runs of these tests that the data allow."""
+    """Estimate from segments up to the longest runs of these tests that the data allow."""
     # Small matrices: more threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
         found = estimate(problem, scatter, robust=robust, progress=progress)
@@ -286,7 +286,7 @@ def motion_tests_of(
         notices += tests[1]
     if needed and failed and not found:
         raise error_of(failed, "; ".join(dict.fromkeys(why.reason for why in failed)))
-    notices += [f"left out: {why.reason}" for why in failed]
+    notices += [f"excluded: {why.reason}" for why in failed]
     return [t for t in found if t.counted(t.whole) >= LEAST_ROWS]
 
 
@@ -298,7 +298,7 @@ def bench_scatter(bundle: Bundle) -> FrictionScatter:
 
 
 def _bench_scatter(friction: Friction | None, name: str, kind: str) -> tuple[float, float]:
-    """Relative scatter about one law, and from how many tests."""
+    """Relative scatter about one law, and the number of tests behind it."""
     quality = friction.quality if friction is not None else None
     own = quality.get(kind) if isinstance(quality, dict) else None
     value = None if friction is None else friction.parameter(name)
@@ -319,7 +319,7 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
     for i, unknown in enumerate(unknowns):
         at, dof = float(solution.point.shared[i]), float(freedom[i])
         if unknown.varies_by_test:
-            # A test's friction is one draw: so many tests, so many degrees of freedom.
+            # The friction of a test is one draw, so each test is one degree of freedom.
             dof = max(found.scatter.tests - 1.0, 1.0)
         if not std[i] > NO_INFORMATION:
             # Neither the residuals nor a prior depend on it: it stays as it was.
@@ -387,21 +387,22 @@ def _stalled_notice(found: Estimated) -> str:
     return (
         f"the estimation stalled after {found.evaluations} simulations: no step lowers the errors, "
         f"though {found.problem.unknowns[worst].name} is {steps[worst]:.2g} standard errors from "
-        "where they are linearly least; --fix it, or look for what the model lacks first"
+        "the minimum of the linearised errors; --fix it, or diagnose what the model lacks first"
     )
 
 
 def _worse_notice(worse: str) -> str:
     return (
-        f"with these numbers whole training tests are simulated {worse}: they make up for "
-        "what the model lacks; look for it with diagnose first, or keep the bundle as it was"
+        f"with these numbers whole training tests are simulated {worse}: they compensate "
+        "for what the model lacks; run diagnose first, or keep the previous bundle"
     )
 
 
 def _freed_notice(names: Sequence[str]) -> str:
     return (
-        f"{', '.join(names)}: estimated beside the others, which hold with what was found; the "
-        "bundle keeps the rig file's value, so put the estimate there before the bundle is used"
+        f"{', '.join(names)}: estimated together with the others, whose values hold with this "
+        "estimate; the bundle keeps the rig file's value, so enter the estimate there "
+        "before using the bundle"
     )
 
 
@@ -409,8 +410,8 @@ def _left_out_notice(runs: Sequence[Run]) -> str:
     places = [r.name for r in runs[:5]]
     more = f" and {len(runs) - 5} more" if len(runs) > 5 else ""
     return (
-        f"{len(runs)} segments are left out, as the model does not follow them at any start "
-        f"state: {', '.join(places)}{more}"
+        f"{len(runs)} segments are excluded, as the model does not follow them from "
+        f"any start state: {', '.join(places)}{more}"
     )
 
 

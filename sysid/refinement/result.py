@@ -107,7 +107,7 @@ class RefineResult(Shown):
 
     @property
     def worse(self) -> str:
-        """In words how much worse the training tests are simulated; empty if they are not."""
+        """How much worse the training tests are simulated, in words; empty if they are not."""
         return much_worse(self.fits["fit"].before, self.fits["fit"].after)
 
     def headline(self) -> str:

@@ -53,7 +53,7 @@ def times_worse(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> fl
 
 
 def rmse(residuals: Sequence[FloatArray]) -> FloatArray:
-    """(3,), pooled; NaN where no test logs the channel."""
+    """Pooled RMSE (3,); NaN where no test logs the channel."""
     joined = np.concatenate(residuals, axis=1)
     found = [
         math.sqrt(float(np.mean(row[np.isfinite(row)] ** 2)))
@@ -65,7 +65,7 @@ def rmse(residuals: Sequence[FloatArray]) -> FloatArray:
 
 
 def correlation(residuals: Sequence[FloatArray]) -> FloatArray:
-    """(3,): autocorrelation from one sample to the next, pooled."""
+    """Pooled lag-one autocorrelation (3,)."""
     found = []
     for channel in range(len(residuals[0])):
         rows = [r[channel] for r in residuals if np.isfinite(r[channel]).all()]
@@ -75,7 +75,7 @@ def correlation(residuals: Sequence[FloatArray]) -> FloatArray:
 
 
 def much_worse(before: FloatArray, after: FloatArray) -> str:
-    """In words how much worse tests are simulated, by their errors (3,); empty if they are not."""
+    """How much worse tests are simulated, in words, by their errors (3,); empty if they are not."""
     worse = times(before, after)
     if worse <= _MUCH_WORSE:
         return ""

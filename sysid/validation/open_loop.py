@@ -118,8 +118,8 @@ def validate(
         else:
             cases += own
     if failed and not cases:
-        raise _none_left(failed)
-    notices += [f"left out: {why.reason}" for why in failed]
+        raise _none_usable(failed)
+    notices += [f"excluded: {why.reason}" for why in failed]
     logs: list[LogResult] = []
     failed = []
     for valves in valve_models:
@@ -128,16 +128,16 @@ def validate(
         results = on_its_own(partial(_simulated, chosen, rig, model, valves))
         if isinstance(results, Failure):
             failed.append(results)
-            notices.append(f"the {valves.name} valve model is left out: {results.reason}")
+            notices.append(f"the {valves.name} valve model is excluded: {results.reason}")
         else:
             logs += _logs(results[0])
             notices += results[1]
     if failed and not logs:
-        raise _none_left(failed)
+        raise _none_usable(failed)
     return ValidationResult(tuple(_in_order(logs, campaign, entries)), tuple(notices))
 
 
-def _none_left(failed: Sequence[Failure]) -> Exception:
+def _none_usable(failed: Sequence[Failure]) -> Exception:
     """The error where nothing can be simulated, with each reason once."""
     return error_of(failed, "; ".join(dict.fromkeys(why.reason for why in failed)))
 
@@ -182,7 +182,7 @@ def _valve_models(
             except InputError as error:
                 if not found:
                     raise
-                notices.append(f"{error}; the {kind} model is left out")
+                notices.append(f"{error}; the {kind} model is excluded")
                 continue
             if surfaces is not None:
                 found.append(_ValveModel(kind, surfaces))
@@ -221,7 +221,7 @@ def _read(
     for test in tests[0]:
         notices += test.notices
         if test.counted(test.whole) < 2:
-            notices.append(f"{test.source}: starts at an end stop and is left out")
+            notices.append(f"{test.source}: starts at an end stop and is excluded")
             continue
         cases.append(_Case(campaign.name_of(entry.path), entry, log, test))
     return cases

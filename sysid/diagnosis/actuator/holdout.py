@@ -140,7 +140,7 @@ def motion_tests(rig: Rig, logs: Sequence[tuple[str, Log]]) -> HeldOut:
             continue
         own = on_its_own(partial(prepare_all, log.trials, kind, rig, _HORIZON_S))
         if isinstance(own, Failure):
-            notices.append(f"left out: {own.reason}")
+            notices.append(f"excluded: {own.reason}")
             continue
         tests += own[0]
         notices += own[1]

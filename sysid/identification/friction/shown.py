@@ -24,7 +24,7 @@ _DIRECTIONS: tuple[tuple[float, str, str, Role], ...] = (
 
 
 def friction_section(bundle: Bundle) -> Section:
-    """From a bundle that holds friction."""
+    """The section on a bundle's friction."""
     friction, units, parts = bundle.friction, bundle.units, bundle.parameters.parts()
     assert friction is not None
     blocks: list[Block] = [parts["friction"].shown("Friction parameters")]
@@ -42,7 +42,7 @@ def friction_section(bundle: Bundle) -> Section:
         )
         blocks.append(FigureGroup(caption, drawn))
     blocks += _position_table(friction, units)
-    blocks += _left_out(friction)
+    blocks += _excluded(friction)
     source = {
         "friction-sliding": "Coulomb and viscous friction come from the constant-effort tests.",
         "friction-motion": "Coulomb and viscous friction come from general motion, by inverse "
@@ -75,11 +75,11 @@ def _position_table(friction: Friction, units: MotionUnits) -> list[Block]:
     return [table(f"Static friction by position ({effort_unit})", columns, rows)]
 
 
-def _left_out(friction: Friction) -> list[Block]:
+def _excluded(friction: Friction) -> list[Block]:
     lines = [f"{t.kind}, test {t.test}: {t.reason or ''}" for t in friction.tests() if not t.used]
     if not lines:
         return []
-    return [Lines(tuple(lines), f"{len(lines)} tests left out")]
+    return [Lines(tuple(lines), f"{len(lines)} tests excluded")]
 
 
 # --- figures ---------------------------------------------------------------------------
@@ -160,7 +160,7 @@ def parameters_figure(estimates: Mapping[str, Estimate]) -> Figure:
 
 
 def _readings(trials: Sequence[TestUse], name: str) -> FloatArray:
-    """What was read from each test, (n,); NaN where it was not."""
+    """A value read from each test, (n,); NaN where there is none."""
     return np.array([t.reading(name) for t in trials], dtype=float)
 
 

@@ -49,7 +49,7 @@ class PressureCurve:
 def discrete_section(
     bundle: Bundle, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> Section | None:
-    """From the bundle's valves and the valve-discrete logs; None where neither is fitted."""
+    """The section on a bundle's on/off valves and their logs; None where neither is fitted."""
     fitted = {} if bundle.valves is None else bundle.valves.discrete_laws()
     if not fitted:
         return None

@@ -100,7 +100,7 @@ class _Measured:
 def surfaces_section(
     valves: FittedValves, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> Section | None:
-    """From the bundle's `valves` and the valve-pwm logs; None where no surface is fitted."""
+    """The section on a bundle's surfaces and their logs; None where no surface is fitted."""
     parts = _parts(valves, logs, rig)
     if not parts:
         return None
@@ -118,7 +118,7 @@ def surfaces_section(
 
 
 def _obedience(parts: Sequence[_Measured]) -> Iterator[str]:
-    """In which direction a valve obeys the averaged law, by error in duty on held-out tests."""
+    """Directions in which a valve obeys the averaged law, by held-out error in duty."""
     obeyed = []
     for part in parts:
         if part.rivals is None:
@@ -205,7 +205,7 @@ def _comparison(parts: Sequence[_Measured]) -> Table:
     )  # fmt: skip
     caption = (
         "Surfaces compared: errors of the duty that each gives for a wanted flow, in duty points; "
-        "noise alone is what the scatter of the measured flow makes of it"
+        "noise alone is the error that the scatter of the measured flow causes"
     )
     return table(caption, (*columns[:-1], "Choice"), rows, text=(8,))
 

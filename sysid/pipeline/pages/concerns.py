@@ -1,4 +1,4 @@
-"""What holds a verdict back: its colour is that of the worst of what stands below it."""
+"""What limits a verdict: its colour is that of the worst finding below it."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:
     else:
         yield Concern("good", "the diagnosis")
     if not is_of_actuator(diagnosis):
-        # Of a part the floor is what no law could explain; a motion's adds up small errors.
+        # The floor of a part is what no law could explain; in a motion small errors add up.
         for errors in diagnosis.get("residual", {}).values():
             if errors["noise_floor"] > 0.0 and errors["after"] > MISFIT * errors["noise_floor"]:
                 times = errors["after"] / errors["noise_floor"]

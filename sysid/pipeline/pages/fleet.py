@@ -106,7 +106,7 @@ def _campaigns() -> Section:
     intro = (
         "Each campaign went through sysid run; its report lies in a folder next to this page. "
         "Friction is that of the bench tests, leakage what a chamber at supply pressure loses past "
-        "its valve by the effects that the diagnosis found.",
+        "its valve through the effects that the diagnosis found.",
     )
     return Section("campaigns", "Campaigns", intro)
 
