@@ -5,6 +5,9 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
+# Byte code is kept: every command that a test or a page starts would compile the package again.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: demo test types suite slow docs docs-serve browser reports controllers measured dist clean
 
 demo: $(STAMP)

@@ -68,7 +68,7 @@ from sysid.diagnosis.actuator.null_distribution import Null  # noqa: E402
 from sysid.diagnosis.actuator.projection import Projected, projected  # noqa: E402
 from sysid.diagnosis.actuator.screened import (  # noqa: E402
     Bias,
-    Screened,
+    Screening,
     noise_channels,
     screened,
     usual_size,
@@ -79,7 +79,7 @@ from sysid.io.campaign import KINDS, read_campaign  # noqa: E402
 from sysid.parameters import read_bundle  # noqa: E402
 from sysid.plant.effects import catalogue  # noqa: E402
 from sysid.plant.effects.entry import CatalogueEffect  # noqa: E402
-from sysid.search.misfit import Channel  # noqa: E402
+from sysid.search.misfit import ResidualChannel  # noqa: E402
 from sysid.types import FloatArray  # noqa: E402
 
 EFFECTS = {name: effect for name, effect in catalogue().items() if not effect.averaged_only}
@@ -104,7 +104,7 @@ class Standard:
     """
 
     base: Projected
-    some: Screened
+    some: Screening
     bias: Bias
     none: FloatArray
 
@@ -135,7 +135,7 @@ class Standard:
         columns = self.some.columns
         origin = self.none + squares
         channels = [
-            Channel(c.rows, c.draws, c.square, float(own))
+            ResidualChannel(c.rows, c.draws, c.square, float(own))
             for c, own in zip(columns.channels, origin, strict=True)
         ]
         weights = weights_of(channels, self.none)
@@ -171,13 +171,13 @@ def standard(seed: int, *options: str, names: Iterable[str] = EFFECTS) -> Standa
     return Standard(base, some, bias, channel_squares(base, base.rest))
 
 
-def all_forms(base: Projected, null: Null, forms: Iterable[Candidate], book: Book) -> Screened:
+def all_forms(base: Projected, null: Null, forms: Iterable[Candidate], book: Book) -> Screening:
     """Every form against a residual, with its noise as in a search's first round."""
     none = channel_squares(base, base.rest)
     unknown = noise_channels(base, null, none, np.full(len(CHANNELS), math.inf))
     some = screened(base, list(forms), unknown, book)
     known = noise_channels(base, null, none, some.columns.directions())
-    return Screened(some.forms, replace(some.columns, channels=known))
+    return Screening(some.forms, replace(some.columns, channels=known))
 
 
 def started(seed: int, *options: str, quick: bool = False) -> Start:

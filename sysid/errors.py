@@ -126,7 +126,7 @@ class Failure:
 
     @staticmethod
     def of(error: BaseException) -> Failure:
-        """Of a job that raised an error."""
+        """The failure of a job that raised an error."""
         return Failure(one_line(f"{type(error).__name__}: {error}"))
 
 
@@ -154,6 +154,16 @@ def on_its_own(part: Callable[[], Result]) -> Result | Failure:
             raise
         what = f"{Failure.of(error).reason} (a fault in sysid itself; SYSID_DEBUG=1 shows where)"
         return Failure(what)
+
+
+def unless_failed(
+    not_done: str, part: Callable[[], Result], notices: list[str]
+) -> Result | Failure:
+    """`on_its_own`, with a notice of what is `not_done`, and why, where the part failed."""
+    found = on_its_own(part)
+    if isinstance(found, Failure):
+        notices.append(f"{not_done}: {found.reason}")
+    return found
 
 
 def error_of(failures: Sequence[Failure], what: str) -> Exception:

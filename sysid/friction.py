@@ -39,7 +39,7 @@ from sysid.identification.friction.motion import (
     usable_motion,
     usual_cutoff,
 )
-from sysid.identification.friction.result import FrictionResult
+from sysid.identification.friction.result import FrictionResult, doubtful
 from sysid.identification.friction.sliding import (
     ANOTHER_LEVEL,
     SlidingFriction,
@@ -116,7 +116,7 @@ class _Fit:
         if kind != SLIDING or not self.sums:
             for use in self.uses:
                 if use.kind == kind and use.used:
-                    use.leave_out(found.reason)
+                    use.exclude(found.reason)
         return None
 
     @property
@@ -163,7 +163,7 @@ def _reversed(
     estimate_inertia: bool,
     cutoff_hz: float | None,
 ) -> str:
-    """Which channel's sign is reversed and how to map it, as a fit with the other sign is good;
+    """Which channel's sign is reversed and how to map it, if a fit with the other sign is good;
     empty where none is."""
     found: dict[str, FrictionResult] = {}
     for channel in (rig.effort_channel, rig.position_channel):
@@ -210,8 +210,9 @@ def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
     inertia = rig.total_inertia()
     declared = inertia if rig.has_declared_inertia else None
     motion = fit.attempt(MOTION, lambda: _motion(fit, None if estimate_inertia else declared))
+    # An inertia below zero is none: what is assumed, if anything, is nearer.
     if declared is None and motion is not None and motion.inertia is not None:
-        inertia = motion.inertia.value
+        inertia = motion.inertia.value if motion.inertia.value > 0.0 else inertia
     said = len(fit.notices)
     sliding = fit.attempt(SLIDING, lambda: _sliding(fit.by_kind[SLIDING], fit, inertia))
     lacking = motion is None or not motion.viscous.identified
@@ -240,7 +241,7 @@ def _refutes(motion: MotionFriction, sliding: SlidingFriction) -> bool:
     own = (motion.coulomb, motion.viscous)
     if all(e.identified for e in own):
         return own[0].interval[0] > 0.0 and own[1].interval[1] > 0.0
-    # Of both only a sum is known; the offset's is of either sign.
+    # Only their sum is known; with the offset it may have either sign.
     sums = (c.estimate for c in motion.combinations if "coulomb" in c.terms)
     return any(e.interval[0] > 0.0 for e in sums)
 
@@ -254,14 +255,14 @@ def _set_aside(fit: _Fit, sliding: SlidingFriction) -> None:
         if e.identified and e.interval[1] < 0.0
     )
     why = (
-        f"they give {wrong}, which is no friction, and the motion to and fro does not: an effort "
-        "that changes along the stroke or with the direction acts in them"
+        f"they give {wrong}, which cannot be friction, while motion in both directions does not: "
+        "an effort that changes along the stroke or with the direction acts in them"
     )
     fit.failures[SLIDING] = Failure(why)
     fit.sums = ()
     for use in fit.uses:
         if use.kind == SLIDING and use.used:
-            use.leave_out(why)
+            use.exclude(why)
 
 
 def _prepared(
@@ -285,15 +286,15 @@ def _prepared(
     for trial, name in zip(trials, declared, strict=True):
         if len(trial) < 2:
             use = TrialUse(trial.label, trial.source, _kind(name) if name else MOTION)
-            use.leave_out("a test needs at least two samples")
+            use.exclude("a test needs at least two samples")
             fit.uses.append(use)
-            fit.notices.append(f"{use.title}: left out, {use.reason}")
+            fit.notices.append(f"{use.title}: excluded, {use.reason}")
             continue
         even = recorded(trial, rig, fit.notices)
         full = _kind(name) if name else classify(even)
         if full == STATIC and not trial.has_its_start:
             use = TrialUse(trial.label, trial.source, full)
-            use.leave_out("its start is excluded, and a ramp is read from rest on")
+            use.exclude("its start is excluded, and a ramp has to start at rest")
             fit.uses.append(use)
             continue
         paused = pause_line(trial)
@@ -302,7 +303,7 @@ def _prepared(
             pauses.setdefault(paused, []).append(use)
             if full == STATIC:
                 # Which effort the breakaway took may lie in it.
-                use.leave_out("its recording pauses")
+                use.exclude("its recording pauses")
                 fit.uses.append(use)
                 continue
         fit.by_kind[full].append(even)
@@ -313,7 +314,7 @@ def _prepared(
         commanded = with_commands(moving, rig)
         fit.by_kind[MOTION] = [recorded(trial, rig, fit.notices) for trial in commanded]
         fit.notices.append(readings_line(rig))
-    fit.by_kind = {name: _told_apart(own) for name, own in fit.by_kind.items()}
+    fit.by_kind = {name: _distinguished(own) for name, own in fit.by_kind.items()}
     pushed = pushed_along([e for kind in (SLIDING, MOTION) for e in fit.by_kind[kind]])
     if pushed:
         fit.notices.append(pushed)
@@ -322,7 +323,7 @@ def _prepared(
     return fit
 
 
-def _told_apart(trials: Sequence[Recording]) -> list[Recording]:
+def _distinguished(trials: Sequence[Recording]) -> list[Recording]:
     """The trials of one kind; where their files number them alike, the file is in the label."""
     count = Counter(trial.label for trial in trials)
     return [
@@ -426,7 +427,7 @@ def _as_motion(fit: _Fit, inertia: float | None, before: int) -> MotionFriction 
     fit.uses = [use for use in fit.uses if use.kind not in (MOTION, SLIDING)] + uses
     fit.notices[before:] = [
         f"one speed of each {SLIDING} test does not separate Coulomb from viscous friction: they "
-        f"are taken as {MOTION}, with all of their speeds",
+        f"are used as {MOTION} tests, with all their speeds",
         *said,
         *result.notices,
     ]
@@ -537,6 +538,7 @@ def _result(
     checked = chosen.kind == SLIDING and motion is not None
     cross_check = _Moving(MOTION, motion).parameters(u) if checked else {}
     _say_what_lacks(fit, chosen)
+    fit.notices += doubtful(parameters, fit.rig)
     _compare(parameters, cross_check, u, fit.notices)
     _order(parameters, u, fit.notices)
     return FrictionResult(
@@ -570,7 +572,7 @@ def _say_what_lacks(fit: _Fit, chosen: _Moving) -> None:
         fit.notices.append("Coulomb and viscous friction are those of the friction-motion tests")
         for use in fit.uses:
             if use.kind == SLIDING and use.used:
-                use.leave_out("such tests identify less than the friction-motion tests here")
+                use.exclude("such tests identify less than the friction-motion tests here")
 
 
 def _most_effort(rig: Rig) -> float:

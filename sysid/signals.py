@@ -26,9 +26,9 @@ FILTER_ORDER = 2
 _LEAST_SHARE = 1e-7
 # Jitter of time stamps from rounding, as a share of a period; it is ignored.
 JITTER_IGNORED = 1e-3
-# Times its median: half way from a step of a clock to one in which a sample is missing.
+# Multiple of the median step: half way to a step in which a sample is missing.
 SAMPLE_MISSING = 1.5
-# A gap of this many sampling periods is a pause of the recording.
+# A gap of this many sampling periods is a pause in the recording.
 _PAUSE = 3.0
 # Factors of a recursion between 0 and 1 are equal within this: time stamps are rounded.
 _EQUAL_FACTORS = 1e-9
@@ -218,7 +218,7 @@ def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
 
 
 def slow_stretches(speed: FloatArray, limit: FloatArray | float, least: int) -> NDArray[np.bool_]:
-    """Rows (n,) of a speed at which the shaft may rest: within `limit` for `least` rows or more.
+    """Rows (n,) of possible rest: the speed within `limit` for at least `least` rows.
 
     At a reversal the speed is low for fewer.
     """
@@ -274,6 +274,15 @@ class NoiseFloor:
     @property
     def total(self) -> float:
         return math.sqrt(self.noise**2 + self.quantum**2 / 12.0)
+
+    def after(self, power: float) -> float:
+        """Standard deviation after a filter that leaves `power` (0 to 1) of white noise's variance.
+
+        A converter's error is white too where half a count of noise precedes it (Widrow, Kollar
+        2008); of a quieter signal it stays as long as the signal stays between two counts.
+        """
+        of_converter = power if self.noise > 0.5 * self.quantum else 1.0
+        return math.sqrt(power * self.noise**2 + of_converter * self.quantum**2 / 12.0)
 
 
 def noise_floor(values: FloatArray, resolution: float | None = None, stride: int = 1) -> NoiseFloor:

@@ -25,7 +25,7 @@ from sysid.identification.valve_discrete.estimates import (
 )
 from sysid.identification.valve_discrete.notices import (
     delay_notices,
-    misfit_notices,
+    lack_of_fit_notices,
     settled_notices,
     verdicts,
 )
@@ -143,7 +143,7 @@ def _fit_valve(
         if not estimates[name].identified
     ]
     notices += settled_notices(curves, title, air)
-    notices += misfit_notices(curves, title)
+    notices += lack_of_fit_notices(curves, title)
     notices += delay_notices(estimates, title, rig)
     remarks += verdicts(estimates, title)
     return fit_of(valve, curves, estimates, read, air, quality)

@@ -18,7 +18,7 @@ import numpy as np
 from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
 from sysid.identification.valve_pwm.averaged import average_of
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
-from sysid.identification.valve_pwm.quality import LOOK, fails, require_sign
+from sysid.identification.valve_pwm.quality import CHECK, fails, require_sign
 from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.result import (
     DIRECTIONS,
@@ -48,7 +48,7 @@ from sysid.surfaces.comparison import (
     resolution_study,
 )
 from sysid.surfaces.domain import Domain
-from sysid.surfaces.left_out import group_folds
+from sysid.surfaces.holdout import group_folds
 from sysid.surfaces.samples import SurfacePoints, surface_points
 from sysid.surfaces.zero_flow import apart_from, tie_points
 
@@ -161,7 +161,7 @@ def _nothing(failed: Mapping[tuple[str, str], Failure], remarks: Remarks) -> Exc
         # What keeps the tests out is the cause, and what follows from it is the same everywhere.
         more = f" (and {len(left_out) - 1} more like it)" * (len(left_out) > 1)
         return type(error)(
-            f"{left_out[0]}{more}; no usable test is left: give valve-pwm tests, one constant duty "
+            f"{left_out[0]}{more}; no usable test remains: give valve-pwm tests, one constant duty "
             "each, piston held, from the atmosphere and from the supply"
         )
     titled = (f"{_title(*key)}: {why.reason}" for key, why in failed.items())
@@ -232,8 +232,8 @@ def _measured(
         few = "most tests are so short that they give one mean flow, at one pressure; record longer"
         if np.mean([t.usable.mean() for t in tests]) < _WHOLE:
             few = (
-                "most tests give one mean flow, at one pressure: so many rows are lost or left out "
-                "that few stretches are as long as the pulses' mean needs; log every row"
+                "most tests give one mean flow, at one pressure: so many rows are missing or "
+                "excluded that few stretches are long enough for a mean over pulses; log every row"
             )
         raise NotIdentifiedError("; ".join((few, *unseen_regimes(samples, rig))))
     try:
@@ -282,13 +282,13 @@ def _travelled(
         if moved[number]:
             continue
         if (samples.test == number).any():
-            remarks.leave_out(
+            remarks.exclude(
                 test,
                 f"the pressure stays within {100 * _LEAST_TRAVEL:.0f} % of its start, where flow "
                 "and pressure do not distinguish such duties; the domain ends before them",
             )
         else:
-            remarks.leave_out(test, "no interval is long enough for a mean flow")
+            remarks.exclude(test, "no interval is long enough for a mean flow")
     return samples.part(moved[samples.test])
 
 
@@ -377,7 +377,7 @@ def _without_failures(fit: DirectionFit, remarks: Remarks) -> DirectionFit:
     }
     if failed and len(failed) == len(fit.errors):
         said = "; ".join(f"{name}: {short}" for name, short in failed.items())
-        raise NotIdentifiedError(f"{said}; {LOOK}")
+        raise NotIdentifiedError(f"{said}; {CHECK}")
     where = _title(fit.valve, fit.direction)
     remarks.lines += [f"not identified: {where}, {name}: {short}" for name, short in failed.items()]
     errors = {name: own for name, own in fit.errors.items() if name not in failed}
@@ -411,8 +411,8 @@ def fit_bipolynomial(points: SurfacePoints, domain: Domain) -> Bipolynomial:
     X = np.column_stack((points.duty, points.pressure))
     first = Bipolynomial(domain).fit(X, points.flow, groups=points.test)
     known = np.where(np.isfinite(points.std), points.std, np.nanmax(points.std, initial=0.0))
-    misfit = max(first.rmse_flow_**2 - float(np.mean(known**2)), 1e-4 * first.rmse_flow_**2)
-    weight = misfit / (misfit + known**2) if misfit > 0.0 else np.ones_like(known)
+    lack_of_fit = max(first.rmse_flow_**2 - float(np.mean(known**2)), 1e-4 * first.rmse_flow_**2)
+    weight = lack_of_fit / (lack_of_fit + known**2) if lack_of_fit > 0.0 else np.ones_like(known)
     return Bipolynomial(domain).fit(X, points.flow, weight, groups=points.test)
 
 

@@ -13,6 +13,10 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 SHARED = REPOSITORY.parent / "shared"
 MOST_MEMORY_MB = 2500.0
 
+# The workers of pytest keep the cores busy: processes that a test starts besides would each load
+# the package, and what jax has compiled, again. A test of several processes sets their number.
+os.environ.setdefault("SYSID_JOBS", "1")
+
 RIG_TEXT = """\
 [rig]
 name = "arm"

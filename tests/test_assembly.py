@@ -50,7 +50,7 @@ def test_static_friction_that_no_test_shows_is_coulomb_friction_and_said(bundled
     p = model_from_bundle(bundle, bundled.rig).parameters
     assert p.static_effort == p.coulomb_effort == bundle.friction.coulomb_nm.value
     (notice,) = assumed_parameters(bundle)
-    assert "static_nm is not identified: the model takes coulomb_nm" in notice
+    assert "static_nm is not identified: the model uses coulomb_nm" in notice
 
 
 def test_friction_tests_that_suffice_leave_the_motion_logs_alone(bundled: Campaign) -> None:

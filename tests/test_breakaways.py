@@ -29,7 +29,7 @@ from sysid.plant import plant
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.effects.friction import SealFriction, StictionAfterRest
 from sysid.plant.ports import Model
-from sysid.search.misfit import Channel
+from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
 EXPONENTIAL = ("stiction-after-rest", "exponential", 1.0)
@@ -67,7 +67,8 @@ def seen(traces: Traces, rig: Rig, model: Model) -> Projected:
 def best_form(base: Projected, forms: list[Candidate]) -> tuple[CatalogueEffect, float]:
     """The form that explains most as it is screened, and by how much it lowers the squares."""
     channels = tuple(
-        Channel(len(base.frame.windows[name]), 1e9, 1.0, float(len(base.rest))) for name in CHANNELS
+        ResidualChannel(len(base.frame.windows[name]), 1e9, 1.0, float(len(base.rest)))
+        for name in CHANNELS
     )
     some = screened(base, forms, channels, Book())
     alone = some.columns.proposals([(f,) for f in range(len(some.forms))])

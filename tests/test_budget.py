@@ -291,6 +291,13 @@ def diagnosed(campaign: Path, folder: Path, budget: str, capsys: Any) -> dict[st
     return printed
 
 
+@pytest.fixture
+def two_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They share a budget of processor time: how far it leads depends on their number."""
+    monkeypatch.setenv(VARIABLE, "2")
+
+
+@pytest.mark.usefixtures("two_processes")
 def test_the_bundled_campaign_is_not_called_unexplained(tmp_path: Path, capsys: Any) -> None:
     printed = diagnosed(BUNDLED, tmp_path, "0.1", capsys)
     assert printed["verdict"] == "incomplete" and printed["because"] is None
@@ -311,6 +318,7 @@ def lagging(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.usefixtures("two_processes")
 @pytest.mark.parametrize("budget", ["0.1", "5"])
 def test_a_rig_with_a_lag_gets_a_verdict(budget: str, lagging: Path, capsys: Any) -> None:
     printed = diagnosed(lagging / "campaign.toml", lagging, budget, capsys)

@@ -22,7 +22,8 @@ from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.registry import AXIS as KIND
 from sysid.diagnosis.bench.selection import Attempt, Selection, select, simplest
-from sysid.diagnosis.bench.unexplained import LEAST_SHARE, curves
+from sysid.diagnosis.bench.unexplained import curves
+from sysid.diagnosis.lack_of_fit import LEAST_SHARE
 from sysid.diagnosis.result import Diagnosis
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
@@ -280,6 +281,8 @@ def test_an_axis_at_rest_is_refused() -> None:
 
 # --- waves over the position -------------------------------------------------------------
 
+RIPPLES = ("torque-ripple", "gear-mesh-ripple")
+
 
 def short(*effects: str, spring: float = 0.0, scale: float = 0.35) -> Selection:
     """What of these is found on a stroke of 43 mm (and less)."""
@@ -289,24 +292,43 @@ def short(*effects: str, spring: float = 0.0, scale: float = 0.35) -> Selection:
 
 def test_a_ripple_has_a_period_within_the_stroke() -> None:
     """A slope is no ripple: less than a period fits any curve of low order."""
-    ripples = ("torque-ripple", "gear-mesh-ripple")
-    found = short(*ripples, spring=2000.0)
+    found = short(*RIPPLES, spring=2000.0)
     part = found.base.component
     assert 0.03 < part.travel < 0.05
-    for name in ripples:
+    for name in RIPPLES:
         (wave,) = (q for q in part.quantities_of(CATALOGUE[name]) if q.is_wave)
         assert (
             wave.lower == pytest.approx(2.0 * np.pi / part.travel) and min(wave.grid) >= wave.lower
         )
         fitted = fit_law(part, [CATALOGUE[name]], range(len(part.tests)))
         assert getattr(fitted.law.effects[0], wave.name) >= wave.lower
-    assert short(*ripples, "cable-spring", spring=2000.0).additions[0].id == "cable-spring"
+    assert short(*RIPPLES, "cable-spring", spring=2000.0).additions[0].id == "cable-spring"
+
+
+def test_a_ripple_is_searched_up_to_what_the_sampling_resolves() -> None:
+    """Of a stroke shorter than the catalogue's shortest wave; a fine wave is found."""
+    part = short("cable-spring", scale=0.01).base.component
+    (wave,) = (q for q in part.quantities_of(CATALOGUE["torque-ripple"]) if q.is_wave)
+    assert wave.lower == pytest.approx(2.0 * np.pi / part.travel)
+    assert wave.upper == pytest.approx(np.pi / part.spacing)
+    number = 2.0 * np.pi / 0.0012
+
+    def rippled(seed: int) -> Trial:
+        trial = imposed(seed, plain, scale=0.02)
+        force = trial["motor_force_n"] - 8.0 * np.cos(number * trial["position_m"])
+        return replace(trial, channels={**trial.channels, "motor_force_n": force})
+
+    found = select(axis([rippled(s) for s in (1, 2, 3)], RIG), {k: CATALOGUE[k] for k in RIPPLES})
+    assert found.additions[0].id == "gear-mesh-ripple"
+    effect = found.final.law.effects[0]
+    assert getattr(effect, "mesh_wave_per_rad") == pytest.approx(number, rel=0.01)  # noqa: B009
+    assert getattr(effect, "mesh_cosine_nm") == pytest.approx(8.0, rel=0.1)  # noqa: B009
 
 
 def test_a_stroke_too_short_for_any_period_has_no_ripple() -> None:
-    found = short("torque-ripple", "cable-spring", scale=0.01)
-    assert found.looked.screened == ("cable-spring",)
-    forms = candidates(CATALOGUE.values(), travel=found.base.component.travel)
+    travel = 0.001
+    assert CATALOGUE["torque-ripple"].within(travel) is None
+    forms = candidates(CATALOGUE.values(), travel=travel)
     ids = {form.id for form in forms}
     assert not ids & {"torque-ripple", "gear-mesh-ripple"} and "cable-spring" in ids
     waves = {
@@ -365,6 +387,17 @@ def test_what_repeats_over_two_quantities_together_is_unexplained() -> None:
     (rest,) = found.remainder
     assert rest.repeatable > 2.0
     assert found.unexplained[0].share == rest.share
+
+
+def test_a_ripple_finer_than_a_dozen_bins_is_not_taken_for_noise() -> None:
+    """The sensors are quiet: what changes within the residual is no noise of theirs."""
+    found = verdict_on([plain] * 6, lambda trial: 8.0 * np.sin(trial["position_m"] / 0.0013))
+    assert found.verdict == "unexplained" and found.because == "structure"
+    assert found.unexplained[0].regressor == "position" and found.unexplained[0].share > 0.5
+    error = found.residual["motor_force_n"]
+    assert error.noise_floor < 0.3 * error.after
+    (rest,) = found.remainder
+    assert rest.regressors == ("position",)
 
 
 def test_friction_that_scatters_from_test_to_test_is_no_structure() -> None:

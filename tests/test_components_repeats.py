@@ -113,6 +113,9 @@ class Line(Component):
     def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
         return {"x": np.concatenate([self.x[t] for t in tests])}
 
+    def noise_floor(self, law: Law) -> float:
+        return NOISE
+
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         return Parts()
 

@@ -267,7 +267,7 @@ def test_a_test_without_a_discharge_is_left_out() -> None:
     part = tank([empty, *full], rig())
     assert len(part.tests) == len(full)
     (line,) = part.left_out
-    assert line.startswith("left out: tank 10: c_dis is not identified")
+    assert line.startswith("excluded: tank 10: c_dis is not identified")
     with pytest.raises(NotIdentifiedError, match="tank 10: c_dis"):
         tank([empty], rig())
 

@@ -160,7 +160,7 @@ def test_a_slip_in_the_rig_file_is_named(
     lines = check_consistency(read_campaign(tmp_path / "campaign.toml"))
     assert any(re.search(said, line) for line in lines), lines
     for line in lines:
-        assert "or an effect that the diagnosis looks for" in line
+        assert "or an effect that the diagnosis tests" in line
         assert len(re.findall(r"\([\d.e-]+ to [\d.e-]+\)", line)) >= 1
 
 

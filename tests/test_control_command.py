@@ -253,7 +253,7 @@ REFUSED: dict[str, tuple[Change, str, int, str]] = {
         lambda b: b["valves"].pop("b"), "", 3, "valves.b.discrete is missing, which a controller"
     ),
     "a motor alone": (
-        _motor_alone, "", 3, "the rig is a motor alone, and closed loops are of a cylinder"
+        _motor_alone, "", 3, "the rig is a motor alone, and a closed loop needs a cylinder"
     ),
     "no surfaces": (lambda b: None, "--inverse ann", 3, "holds no ann surfaces"),
     "no motor": (lambda b: b["rig"].pop("motor"), "", 2, "[motor] is missing, which mode hybrid"),
@@ -313,7 +313,7 @@ def test_options_that_do_not_fit(words: str, said: str, capsys: pytest.CaptureFi
         ("pva --no-estimate-payload", "does not go with pva; use it with dvmpc or backstepping"),
         ("dvmpc --horizon 0", "horizon 0: is out of range; give 1 to 200 ticks"),
         ("dvmpc --varying-input --horizon 9", "with a varying input; give 11 to 200 ticks"),
-        ("dvmpc --estimate-payload", "the rig is horizontal, and a payload is estimated by"),
+        ("dvmpc --estimate-payload", "the rig is horizontal, and a payload is estimated from"),
     ],
 )
 def test_options_of_another_controller_are_refused(

@@ -217,7 +217,7 @@ def test_an_encoder_behind_a_flexible_link_shows_it_a_sample_at_a_time(on_link: 
 def test_a_pressure_that_would_be_early_is_on_time_and_the_run_says_so() -> None:
     run = runs_on(plant() + TimeSkew(-2e-3), 0.05)[0]
     np.testing.assert_array_equal(run.measured_a, run.pressure_a)
-    assert any("time-skew makes a pressure early" in line for line in run.faults)
+    assert any("time-skew advances a pressure in time" in line for line in run.faults)
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ class _NumpyDelay(_Own):
 @pytest.mark.parametrize(
     ("effect", "words"),
     [
-        (_Smoothed(), "`measure` looks at several rows"),
+        (_Smoothed(), "`measure` uses several rows"),
         (_Branching(), "`sense` cannot be compiled"),
         (_Longer(), "`pulses` takes whole logs"),
         (_NumpyDelay(), "`delays` cannot be compiled"),

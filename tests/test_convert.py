@@ -44,7 +44,7 @@ def test_output_says_where_it_comes_from(tmp_path: Path) -> None:
         "# map: test=7 (constant)",
         "time_s,test,theta_rad",
     ]
-    assert report.notices == ("left out, not mapped: spare",)
+    assert report.notices == ("ignored, not mapped: spare",)
     assert report.tests == ("7",)
     assert json.loads(json.dumps(report.to_json()))["sources"][0]["sha256"] == digest
 

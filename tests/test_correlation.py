@@ -203,8 +203,8 @@ def test_an_older_bundle_has_none() -> None:
     ("spoilt", "message"),
     [
         ({"matrix": [[1.0, 0.5], [0.4, 1.0]]}, "not symmetric"),
-        ({"matrix": [[1.0, 1.5], [1.5, 1.0]]}, "beyond -1 to 1"),
-        ({"matrix": [[1.0, 10**400], [0.0, 1.0]]}, "beyond -1 to 1"),
+        ({"matrix": [[1.0, 1.5], [1.5, 1.0]]}, "outside -1 to 1"),
+        ({"matrix": [[1.0, 10**400], [0.0, 1.0]]}, "outside -1 to 1"),
         ({"matrix": [[0.9, 0.0], [0.0, 1.0]]}, "diagonal that is not 1"),
         ({"matrix": [[1.0, 0.5]]}, "not a matrix of 2 rows"),
         ({"matrix": [[1.0], [0.5, 1.0]]}, "not a matrix of 2 rows"),

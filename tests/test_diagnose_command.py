@@ -20,6 +20,7 @@ import sysid.commands.diagnose
 from datasets.generator.campaign import Size, drawn_effects, make_campaign
 from datasets.generator.files import write_campaign
 from datasets.generator.rigs import reference_rig
+from sysid.blocks.standing import drawn
 from sysid.commands.app import main
 from sysid.commands.diagnose import Diagnosed
 from sysid.diagnosis import content as findings
@@ -33,7 +34,6 @@ from sysid.diagnosis.refined import (
 )
 from sysid.diagnosis.result import Diagnosis
 from sysid.diagnosis.shown import diagnosis_section
-from sysid.document.standing import drawn
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
 from sysid.parameters import read_bundle

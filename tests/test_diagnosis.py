@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -38,7 +39,7 @@ from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected, projected
 from sysid.diagnosis.actuator.refit import Refit, own_columns, refit, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, windows
-from sysid.diagnosis.actuator.screened import Screened, screened
+from sysid.diagnosis.actuator.screened import Screening, screened
 from sysid.diagnosis.actuator.search import search
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
@@ -91,7 +92,7 @@ from sysid.plant.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDela
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import prepare_all
 from sysid.search.columns import Proposal
-from sysid.search.misfit import Channel
+from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray, no_progress
 
 SEED = 900
@@ -107,10 +108,14 @@ SILENT = SensorNoise((np.zeros(1), np.zeros(1), np.zeros(1)), np.zeros(3))
 Tests = list[tuple[str, str, Trial]]
 
 
+@lru_cache(maxsize=2)
 def made(
     *effects: tuple[str, str, float], scatter: float = 0.0, seed: int = SEED
 ) -> tuple[Tests, Rig, Model]:
-    """Tests to fit on of a generated rig, the rig as declared, and its true base model."""
+    """Tests to fit on of a generated rig, the rig as declared, and its true base model.
+
+    Whoever calls it leaves them as they are: the next one has the same.
+    """
     campaign: GeneratedCampaign = make_campaign(
         seed, size=LAB, stems=STEMS, scatter=scatter, effects=drawn_effects(seed, effects)
     )
@@ -436,17 +441,18 @@ def finder_of(first: Projected, null: Null, kinds: Sequence[type[CatalogueEffect
     return Finder(first, candidates([*kinds, *others]), null, Book(), no_progress)
 
 
-def one(some: Screened, name: str) -> int:
+def one(some: Screening, name: str) -> int:
     """The number of a form of an effect."""
     return next(f for f, form in enumerate(some.forms) if form.id == name)
 
 
 def squares_alone(
     base: Projected, kinds: Sequence[type[CatalogueEffect]]
-) -> tuple[Screened, list[Proposal]]:
+) -> tuple[Screening, list[Proposal]]:
     """Each form alone, by its squares: as if all that is left were noise."""
     channels = tuple(
-        Channel(len(base.frame.windows[name]), 1e9, 1.0, float(len(base.rest))) for name in CHANNELS
+        ResidualChannel(len(base.frame.windows[name]), 1e9, 1.0, float(len(base.rest)))
+        for name in CHANNELS
     )
     some = screened(base, candidates(kinds), channels, Book())
     return some, some.columns.proposals([(f,) for f in range(len(some.forms))])
@@ -603,7 +609,7 @@ def test_a_search_without_an_effect_does_not_work_out_what_is_known(
     fitted: list[frozenset[str]] = []
     screened_before, fit_before = finder_module.screened, finder_module.fit_set
 
-    def screen(base: Projected, forms: Sequence[Candidate], *others: Any) -> Screened:
+    def screen(base: Projected, forms: Sequence[Candidate], *others: Any) -> Screening:
         asked.append(frozenset(f.id for f in forms))
         return screened_before(base, forms, *others)
 

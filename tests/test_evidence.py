@@ -12,8 +12,8 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from sysid.search.columns import ODDS, Block, Columns, Proposal
-from sysid.search.misfit import FORM, Channel
+from sysid.search.columns import ODDS, Columns, FormColumns, Proposal
+from sysid.search.misfit import FORM, ResidualChannel
 from sysid.search.sets import best_sets, names_of
 from sysid.types import FloatArray
 
@@ -22,14 +22,16 @@ FREE = (-math.inf, math.inf)
 # --- a channel's cost --------------------------------------------------------------------
 
 CHANNELS = {
-    "noise": Channel(1000, 5.0, 2.0, 0.0),
-    "structured": Channel(1000, 5.0, 2.0, 1e6),
-    "one-draw": Channel(50, 1.0, 1e-3, 40.0),
+    "noise": ResidualChannel(1000, 5.0, 2.0, 0.0),
+    "structured": ResidualChannel(1000, 5.0, 2.0, 1e6),
+    "one-draw": ResidualChannel(50, 1.0, 1e-3, 40.0),
 }
 
 
 @pytest.mark.parametrize("channel", CHANNELS.values(), ids=CHANNELS)
-def test_the_cost_is_continuous_with_the_slope_that_a_square_counts_for(channel: Channel) -> None:
+def test_the_cost_is_continuous_with_the_slope_that_a_square_counts_for(
+    channel: ResidualChannel,
+) -> None:
     """Also where noise ends, and where what is left is as much as an effect's law may be off."""
     noise = channel.rows * channel.square
     edge = noise + channel.misfit * channel.square
@@ -66,11 +68,11 @@ def test_of_what_an_effect_explained_a_share_is_a_misfit_of_its_law() -> None:
     """Noise beside that counts for less than where there was nothing to explain."""
     rows, draws, square = 1000, 5.0, 2.0
     noise = rows * square
-    plain = Channel(rows, draws, square, noise)
-    lacking = Channel(rows, draws, square, noise + 1e6 * square)
+    plain = ResidualChannel(rows, draws, square, noise)
+    lacking = ResidualChannel(rows, draws, square, noise + 1e6 * square)
     assert plain.misfit == 0.0
     assert lacking.misfit == pytest.approx(FORM**2 * 1e6)
-    assert Channel(rows, draws, square, 0.5 * noise).misfit == 0.0
+    assert ResidualChannel(rows, draws, square, 0.5 * noise).misfit == 0.0
     edge = noise + lacking.misfit * square
     expected = 1.0 / (square * (1.0 + lacking.misfit / draws))
     np.testing.assert_allclose(lacking.weight(np.array([0.5 * noise, noise, edge])), expected)
@@ -100,7 +102,7 @@ def columns_of(
     """
     edges = np.cumsum([0, *(size for _, size in blocks)]).tolist()
     own = tuple(
-        Block(
+        FormColumns(
             name,
             range(low, high),
             np.full(high - low, bounds[0]),
@@ -113,7 +115,9 @@ def columns_of(
     )
     squares = np.array([float(rest @ rest) for rest in rests])
     channels = tuple(
-        Channel(len(rest), draws, 2.0 * power / len(rest) if square is None else square, power)
+        ResidualChannel(
+            len(rest), draws, 2.0 * power / len(rest) if square is None else square, power
+        )
         for rest, power in zip(rests, squares, strict=True)
     )
     return Columns(
@@ -152,7 +156,7 @@ def test_where_all_is_noise_the_evidence_is_that_of_normal_distributions() -> No
     assert [p.forms for p in found] == sets
     for proposal in found:
         own, expected = index_of(columns, proposal.forms), 0.0
-        # Channel by channel only the noise differs: the strengths are those of both.
+        # ResidualChannel by channel only the noise differs: the strengths are those of both.
         scaled = [
             np.column_stack([x[:, own], rest]) / math.sqrt(c.square)
             for x, rest, c in zip(parts, rests, columns.channels, strict=True)

@@ -256,7 +256,7 @@ def test_a_single_row_is_left_out(folder: Path) -> None:
     put(folder)
     log = si.read_log(folder / "log.csv", exclude=["1@0.01:0.2"])
     assert [t.label for t in log.trials] == ["1", "2"]
-    assert any("fewer than two rows are left there of test 1" in n for n in log.notices)
+    assert any("fewer than two rows of test 1 remain there" in n for n in log.notices)
 
 
 def test_a_component_of_ones_own(folder: Path) -> None:
@@ -319,7 +319,7 @@ def test_pulses_need_their_start() -> None:
     log = bundled("valve_pwm_a", "3@0:0.1", "4@0.1:0.2")
     found = fit_valve_pwm(log.trials, RIG, surface="bipolynomial")
     lines = [n for n in found.notices if "its start is excluded" in n]
-    assert len(lines) == 1 and "tests 3, 4 from 0.2 s: left out" in lines[0]
+    assert len(lines) == 1 and "tests 3, 4 from 0.2 s: excluded" in lines[0]
 
 
 def test_constants_of_a_bare_log_come_from_what_is_left(tmp_path: Path) -> None:
@@ -459,7 +459,7 @@ def test_provenance_and_report_list_it(friction: Path) -> None:
     assert content[1]["excluded"] == [{"test": "1"}]
     assert all(logs.values())
     page = (friction / "r.html").read_text()
-    rows = page.split("<caption>Excluded: used for nothing")[1].split("</table>")[0]
+    rows = page.split("<caption>Excluded, not used at all")[1].split("</table>")[0]
     assert "bumped &lt;the&gt; bench" in rows and "from 1 to 1.2 s" in rows and "201" in rows
     assert rows.count("<tr") == 4
 
@@ -487,7 +487,7 @@ def test_partial_fits_and_their_default_files(
     (record,) = bundle.provenance.logs
     assert record.excluded is not None and [e.test for e in record.excluded] == ["2", "1"]
     page = (friction / "friction_sliding.friction.report.html").read_text()
-    assert "Excluded: used for nothing" in page
+    assert "Excluded, not used at all" in page
     assert main(["fit", "friction", log, *UNWRITTEN, "--exclude", "99"]) == 2
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert said.startswith("sysid: error: --exclude 99: ") and "its tests are 1, 2, 3" in said

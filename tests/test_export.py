@@ -156,7 +156,7 @@ def test_the_mat_file_is_version_5_and_reproducible(bundle: Bundle, tmp_path: Pa
     assert data[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
 
 
-@pytest.mark.parametrize(("fmt", "word"), [("json", "null"), ("mat", "NaN"), ("c", "left out")])
+@pytest.mark.parametrize(("fmt", "word"), [("json", "null"), ("mat", "NaN"), ("c", "omitted")])
 def test_what_is_not_identified_is_said(
     content: dict[str, Any], tmp_path: Path, fmt: str, word: str
 ) -> None:

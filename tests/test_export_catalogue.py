@@ -7,8 +7,9 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
-from dataclasses import fields
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -82,37 +83,49 @@ def signatures(text: str, prefix: str) -> dict[str, list[str]]:
     return {name: [part.split()[-1] for part in inputs.split(",")] for name, inputs in found}
 
 
+@dataclass(frozen=True)
+class Headers:
+    """One header an effect in `folder`, and `all.c`, which loops over all their functions."""
+
+    folder: Path
+    effects: dict[str, CatalogueEffect]
+    signatures: dict[str, dict[str, list[str]]]
+
+
+def write_headers(folder: Path, seed: int | None) -> Headers:
+    """Export each effect at its size of this seed."""
+    headers = Headers(folder, {name: sized(name, seed) for name in STATELESS}, {})
+    lines = []
+    for k, name in enumerate(STATELESS):
+        prefix, path = f"e{k}_", folder / f"e{k}.h"
+        bundle = bundle_with([headers.effects[name]])
+        export_bundle(bundle, path, "c", prefix=prefix, check=False)
+        headers.signatures[name] = signatures(path.read_text(), prefix)
+        lines.append(f'#include "{path.name}"')
+        lines += [
+            _loop(f"{prefix}{function}", arguments)
+            for function, arguments in headers.signatures[name].items()
+        ]
+    (folder / "all.c").write_text("\n".join(lines) + "\n")
+    return headers
+
+
 class Library:
     """The functions of one header an effect, all in one shared library."""
 
-    def __init__(
-        self, folder: Path, real: str = "double", command: str = "gcc", seed: int | None = None
-    ) -> None:
-        self.signatures: dict[str, dict[str, list[str]]] = {}
-        self.effects = {name: sized(name, seed) for name in STATELESS}
-        lines = []
-        for k, name in enumerate(STATELESS):
-            prefix, path = f"e{k}_", folder / f"e{k}.h"
-            bundle = bundle_with([self.effects[name]])
-            export_bundle(bundle, path, "c", prefix=prefix, check=False)
-            text = path.read_text()
-            self.signatures[name] = signatures(text, prefix)
-            lines.append(f'#include "{path.name}"')
-            lines += [
-                _loop(f"{prefix}{function}", arguments)
-                for function, arguments in self.signatures[name].items()
-            ]
-        (folder / "all.c").write_text("\n".join(lines) + "\n")
+    def __init__(self, headers: Headers, real: str = "double", command: str = "gcc") -> None:
+        self.signatures, self.effects = headers.signatures, headers.effects
+        output = f"all-{command}-{real}.so"
         options = [*STRICT, f"-DSYSID_REAL={real}", "-shared", "-fPIC", "all.c", "-lm"]
         made = subprocess.run(
-            [compiler(command), *options, "-o", "all.so"],
-            cwd=folder,
+            [compiler(command), *options, "-o", output],
+            cwd=headers.folder,
             capture_output=True,
             text=True,
             check=False,
         )
         assert made.returncode == 0, made.stderr[:3000]
-        self._library = ctypes.CDLL(str(folder / "all.so"))
+        self._library = ctypes.CDLL(str(headers.folder / output))
 
     def __call__(self, effect: str, function: str, values: dict[str, FloatArray]) -> FloatArray:
         k, out = STATELESS.index(effect), np.empty(N)
@@ -130,14 +143,32 @@ def _loop(name: str, arguments: list[str]) -> str:
     return f"{head};\n{head}\n{{ int i; {body} }}"
 
 
-@pytest.fixture(scope="module", params=[None, 7], ids=["usual", "any"])
-def library(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Library:
-    return Library(tmp_path_factory.mktemp("double"), seed=request.param)
+Built = Callable[[int | None, str, str], Library]
 
 
 @pytest.fixture(scope="module")
-def single(tmp_path_factory: pytest.TempPathFactory) -> Library:
-    return Library(tmp_path_factory.mktemp("float"), "float")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
+    """Libraries by seed, precision and compiler: each is exported and compiled once."""
+
+    @cache
+    def headers(seed: int | None) -> Headers:
+        return write_headers(tmp_path_factory.mktemp("headers"), seed)
+
+    @cache
+    def library(seed: int | None, real: str, command: str) -> Library:
+        return Library(headers(seed), real, command)
+
+    return library
+
+
+@pytest.fixture(scope="module", params=[None, 7], ids=["usual", "any"])
+def library(built: Built, request: pytest.FixtureRequest) -> Library:
+    return built(request.param, "double", "gcc")
+
+
+@pytest.fixture(scope="module")
+def single(built: Built) -> Library:
+    return built(None, "float", "gcc")
 
 
 def inputs(seed: int, edges: float = 0.1) -> dict[str, FloatArray]:
@@ -257,10 +288,10 @@ def test_an_effect_in_single_precision(single: Library, effect: str) -> None:
 
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 @pytest.mark.parametrize("real", ["double", "float"])
-def test_every_law_compiles_without_a_warning(name: str, real: str, tmp_path: Path) -> None:
+def test_every_law_compiles_without_a_warning(name: str, real: str, built: Built) -> None:
     if shutil.which(name) is None:
         pytest.skip(f"no {name}: the C header is not compiled by it")
-    Library(tmp_path, real, name)
+    assert built(None, real, name).signatures
 
 
 @pytest.mark.parametrize("effect", sorted(CHANGED_CONSTANTS))

@@ -15,10 +15,10 @@ import pytest
 from golden_folder import golden_bundle
 from rich.text import Text
 
+from sysid.blocks.html import fill
 from sysid.blocks.terminal import console, new_table
 from sysid.commands.app import main
 from sysid.diagnosis.bench import axis
-from sysid.document.html import fill
 from sysid.errors import InputError, one_line
 from sysid.io.conversion import convert
 from sysid.io.foreign.table import ForeignTable, take_names

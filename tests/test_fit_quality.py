@@ -281,7 +281,7 @@ def test_a_valve_whose_pressure_does_something_else_is_exit_3(
     ]
     assert main([*words, "--rig", str(BUNDLED / "rig.toml")]) == 3
     said = capsys.readouterr().err
-    assert "of the pressure while discharging" in said and "look for a wrong unit" in said
+    assert "of the pressure while discharging" in said and "check for a wrong unit" in said
     assert not written.exists()
 
 

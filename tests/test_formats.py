@@ -112,7 +112,7 @@ def test_mdf_samples_marked_invalid_are_left_out(tmp_path: Path) -> None:
     assert_array_equal(found.columns["phi"], ANGLE_DEG[~invalid])
     expect_clock(found, "phi", TIME[~invalid])
     assert len(found.columns["P1"]) == SAMPLES
-    assert any("invalid are left out: 2 of phi" in notice for notice in found.notices)
+    assert any("invalid are omitted: 2 of phi" in notice for notice in found.notices)
 
 
 # --- MCAP ---------------------------------------------------------------------------------------
@@ -694,7 +694,7 @@ def bombed_bag(path: Path) -> None:
         ("b.mcap", lambda p: packed_mcap(p, 1000, 1 << 28), "a chunk unpacks to more than"),
         ("a.mf4", lambda p: large_mdf(p, 1 << 40), "more than the 100,000,000 cells"),
         ("b.mf4", lambda p: large_mdf(p, 10_000), "fewer samples than it says"),
-        ("c.mf4", ringed_mdf, "lead round in a ring"),
+        ("c.mf4", ringed_mdf, "form a loop"),
         ("a.npz", lambda p: npz_of(p, "(1000000000,)"), "more than the 100,000,000 cells"),
         ("b.npz", lambda p: npz_of(p, "(1000,)"), "damaged or not a numpy file"),
         ("a.bag", bombed_bag, "a chunk unpacks to more than"),

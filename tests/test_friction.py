@@ -439,7 +439,7 @@ def test_tests_of_one_number_in_two_files_are_told_apart() -> None:
     ways.append(Trial("1", short.time[rows], cut, "second.csv, test 1"))
     ways[0] = dataclasses.replace(ways[0], label="1", source="first.csv, test 1")
     result = fit_friction(ways, RIG, kind="static")
-    assert any(line.startswith("test 1 of second.csv: left out") for line in result.notices)
+    assert any(line.startswith("test 1 of second.csv: excluded") for line in result.notices)
 
 
 def test_motion_in_one_direction_does_not_identify_coulomb_friction() -> None:
@@ -536,7 +536,7 @@ def test_a_spring_along_the_stroke_is_in_constant_effort_tests_alone(seed: int) 
     assert result["coulomb_nm"].value == pytest.approx(
         tests.truth["friction"]["coulomb_nm"], rel=0.12
     )
-    said = next(line for line in result.notices if "which is no friction" in line)
+    said = next(line for line in result.notices if "which cannot be friction" in line)
     assert "viscous_nm_s_per_rad = -" in said
     assert all(use.reason for use in result.trials if use.kind == "friction-sliding")
 

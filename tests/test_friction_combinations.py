@@ -126,7 +126,7 @@ def test_every_test_is_accounted_for() -> None:
     counted = sum(int(line.split(" of ")[1].split()[0]) for line in lines)
     assert counted == len(given)
     text = " ".join(lines)
-    assert "1 left out (test stalled)" in text and "short.csv" in text
+    assert "1 excluded (test stalled)" in text and "short.csv" in text
     assert all(use.to_json()["test"] for use in result.trials)
 
 

@@ -155,7 +155,7 @@ class Push(StaticComponent):
             GOOD,
             '/ values["mass_kg"]',
             '* jnp.sqrt(jnp.abs(values["mass_kg"] - 2.0))',
-            "class Cart: its simulation has no finite slope by mass_kg at its starts; start",
+            "class Cart: its simulation has no finite derivative by mass_kg at its starts; start",
         ),
     ],
 )

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import joblib
 import pytest
 
 from sysid.commands.app import main
@@ -129,6 +130,11 @@ def test_a_pool_of_the_users_own_is_left_alone(monkeypatch: pytest.MonkeyPatch) 
         assert pool.apply_async(process_number, (0,)).get(30.0) == number
 
 
+def test_without_a_number_of_jobs_every_core_has_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    assert job_count() == joblib.cpu_count()
+
+
 @pytest.mark.parametrize("text", ["0", "-1", "two", "1e3", "9" * 30])
 def test_a_bad_number_of_jobs_is_refused(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, text)
@@ -143,7 +149,7 @@ def test_the_command_line_bounds_every_command(
     assert main(["effects", "--jobs", "3"]) == 0
     assert job_count() == 3
     assert main(["--jobs=none", "effects"]) == 2
-    assert "--jobs: 'none' is no number of processes" in capsys.readouterr().err
+    assert "--jobs: 'none' is not a number of processes" in capsys.readouterr().err
     assert main(["effects", "--jobs"]) == 2
 
 

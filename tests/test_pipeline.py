@@ -115,7 +115,7 @@ def test_what_nobody_asked_for_is_counted_and_shown_with_v(
     assert first.unasked and set(first.unasked) < set(first.notices)
     show_run(first, as_json=False)
     short = capsys.readouterr().err
-    assert f"{len(first.unasked)} notices on what the exports leave out" in short
+    assert f"{len(first.unasked)} notices on what the exports omit" in short
     assert not any(line in short for line in first.unasked)
     show_run(first, as_json=False, verbose=True)
     whole = capsys.readouterr()
@@ -129,14 +129,14 @@ def test_notices_of_one_kind_are_one_with_their_count(capsys: pytest.CaptureFixt
         [
             "valve A: no test above duty 0.74",
             "valve B: no test above duty 0.98",
-            "runs/b.csv, tests 45, 46: left out",
-            "other.csv, tests 3, 4: left out",
+            "runs/b.csv, tests 45, 46: excluded",
+            "other.csv, tests 3, 4: excluded",
             "another thing",
         ]
     )
     assert capsys.readouterr().err.splitlines() == [
         "sysid: notice: valve A: no test above duty 0.74 (and 1 more like it: -v shows them)",
-        "sysid: notice: runs/b.csv, tests 45, 46: left out (and 1 more like it: -v shows them)",
+        "sysid: notice: runs/b.csv, tests 45, 46: excluded (and 1 more like it: -v shows them)",
         "sysid: notice: another thing",
     ]
 
@@ -173,7 +173,7 @@ def test_a_quick_diagnosis_says_what_it_left_out_and_is_made_anew(
 
     monkeypatch.setattr("sysid.pipeline.run.diagnose", stop)
     whole = PipelineRun(read, tmp_path, replace(asked, quick=False), inputs)
-    assert perform(whole, stage).why == "a first look with --quick"
+    assert perform(whole, stage).why == "a quick diagnosis (--quick)"
 
 
 def test_a_first_run_does_every_stage(first: RunReport) -> None:

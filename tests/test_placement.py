@@ -45,7 +45,7 @@ def test_a_jax_without_the_processor_is_an_error_that_says_so(
     monkeypatch.setattr(jax_setup.jax, "local_devices", none)
     jax_setup._processor.cache_clear()
     try:
-        expected = pytest.raises(InputError, match="JAX_PLATFORMS: leaves out the processor")
+        expected = pytest.raises(InputError, match="JAX_PLATFORMS: excludes the processor")
         with expected, jax_setup.on_processor():
             pass
     finally:

@@ -244,9 +244,9 @@ def test_a_bundle_simulates_as_its_model(namespace: dict[str, Any]) -> None:
 def test_what_is_no_test_is_said(namespace: dict[str, Any]) -> None:
     log, bundle = namespace["log"], namespace["bundle"]
     rig = namespace["campaign"].rig
-    with pytest.raises(si.InputError, match=r"DataFrame is no log, .* si\.read_log"):
+    with pytest.raises(si.InputError, match=r"DataFrame is neither a log nor .* si\.read_log"):
         si.simulate(log.frame, bundle, rig)
-    with pytest.raises(si.InputError, match="str is no log"):
+    with pytest.raises(si.InputError, match="str is neither a log"):
         si.simulate("run.csv", bundle)
     runs = si.simulate(log.trials[:1], bundle.model(), rig)
     assert runs[runs[0].label] is runs[0]

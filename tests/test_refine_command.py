@@ -386,7 +386,7 @@ def test_numbers_that_make_up_for_what_the_model_lacks_are_said_to_do_so(
     """With the inertia kept at its wrong value the whole tests are simulated worse."""
     wrong = run_command(made.arguments("--fix", "valves.a", "--fix", "valves.b", "--json"))
     assert content["longest_segment_s"] > 2.0
-    assert "times worse: they make up for what the model lacks" in wrong.err
+    assert "times worse: they compensate for what the model lacks" in wrong.err
     assert "worse" not in refined[0].err
     found = {p["name"]: p["after"] for p in json.loads(wrong.out)["parameters"]}
     right = {p["name"]: p["after"] for p in content["parameters"]}

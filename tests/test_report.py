@@ -21,10 +21,9 @@ from golden_folder import golden_bundle
 from page_boxes import box_faults
 from part_reports import PART_NAMES, write_part_report
 
-from sysid.blocks import numbers
+from sysid.blocks import numbers, standing, svg
 from sysid.blocks.tables import Table
 from sysid.checks.log_check import check_log
-from sysid.document import standing, svg
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign
@@ -37,7 +36,7 @@ from sysid.parameters.valves import PwmDirections
 from sysid.pipeline.pages import concerns
 from sysid.pipeline.pages.campaign import _json, render_report, write_report
 from sysid.pipeline.pages.interactive import packed
-from sysid.pipeline.pages.next_steps import left_open, next_section
+from sysid.pipeline.pages.next_steps import next_section, open_questions
 from sysid.pipeline.pages.opening import _table, verdict
 from sysid.valve_pwm import ValvePwmFit
 
@@ -375,7 +374,7 @@ def test_the_refinement_is_told_whole(made: Made) -> None:
     text = section_text(made.html, "refinement")
     assert "4 parameters were estimated together" in text and "over 30 segments" in text
     assert "did not converge: it stalled after 41 simulations" in text
-    assert "2 further segments are left out" in text
+    assert "2 further segments are excluded" in text
     assert "2.1 % for sliding and 3.4 % for static friction" in text
     assert "of friction.static_nm they say less than what was known before" in text
     assert "hardly distinguish: friction.coulomb_nm and friction.static_nm (−0.93)" in text
@@ -455,12 +454,12 @@ def test_a_motor_alone_has_no_valves() -> None:
 
 def test_nothing_is_left_open_only_where_it_was_looked() -> None:
     found = {"verdict": "adequate"}
-    assert left_open(found, is_validated=True) == "nothing was left open"
-    assert left_open(None, is_validated=True) == "run sysid diagnose"
-    assert left_open(None, is_validated=False) == "run sysid validate and sysid diagnose"
-    assert left_open(found | {"component": "tank"}, is_validated=False) == "nothing was left open"
+    assert open_questions(found, is_validated=True) == "no open question"
+    assert open_questions(None, is_validated=True) == "run sysid diagnose"
+    assert open_questions(None, is_validated=False) == "run sysid validate and sysid diagnose"
+    assert open_questions(found | {"component": "tank"}, is_validated=False) == "no open question"
     skipped = {"skipped": "no motion log"}
-    assert left_open(skipped, is_validated=True) == "add the tests that the diagnosis needs"
+    assert open_questions(skipped, is_validated=True) == "add the tests that the diagnosis needs"
 
 
 def test_provenance_holds_every_checksum(made: Made) -> None:

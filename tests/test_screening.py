@@ -17,13 +17,13 @@ from sysid.diagnosis.actuator.signatures import Candidate, candidates
 from sysid.diagnosis.looked import Book
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.friction import QuadraticDrag, SealFriction
-from sysid.search.misfit import Channel
+from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
 ROWS = 400
 KINDS = [kind for kind in catalogue().values() if not kind.averaged_only]
 # So little noise, and so many draws of a misfit, that what is left alone counts.
-EXACT = tuple(Channel(ROWS // len(CHANNELS), 1e30, 1e-12, 0.0) for _ in CHANNELS)
+EXACT = tuple(ResidualChannel(ROWS // len(CHANNELS), 1e30, 1e-12, 0.0) for _ in CHANNELS)
 
 
 def rows(name: str) -> slice:

@@ -116,14 +116,14 @@ def test_a_table_says_the_same_as_the_text() -> None:
         ("0..10..20 -> 0..1 bar", "has no two numbers in '0..10..20'"),
         ("0 -100 -> 0..1 bar", "has no two numbers in '0 -100'"),
         ("0 V..10 A -> 0..1 bar", "has two units, V and A, on one side"),
-        ("0..100 psi -> 0.5..4.5 V", "wrong way round: .* write 0.5..4.5 V -> 0..100 psi"),
+        ("0..100 psi -> 0.5..4.5 V", "reversed: .* write 0.5..4.5 V -> 0..100 psi"),
         ("0..10 V -> 0..10", "values 0 to 10 have no unit; write it behind them"),
         ("0..10 V -> 0..10 V", "'V' is a voltage, not a pressure"),
         ("0..10 V -> 0..10 barr", "'barr' is not a known unit; did you mean bar?"),
         ("0..10 foo -> 0..10 bar", "'foo', of the readings, is not a known unit"),
         ("0..10 V -> 0..1,000 bar", "1,000 .* may be grouped or a decimal; write 1000 or 1.000"),
-        ("0..1e999 -> 0..10 bar", "1e999 is no end of a range"),
-        ("0..10 -> 0..1e99999999 bar", "1e99999999 is no end of a range"),
+        ("0..1e999 -> 0..10 bar", "1e999 is not the end of a range"),
+        ("0..10 -> 0..1e99999999 bar", "1e99999999 is not the end of a range"),
         ("0..10 V -> 0..10 deg(g)", "is declared gauge, but a pressure|not a pressure"),
     ],
 )
@@ -144,8 +144,8 @@ def test_refused_in_one_line_with_the_fix(text: str, said: str) -> None:
         ({"column": "V", "from": "0..1", "to": [0, 1]}, "is not two numbers"),
         ({"column": "V", "from": [0, 1], "to": [0, 1]}, "have no unit"),
         ({"column": "V", "from": [1, 1], "to": [0, 1], "unit": "bar"}, "has no width"),
-        ({"column": "V", "from": [0, float("inf")], "to": [0, 1], "unit": "bar"}, "no end of a"),
-        ({"column": "V", "from": [0, 10**400], "to": [0, 1], "unit": "bar"}, "no end of a range"),
+        ({"column": "V", "from": [0, float("inf")], "to": [0, 1], "unit": "bar"}, "the end of a"),
+        ({"column": "V", "from": [0, 10**400], "to": [0, 1], "unit": "bar"}, "the end of a range"),
         ({"column": "V", "from": [0, 1], "to": [0, 1], "unit": "0..1 -> 0..1 bar"}, "of its own"),
         ({"column": "V", "units": "bar"}, "units is not a key .*; did you mean unit?"),
         ({"unit": "bar"}, "names no column"),
@@ -173,7 +173,7 @@ def test_a_wire_that_is_off_is_said_with_its_first_row_and_share(tmp_path: Path)
     volts[100:140] = 0.0
     said = converted(tmp_path, volts, "0.5..4.5 V -> 0..100 psi(g)")
     assert "line 102: V: 0 is the first of 40 readings of 400 (10 %) outside" in said
-    assert "range of 0.5 to 4.5 V: a wire off" in said
+    assert "range of 0.5 to 4.5 V: a broken wire" in said
 
 
 def test_readings_of_another_range_are_said(tmp_path: Path) -> None:

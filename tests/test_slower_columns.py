@@ -72,7 +72,7 @@ def test_a_measurement_lies_between_its_own_rows(tmp_path: Path, fill: str | Non
         return
     # No value lies beyond the last sample, and nothing is made up there.
     assert len(frame) == own[-1] + 1
-    assert "3 rows left out, in which x has no value" in told(report)
+    assert "3 rows omitted, in which x has no value" in told(report)
     assert frame["position_m"][own].tolist() == POSITION[own].tolist()
     np.testing.assert_allclose(
         frame["position_m"], np.interp(TIME[: own[-1] + 1], TIME[own], POSITION[own]), rtol=1e-12
@@ -85,7 +85,7 @@ def test_rows_before_the_first_sample_are_left_out(tmp_path: Path) -> None:
     report = convert(path, tmp_path / "o.csv", maps=MAPS)
     frame = log_of(tmp_path / "o.csv")
     assert frame["time_s"].iloc[0] == TIME[3]
-    assert "3 rows left out, in which u has no value" in told(report)
+    assert "3 rows omitted, in which u has no value" in told(report)
     assert "from line 2" in told(report)
 
 

@@ -19,6 +19,7 @@ from test_valve_pwm import make_rig, make_trials
 from sysid import valve_discrete, valve_pwm
 from sysid.blocks.sections import Plot, Section
 from sysid.checks.consistency import campaign as consistency
+from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.diagnose import _held_out
 from sysid.errors import (
     Failure,
@@ -233,7 +234,7 @@ def test_a_motion_log_with_a_gap_leaves_the_others(
     monkeypatch.setattr(Campaign, "read", without_rows)
     found = validate(some, fitted)
     assert {log.kind for log in found.logs} == {"motion-discrete"}
-    left_out = [n for n in found.notices if n.startswith("left out: ") and "no sample for" in n]
+    left_out = [n for n in found.notices if n.startswith("excluded: ") and "no sample for" in n]
     assert len(left_out) == sum(e.kind == "motion-motor" for e in some.logs)
     with pytest.raises(InputError, match="no sample for"):
         validate(only(bundled, "motion-motor"), fitted)
@@ -252,18 +253,22 @@ def test_a_valve_model_that_cannot_be_simulated_leaves_the_others(
     monkeypatch.setattr(open_loop, "_simulated", but_discrete)
     found = validate(only(bundled, "motion-pwm"), fitted)
     assert {log.model for log in found.logs} == {"averaged"}
-    said = "the discrete valve model is left out: it does not stay finite"
+    said = "the discrete valve model is excluded: it does not stay finite"
     assert said in found.notices
     with pytest.raises(NotIdentifiedError, match="does not stay finite"):
         validate(only(bundled, "motion-discrete"), fitted)
 
 
 def test_an_inertia_that_cannot_be_is_named(bundled: Campaign, fitted: Bundle) -> None:
+    """The rig file's stands in for it; a rig file without one leaves nothing to simulate with."""
     friction = fitted.friction
     assert friction is not None
     wrong = friction.replaced(inertia_kg_m2=Estimate.symmetric(-0.5, 0.2, "kg m2", 9.0))
+    spoilt = fitted.replaced(friction=wrong)
+    assert spoilt.model(bundled.rig).parameters.inertia == bundled.rig.total_inertia()
+    assert any("inertia_kg_m2 is -0.5 (-0.95" in n for n in assumed_parameters(spoilt))
     with pytest.raises(NotIdentifiedError, match=r"inertia is -0\.5 kg m2, which cannot be"):
-        fitted.replaced(friction=wrong).model(bundled.rig)
+        spoilt.model(dataclasses.replace(bundled.rig, inertia=None))
 
 
 @dataclasses.dataclass
@@ -272,6 +277,7 @@ class Held:
 
     channel: str = "motor_torque_nm"
     tests: tuple[str, ...] = ("1",)
+    further_errors_of = Component.further_errors_of
 
     def noise_floor(self, law: float) -> float:
         return 0.5
@@ -400,7 +406,7 @@ def test_a_verdict_that_cannot_be_worked_out_says_why(
 ) -> None:
     monkeypatch.setattr(page, "verdict", failing(ZeroDivisionError("division by zero")))
     html = render_report(campaign=only(bundled, "friction-static"), bundle=fitted)
-    assert "No verdict could be worked out" in html and '<section id="friction"' in html
+    assert "No verdict could be reached" in html and '<section id="friction"' in html
 
 
 @pytest.mark.parametrize("way", ["fill", "dis"])

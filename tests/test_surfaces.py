@@ -26,8 +26,8 @@ from sysid.surfaces import (
     thin_samples,
 )
 from sysid.surfaces.comparison import recommend
+from sysid.surfaces.holdout import group_folds, hold_out_groups
 from sysid.surfaces.inverse import flags_of, invert_quadratic, invert_rising
-from sysid.surfaces.left_out import group_folds, hold_out_groups
 
 # a1 to i1: rises with duty everywhere on [0, 1] x [1e5, 3e5] Pa.
 TRUE = np.array([-1e-4, 5e-10, -3e-15, 9e-4, -1.5e-9, 2e-15, 1e-4, 2e-10, -1e-15])

@@ -122,7 +122,7 @@ def test_a_heading_with_a_single_row_is_no_test(tmp_path: Path) -> None:
     (tmp_path / "rec.csv").write_text("t,q\n0,1\n1,2\nt,q\nt,q\n0,5\nt,q\n0,3\n1,4\n")
     report = convert(tmp_path / "rec.csv", tmp_path / "o.csv", maps=["time_s=t", "theta_rad=q"])
     assert log_of(tmp_path / "o.csv")["theta_rad"].tolist() == [1.0, 2.0, 3.0, 4.0]
-    assert any("1 test of a single row left out (in line 6)" in n for n in report.notices)
+    assert any("1 test of a single row omitted (in line 6)" in n for n in report.notices)
 
 
 @pytest.mark.parametrize(

@@ -554,7 +554,7 @@ def test_a_pressure_that_answers_before_the_command_gives_no_delay(rig: Rig) -> 
     fit = fit_quickly(late, rig).valves["a"]
     for name in DELAYS:
         assert not fit[name].identified
-        assert "answers before the command" in str(fit[name].reason)
+        assert "responds before the command" in str(fit[name].reason)
     for name in FLOWS:
         assert fit[name].value == pytest.approx(getattr(VALVE_A, name), rel=0.01)
 

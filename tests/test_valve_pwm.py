@@ -264,7 +264,7 @@ def test_gaps_shorter_than_half_a_pulse_period_are_bridged() -> None:
 
 
 def test_lost_rows_not_short_tests_are_named_where_few_means_are_left() -> None:
-    with pytest.raises(NotIdentifiedError, match="rows are lost or left out") as failure:
+    with pytest.raises(NotIdentifiedError, match="rows are missing or excluded") as failure:
         fit_valve_pwm(thinned(0.4), make_rig())
     assert "record longer" not in str(failure.value)
 

@@ -26,7 +26,7 @@ from golden_folder import BUNDLED
 from sysid.checks.log_check import check_log
 from sysid.commands.app import main
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.estimation.quality import CONTRADICTED, FitQuality, LeftOut
+from sysid.estimation.quality import CONTRADICTED, ExcludedData, FitQuality
 from sysid.friction import fit_friction
 from sysid.io.logs import Trial, read_log
 from sysid.io.rig import Inertia, Rig, read_rig
@@ -45,7 +45,7 @@ def rig() -> Rig:
 # --- what was left out --------------------------------------------------------------------
 
 
-def followed(*left_out: LeftOut, scatter: float | None = None, **more: object) -> FitQuality:
+def followed(*left_out: ExcludedData, scatter: float | None = None, **more: object) -> FitQuality:
     """A fit that misses 5 % of what it used."""
     found = FitQuality("effort", "N", 100, 0.05, 1.0, scatter=scatter, left_out=left_out)
     return dataclasses.replace(found, **more)  # type: ignore[arg-type]
@@ -54,16 +54,16 @@ def followed(*left_out: LeftOut, scatter: float | None = None, **more: object) -
 @pytest.mark.parametrize(
     ("out", "verdict"),
     [
-        (LeftOut("tests", 1, 14, 0, 0.9, 1.0), "good"),  # few
-        (LeftOut("samples", 40, 100, 0, 0.08, 1.0), "good"),  # the law predicts them
-        (LeftOut("samples", 40, 100, 0, 0.3, 1.0), "usable: 40 % of the samples are left out"),
-        (LeftOut("tests", 7, 14, 0, 0.9, 1.0), "poor: 7 of 14 tests are left out"),
-        (LeftOut("tests", 3, 14, 3), "good"),
-        (LeftOut("tests", 5, 14, 5), "usable: 5 of 14 tests are left out"),
-        (LeftOut("tests", 8, 14, 8), "poor: 8 of 14 tests are left out"),
+        (ExcludedData("tests", 1, 14, 0, 0.9, 1.0), "good"),  # few
+        (ExcludedData("samples", 40, 100, 0, 0.08, 1.0), "good"),  # the law predicts them
+        (ExcludedData("samples", 40, 100, 0, 0.3, 1.0), "usable: 40 % of the samples are excluded"),
+        (ExcludedData("tests", 7, 14, 0, 0.9, 1.0), "poor: 7 of 14 tests are excluded"),
+        (ExcludedData("tests", 3, 14, 3), "good"),
+        (ExcludedData("tests", 5, 14, 5), "usable: 5 of 14 tests are excluded"),
+        (ExcludedData("tests", 8, 14, 8), "poor: 8 of 14 tests are excluded"),
     ],
 )
-def test_what_was_left_out_counts(out: LeftOut, verdict: str) -> None:
+def test_what_was_left_out_counts(out: ExcludedData, verdict: str) -> None:
     found = followed(out)
     assert found.verdict.startswith(verdict) and (":" in found.verdict) == (":" in verdict)
     assert found.to_json()["left_out"] == [out.text]
@@ -71,7 +71,7 @@ def test_what_was_left_out_counts(out: LeftOut, verdict: str) -> None:
 
 
 def test_scatter_explains_what_was_left_out() -> None:
-    out = LeftOut("tests", 7, 14, 0, 0.3, 1.0)
+    out = ExcludedData("tests", 7, 14, 0, 0.3, 1.0)
     assert followed(out).verdict.startswith("usable")
     assert followed(out, scatter=0.28).verdict == "good"
 
@@ -95,7 +95,7 @@ def test_tests_that_the_law_does_not_explain_make_a_fit_poor() -> None:
     ]  # fmt: skip
     found = fit_friction([*tests, *moved], rig)
     quality = found.quality["friction-sliding"]
-    assert quality.verdict.startswith("poor: 4 of 16 tests are left out, with which the law misses")
+    assert quality.verdict.startswith("poor: 4 of 16 tests are excluded, with which the law misses")
     assert found.coulomb_nm.value == pytest.approx(0.208, rel=0.03)
 
 
@@ -373,7 +373,7 @@ def test_a_motion_given_to_the_fit_of_a_valve_says_so_at_once(rig: Rig) -> None:
     with pytest.raises(NotIdentifiedError) as error:
         fit_valve_pwm(read_log(BUNDLED / "motion_pwm.parquet", rig).trials, rig)
     text = str(error.value)
-    assert re.match(r"\S+motion_pwm.parquet, tests 1, 2, 3: left out: duty_a is not const", text)
+    assert re.match(r"\S+motion_pwm.parquet, tests 1, 2, 3: excluded: duty_a is not const", text)
     assert len(text) < 350
 
 

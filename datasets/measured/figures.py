@@ -1,6 +1,6 @@
-"""The figures of the measured sets' page, in the style of `sysid.document.svg`.
+"""The figures of the measured sets' page, in the style of `sysid.blocks.svg`.
 
-All functions are to be called within `sysid.document.svg.styled()`.
+All functions are to be called within `sysid.blocks.svg.styled()`.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from datasets.measured.findings import Errors
+from sysid.blocks import svg
 from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
+from sysid.blocks.svg import COLOUR
 from sysid.diagnosis.wording import regressor_name
-from sysid.document import svg
-from sysid.document.svg import COLOUR
 from sysid.io.units import CANONICAL_UNITS
 from sysid.types import FloatArray
 

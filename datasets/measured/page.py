@@ -1,7 +1,7 @@
 """The page of the measured sets: what each lacked, errors before and after, the remainder.
 
 It uses the frame, style, tables and figures of a campaign's report
-(`sysid.document`).
+(`sysid.blocks`).
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from datasets.measured.findings import (
     remains_text,
     repeats_of,
 )
+from sysid.blocks import svg
+from sysid.blocks.html import fill
 from sysid.blocks.numbers import MISSING, estimate_cells, number
 from sysid.blocks.sections import Block, FigureGroup, Heading, Lines, Section
 from sysid.blocks.tables import table
 from sysid.diagnosis.wording import joined, p_text, parameter_rows
-from sysid.document import svg
-from sysid.document.html import fill
 from sysid.estimation.linear import Estimate
 from sysid.io.files import write_atomic
 

@@ -10,7 +10,7 @@ from typing import Any
 from sysid.io.campaign import CampaignFile, LogEntry
 from sysid.io.declaration import ChoiceKey, NumberKey, declared_keys
 from sysid.io.rig_file import RIG_TABLES
-from sysid.io.units import CANONICAL_UNITS
+from sysid.io.units import LOG_COLUMNS
 
 _HEAD = "| key | unit | plausible | | meaning |\n| --- | --- | --- | --- | --- |\n"
 
@@ -32,35 +32,9 @@ def _default(value: Any) -> str:
     return "optional" if value is None else f"default `{value}`"
 
 
-_MEANINGS = {
-    "time_s": "strictly increasing within a test",
-    "test": "which test of this file the row belongs to, integer or text",
-    "pressure_a_pa": "pressure of chamber A",
-    "pressure_b_pa": "pressure of chamber B",
-    "supply_pressure_pa": "measured supply",
-    "theta_rad": "angle of the output shaft, 0 in the middle of the stroke",
-    "velocity_rad_per_s": "measured speed of the shaft; of single readings, the settled one",
-    "position_m": "position of a linear rig, 0 in the middle of the stroke",
-    "velocity_m_per_s": "measured speed of a linear rig",
-    "encoder_counts": "the encoder's reading in place of the position",
-    "valve_a": "on/off command of valve A: 1 connects the chamber to the supply, 0 to the exhaust",
-    "valve_b": "the same of valve B",
-    "duty_a": "PWM duty of valve A, 0 to 1",
-    "duty_b": "the same of valve B",
-    "motor_torque_nm": "torque of the motor at the output shaft",
-    "motor_force_n": "force of the motor, linear rigs",
-    "motor_volts": "the motor's command in place of its effort",
-    "pump_volts": "command of the pump that fills a tank",
-    "flow_a_kg_s": "settled flow through a valve",
-    "time_to_pressure_s": "time that filling or emptying took",
-    "pwm_period_s": "period of a reading's PWM",
-    "temperature_k": "ambient temperature",
-}
-
-
 def log_columns() -> str:
-    """The log format's columns; KeyError for one without a description."""
-    rows = [f"| `{n}` | {u or '-'} | {_MEANINGS[n]} |" for n, u in CANONICAL_UNITS.items()]
+    """The log format's columns."""
+    rows = [f"| `{n}` | {c.unit or '-'} | {c.meaning} |" for n, c in LOG_COLUMNS.items()]
     return "| column | unit | meaning |\n| --- | --- | --- |\n" + "\n".join(rows) + "\n"
 
 

@@ -83,6 +83,35 @@ def effort_gap(motion: ImposedMotion, model: Model) -> FloatArray:
     return motion.balanced.smooth(left / (scale if abs(scale) > _LEAST_SCALE else 1.0))
 
 
+def effort_noise(motion: ImposedMotion, model: Model) -> float:
+    """Standard deviation of what the sensors' noise leaves of `effort_gap`, Nm or N.
+
+    Of the motor's effort as logged, of the chambers' pressures (as declared in the rig file, else
+    as logged), and of the position, through the inertia's and viscous friction's shares.
+    """
+    own, balanced = motion.recording, motion.balanced
+    p = with_load(model.at(motion.point.time), own.load)
+    parts = [
+        float(np.max(p.inertia)) * balanced.acceleration_noise,
+        float(np.max(p.viscous)) * balanced.speed_noise,
+    ]
+    if own.has_motor:
+        stride = own.trial.stride_of(own.rig.effort_channel)
+        floor = signals.noise_floor(own.commanded, stride=stride)
+        parts.append(floor.after(balanced.noise_power))
+    cylinder = own.rig.cylinder
+    if cylinder is not None:
+        areas = {"pressure_a_pa": cylinder.area_a_m2, "pressure_b_pa": cylinder.area_b_m2}
+        for name, area in areas.items():
+            if name in own:
+                declared = own.rig.sensors.pressure_noise_pa
+                floor = signals.noise_floor(own[name])
+                floor = floor if declared is None else signals.NoiseFloor(declared, 0.0)
+                lever = area * cylinder.pitch_radius_m
+                parts.append(lever * floor.after(balanced.noise_power))
+    return math.hypot(*parts)
+
+
 def effort_rmse(recordings: Sequence[Recording], model: Model) -> float:
     """RMSE (Nm or N) of the effort along measured motions, pooled; NaN without rows."""
     squares, count = 0.0, 0
@@ -97,4 +126,11 @@ def _pressure(recording: Recording, channel: str, default: float) -> FloatArray:
     return recording[channel] if channel in recording else np.full(len(recording), default)
 
 
-__all__ = ["FASTEST_CUTOFF_HZ", "ImposedMotion", "effort_gap", "effort_rmse", "imposed_motion"]
+__all__ = [
+    "FASTEST_CUTOFF_HZ",
+    "ImposedMotion",
+    "effort_gap",
+    "effort_noise",
+    "effort_rmse",
+    "imposed_motion",
+]

@@ -23,11 +23,11 @@ _REST_SHARE = 0.5
 # With a quarter of its own filter, 12.5 ms at 20 Hz, a quadratic drag of an axis was missed.
 _SHORTEST_S = 1.0 / (signals.PER_LENGTH * signals.DEFAULT_CUTOFF_HZ)
 RULE = (
-    f"samples count where the filtered speed exceeds {REST_NOISE_TIMES:g} times its own noise; "
-    f"where it does not for at least {1000.0 * _SHORTEST_S:g} ms the shaft may "
-    "rest, its friction is anything up to static friction, and these samples are left out, with "
-    "the filter's length on either side; so are samples within 1 % of the stroke from an end and "
-    "the log's ends"
+    f"samples are used where the filtered speed exceeds {REST_NOISE_TIMES:g} times its own noise; "
+    f"where it does not for at least {1000.0 * _SHORTEST_S:g} ms the shaft may be "
+    "at rest, with friction anywhere up to static friction, and these samples are excluded, with "
+    "the filter's length on either side, as are samples within 1 % of the stroke from an end stop "
+    "and the ends of the log"
 )
 
 
@@ -79,7 +79,7 @@ class FilteredMotion:
 
     @cached_property
     def _noise(self) -> tuple[float, float]:
-        """From that of what was measured."""
+        """The noise (std) of the filtered channels, from that of the measured ones."""
         own = self.recording
         if own.speed_noise is None:
             measured = own.position_noise
@@ -87,6 +87,11 @@ class FilteredMotion:
         else:
             measured, gains = own.speed_noise, _noise_gains_of_speed(own.period, self.cutoff_hz)
         return measured.total * gains[0], measured.total * gains[1]
+
+    @property
+    def noise_power(self) -> float:
+        """Share of the variance of white noise that passes the filter."""
+        return _noise_power(self.recording.period, self.cutoff_hz)
 
     @property
     def rest_speed(self) -> float:
@@ -127,6 +132,15 @@ def default_cutoff(recording: Recording, highest_hz: float) -> float:
             break
         cutoff *= 0.5
     return cutoff
+
+
+@lru_cache(maxsize=32)
+def _noise_power(period: float, cutoff_hz: float) -> float:
+    """Variance of white noise after the filter, over that before it."""
+    half = 10 * signals.filter_length(period, cutoff_hz)
+    impulse = np.zeros(2 * half + 1)
+    impulse[half] = 1.0
+    return float(np.sum(signals.lowpass(impulse, period, cutoff_hz) ** 2))
 
 
 @lru_cache(maxsize=32)

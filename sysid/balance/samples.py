@@ -24,6 +24,8 @@ COULOMB, VISCOUS, OFFSET, INERTIA = range(4)
 _LEAST_SPAN = 1.5
 # Correlation of speed and load beyond which the two cannot be distinguished.
 _TIED = 0.6
+# Share of the samples of one direction beyond those of the other.
+_MOST_ONE_WAY = 0.98
 NAMES = ("coulomb", "viscous", "offset", "inertia")
 """The parameters whose columns the regressors are."""
 
@@ -105,6 +107,13 @@ def _about_reversals(
     since = np.abs(position - came_from[np.searchsorted(before, rows)])
     until = np.abs(position - goes_to[np.searchsorted(before, rows)])
     return np.asarray(since), np.asarray(until)
+
+
+def only_way(speed: FloatArray) -> float:
+    """The direction, 1 or -1, that speeds (n,) have, but for so few samples that they say nothing
+    of the other; 0 where they have both. What friction and an offset add to is one number then."""
+    mean = float(np.mean(np.sign(speed)))
+    return float(np.sign(mean)) if abs(mean) > _MOST_ONE_WAY else 0.0
 
 
 def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:

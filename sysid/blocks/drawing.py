@@ -1,6 +1,6 @@
 """Figures drawn with matplotlib: on the caller's axes, or on new ones.
 
-Matplotlib is imported when used. A page's print form (`sysid.document.svg`) draws with the same
+Matplotlib is imported when used. A page's print form (`sysid.blocks.svg`) draws with the same
 functions in different colours.
 """
 
@@ -256,7 +256,7 @@ def _scale(ax: Axes, name: str, axis: Scale) -> None:
 
 
 def _between_decades(value: float, low: float, high: float) -> str:
-    """What stands at a tick within a decade: 2 and 5 are named where there are few decades."""
+    """The label of a tick within a decade: 2 and 5 are labelled where there are few decades."""
     return number(value, 1) if high < 100.0 * low and f"{value:.0e}"[0] in "25" else ""
 
 
@@ -277,7 +277,7 @@ def _legend(ax: Axes, panel: Panel) -> None:
         ax.legend(loc="upper right", ncols=columns, columnspacing=0.8, handlelength=1.2)
     elif panel.legend == "over":
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=3)
-    elif panel.legend == "beside":
+    elif panel.legend == "right":
         ax.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     else:
         ax.legend(loc="best")

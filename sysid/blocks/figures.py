@@ -27,7 +27,7 @@ SMALL_PANEL = (2.62, 2.3)
 
 @dataclass(frozen=True)
 class Scale:
-    """What an axis shows, in a unit. `limits` are as the data have them where they are None.
+    """A quantity on an axis, with its unit. `limits` None: those of the data.
 
     `ticks`: places with their names, instead of round numbers. `linear_width` belongs to "asinh",
     an axis that is linear within it and logarithmic far beyond. `margin`: what stays free beyond
@@ -186,7 +186,7 @@ Mark = Line | Points | Band | Intervals | Bars | Rule | Span | ColourMap | Squar
 class Panel:
     """Marks over one pair of axes. `height` is relative to the other panels' of the figure.
 
-    `legend`: "best" hides no data, "above" has a row of its own in the panel, "beside" and "over"
+    `legend`: "best" hides no data, "above" has a row of its own in the panel, "right" and "over"
     are outside.
     `has_names`: rows carry their names inside, so that the y axis is not drawn.
     """
@@ -195,7 +195,7 @@ class Panel:
     y: Scale
     marks: tuple[Mark, ...]
     height: float = 1.0
-    legend: Literal["best", "above", "beside", "over", "none"] = "best"
+    legend: Literal["best", "above", "right", "over", "none"] = "best"
     has_names: bool = False
 
 

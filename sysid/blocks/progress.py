@@ -78,7 +78,7 @@ class _Stages:
 
     @property
     def total(self) -> float:
-        """Of all stages, s."""
+        """The expected duration of all stages, s."""
         return sum(self._expected.values())
 
     def enter(self, name: str) -> None:

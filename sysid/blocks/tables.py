@@ -91,7 +91,7 @@ class ComparedTable:
     kind: Literal["compared"] = "compared"
 
     def plain(self) -> Table:
-        """As a table of text: `ours / other (factor)`, a column's group before its name."""
+        """The table as text: `ours / other (factor)`, with a column's group before its name."""
         of = [name for name, width in self.groups for _ in range(width)] or [""] * len(self.columns)
         names = (f"{a}, {b}" if a else b for a, b in zip(of, self.columns, strict=True))
         rows = [
@@ -137,20 +137,46 @@ def record_table(caption: str, records: Sequence[Mapping[str, Any]]) -> Table:
     return table(caption, columns, rows)
 
 
-def estimate_table(caption: str, estimates: Mapping[str, Estimate]) -> Table:
-    """One row per estimate: value, standard error, unit and 95 % interval."""
+Reader = Literal["page", "print", "command"]
+# What a reader sees of an estimate: on a page, in `print` and notebooks, from a command.
+_SEEN: dict[Reader, tuple[str, ...]] = {
+    "page": ("Parameter", "Value", "Std. error", "95 % interval", "Unit"),
+    "print": ("parameter", "value", "std. error", "unit", "95 % interval"),
+    "command": ("parameter", "value", "95 % interval", "unit"),
+}
+
+
+def estimate_table(
+    caption: str,
+    estimates: Mapping[str, Estimate],
+    reader: Reader = "print",
+    *,
+    named: TableColumn | None = None,
+    more: tuple[TableColumn, Sequence[str]] | None = None,
+) -> Table:
+    """One row per estimate: value, standard error, unit and 95 % interval.
+
+    A command's are in SI, as the files have them, without the standard error. `named`: the
+    first column, where the rows are no parameters; `more`: a last one with its cells.
+    """
+    first, *seen = _SEEN[reader]
+    columns = [named or TableColumn(first, "text")]
+    # A command's units are set as its numbers are.
+    columns += [
+        TableColumn(name, "text" if name in ("Unit", "unit") and reader != "command" else "number")
+        for name in seen
+    ]
     rows = []
     for name, estimate in estimates.items():
-        value, std, interval, unit = estimate_cells(estimate)
-        rows.append((name, value, std, unit, interval))
-    columns = ("parameter", "value", "std. error", "unit", "95 % interval")
-    return table(caption, columns, rows, text=(3,))
-
-
-def parameter_table(caption: str, estimates: Mapping[str, Estimate]) -> Table:
-    """One row per estimate, in SI: value, 95 % interval and unit."""
-    rows = [(name, *si_cells(estimate)) for name, estimate in estimates.items()]
-    return table(caption, ("parameter", "value", "95 % interval", "unit"), rows)
+        value, std, interval, symbol = estimate_cells(estimate)
+        if reader == "command":
+            value, interval, symbol = si_cells(estimate)
+        cells = {"value": value, "std. error": std, "95 % interval": interval, "unit": symbol}
+        rows.append((name, *(cells[column.lower()] for column in seen)))
+    if more is not None:
+        columns.append(more[0])
+        rows = [(*row, last) for row, last in zip(rows, more[1], strict=True)]
+    return table(caption, columns, rows)
 
 
 def estimate_row(estimate: Estimate) -> tuple[str, str, str, str]:

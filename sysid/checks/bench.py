@@ -6,19 +6,13 @@ from collections.abc import Iterator, Sequence
 
 from sysid.checks.friction import Identification, bench_fit
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.channels import VALVE_COMMANDS
+from sysid.io.kinds import FRICTION_POINTS, KIND_BY_COLUMN
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 
-COLUMNS = {
-    "pump_volts": "tank",
-    "flow_a_kg_s": "valve-flow",
-    "time_to_pressure_s": "valve-time",
-}
-"""Columns that logs of one kind alone have."""
 _TANK, _VALVE = "tank", "valve_a"
-BENCH_LAWS = tuple(COLUMNS.values())
+BENCH_LAWS = tuple(KIND_BY_COLUMN.values())
 """Kinds of test that give a law of a tank or a valve."""
 
 
@@ -26,7 +20,7 @@ def bench_kind(trial: Trial, rig: Rig) -> str | None:
     """The kind of a bench test by its columns; None for any other test."""
     if trial.is_readings:
         return FRICTION_POINTS
-    found = next((kind for name, kind in COLUMNS.items() if name in trial), None)
+    found = next((kind for name, kind in KIND_BY_COLUMN.items() if name in trial), None)
     return found or (_TANK if _is_of_a_tank(trial, rig) else None)
 
 
@@ -57,7 +51,7 @@ def _why(kind: str, trials: Sequence[Trial], error: Exception) -> str:
     commands = {"pump_volts", _VALVE}
     if kind != _TANK or any(commands & {*t.channels, *t.unusable} for t in trials):
         return str(error)
-    return f"this is a tank's discharge (one pressure, beside a rig with [tank]): {error}"
+    return f"this is a tank's discharge (one pressure, and a rig file with [tank]): {error}"
 
 
-__all__ = ["BENCH_LAWS", "COLUMNS", "bench_identified", "bench_kind"]
+__all__ = ["BENCH_LAWS", "bench_identified", "bench_kind"]

@@ -17,6 +17,7 @@ from sysid.io.campaign import (
     FRICTION_KINDS,
     FRICTION_POINTS,
     MOTION_KINDS,
+    SIMULATED_KINDS,
     Campaign,
     CampaignLog,
 )
@@ -24,7 +25,7 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.recording.friction_kind import balances
 
-# Times the noise that the rig file declares from which a sensor's is said to be above it.
+# Ratio to the noise declared in the rig file from which a sensor's noise is reported.
 _NOISY = 3.0
 # Logs of one kind that a cell names; more are counted.
 _NAMED = 3
@@ -72,7 +73,7 @@ class CampaignCheck:
 
     @property
     def contradictions(self) -> tuple[str, ...]:
-        """In what the logs contradict one another or the rig file."""
+        """Contradictions between the logs, or with the rig file."""
         return tuple(dict.fromkeys(line for c in self.logs for line in c.contradicts))
 
     @property
@@ -94,7 +95,7 @@ class CampaignCheck:
     def table(self) -> Table:
         """One row per parameter: the logs that identify it, or why none does."""
         names = _names(self.entries)
-        # What is not identified for one reason is one row: the reason is read once.
+        # Parameters not identified for the same reason share a row, so that it is read once.
         rows: dict[tuple[str, str], list[str]] = {}
         for one in self.answers:
             key = ("yes", one.parameter) if one.identified else ("no", one.needs or one.reason)
@@ -129,7 +130,7 @@ class CampaignCheck:
         return ", ".join(parts)
 
     def remarks(self) -> Iterator[tuple[CampaignLog, str]]:
-        """What is remarkable in the quality of a log, one line for each that has something."""
+        """Remarks on the quality of each log, one line for each log that has any."""
         for entry, check in zip(self.entries, self.logs, strict=True):
             found = list(_remarks(check, self.noise_pa))
             if found:
@@ -194,7 +195,7 @@ def _answers(campaign: Campaign, checks: Sequence[LogCheck]) -> Iterator[Answer]
     together: dict[str, Identification] = {}
     if lacking and len(entries) > 1:
         together = {i.parameter: i for i in _together(campaign, entries) if i.parameter not in yes}
-        # A law of which nothing is known is known by its parameters once tests give it.
+        # A law is listed by its parameters once tests identify some of them.
         found = [[i for i in own if i.parameter in {*yes, *together}] for own in found]
     has_pwm = campaign.rig.pwm is not None or any("valve-pwm" in c.kinds for _, c in pairs)
     for one in merged(entries, found, together):
@@ -210,7 +211,7 @@ def _is_of(entry: CampaignLog, parameter: str) -> bool:
 
 
 def _together(campaign: Campaign, entries: Sequence[CampaignLog]) -> Iterator[Identification]:
-    """What the training logs identify that no one of them does alone."""
+    """What the training logs identify together but none of them alone."""
     rig = campaign.rig
     tests = [(entry, trial) for entry in entries for trial in campaign.read(entry).trials]
     for kind in BENCH_KINDS:
@@ -249,24 +250,23 @@ def _asked(one: Answer, rig: Rig, kinds: set[str]) -> Answer:
 
 def _test_for(name: str, rig: Rig) -> tuple[set[str], str]:
     """The kinds of test that identify a parameter, and the test in words."""
-    moving = {"friction-motion", *MOTION_KINDS}
     if name == "static friction":
         effort = rig.units.word
         return {"friction-static"}, f"a friction-static test: {effort} ramped slowly from zero"
     if name in ("Coulomb friction", "viscous friction"):
         test = "friction-sliding tests at two levels of the effort, or a friction-motion test"
-        return {"friction-sliding", *moving}, test
+        return {"friction-sliding", *SIMULATED_KINDS}, test
     if name in ("torque offset", "force offset"):
         test = "friction-sliding or friction-motion tests in both directions"
-        return {"friction-sliding", *moving}, test
+        return {"friction-sliding", *SIMULATED_KINDS}, test
     if name == "inertia":
-        return moving, "a friction-motion test that accelerates and reverses"
+        return {*SIMULATED_KINDS}, "a friction-motion test that accelerates and reverses"
     valve = name.removeprefix("valve ")[:1]
     if name.startswith("valve ") and name[8:] in _SWITCHED:
         test = f"a valve-discrete test of valve {valve}: piston held, on 3 s, off"
         return {"valve-discrete"}, test
     if name.startswith("valve ") and "PWM surface" in name:
-        ways = "filling and discharging, at five duties or more"
+        ways = "filling and discharging, at least five duties"
         return {"valve-pwm"}, f"valve-pwm tests of valve {valve}, {ways}"
     return set(), ""
 

@@ -56,7 +56,7 @@ def friction_identified(
 def friction_together(
     trials: Sequence[Trial], kinds: Sequence[str] | str, rig: Rig
 ) -> Iterator[Identification]:
-    """The same of the tests of several logs, which are fitted together; `kinds` of each trial, or
+    """The same for the tests of several logs, fitted together; `kinds` of each trial, or
     `FRICTION_POINTS`."""
     if kinds == FRICTION_POINTS:
         yield from _each(rig, FRICTION_POINTS, lambda **_: _of_points(trials, rig))
@@ -69,7 +69,7 @@ def friction_together(
 def _each(
     rig: Rig, declared: str | None, fitted: Callable[..., tuple[dict[str, Estimate], str]]
 ) -> Iterator[Identification]:
-    """What the fits with and without an inertia to estimate give of each parameter."""
+    """What the fits with and without an estimated inertia give for each parameter."""
     u = rig.units
     found, why = fitted(estimate_inertia=False)
     for parameter, name in _names(u).items():
@@ -104,7 +104,7 @@ def _identification(
 def _fitted(
     trials: Sequence[Trial], rig: Rig, declared: str | None, *, estimate_inertia: bool
 ) -> tuple[dict[str, Estimate], str]:
-    """The estimates of the fit by name, and the tests behind them, or why it gives none."""
+    """The estimates of the fit by name, with the tests used, or why there are none."""
     if declared == FRICTION_POINTS:
         return _of_points(trials, rig)
     kind = MOTION if declared in MOTION_KINDS else declared

@@ -15,13 +15,14 @@ from sysid.blocks.drawing import plot_panels
 from sysid.blocks.figures import Panel, Scale, grouped_bars
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
-from sysid.checks.bench import BENCH_LAWS, COLUMNS, bench_identified, bench_kind
+from sysid.checks.bench import BENCH_LAWS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import located_contradictions, readings_of
 from sysid.checks.friction import Identification
 from sysid.checks.identifiability import excitation, identifications
 from sysid.io.campaign import FRICTION_POINTS, Campaign
 from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
 from sysid.io.exclusion import Excluded
+from sysid.io.kinds import KIND_BY_COLUMN
 from sysid.io.logs import Log, Trial
 from sysid.io.measured_speed import velocity_channel
 from sysid.io.rig import Rig
@@ -72,7 +73,7 @@ class LogCheck(Shown):
     `kinds` counts its tests by the kind that their content shows; `declared` is the kind and
     `use` the use that a campaign gives the log, None for one that was checked alone. `contradicts`
     says in what it contradicts the rig file or, in a campaign, the other logs; `excluded` is what
-    was not looked at.
+    was excluded.
     """
 
     file: str
@@ -108,12 +109,12 @@ class LogCheck(Shown):
 
     @property
     def said(self) -> tuple[str, ...]:
-        """What it contradicts, first, and the notices of its reader."""
+        """Contradictions first, then the notices of its reader."""
         return (*self.contradicts, *self.notices)
 
     @property
     def answer(self) -> str:
-        """In one line what the log identifies, and what it does not."""
+        """One line: what the log identifies, and what it does not."""
         yes, no = ([i for i in self.identifies if i.identified is good] for good in (True, False))
         name = Path(self.file).name
         if not yes:
@@ -140,7 +141,7 @@ class LogCheck(Shown):
         """The channels, and what the log can identify."""
         columns = ("channel", "low", "high", "resolution", "noise", "remark")
         yield table("Channels", columns, tuple(map(_channel_row, self.channels)))
-        # What has one reason is read once.
+        # A shared reason is read once.
         rows: dict[tuple[bool, str], list[str]] = {}
         for item in self.identifies:
             rows.setdefault((item.identified, item.reason), []).append(item.parameter)
@@ -151,7 +152,7 @@ class LogCheck(Shown):
         yield table("Identifies", ("parameter", "", "reason, or test needed"), found)
 
     def left_out(self) -> Iterator[str]:
-        """A line for each test or span that is not looked at."""
+        """A line for each excluded test or span."""
         for one in self.excluded:
             why = f": {one.exclusion.why}" if one.exclusion.why else ""
             yield f"excluded: {one.exclusion.title} ({one.rows} rows){why}"
@@ -163,7 +164,7 @@ class LogCheck(Shown):
             "range over resolution": [_ratio(c, c.quantum) for c in self.channels],
         }
         shown, ticks = grouped_bars([c.name for c in self.channels], shares)
-        panel = Panel(Scale(ticks=ticks), Scale(kind="log"), shown, legend="beside")
+        panel = Panel(Scale(ticks=ticks), Scale(kind="log"), shown, legend="right")
         return plot_panels((panel,), ax)[0]
 
     @classmethod
@@ -284,10 +285,10 @@ def _kind_in(trial: Trial, rig: Rig, declared: str | None) -> str:
 
 def _measured_channels(log: Log, rig: Rig) -> list[str]:
     present = log.channels
-    # A speed's integral is no measurement: its range and noise are the speed's.
+    # The integral of a speed is not a measurement: range and noise are those of the speed.
     motion = [rig.position_channel] if all(t.place_known for t in log.trials) else []
     motion.append(velocity_channel(rig))
-    names = [*motion, *PRESSURES, "temperature_k", rig.effort_channel, *COLUMNS]
+    names = [*motion, *PRESSURES, "temperature_k", rig.effort_channel, *KIND_BY_COLUMN]
     return [n for n in names if n in present]
 
 
@@ -297,7 +298,7 @@ def check_channel(log: Log, name: str, rig: Rig) -> ChannelCheck:
     parts = [t[name] for t in trials]
     values = np.concatenate(parts)
     quantum = signals.quantum(values)
-    is_command = name in COLUMNS
+    is_command = name in KIND_BY_COLUMN
     noise = (
         None if is_command else _noise([c for t in trials for c in _combs(t, name, rig)], quantum)
     )

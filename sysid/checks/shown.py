@@ -34,7 +34,7 @@ def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
     excluded = list(_excluded(pairs))
     if excluded:
         columns = ("Log", "Test", "Span", "Reason", "Rows")
-        blocks.append(table("Excluded: used for nothing", columns, excluded, text=(1, 2, 3)))
+        blocks.append(table("Excluded, not used at all", columns, excluded, text=(1, 2, 3)))
     known = [(e, c) for e, c in pairs if c is not None]
     if known:
         blocks.append(Fold("Channels: range, resolution and noise", (_channels_table(known),)))
@@ -48,7 +48,7 @@ def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
     held = sum(e.use == "holdout" for e in campaign.logs)
     count = f"{len(campaign.logs)} log{'s' * (len(campaign.logs) != 1)}"
     intro = (
-        f"{count}, {held} of them held out: no parameter was fitted on these."
+        f"{count}, {held} of them held out: no parameter was fitted to these."
         if held
         else f"{count}; none is held out, so that the errors below are those on the training data.",
     )
@@ -145,7 +145,7 @@ def _identifies_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
     for entry, check in pairs:
         good = [i for i in check.identifies if i.identified]
         shown = "; ".join(f"{i.parameter} ({i.reason})" for i in good)
-        rows.append((entry.file, shown or "nothing alone"))
+        rows.append((entry.file, shown or "nothing by itself"))
     return table("What each log can identify", ("Log", "Parameters"), rows, text=(1,))
 
 

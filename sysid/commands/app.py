@@ -37,7 +37,7 @@ _NO_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 COMMANDS = {
     "advise": "Which test to run next: expected standard errors, ties, sizes of effects.",
     "check": "Data quality of each LOG, and what it can and cannot identify.",
-    "compare": "Parameters of several bundles next to each other, and what moved.",
+    "compare": "Parameters of several bundles side by side, and what moved.",
     "control": "Closed-loop simulation with a controller that reads BUNDLE.",
     "convert": "Bring a lab's own file (.mat, text, Excel, TDMS, Parquet) into the log format.",
     "demo": "The whole pipeline on the bundled campaign.",
@@ -45,7 +45,7 @@ COMMANDS = {
     "effects": "The catalogue of effects; with ID one entry in full, and its influence on a rig.",
     "export": "Files for a controller: a C header, a MATLAB file or flat JSON.",
     "fit": "Identify parameters: one part from its logs, or a whole CAMPAIGN.toml.",
-    "fleet": "Every CAMPAIGN through `run`, and one page over all of them: what changed, and when.",
+    "fleet": "`run` for every CAMPAIGN, and one page on all of them: what changed, and when.",
     "init": "Write a commented rig or campaign file to fill in.",
     "refine": "All parameters of the assembled model together, by simulation error.",
     "run": "The whole pipeline, from checks to exports. Resumes where it stopped.",
@@ -96,7 +96,7 @@ class _App(click.Group):
     "--jobs",
     metavar="N",
     expose_value=False,
-    help="Processes at most, anywhere on the line (also SYSID_JOBS); 1: none but this one.",
+    help="Maximum number of processes, anywhere on the line (also SYSID_JOBS); 1: no worker.",
 )
 def app() -> None:
     """Turn logged tests of a pneumatic actuator into a model that controllers can trust."""
@@ -154,7 +154,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     except OSError as error:
         if error.filename is not None or error.errno not in _NO_OUTPUT:
             return _fault(error)
-        # What is buffered cannot be written either when Python ends.
+        # Buffered output cannot be written at exit either.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         what = f"standard output: {error.strerror}; free space there, or write elsewhere"
         return _report("error", what, _UNUSABLE)

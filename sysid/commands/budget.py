@@ -9,7 +9,7 @@ import click
 
 def _no_nan(_: click.Context, option: click.Parameter, value: float | None) -> float | None:
     if value is not None and math.isnan(value):
-        raise click.BadParameter("nan is no time", param=option)
+        raise click.BadParameter("nan is not a time", param=option)
     return value
 
 
@@ -19,12 +19,12 @@ budget_option = click.option(
     callback=_no_nan,
     default=None,
     metavar="SECONDS",
-    help="Processor time of the command and its workers for search and refinement, in place of the "
-    "bound by counted evaluations; ends then with the best so far, says what it missed.",
+    help="Processor time for search and refinement, workers included, instead of the limit "
+    "on evaluations; ends with the best result so far and names what was not done.",
 )
 
 quick_option = click.option(
     "--quick",
     is_flag=True,
-    help="A first diagnosis in about a fifth of the time; says what it left out.",
+    help="A first diagnosis in about a fifth of the time; says what it skipped.",
 )

@@ -73,7 +73,7 @@ def check(
             checked.append(_campaign_check(path, rig, maps, component, exclude, said))
         elif component is not None:
             fix = "give the campaign file that lists it"
-            raise input_error(path, "is no campaign file, which --component needs", fix)
+            raise input_error(path, "is not a campaign file, which --component needs", fix)
         else:
             found, notices_of_rig = check_file(path, rig, mapping, excluded[path])
             checked.append(found)

@@ -17,13 +17,13 @@ from sysid.pipeline.files import read_bundle
 @click.argument("bundles", nargs=-1, required=True, type=PathArgument, metavar="BUNDLE...")
 @json_option
 def compare(bundles: tuple[Path, ...], as_json: bool) -> None:
-    """Parameters of several bundles next to each other, and what moved.
+    """Parameters of several bundles side by side, and what moved.
 
     Each BUNDLE is compared with the first. A parameter moved where the standard errors of both do
     not explain the difference, the false discovery rate being 5 % over the whole comparison.
     """
     if len(bundles) < 2:
-        raise click.UsageError("Give two bundles or more.")
+        raise click.UsageError("Give at least two bundles.")
     found = compare_bundles(*(read_bundle(path) for path in bundles))
     notices(found.notices)
     if as_json:

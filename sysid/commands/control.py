@@ -40,21 +40,23 @@ _run_options = options(
         help="pva, backstepping, dvmpc, or FILE.py:CLASS, a controller of your own; it is run.",
     ),
     click.option("--trajectory", type=click.IntRange(1, 4), help="Thesis, Table 4.2.1."),
-    click.option("--mode", type=click.Choice(MODES), help="Which may act."),
+    click.option("--mode", type=click.Choice(MODES), help="Which actuators act."),
     click.option(
         "--payload",
         "payload_kg",
         type=click.FloatRange(min=0.0),
         metavar="KG",
-        help="On the plant; the controller is not told it (in the vertical it estimates it).",
+        help="On the plant, unknown to the controller (which estimates it in the vertical).",
     ),
-    click.option("--plant-bundle", type=PathArgument, help="The plant, else BUNDLE's own model."),
+    click.option(
+        "--plant-bundle", type=PathArgument, help="Bundle of the plant (default: BUNDLE)."
+    ),
     click.option(
         "--inverse",
         type=click.Choice(ControlOptions.inverses),
         help="Where backstepping's duties come from (default: averaged).",
     ),
-    click.option("--horizon", type=int, metavar="N", help="Ticks that dvmpc predicts."),
+    click.option("--horizon", type=int, metavar="N", help="Prediction horizon of dvmpc, ticks."),
     click.option(
         "--varying-input",
         is_flag=True,
@@ -65,7 +67,7 @@ _run_options = options(
         "--type",
         "backstepping_type",
         type=click.IntRange(1, 4),
-        help="backstepping: 1 plain, 2 motor's compensation, 3 feedforward, 4 both (default).",
+        help="backstepping: 1 plain, 2 motor compensation, 3 feedforward, 4 both (default).",
     ),
     click.option(
         "--estimate-payload/--no-estimate-payload",
@@ -76,9 +78,9 @@ _run_options = options(
         "--perfect-sensors",
         is_flag=True,
         default=None,
-        help="No counts, noise or filter between plant and controller.",
+        help="No quantisation, noise or filter between plant and controller.",
     ),
-    click.option("--seed", type=SEED, default=0, help="Of the sensors' noise."),
+    click.option("--seed", type=SEED, default=0, help="Seed of the sensor noise."),
 )
 
 
@@ -89,9 +91,9 @@ _run_options = options(
     "--table",
     type=click.Choice(TABLES),
     metavar="NUMBER",
-    help="A table of the thesis with our figures (4.5.1 to 5.5.3); BUNDLE stands for its rig.",
+    help="Recompute a table of the thesis (4.5.1 to 5.5.3), with BUNDLE as its rig.",
 )
-@click.option("-o", "output", type=PathArgument, help="Folder for the run as a log, and its page.")
+@click.option("-o", "output", type=PathArgument, help="Folder for the run's log and its page.")
 @effects_option
 @accept_assumed_option
 @json_option

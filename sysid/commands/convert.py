@@ -18,7 +18,7 @@ from sysid.io.conversion import ConversionReport
 from sysid.io.listing import ListedChannel, Listing, channels_of
 from sysid.pipeline.files import own_kind
 
-# A table of channels is as wide as its longest name asks for, up to this.
+# A table of channels is as wide as its longest name, up to this.
 _WIDEST = 10_000
 
 
@@ -36,8 +36,8 @@ _WIDEST = 10_000
     "--set", "constants", multiple=True, metavar="TARGET=VALUE", help="A column of one value."
 )
 @click.option("--spec", "spec_file", type=PathArgument, help="TOML file with [map] and [options].")
-@click.option("--delimiter", help="Delimiter of a text file, where it is not detected.")
-@click.option("--decimal", help="Decimal sign of a text file: `.` or `,`.")
+@click.option("--delimiter", help="Delimiter of a text file, if it is not detected.")
+@click.option("--decimal", help="Decimal separator of a text file: `.` or `,`.")
 @click.option("--thousands", help="Thousands separator of a text file.")
 @click.option("--skip-rows", type=int, help="Lines to skip at the top of a text file.")
 @click.option(
@@ -51,8 +51,8 @@ _WIDEST = 10_000
 @click.option(
     "--fill",
     metavar="hold|linear",
-    help="How columns that are sampled more slowly are filled between their own rows: hold or "
-    "linear, all of them (else measurements linear, commands held).",
+    help="How slower columns are filled between their own rows: hold or "
+    "linear (default: measurements linear, commands held).",
 )
 @click.option("--no-header", is_flag=True, help="The first row is data; columns are #1, #2, ...")
 @click.option("--sheet", help="Sheet of an Excel workbook.")
@@ -65,7 +65,7 @@ _WIDEST = 10_000
     type=float,
     help="Atmospheric pressure, Pa, for gauge pressures.",
 )
-@click.option("--unwrap", is_flag=True, help="Follow an angle that wraps around over its turns.")
+@click.option("--unwrap", is_flag=True, help="Unwrap an angle over full turns.")
 @click.option("--trim", metavar="FROM:TO", help="Seconds of each test to keep, from its start.")
 @click.option(
     "--resample", "resample_s", type=float, help="Even sampling period of the log written, s."
@@ -75,8 +75,8 @@ _WIDEST = 10_000
     multiple=True,
     type=PathArgument,
     metavar="OTHER",
-    help="File whose columns are put next to FOREIGN's by time: measurements on the line between "
-    "rows, commands held, inside the overlap only; may be repeated.",
+    help="File whose columns are joined to FOREIGN's by time: measurements interpolated "
+    "linearly, commands held, within the overlap only; may be repeated.",
 )
 @click.option(
     "--join-map",
@@ -90,7 +90,7 @@ _WIDEST = 10_000
     "join_shift_s",
     type=float,
     default=0.0,
-    help="Seconds to add to the times of the joined files (else one clock, or time stamps).",
+    help="Seconds to add to the times of the joined files (default: one clock or time stamps).",
 )
 @component_option
 @json_option

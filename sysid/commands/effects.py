@@ -18,7 +18,7 @@ from sysid.pipeline.effects import DemonstratedEffect, demonstrated_effect, know
 @click.argument("name", metavar="[ID]", required=False)
 @effects_option
 @click.option("-o", "output", type=PathArgument, help="Plot of what ID changes, SVG or PNG.")
-@click.option("--linear", is_flag=True, help="As a linear axis has them: N, m and kg.")
+@click.option("--linear", is_flag=True, help="In the units of a linear axis: N, m and kg.")
 @json_option
 def effects(
     name: str | None, effects: Path | None, output: Path | None, linear: bool, as_json: bool

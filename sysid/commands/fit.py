@@ -93,7 +93,7 @@ _part_options = options(
 _valve_option = click.option(
     "--valve",
     type=click.Choice(["a", "b"]),
-    help="This valve only (else: every valve that switches).",
+    help="This valve only (default: every valve that switches).",
 )
 
 
@@ -102,7 +102,7 @@ _valve_option = click.option(
 @click.option(
     "--kind",
     type=click.Choice(["static", "sliding", "motion", "points"]),
-    help="Treat every test as this kind, whatever its content (points: a reading a row).",
+    help="Treat every test as this kind, whatever its content (points: one reading per row).",
 )
 @click.option("--inertia", "estimate_inertia", is_flag=True, help="Estimate the inertia too.")
 @click.option(

@@ -37,12 +37,12 @@ def fleet(
     verbose: bool,
     **options: Any,
 ) -> None:
-    """Every CAMPAIGN through `run`, and one page over all of them: what changed, and when.
+    """`run` for every CAMPAIGN, and one page on all of them: what changed, and when.
 
     A campaign whose results are up to date is not run again. Rigs are distinguished by the name in
     the rig file, dates by an ISO date in the name of the campaign file or of its folder.
     """
-    asked = FleetOptions(**options, verbose=verbose, told=progress, progress=progress())
+    asked = FleetOptions(**options, verbose=verbose, reporter=progress, progress=progress())
     done = run_fleet(campaigns, folder, asked)
     notices(done.notices)
     said = [f"{row.folder}: {line}" for row in done.rows for line in row.notices]
@@ -52,7 +52,7 @@ def fleet(
     else:
         _show(done, folder)
     if len(done.failed) == len(done.rows):
-        error = input_error(folder, "no campaign came to a result", "see the notices above")
+        error = input_error(folder, "no campaign gave a result", "see the notices above")
         unidentified = all(row.exit_code == NotIdentifiedError.exit_code for row in done.rows)
         raise NotIdentifiedError(str(error)) if unidentified else error
 

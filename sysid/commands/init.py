@@ -25,7 +25,7 @@ _CAMPAIGN = "campaign"
     multiple=True,
     type=PathArgument,
     metavar="LOG",
-    help="Write what this log shows of its rig, the reference rig's constants else; repeatable.",
+    help="Write what this log shows of its rig, else the reference rig's constants; repeatable.",
 )
 @map_option
 @click.option(

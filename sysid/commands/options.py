@@ -42,7 +42,7 @@ exclude_option = click.option(
     "--exclude",
     multiple=True,
     metavar="[LOG/]TEST[@FROM:TO]",
-    help="Use nothing of a test, or of a span of it (s since its first row); may be repeated.",
+    help="Exclude a test or a span of it (s since its first row); may be repeated.",
 )
 component_option = click.option(
     "--component",
@@ -55,7 +55,7 @@ effects_option = click.option(
 accept_assumed_option = click.option(
     "--accept-assumed",
     is_flag=True,
-    help="Controllers may use constants that nobody declared (those of the reference rig).",
+    help="Let controllers use undeclared constants (those of the reference rig).",
 )
 verbose_option = click.option(
     "-v", "--verbose", is_flag=True, help="Print every step, notice and log's errors."

@@ -61,7 +61,7 @@ def _shape(line: str) -> str:
 def unasked_notices(count: int) -> None:
     """How many notices on what an export lacks are not printed."""
     if count:
-        line = f"{count} notice{'s' * (count > 1)} on what the exports leave out: -v shows them"
+        line = f"{count} notice{'s' * (count > 1)} on what the exports omit: -v shows them"
         notices([line])
 
 
@@ -69,7 +69,7 @@ def unasked_notices(count: int) -> None:
 def stage_progress(
     expected: Mapping[str, float], verbose: bool = False
 ) -> Iterator[tuple[Progress, Progress]]:
-    """What is told of each step, and of each stage as it is entered, on standard error.
+    """Messages on standard error for each step, and for each stage as it starts.
 
     On a terminal a bar with the remaining time, by the seconds `expected` of each stage; a line
     for each step elsewhere, and with `verbose`.

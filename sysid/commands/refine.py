@@ -43,9 +43,11 @@ if TYPE_CHECKING:
     metavar="NAME",
     help="Estimate a declared constant too (rig.inertia, rig.area_a, ...); may be repeated.",
 )
-@click.option("--fix", multiple=True, metavar="NAME", help="Keep a parameter; may be repeated.")
-@click.option("--no-prior", is_flag=True, help="Let the bench tests count for the start only.")
-@click.option("--robust", is_flag=True, help="Let each segment's errors count by their own size.")
+@click.option(
+    "--fix", multiple=True, metavar="NAME", help="Hold a parameter fixed; may be repeated."
+)
+@click.option("--no-prior", is_flag=True, help="Use the bench tests for the starting values only.")
+@click.option("--robust", is_flag=True, help="Weight each segment by the size of its own errors.")
 @click.option(
     "--profile",
     multiple=True,
@@ -66,8 +68,8 @@ def refine(
     **options: Any,
 ) -> None:
     """All parameters of the assembled model together, by simulation error."""
-    beside_files = {k: v for k, v in options.items() if k not in ("output", "report")}
-    given = [name for name, value in {**beside_files, "no-prior": no_prior}.items() if value]
+    other_options = {k: v for k, v in options.items() if k not in ("output", "report")}
+    given = [name for name, value in {**other_options, "no-prior": no_prior}.items() if value]
     if component is not None and given:
         raise input_error(f"--{given[0]}", "is not for a component of your own", "omit it")
     result, unseen, written = refine_campaign(

@@ -50,7 +50,7 @@ run_options = options(
         "--seed", type=SEED, default=0, show_default=True, help="Seed of folds, restarts and twins."
     ),
     click.option(
-        "--diagnose/--no-diagnose", default=True, help="Whether to look for what the model lacks."
+        "--diagnose/--no-diagnose", default=True, help="Whether to diagnose what the model lacks."
     ),
     click.option(
         "--refine/--no-refine",

@@ -11,7 +11,6 @@ from typing import cast
 
 import numpy as np
 
-from sysid import signals
 from sysid.components.definition import DynamicComponent
 from sysid.components.parts import OwnPart
 from sysid.components.simulation import Runs, runs_of, simulated, slopes, with_starts
@@ -119,7 +118,7 @@ class DynamicPart(OwnPart):
 
     def residuals_of(self, laws: Sequence[Law], tests: Sequence[int]) -> list[list[FloatArray]]:
         outputs = self._simulated(laws)
-        return [self._left(self._of_tests(one, tests), tests) for one in outputs]
+        return [self._scaled_residuals(self._of_tests(one, tests), tests) for one in outputs]
 
     def jacobian(self, law: Law, tests: Sequence[int]) -> FloatArray:
         """Derivatives of the residuals by the law's numbers, then its effects', (n, p)."""
@@ -147,7 +146,9 @@ class DynamicPart(OwnPart):
         """All residuals (n,) where the runs start `starts` (runs, states) off their own starts."""
         every = range(len(self.stretches))
         outputs = with_starts(self.made, self.vector(law), starts, self.runs)
-        return np.concatenate(self._left(self._of_tests(self.bounded(outputs), every), every))
+        return np.concatenate(
+            self._scaled_residuals(self._of_tests(self.bounded(outputs), every), every)
+        )
 
     def jacobian_from(self, law: Law, starts: FloatArray) -> FloatArray:
         """Derivatives of these by the parameters, then by each run's start, (n, p)."""
@@ -164,7 +165,7 @@ class DynamicPart(OwnPart):
 
         columns = [column(one) for one in found[: len(own)]]
         for r in range(len(self.pieces)):
-            # A run's start moves that run alone.
+            # The start of a run changes that run alone.
             alone = np.zeros((len(self.pieces), 1, 1))
             alone[r] = 1.0
             columns += [column(one * alone) for one in found[len(own) :]]
@@ -205,16 +206,13 @@ class DynamicPart(OwnPart):
     def noise_of(self, name: str, law: Law) -> float:
         """The measurement's own noise: from the channel itself, or from one row's residual to the
         next, whichever is less: motion adds to both."""
-        long = [t for t in self.trials if len(t) >= signals.FEWEST_FOR_NOISE]
-        floors = [signals.noise_floor(t[name], stride=t.stride_of(name)).total for t in long]
         outputs, i = self._simulated([law])[0], self.made.outputs.index(name)
         steps = [
             np.diff(self.stretches[k].trial[name][a:b] - outputs[r, : b - a, i])
             for r, (k, a, b) in enumerate(self.pieces)
         ]
         by_rows = math.sqrt(0.5 * float(np.mean(np.concatenate(steps) ** 2)))
-        own = math.sqrt(float(np.mean(np.square(floors)))) if floors else math.inf
-        return min(own, by_rows)
+        return min(self.noise_as_logged(name), by_rows)
 
 
 def _none_if_steep(slopes: FloatArray) -> FloatArray:

@@ -130,7 +130,7 @@ def component_in(campaign: Campaign) -> LoadedComponent | None:
 
 @functools.cache
 def _again(path: str, name: str, sha256: str) -> LoadedComponent:
-    """In a worker process, which may have met an earlier state of the file."""
+    """The component loaded anew in a worker, which may hold an earlier state of the file."""
     found = _of_file(f"{path}:{name}")[0]
     if found.sha256 != sha256:
         raise input_error(path, "has changed since it was read", "read the campaign again")
@@ -223,7 +223,7 @@ def _check_declaration(made: OwnComponent, where: str) -> None:
         what = (
             f"kind {made.kind!r} is one of the log format" if made.kind in KINDS else "has no kind"
         )
-        raise input_error(where, what, 'name it otherwise, such as kind = "servo"')
+        raise input_error(where, what, 'name it differently, for example kind = "servo"')
     columns = made.columns
     if not isinstance(columns, Mapping) or not all(
         isinstance(c, LogColumn) for c in columns.values()
@@ -254,7 +254,7 @@ def _check_parameters(made: OwnComponent, where: str) -> None:
             where, "parameters is not a tuple of Parameter", "make it one: (Parameter(...),)"
         )
     if not given:
-        raise input_error(where, "has no parameter", "a law to fit has one or more")
+        raise input_error(where, "has no parameter", "a law to fit has at least one")
     _reject_twice([p.name for p in given], where)
     for p in given:
         if not math.isfinite(p.value) or not p.lower <= p.value <= p.upper:
@@ -295,7 +295,7 @@ def _check_terms(made: OwnComponent, where: str) -> None:
             raise input_error(
                 f"{place}, quantity {chosen[0]}",
                 "is a choice",
-                "make each choice a term of its own",
+                "make each choice a separate term",
             )
         _reject_twice([*names, *(q.name for q in quantities)], place)
         for q in quantities:
@@ -334,7 +334,9 @@ def _try_static(made: StaticComponent, values: dict[str, float], where: str) -> 
         added = outputs_of(term.adds(columns, {**values, **_absent(term)}), made)
         _check_neutral(added, place)
         if set(added) - set(made.outputs):
-            raise input_error(place, "adds to what is no output", f"return {made.outputs[0]}")
+            raise input_error(
+                place, "adds to something that is not an output", f"return {made.outputs[0]}"
+            )
 
 
 def _try_dynamic(made: DynamicComponent, values: dict[str, float], where: str) -> None:

@@ -185,7 +185,7 @@ def _told(
         if not shows[i]:
             yield Identification(p.name, False, f"no output depends on {p.name} in these tests")
         elif i in tied:
-            yield Identification(p.name, False, f"acts only together with {' and '.join(others)}")
+            yield Identification(p.name, False, f"is indistinguishable from {' and '.join(others)}")
         else:
             yield _by_error(p, stds.get(i))
 

@@ -19,7 +19,7 @@ from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial
 from sysid.parameters import Bundle
 
-# Of a bound: a factor that is typed with three digits is off by at most so much.
+# Share of a bound: a factor typed with three digits is off by at most this much.
 _ROUNDING = 5e-3
 
 
@@ -90,7 +90,7 @@ def require_columns(log: Log, loaded: LoadedComponent) -> None:
 
 
 def missing_column(log: Log, name: str, unit: str) -> InputError:
-    """That a log lacks a column, and how to add it."""
+    """The error of a log that lacks a column, with how to add it."""
     return input_error(
         log.path,
         f"column {name} ({unit or 'a ratio'}) is missing",

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid import signals
 from sysid.components.definition import OwnComponent, Term
 from sysid.components.loading import LoadedComponent
 from sysid.diagnosis.bench.component import Component, Law, rmse
@@ -31,7 +32,7 @@ _FEWEST_TESTS = 3
 _STRETCHES = 6
 _FEWEST_ROWS = 8
 _TERM_MODULE = "sysid_user_terms"
-# What a residual counts, in spreads of its output, where a law gives no number.
+# Size of a residual, in spreads of its output, where a law gives no number.
 _DIVERGED = 1e3
 # Beyond this many times the largest measured value a prediction is invalid: its square overflows.
 _FAR = 1e12
@@ -125,7 +126,7 @@ class OwnPart(Component):
         """Trial, its first row and the outputs (n, outputs) from there, as the law gives them."""
 
     def is_far(self, outputs: FloatArray) -> NDArray[np.bool_]:
-        """Which of (..., outputs) are not finite, or lie far beyond what was measured."""
+        """Whether each of (..., outputs) is not finite, or far beyond the measured range."""
         largest = [np.max([np.max(np.abs(t[n])) for t in self.trials]) for n in self._outputs]
         return ~(np.abs(outputs) <= _FAR * np.where(largest, largest, 1.0))
 
@@ -142,9 +143,9 @@ class OwnPart(Component):
         return self.definition.outputs
 
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
-        return self._left(self.predicted(law, tests), tests)
+        return self._scaled_residuals(self.predicted(law, tests), tests)
 
-    def _left(
+    def _scaled_residuals(
         self, predicted: Iterable[Mapping[str, FloatArray]], tests: Sequence[int]
     ) -> list[FloatArray]:
         found = []
@@ -155,7 +156,7 @@ class OwnPart(Component):
 
     def measured(self, tests: Sequence[int]) -> list[FloatArray]:
         zero = [{n: np.zeros(len(v)) for n, v in one.items()} for one in self.shown(tests)]
-        return self._left(zero, tests)
+        return self._scaled_residuals(zero, tests)
 
     @abstractmethod
     def regressors_of(self, test: int) -> dict[str, FloatArray]:
@@ -254,7 +255,7 @@ class OwnPart(Component):
         return tuple(t for t in self.definition.terms if t.id in ids)
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
-        """Of each of several outputs in its own unit."""
+        """Errors before and after of each of several outputs, in its own unit."""
         outputs = self.definition.outputs
         if len(outputs) == 1:
             return {}
@@ -263,7 +264,7 @@ class OwnPart(Component):
         return {n: (rmse([m[n] - p[n] for m, p in pairs]), self.noise_of(n, law)) for n in outputs}
 
     def noise_floor(self, law: Law) -> float:
-        """Of the outputs together, over their scales."""
+        """The noise floor of all outputs together, each over its scale."""
         outputs = zip(self.definition.outputs, self.scales, strict=True)
         noise = [self.noise_of(name, law) / scale for name, scale in outputs]
         return math.sqrt(float(np.mean(np.square(noise))))
@@ -271,6 +272,12 @@ class OwnPart(Component):
     @abstractmethod
     def noise_of(self, name: str, law: Law) -> float:
         """The noise of an output, in its unit."""
+
+    def noise_as_logged(self, name: str) -> float:
+        """The noise that an output's column shows by itself, in its unit; infinite: too short."""
+        long = [t for t in self.trials if len(t) >= signals.FEWEST_FOR_NOISE]
+        floors = [signals.noise_floor(t[name], stride=t.stride_of(name)).total for t in long]
+        return math.sqrt(float(np.mean(np.square(floors)))) if floors else math.inf
 
 
 def _key(term: Term, quantity: Quantity) -> str:
@@ -309,7 +316,7 @@ def effects_in(bundle: Bundle, loaded: LoadedComponent) -> list[CatalogueEffect]
 
 
 def stretches_of(trials: Sequence[Trial]) -> tuple[Stretch, ...]:
-    """Trials to leave out one by one; fewer than three are cut into stretches."""
+    """Trials to exclude one at a time; fewer than three are cut into stretches."""
     pieces = 1 if len(trials) >= _FEWEST_TESTS else math.ceil(_STRETCHES / max(len(trials), 1))
     found = []
     for trial in trials:

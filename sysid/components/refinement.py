@@ -48,7 +48,7 @@ class OwnRefinement(Shown):
     def headline(self) -> str:
         """What was done."""
         if not self.estimates:
-            return "Nothing to refine: the bundle is as it was."
+            return "Nothing to refine: the bundle is unchanged."
         return f"{len(self.estimates)} parameters by simulation error, the starts of the tests free"
 
     def records(self) -> list[dict[str, Any]]:
@@ -92,7 +92,7 @@ def refine_own(
     part = training_part(tests, [effect.id for effect in effects_in(bundle, tests.loaded)])
     law = part.law_of(bundle)
     if not isinstance(tests.loaded.definition, DynamicComponent):
-        line = f"{tests.loaded.kind}: a law without memory: its fit is the refinement already"
+        line = f"{tests.loaded.kind}: a static law: its fit is already the refinement"
         return OwnRefinement(bundle, {}, {}, {}, {}, (*tests.notices, line))
     progress(f"refining {tests.loaded.name} on {len(part.trials)} tests")
     fit = _fit(cast(DynamicPart, part), law)
@@ -103,7 +103,7 @@ def refine_own(
     stays = [name for name, estimate in estimates.items() if not estimate.identified]
     notices = [
         *tests.notices,
-        *(f"{name} is not identified: it keeps its number" for name in stays),
+        *(f"{name} is not identified: it keeps its value" for name in stays),
     ]
     try:
         before, after = (_errors(campaign, b, progress) for b in (bundle, refined))

@@ -113,7 +113,7 @@ def _identity(made: DynamicComponent) -> _Identity:
 
 
 def _text(value: Any) -> str:
-    """A value in full: an array's own text leaves out its middle."""
+    """A value in full: an array's own text omits its middle."""
     if hasattr(value, "__array__"):
         array = np.asarray(value)
         return f"{array.shape} {array.dtype} {array.tobytes().hex()}"
@@ -173,7 +173,7 @@ def _one_run(
         t0, t1, u0, u1 = row
 
         def part(y: Any, share: Any) -> tuple[Any, None]:
-            # What changes within a step is taken at its middle.
+            # Inputs that change within a step are taken at its middle.
             mixed = jnp.where(lines, u0 + share * (u1 - u0), u0)
             given = dict(zip(made.inputs, mixed, strict=True)) | {"time_s": t0 + share * (t1 - t0)}
             return y + rodas3(lambda z: rate(z, given), y, (t1 - t0) / made.substeps), None

@@ -35,7 +35,7 @@ def check_starts(part: OwnPart) -> None:
         for name, slopes in zip(names, part.slopes_of(law, names), strict=True):
             known = np.isfinite(slopes)
             if not known.all() and not np.any(slopes[known]):
-                what = f"its simulation has no finite slope by {name} at its starts"
+                what = f"its simulation has no finite derivative by {name} at its starts"
                 raise _error(part, what)
 
 

@@ -71,11 +71,13 @@ class StaticPart(OwnPart):
         return {**{n: np.asarray(v, float) for n, v in own.items()}, "time": columns["time_s"]}
 
     def noise_of(self, name: str, law: Law) -> float:
-        """The change from one row to the next, which no law in the logged columns explains."""
+        """The measurement's own noise, or the change of the residual from one row to the next,
+        whichever is less: rows in any order change by more than noise."""
         every = range(len(self.stretches))
         pairs = zip(self.shown(every), self.predicted(law, every), strict=True)
         steps = np.concatenate([np.diff(m[name] - p[name]) for m, p in pairs])
-        return math.sqrt(0.5 * float(np.mean(steps**2))) if len(steps) else math.nan
+        by_rows = math.sqrt(0.5 * float(np.mean(steps**2))) if len(steps) else math.nan
+        return min(self.noise_as_logged(name), by_rows)
 
 
 def _columns(stretch: Stretch, law: StaticComponent) -> dict[str, FloatArray]:

@@ -118,7 +118,7 @@ def require_declared(bundle: BundleContent, accept_assumed: bool) -> None:
     if assumed and not accept_assumed:
         raise input_error(
             bundle.source,
-            f"its controllers would rest on constants that nobody declared: {', '.join(assumed)}",
+            f"its controllers would use undeclared constants: {', '.join(assumed)}",
             "declare them in a rig file and fit again, or accept them with --accept-assumed",
         )
 
@@ -127,8 +127,8 @@ def _require_discrete_laws(bundle: BundleContent) -> None:
     """Refuse a bundle without both on/off laws: every controller's model has them."""
     if bundle.rig.is_motor_alone:
         raise NotIdentifiedError(
-            f"{bundle.source}: the rig is a motor alone, and closed loops are of a cylinder with "
-            "two valves; give the bundle of such a rig"
+            f"{bundle.source}: the rig is a motor alone, and a closed loop needs a cylinder "
+            "with two valves; give the bundle of such a rig"
         )
     for side in SIDES:
         if bundle.valve(side).discrete is None:

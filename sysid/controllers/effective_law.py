@@ -14,7 +14,7 @@ from sysid.plant.ports import Model, Point, overrides
 from sysid.plant.valve_timing import TIME_TOLERANCE
 from sysid.surfaces.averaged import AveragedLaw
 
-# What the flow through a valve depends on; a leak is no part of it.
+# Ports on which the flow through a valve depends; a leak is not part of it.
 _FLOW_PORTS = ("parameters", "filling_flow", "exhaust_flow", "supply_pressure", "exhaust_pressure")
 
 
@@ -87,7 +87,7 @@ class EffectiveLaw(AveragedLaw):
         return pulse, self.zone.pause_ratio * pulse
 
     def _lost(self, share: Array, dead: Array) -> Array:
-        """What a pulse or pause of this share of the period loses by opening partly."""
+        """The loss of a pulse or pause of this share of the period by partial opening."""
         return partly_lost(share, dead, self.zone.whole_ratio)
 
     def _command(self, share: Array, least: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.types import BoolArray, FloatArray
 
-# What makes a run worth a line of the report.
+# Thresholds from which a run is worth a line of the report.
 _SATURATED_SHARE = 0.2
 _STUCK_S = 0.25
 _LOST = 0.2
@@ -73,11 +73,13 @@ def report_faults(
     period = float(np.median(np.diff(rows.time)))
     if rows.rejected:
         found.append(
-            f"sensor: readings were not finite in {rows.rejected:.0f} ticks; the controller let go"
+            f"sensor: readings were not finite in {rows.rejected:.0f} ticks; "
+            "the outputs were switched off"
         )
     if rows.invalid:
         found.append(
-            f"controller: {rows.invalid:.0f} ticks were not finite; the motor had 0, the valves off"
+            f"controller: {rows.invalid:.0f} ticks gave no finite output; "
+            "motor and valves were switched off"
         )
     saturated = float(np.mean(np.abs(rows.motor) >= max_effort * (1.0 - 1e-9)))
     if np.isfinite(max_effort) and saturated > _SATURATED_SHARE:

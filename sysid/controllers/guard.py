@@ -69,7 +69,7 @@ def gains_of(value: Any) -> Iterator[Array]:
 
 
 def let_go(good: Array, before: Any, after: Any, commands: Commands) -> tuple[Any, Commands]:
-    """What is remembered and commanded: in the lanes that are not `good`, what was, and nothing.
+    """The state and the commands: in lanes that are not `good`, the state as it was and no command.
 
     `before` and `after` are memories as `Controller.start` gives them; a memory with a field
     `rejected` counts there the ticks that were not good.

@@ -16,12 +16,12 @@ import numpy as np
 from sysid.controllers.interface import Controller
 
 _ATOMS = (type(None), bool, int, float, complex, str, bytes, np.generic)
-# Their objects do not change, or change in caches only; those of jax are told by identity.
+# Their objects do not change, or only in caches; those of jax are compared by identity.
 _FIXED = ("sysid", "jax", "jaxlib")
 
 
 class _Same:
-    """Stands for an object that is looked at no deeper: equal to itself alone."""
+    """Stands for an object that is not inspected further: equal to itself alone."""
 
     def __init__(self, value: object) -> None:
         self.value = value
@@ -36,7 +36,7 @@ class _Same:
 def frozen(value: object) -> Any:
     """A copy of a value's whole content that compares by `==` with a later one.
 
-    One that is nested too deep to be looked into differs from any other.
+    One that is nested too deep to be inspected differs from any other.
     """
     try:
         return _frozen(value, {})
@@ -74,10 +74,10 @@ def _frozen(value: Any, seen: dict[int, Any]) -> Any:
 
 
 def _reduced(value: Any, seen: dict[int, Any]) -> Any:
-    """Of any other object, as pickling takes it apart: attributes, slots, queues, generators."""
+    """The parts of any other object, as pickled: attributes, slots, queues, generators."""
     try:
         parts = value.__reduce_ex__(4)
-    except Exception:  # whatever a user's class raises: it cannot be looked into
+    except Exception:  # whatever a user's class raises: it cannot be inspected
         return _Same(value)
     if isinstance(parts, str):
         return _Same(value)

@@ -68,7 +68,7 @@ class _Carry(NamedTuple):
 
 
 class _Batch(NamedTuple):
-    """What a run reads: numbers by lane, tables by tick. Arrays (lanes,) or as said."""
+    """Inputs of a run: numbers by lane, tables by tick. Arrays (lanes,) unless stated."""
 
     plant: list[Array]
     controllers: list[list[Array]]
@@ -83,7 +83,7 @@ class _Batch(NamedTuple):
 
 
 class _Fixed(NamedTuple):
-    """What is compiled for."""
+    """Settings for which the loop is compiled."""
 
     plant: Any
     groups: tuple[Group, ...]
@@ -368,7 +368,7 @@ def _drive_once(
 
 
 def _run_in_python(carry: _Carry, batch: _Batch, fixed: _Fixed) -> tuple[_Carry, tuple[Array, ...]]:
-    """As `_run`, with the controllers called from Python on numpy arrays."""
+    """Like `_run`, with the controllers called from Python on numpy arrays."""
     bare = fixed._replace(groups=())
     numbers = jax.tree.map(jnp.asarray, batch._replace(controllers=[]))
     rows = []

@@ -56,7 +56,7 @@ class PayloadEstimator:
         )
         point = point_at(motion, model, 0.0 * estimate.position, motor, reference.velocity)
         friction = sliding_friction(point, model, reference.velocity)
-        # What the actuators give beyond friction and acceleration holds the weight (4.4.20).
+        # The actuators' effort beyond friction and acceleration carries the weight (4.4.20).
         given = cylinder_effort(point, model) + motor - friction
         held = given - point.parameters.inertia * reference.acceleration
         error = opposing_effort(point, model) - held

@@ -35,7 +35,7 @@ class TrueSignals(NamedTuple):
     pressure_b: Array
 
     def channels(self, is_linear: bool) -> dict[str, Array]:
-        """By log-format names."""
+        """The channels by their log-format names."""
         position = "position_m" if is_linear else "theta_rad"
         names = (position, VELOCITY_CHANNELS[position], "pressure_a_pa", "pressure_b_pa")
         return dict(zip(names, self, strict=True))
@@ -77,7 +77,9 @@ def idle_effects(model: Model) -> list[str]:
         if getattr(effect, "averaged_only", False):
             found.append(f"{name} acts on mean flows only, and the loop follows every pulse")
         if isinstance(effect, TimeSkew) and float(np.min(effect.time_skew_s)) < 0.0:
-            found.append(f"{name} makes a pressure early, which no loop can: it is on time")
+            found.append(
+                f"{name} advances a pressure in time, which no loop can do: it is not shifted"
+            )
     return found
 
 
@@ -116,7 +118,7 @@ def _check_rows(effect: Effect, place: str) -> None:
     for i in range(5):
         alone = effect.measure(TrueSignals(*rows[:, i : i + 1]).channels(False), time[i : i + 1])
         if any(not np.isclose(together[n][i], alone[n][0], rtol=1e-9) for n in together):
-            _refuse(place, "`measure` looks at several rows", "sense")
+            _refuse(place, "`measure` uses several rows", "sense")
 
 
 def _sensed(effect: Effect, value: Array) -> Any:

@@ -108,7 +108,7 @@ def corrected(estimate: StateEstimate, model: Model) -> StateEstimate:
 
 
 def opposing_effort(point: Point, model: Model) -> Array:
-    """What opposes positive motion but friction: gravity, offset, external; Nm or N."""
+    """The effort opposing positive motion except friction: gravity, offset, external; Nm or N."""
     still = dataclasses.replace(point, motor=0.0 * point.position)
     return cylinder_effort(point, model) - plant.applied_effort(still, model)
 
@@ -148,7 +148,7 @@ def euler_step(
 
 
 def loaded(design: DesignModel, payload_inertia: Array) -> Model:
-    """What a controller computes with: its model with a payload of this inertia (kg m2).
+    """The controller's model with a payload of this inertia (kg m2).
 
     It takes the place of the model's own. Effects have no states, which no controller measures:
     they are as where these have settled.

@@ -153,7 +153,7 @@ def next_sample(
 
 
 def _numbers(memory: SensingMemory) -> list[Array]:
-    """What the next sample follows from, each (lanes,)."""
+    """The numbers on which the next sample depends, each (lanes,)."""
     pairs = (memory.velocity_filter, memory.acceleration_filter)
     return [*memory.last, memory.difference, *(pair[k] for pair in pairs for k in (0, 1))]
 

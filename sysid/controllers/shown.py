@@ -44,13 +44,11 @@ class ShownLoop:
     def tracking(self) -> Section:
         """How the reference was followed."""
         run = self.run
-        intro = (
-            "Position as it is on the plant, over the reference; the error is the difference.",
-        )
+        intro = ("True position over the reference; the error is the difference.",)
         caption = "Reference, position, and the error between them."
         groups = [FigureGroup(caption, (self.position(),))]
         if np.isfinite(run.payload_kg).all() and np.ptp(run.payload_kg) > 0.0:
-            caption = "What the controller takes the payload for."
+            caption = "The payload that the controller assumes."
             groups.append(FigureGroup(caption, (self.payload(),)))
         return Section("tracking", "Tracking", intro, tuple(groups))
 
@@ -61,7 +59,7 @@ class ShownLoop:
         return Section("pressures", "Chambers", (), (group,))
 
     def commands(self) -> Section:
-        """What the actuators were told."""
+        """The commands to the actuators."""
         figures: list[Figure] = []
         if self.mode.uses_valves:
             figures += [self.valves(), self.close_up()]

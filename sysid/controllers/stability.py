@@ -30,7 +30,7 @@ class StabilityCheck:
 
     @property
     def lines(self) -> list[str]:
-        """What does not hold, one line each; empty where all do."""
+        """Conditions that do not hold, one line each; empty where all do."""
         found = [
             f"{name} = {value:g} 1/s does not exceed {least:.3g} 1/s (4.3.50)"
             for name, value, least in (

@@ -37,17 +37,17 @@ HORIZON = 40
 """Ticks that DVMPC predicts: the best of Table 5.3.1."""
 MOTOR_SHARE = 0.1
 """The motor's share of the cylinder's effort in backstepping, where the motor acts."""
-# Validation leaves out what is within 1 % of the stroke from an end stop.
+# Validation excludes samples within 1 % of the stroke from an end stop.
 _USABLE_TRAVEL = 0.98
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What is to be run: `controller` as it was asked for, the trajectory's number, the mode.
+    """The requested run: `controller` as requested, the number of the trajectory, the mode.
 
-    `payload_kg` is on the plant, and the controller is not told (None: the rig file's).
+    `payload_kg` is on the plant, unknown to the controller (None: the rig file's).
     `inverse`: which of `INVERSES` gives backstepping its duties; `seed` that of the noise.
-    `tuning`: what the named controllers may be told; `perfect_sensors`: no counts, noise, filter.
+    `tuning`: the options of the named controllers; `perfect_sensors`: no counts, noise, filter.
     """
 
     controller: str

@@ -61,7 +61,7 @@ class Cycloidal:
 
 @dataclass(frozen=True)
 class Ramp:
-    """As `Cycloidal` at constant speed: its velocity jumps, its acceleration is 0."""
+    """Like `Cycloidal`, at constant speed: its velocity jumps, its acceleration is 0."""
 
     travel: float = 1.0
     lasts: float = 3.0

@@ -70,8 +70,8 @@ class Tuning:
         if wanted and not rig.is_vertical:
             raise input_error(
                 rig.source,
-                "the rig is horizontal, and a payload is estimated by its weight",
-                "leave the estimate out",
+                "the rig is horizontal, and a payload is estimated from its weight",
+                "omit the estimate",
             )
         return PayloadEstimator() if wanted else None
 

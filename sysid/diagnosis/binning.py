@@ -1,8 +1,7 @@
-"""Means of a residual in bins of a regressor, and how much of it they predict in other tests."""
+"""Means of a residual in bins of a regressor, as figures draw them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,25 +27,6 @@ def bins_of(regressor: FloatArray, most: int, least: int) -> tuple[IntArray, int
     edges = equal_count_edges(regressor, count)
     place = np.searchsorted(edges[1:-1], regressor, side="right")
     return np.unique(place, return_inverse=True)[1], len(np.unique(place))
-
-
-def predicted_share(
-    values: FloatArray, place: IntArray, group: IntArray, folds: Sequence[Sequence[int]]
-) -> float:
-    """Share of the squares of values (n,) that bin means of the other groups predict, 0 to 1.
-
-    Groups (n,), by number, are excluded in `folds`; 0 without any. Unlike the share within the
-    sample it is not inflated by the autocorrelation of values next to one another in time.
-    """
-    count = int(place.max()) + 1
-    taken = total = 0.0
-    for fold in folds:
-        out = np.isin(group, list(fold))
-        held = np.bincount(place[~out], minlength=count)
-        means = np.bincount(place[~out], values[~out], count) / np.maximum(held, 1)
-        taken += float(np.sum((values[out] - means[place[out]]) ** 2))
-        total += float(np.sum(values[out] ** 2))
-    return max(1.0 - taken / total, 0.0) if total > 0.0 else 0.0
 
 
 def binned_means(place: IntArray, values: FloatArray, group: IntArray) -> dict[str, Any]:
@@ -77,4 +57,4 @@ def binned_means(place: IntArray, values: FloatArray, group: IntArray) -> dict[s
     }
 
 
-__all__ = ["binned_means", "bins_of", "equal_count_edges", "predicted_share"]
+__all__ = ["binned_means", "bins_of", "equal_count_edges"]

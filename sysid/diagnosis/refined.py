@@ -103,10 +103,11 @@ def _beyond_its_range(found: Diagnosis) -> tuple[FoundEffect, str] | None:
 def _limits(effect: CatalogueEffect) -> list[str]:
     """The strengths at a limit of their range other than 0, with their values."""
     values = {q: float(getattr(effect, q.name)) for q in type(effect).strengths()}
+    within = {q: q.around(value) for q, value in values.items()}
     return [
         f"{q.label} {number(value, 3)} {q.unit}".rstrip(" -")
         for q, value in values.items()
-        if value and min(value - q.lower, q.upper - value) <= _AT_LIMIT * abs(value)
+        if value and min(value - within[q][0], within[q][1] - value) <= _AT_LIMIT * abs(value)
     ]
 
 

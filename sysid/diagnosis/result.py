@@ -8,8 +8,8 @@ from typing import Any
 
 from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.found import BeforeAfter, FoundEffect, Verdict
+from sysid.diagnosis.lack_of_fit import Remainder
 from sysid.diagnosis.looked import Because, Looked, Missed
-from sysid.diagnosis.remainder import Remainder
 from sysid.diagnosis.search import Tried
 from sysid.refinement.result import RefineResult
 from sysid.types import FloatArray

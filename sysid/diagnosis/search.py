@@ -156,6 +156,28 @@ def run(
             return tuple(history)
 
 
+def limit_sentence(name: str, limits: Sequence[str], rivals: Sequence[str]) -> str:
+    """Says that the shapes `limits` of an effect ended at limits of their ranges, so that its name
+    is in doubt; empty where none did."""
+    if not limits:
+        return ""
+    others = f" ({', '.join(rivals)}, for one)" if rivals else ""
+    return (
+        f"{name}: {' and '.join(limits)} ended at a limit of its range: the form that the tests "
+        f"show lies beyond what the effect can take, so that another one may be behind it{others}"
+    )
+
+
+def full_sentence(steps: Sequence[Step]) -> str:
+    """Says that a search ended with as many effects as it may add; empty where it did not."""
+    if len(steps) < MOST_EFFECTS:
+        return ""
+    return (
+        f"the search adds at most {MOST_EFFECTS} effects, and has added {len(steps)}: no further "
+        "one was looked for, so diagnose the extended bundle for what it still lacks"
+    )
+
+
 def mark_removed(shown: Sequence[dict[str, Any]]) -> None:
     """Say of effects that were removed in which round; `shown` as reports show the rounds."""
     for number, one in enumerate(shown, start=1):
@@ -181,4 +203,14 @@ def _removed(rounds: Rounds[StepT], book: Book, number: int, progress: Progress)
     return tuple(found)
 
 
-__all__ = ["MOST_EFFECTS", "Round", "Rounds", "Step", "Tried", "mark_removed", "run"]
+__all__ = [
+    "MOST_EFFECTS",
+    "Round",
+    "Rounds",
+    "Step",
+    "Tried",
+    "full_sentence",
+    "limit_sentence",
+    "mark_removed",
+    "run",
+]

@@ -25,9 +25,9 @@ _HOW_TWINS = (
 )
 _HOW_LEFT_OUT = (
     "The part was tested alone, so there is no actuator to simulate. Each effect that acts on "
-    "it was fitted together with its law and had to predict tests left out of that fit; it was "
+    "it was fitted together with its law and had to predict tests excluded from that fit; it was "
     "added if its strength differs significantly from 0 and it removes a substantial share of the "
-    "prediction error. The errors below are those of tests that no number was fitted on."
+    "prediction error. The errors below are those of held-out tests."
 )
 
 
@@ -39,7 +39,7 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
     if content["residual"]:
         blocks += [tables.errors_table(content), _errors(content)]
     blocks += _residuals(content, is_linear)
-    blocks += _left(content)
+    blocks += _remainder(content)
     blocks += _tried(content)
     blocks += _remaining(content, is_linear)
     if content["notices"]:
@@ -77,8 +77,8 @@ def _effects(content: Content, is_linear: bool) -> list[Block]:
     refitted = tables.refitted_table(content)
     if is_refined(content):
         line = (
-            "The other parameters were estimated again beside these: from what to what each of "
-            "them moved is in the section on the refinement."
+            "The other parameters were estimated again together with these; the section "
+            "on the refinement lists how each of them changed."
         )
         blocks.append(Lines((line,)))
     elif refitted.rows:
@@ -181,7 +181,7 @@ def _excess_table(content: Content, is_linear: bool) -> Table:
     return table("Whitened sum of squares in excess of the twins'", columns, rows)
 
 
-def _left(content: Content) -> list[Block]:
+def _remainder(content: Content) -> list[Block]:
     """What the remaining residuals consist of."""
     rests = content.get("remainder")
     if not rests:
@@ -203,9 +203,9 @@ def _tried(content: Content) -> list[Block]:
     blocks: list[Block] = [Heading("diagnosis-tried", "What was tried")]
     if is_of_actuator(content):
         caption = (
-            "Gains of the suspects in each round, on a logarithmic axis. Circles: on twins, where "
-            f"nothing is missing (values up to {number(figures.LEAST_GAIN)} at the left edge); "
-            "diamonds: on the logs; crosses: after refitting with the base parameters."
+            "Improvement by each suspect in each round, on a logarithmic axis. Circles: on twins, "
+            f"where nothing is missing (values up to {number(figures.LEAST_GAIN)} at the left "
+            "edge); diamonds: on the logs; crosses: after refitting with the base parameters."
         )
         titles = content["figures"]["titles"]
         drawn = tuple(figures.suspects(place, look, titles) for place, look in shown)
@@ -228,7 +228,7 @@ def _remaining(content: Content, is_linear: bool) -> list[Block]:
     what = (
         "The remainder, which no effect in the catalogue explains"
         if is_structure
-        else "The residual where it depends most on anything, which does not count as structure"
+        else "The residual over its strongest regressor, which does not count as structure"
     )
     caption = (
         f"{what}: means with their 95 % band over the regressor on which the residual depends most."

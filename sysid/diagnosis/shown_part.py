@@ -87,8 +87,8 @@ def part_section(content: Content, is_linear: bool, *, is_alone: bool = True) ->
         blocks.append(FigureGroup(_tests_caption(figures, tests), shown))
     alone = "The part was tested alone. " if is_alone else ""
     intro = (
-        f"{alone}The signal as it was measured, next to what the fitted law makes "
-        "of the same conditions"
+        f"{alone}The signal as it was measured, together with the fitted law "
+        "under the same conditions"
         + (
             ": the base law, and the law extended by the effects that the diagnosis added."
             if content["effects"]
@@ -100,8 +100,8 @@ def part_section(content: Content, is_linear: bool, *, is_alone: bool = True) ->
 
 def _over_caption(figures: Content) -> str:
     less = (
-        f"{_what(figures)} Its share for the inertia is taken off, so that friction and what acts "
-        "beside it remain."
+        f"{_what(figures)} The inertia's share is subtracted, so that friction and what "
+        "acts alongside it remain."
         if figures["channel"].startswith("motor_")
         else ""
     )

@@ -6,9 +6,7 @@ LEAST_GAIN = 0.2
 """Share of the mean square prediction error that an effect must remove to be added."""
 RIVAL_SHARE = 0.9
 """Share of the winner's gain above which a rival is indistinguishable in these tests."""
-FAR_OFF = 10.0
-"""Times the noise floor from which on an error leaves a part's law that is not adequate."""
 DIGITS = 4
 """Tolerance in comparing shares of the error: two effects may be equivalent on these tests."""
 
-__all__ = ["DIGITS", "FAR_OFF", "LEAST_GAIN", "RIVAL_SHARE", "SIGNIFICANCE"]
+__all__ = ["DIGITS", "LEAST_GAIN", "RIVAL_SHARE", "SIGNIFICANCE"]

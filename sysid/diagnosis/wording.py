@@ -139,16 +139,16 @@ def _remaining(content: Content) -> Iterator[str]:
         yield said.format(balance_of(entry["channel"]), regressor_name(entry["regressor"]), share)
 
 
-def left(content: Content) -> tuple[str, ...]:
-    """What the errors after consist of, balance by balance; none where that is not known."""
-    return tuple(_left(rest) for rest in content.get("remainder") or ())
+def remainder_lines(content: Content) -> tuple[str, ...]:
+    """The parts of the remaining errors, balance by balance; none where they are not known."""
+    return tuple(_remainder_line(rest) for rest in content.get("remainder") or ())
 
 
-def _left(rest: Content) -> str:
+def _remainder_line(rest: Content) -> str:
     unit, over = rest["unit"], joined([regressor_name(n) for n in rest["regressors"]])
     repeats, scatter, noise = (number(rest[k], 3) for k in ("repeatable", "scatter", "noise"))
     return (
-        f"What is left of {balance_of(rest['channel'])}, {number(rest['rmse'], 3)} {unit} (squares "
+        f"Remainder of {balance_of(rest['channel'])}, {number(rest['rmse'], 3)} {unit} (squares "
         f"add up): {repeats} {unit} repeat from test to test over {over}, {scatter} {unit} differ "
         f"between tests, {noise} {unit} are noise."
     )
@@ -156,10 +156,10 @@ def _left(rest: Content) -> str:
 
 def advice(content: Content, titles: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """What to do next: the tests that would distinguish rivals, and how to treat a remainder."""
-    return (*_rivals_told_apart(content, titles or {}), *advice_on_rest(content))
+    return (*_rivals_distinguished(content, titles or {}), *advice_on_rest(content))
 
 
-def _rivals_told_apart(content: Content, known: Mapping[str, str]) -> Iterator[str]:
+def _rivals_distinguished(content: Content, known: Mapping[str, str]) -> Iterator[str]:
     for effect in content["effects"]:
         if effect["ambiguous_with"]:
             rivals = joined([effect_name(id, known) for id in effect["ambiguous_with"]], "or")
@@ -170,22 +170,22 @@ def _rivals_told_apart(content: Content, known: Mapping[str, str]) -> Iterator[s
 
 
 def advice_on_rest(content: Content) -> tuple[str, ...]:
-    """What to do about what was not looked at, is not explained, or cannot be judged."""
+    """What to do about parts that were not examined, not explained, or cannot be judged."""
     lines = []
     missed = content.get("search", {}).get("missed", [])
     if any(entry.get("reason") == QUICK.reason for entry in missed):
         lines.append(
-            "This was a first look: a diagnosis without --quick tries every form of every effect, "
-            "looks for more than one, and refines the numbers."
+            "This was a quick diagnosis: without --quick, every form of every effect is tried, "
+            "several effects are searched for, and the parameters are refined."
         )
     elif content["verdict"] == "incomplete":
         lines.append(
-            "What was not looked at may change the verdict and the numbers: allow more processor "
+            "What was not examined may change the verdict and the numbers: allow more processor "
             "time with --budget SECONDS."
         )
     elif _is_undecided(content):
         lines.append(
-            "What could not be looked at may explain what remains: the notices name what failed."
+            "What could not be examined may explain the remainder: the notices name what failed."
         )
     elif content["unexplained"] and not _NO_STRUCTURE.get(content.get("because") or ""):
         lines.append(
@@ -273,10 +273,10 @@ __all__ = [
     "errors_by_step",
     "is_refined",
     "joined",
-    "left",
     "p_text",
     "parameter_rows",
     "regressor_name",
+    "remainder_lines",
     "sentence",
     "steps",
 ]

@@ -208,7 +208,7 @@ def _orthonormal(regressors: FloatArray) -> FloatArray:
 def spectra(
     model: Autoregression, runs: Sequence[slice]
 ) -> Iterator[tuple[slice, FloatArray, int]]:
-    """Of each run: its rows, and the spectrum that multiplies by its Toeplitz matrix."""
+    """For each run its rows, and the spectrum that multiplies by its Toeplitz matrix."""
     known: dict[int, tuple[FloatArray, int]] = {}
     for run in runs:
         length = run.stop - run.start

@@ -47,7 +47,7 @@ class Autoregression:
 
     @classmethod
     def of_reflections(cls, reflections: FloatArray, variance: float) -> Autoregression:
-        """With these reflection coefficients (k,), each within 1, and this variance."""
+        """The model with these reflection coefficients (k,), each within 1, and this variance."""
         steps = list(_steps(reflections, variance))
         coefficients, innovation, _ = steps[-1]
         return cls(coefficients, innovation, np.array([gamma for _, _, gamma in steps]))
@@ -58,11 +58,11 @@ class Autoregression:
 
     @property
     def std(self) -> float:
-        """Of an innovation."""
+        """Standard deviation of the innovations."""
         return math.sqrt(self.innovation)
 
     def with_innovation(self, least: float) -> Autoregression:
-        """The same colour, enlarged where the innovations' variance is below the `least`."""
+        """The same spectral shape, scaled up where the innovation variance is below `least`."""
         if self.innovation == 0.0:
             return Autoregression.white(least)
         scale = max(least / self.innovation, 1.0)
@@ -105,7 +105,8 @@ class Autoregression:
         return self.coefficients, self.innovation
 
     def independent_samples(self, lengths: Sequence[int]) -> float:
-        """As many as say as much of a mean as runs of these lengths do; at most their sum."""
+        """The number of independent samples that determine a mean as well as runs of these lengths;
+        at most their sum."""
         gamma = self.autocovariance(max(lengths))
         lags = np.arange(len(gamma))
         sums = [float(2.0 * np.maximum(n - lags, 0) @ gamma) - n * gamma[0] for n in lengths]
@@ -160,7 +161,7 @@ def autoregression(residuals: Sequence[FloatArray], most: int) -> Autoregression
 def shown_by(
     residuals: FloatArray, runs: Sequence[slice], most: int
 ) -> tuple[Autoregression | None, float]:
-    """As runs of residuals (n,) show it, damped where need be, and their mean square.
+    """The model of runs of residuals (n,), damped where necessary, and their mean square.
 
     None for residuals that are all zero.
     """
@@ -214,7 +215,7 @@ def _steps(reflections: FloatArray, variance: float) -> Iterator[tuple[FloatArra
 
 
 def _predictions(gamma: FloatArray) -> Iterator[tuple[FloatArray, float]]:
-    """From an autocovariance (k + 1,): predictor and its error's variance, of orders 0 to k.
+    """Predictor and its error variance, for orders 0 to k, from an autocovariance (k + 1,).
 
     They end before a variance that is not above 0: such numbers are no autocovariance.
     """
@@ -242,7 +243,7 @@ def with_autocovariance(gamma: FloatArray, cap: float) -> Autoregression | None:
 
 
 def damped(gamma: FloatArray, cap: float) -> Autoregression | None:
-    """As `with_autocovariance`, where need be with the correlations damped, g[k] c^k.
+    """Like `with_autocovariance`, with the correlations damped, g[k] c^k, where necessary.
 
     c moves every pole. Smooth residuals exceed `cap` at the first lag already. White noise in
     their place would be the worst choice of all. None for residuals that are all zero.
@@ -270,7 +271,7 @@ def reflections_of(coefficients: FloatArray) -> FloatArray:
 
 
 def stationary(coefficients: FloatArray, innovation: float) -> Autoregression | None:
-    """With these coefficients (k,) and innovations of this variance; None where not stationary."""
+    """The model with these coefficients (k,) and innovation variance; None where not stationary."""
     reflections = reflections_of(coefficients)
     if len(reflections) < len(coefficients) or not np.all(np.abs(reflections) < 1.0):
         return None

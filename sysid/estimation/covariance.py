@@ -28,7 +28,7 @@ class Covariance:
         return math.sqrt(max(float(self.matrix[index, index]), 0.0))
 
     def at_least(self, other: Covariance) -> Covariance:
-        """With the larger of both standard errors of each estimate, and its degrees of freedom.
+        """With each estimate's larger standard error of the two, and its degrees of freedom.
 
         Where `other` has no variance, it carries no information.
         """
@@ -48,7 +48,7 @@ class JointCovariance:
     matrix: FloatArray
 
     def correlation(self, known: Collection[str]) -> tuple[tuple[str, ...], FloatArray]:
-        """Those of the names in `known` that have an error, and their correlation (m, m)."""
+        """The names in `known` that have an error, and their correlation (m, m)."""
         variances = np.diag(self.matrix)
         places = [
             i

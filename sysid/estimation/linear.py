@@ -52,7 +52,7 @@ class Estimate:
 
     @classmethod
     def symmetric(cls, value: float, std: float, unit: str, dof: float) -> Estimate:
-        """With Student's interval of `dof` degrees of freedom."""
+        """An estimate with Student's interval of `dof` degrees of freedom."""
         half = t_quantile(dof) * std
         return cls(value, std, unit, (value - half, value + half))
 
@@ -96,7 +96,7 @@ class Estimate:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Those of its standard error: the ones that its 95 % interval is Student's with.
+        """Degrees of freedom with which its 95 % interval is Student's.
 
         A bundle keeps no degrees of freedom, but half the interval over the standard error is the
         quantile that they give. Infinite without a finite interval, or with a normal one.

@@ -3,7 +3,7 @@
 The ratio of two sums of squares of correlated normal errors is about Fisher's, with the means
 and the degrees of freedom of both sums by their first two moments (Box, Ann. Math. Statist. 25
 (1954) 290-302). Under errors next to a unit root a slow effect takes away more squares by chance
-than one that changes from sample to sample, and few degrees of freedom are left to judge it;
+than one that changes from sample to sample, and few degrees of freedom remain to judge it;
 fewer still as that persistence is itself an estimate.
 """
 
@@ -38,7 +38,7 @@ class QuadraticForm:
 
     @classmethod
     def of_moments(cls, trace: float, square: float) -> QuadraticForm:
-        """From tr(A Omega) and tr(A Omega A Omega) of the form A, a projection."""
+        """The form A, a projection, from tr(A Omega) and tr(A Omega A Omega)."""
         return cls(trace, trace**2 / square if square > 0.0 else 0.0)
 
 
@@ -89,7 +89,7 @@ def _bases(jacobian: FloatArray, more: NDArray[np.bool_]) -> tuple[FloatArray, F
 def _forms(
     model: Autoregression, basis: FloatArray, added: FloatArray, runs: Sequence[slice]
 ) -> tuple[QuadraticForm, QuadraticForm]:
-    """Of the squares that `added` (n, k) takes away, and of those that `basis` (n, q) leaves."""
+    """Forms of the squares that `added` (n, k) explains and that `basis` (n, q) does not."""
     spread, moved = _through(model, basis, runs), _through(model, added, runs)
     inner, gained = basis.T @ spread, added.T @ moved
     trace, square = 0.0, 0.0

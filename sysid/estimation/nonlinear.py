@@ -251,7 +251,7 @@ class LeastSquaresFit:
         return np.where(found < 0, 1, found)
 
     def _group_factors(self, groups: NDArray[np.intp]) -> list[FloatArray]:
-        """Of each group's equations the triangular factor, (k, free + 1): as much as they say.
+        """The triangular factor (k, free + 1) of each group's equations, with the same information.
 
         Over the free parameters, their columns of unit length in all groups together, and the
         residual.
@@ -277,7 +277,7 @@ class LeastSquaresFit:
         if name in d.tied:
             others = ", ".join(n for n in d.tied if n != name)
             return Estimate.unidentified(
-                parameter.unit, f"the data cannot tell {name} from {others}"
+                parameter.unit, f"the data cannot distinguish {name} from {others}"
             )
         if covariance is None:
             covariance = Covariance(self.covariance, np.full(len(self.values), float(self.dof)))

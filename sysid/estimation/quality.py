@@ -11,9 +11,9 @@ where it does not: friction in one direction hardly varies, yet without friction
 be 0.
 
 The verdict covers all data that were given, not only those that the fit used. The fitted law is
-also compared with the data that the fit excluded, as far as it applies to them (`LeftOut`), and
-its errors there count as well. A fit of a log that contradicts its rig file is not good, however
-well it follows the log.
+also compared with the data that the fit excluded, as far as it applies to them (`ExcludedData`),
+and its errors there count as well. A fit of a log that contradicts its rig file is not good,
+however well it follows the log.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from sysid.types import FloatArray
 LEAST_EXPLAINED = 0.5
 """Share of a signal's variance that a law has to explain, its scatter apart.
 
-Below it, more is left than explained: the numbers describe something else, and the fit is
+Below it, most is unexplained: the numbers describe something else, and the fit is
 refused. True laws are far above it, nonsense mostly far below (benchmarks/fit_quality.py). A law
 that lacks an effect may be below too (the time of a pulsed valve without partial opening: 0.33),
 so that a campaign keeps friction and parts on a bench with the verdict, for the diagnosis.
@@ -54,7 +54,7 @@ FEW = 0.1
 MOST_UNASKED = 0.25, 0.5
 """Of the tests given, the share that may be unusable in a good and in a usable fit: what nobody
 can ask may say anything."""
-CONTRADICTED = "log and rig file contradict one another"
+CONTRADICTED = "log and rig file contradict each other"
 
 REPEATS, SCATTER, RUNS, NONE = "repeats", "scatter", "runs", "none"
 _RANKS = ("good", "usable", "poor")
@@ -85,7 +85,7 @@ NOT_TESTABLE = LackOfFit(NONE)
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class ExcludedData:
     """Data that a fit excluded: `count` of the `given` (`what`: tests, samples).
 
     The law makes no prediction for `unasked` of these. `rmse` and `spread`: the law's error on,
@@ -109,9 +109,9 @@ class LeftOut:
     def text(self) -> str:
         """ "7 of 14 tests", "36 % of the samples"."""
         if self.what == "samples":
-            return f"{100.0 * self.share:.0f} % of the samples are left out"
+            return f"{100.0 * self.share:.0f} % of the samples are excluded"
         verb = "is" if self.count == 1 else "are"
-        return f"{self.count} of {self.given} {self.what} {verb} left out"
+        return f"{self.count} of {self.given} {self.what} {verb} excluded"
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class FitQuality:
     lack_of_fit: LackOfFit = NOT_TESTABLE
     scatter: float | None = None
     impossible: tuple[str, ...] = ()
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: tuple[ExcludedData, ...] = ()
     contradicted: bool = False
     spare: int | None = None
 
@@ -149,7 +149,7 @@ class FitQuality:
         lack_of_fit: LackOfFit = NOT_TESTABLE,
         scatter: float | None = None,
     ) -> FitQuality:
-        """From the measured signal (n,) and what the law leaves of it (n,)."""
+        """The quality of a fit from the measured signal (n,) and the residual of the law (n,)."""
         y, left = np.asarray(measured, dtype=float), np.asarray(residuals, dtype=float)
         return cls(
             signal, unit, len(y), root_mean_square(left),
@@ -168,7 +168,7 @@ class FitQuality:
 
     @property
     def missed(self) -> float:
-        """What the law misses beyond the scatter, over the signal's spread."""
+        """Share of the signal's spread that the law misses beyond the scatter."""
         return self._missed(self.rmse, self.spread)
 
     def _missed(self, rmse: float, spread: float) -> float:
@@ -187,11 +187,11 @@ class FitQuality:
         """ "good", "usable", "usable: ...", "poor: ..." or "impossible: ..."."""
         if self.impossible:
             return f"impossible: {'; '.join(self.impossible)}"
-        found = [self._of_used(), *map(self._of_left_out, self.left_out)]
+        found = [self._of_used(), *map(self._of_excluded, self.left_out)]
         if self.contradicted:
             found.append(("usable", CONTRADICTED))
         if self.spare == 0:
-            found.append(("usable", "no test repeats it, so that nothing shows how far it is off"))
+            found.append(("usable", "no test repeats it, so its error is unknown"))
         rank, why = max(found, key=lambda one: (_RANKS.index(one[0]), bool(one[1])))
         return f"{rank}: {why}" if why else rank
 
@@ -202,7 +202,7 @@ class FitQuality:
             return ("poor", "the scatter is as large as the signal") if noisy else ("good", "")
         return ("usable", "") if self.missed <= USABLE_SHARE else ("poor", self.shortfall)
 
-    def _of_left_out(self, out: LeftOut) -> tuple[str, str]:
+    def _of_excluded(self, out: ExcludedData) -> tuple[str, str]:
         """The rank by what the fit excluded, and why."""
         if out.share <= FEW:
             return "good", ""
@@ -223,7 +223,7 @@ class FitQuality:
 
     @property
     def shortfall(self) -> str:
-        """What the law leaves of the signal, in words."""
+        """What the law does not explain, in words."""
         if math.isinf(self.share):
             return f"the {self.signal} does not vary"
         beyond = " beyond its scatter" if self.scatter else ""
@@ -235,7 +235,7 @@ class FitQuality:
         )
 
     def with_impossible(self, lines: Sequence[str]) -> FitQuality:
-        """The same, of parameters that cannot be."""
+        """The same, with impossible parameters."""
         return replace(self, impossible=tuple(lines))
 
     def to_json(self) -> dict[str, Any]:
@@ -265,7 +265,7 @@ def spread(values: FloatArray, has_constant: bool) -> float:
 
 
 def repeats_lack_of_fit(test: FTest | None) -> LackOfFit:
-    """From the F test of a law against the means of its repeats; None: not testable."""
+    """Lack of fit by the F test of a law against the means of its repeats; None: not testable."""
     return LackOfFit(REPEATS, test.statistic, test.p_value) if test else NOT_TESTABLE
 
 
@@ -355,9 +355,9 @@ __all__ = [
     "NOT_TESTABLE",
     "SCATTER_TIMES",
     "USABLE_SHARE",
+    "ExcludedData",
     "FitQuality",
     "LackOfFit",
-    "LeftOut",
     "lack_of_fit_text",
     "repeated_scatter",
     "repeats_lack_of_fit",

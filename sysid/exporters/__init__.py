@@ -10,6 +10,7 @@ import hashlib
 from pathlib import Path
 
 from sysid.errors import InputError, input_error
+from sysid.exporters.c_text import DEFAULT_PREFIX
 from sysid.exporters.flat import Flat, flatten
 from sysid.io.files import write_atomic
 from sysid.parameters import Bundle, EffectEntry, bundle_text
@@ -19,7 +20,6 @@ from sysid.plant.effects.entry import SIDE_CHOICES, Catalogue, CatalogueEffect
 from sysid.plant.effects.linear import for_rig
 
 FORMATS = ("c", "mat", "json")
-DEFAULT_PREFIX = "sysid_"
 
 __all__ = [
     "DEFAULT_PREFIX",

@@ -62,7 +62,7 @@ class BaseLaw:
 
 
 def law_replays(flat: Flat, constants: NumberTable, features: Collection[str]) -> Iterator[Replay]:
-    """Those of every base law that the header holds, with the header's own constants."""
+    """The replays of every base law in the header, with the header's own constants."""
     p = Parameters(**parameter_values(flat, constants))
     laws = [*mechanics(flat)]
     for side in SIDES:

@@ -17,7 +17,7 @@ from sysid.controllers.sensing import filter_coefficients
 from sysid.controllers.task import HORIZON, MOTOR_SHARE
 from sysid.exporters.c_printer import all_statements, reduced
 from sysid.exporters.c_text import KEPT, Names, comment_text, indented, literal, wrapped
-from sysid.exporters.control_laws import ControlLaw
+from sysid.exporters.control_function import ControlLaw
 from sysid.exporters.control_model import ControlModel
 from sysid.exporters.flat import DIRECTIONS, Flat
 from sysid.io.channels import SIDES

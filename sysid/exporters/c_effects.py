@@ -184,7 +184,7 @@ static inline {r} {whole}_with_effects({r} time_s)
 
 
 def _meanings(port: Port, arguments: Sequence[str]) -> list[str]:
-    """What the arguments are that the function has beyond its own."""
+    """The meaning of the arguments that the function has in addition to its own."""
     return [f"{name}: {ARGUMENTS[name]};" for name in arguments if name not in port.arguments]
 
 

@@ -189,7 +189,7 @@ class _Guard:
         return indented([condition, *(f"    {line}" for line in then), "}"]) + "\n"
 
     def _kept(self) -> str:
-        """What is remembered, as it was before."""
+        """The statements that restore the state as it was."""
         kept = [f"const {a.type} {a.name}_before = *{a.name};" for a in self._remembered]
         return indented(kept) + "\n" if kept else ""
 

@@ -69,9 +69,9 @@ _USE = (
     "",
     "On a microcontroller: include this file in one source file, compile it with -std=c99 -O2,",
     "and -DSYSID_REAL=float where the unit for floating point is single. Nothing is allocated, and",
-    "nothing is global but constants. The folder ..._check beside this file replays numbers of the",
-    "Python package through it: cmake and ctest on a computer, or check.c with its vectors.h on",
-    "the target itself.",
+    "nothing is global but constants. The folder ..._check next to this file replays numbers of",
+    "the Python package through it: cmake and ctest on a computer, or check.c with its vectors.h",
+    "on the target itself.",
 )
 _USE_OF_CONTROLLERS = (
     "Controllers: each loop keeps its own structs. Each tick (1 ms) sense() turns readings into an",
@@ -94,7 +94,7 @@ class _Law:
 class Header:
     """The header's text, notices, features, constants, and the controllers' model, if any.
 
-    The notices say what it leaves out, and which effects it does not hold.
+    The notices say what it omits, and which effects it does not hold.
     """
 
     text: str
@@ -150,7 +150,7 @@ def render(
     notices += _of_controllers(flat)
     if control.ignored:
         ids = ", ".join(control.ignored)
-        notices.append(f"the controllers in C leave out {ids}; their code has no form in C")
+        notices.append(f"the controllers in C omit {ids}, whose code has no form in C")
     return Header(text, notices, present, held.constants, control)
 
 
@@ -177,11 +177,11 @@ def _controllers(flat: Flat, control: ControlModel, n: Names) -> str:
 
 
 def _of_controllers(flat: Flat) -> list[str]:
-    """What the controllers take for granted and the rig file does not give."""
+    """Assumptions of the controllers that the rig file does not state."""
     notices = []
     if flat.rig.valves is None:
         notices.append(
-            "the rig file has no [valves]: the controllers in C take valves without delays; give "
+            "the rig file has no [valves]: the controllers in C assume valves without delays; give "
             "on_delay_s and off_delay_s"
         )
     if flat.rig.is_linear:
@@ -193,7 +193,7 @@ def _of_controllers(flat: Flat) -> list[str]:
 
 
 def _notices(flat: Flat, held: EffectsInC, features: dict[str, bool], n: Names) -> list[str]:
-    notices = flat.absences("left out")
+    notices = flat.absences("omitted")
     absent = [k for k, present in features.items() if not present]
     if absent:
         notices.append("0 in the header: " + ", ".join(n.upper + feature for feature in absent))

@@ -90,7 +90,7 @@ def traced(
 
 
 def _needed(moving: Reduced, results: Sequence[Any]) -> Reduced:
-    """Those of the temporaries that results need, with them."""
+    """The results and the temporaries that they need."""
     names = {s for result in results for s in result.free_symbols}
     found = []
     for name, part in reversed(moving.temporaries):
@@ -165,7 +165,7 @@ class _Printer(C99CodePrinter):  # type: ignore[misc]
         return "0"
 
     def _print_Pow(self, expr: Any) -> str:  # noqa: N802
-        """Whole powers as products: nothing else is left as a power."""
+        """Whole powers as products: no other powers remain."""
         count = abs(int(expr.exp))
         base = self._print(expr.base)
         if count > 1:

@@ -9,18 +9,22 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from sysid.exporters.c_text import Names, array, indented, real
+from sysid.exporters.c_text import DEFAULT_PREFIX, Names, array, indented, names, real
 from sysid.exporters.flat import DIRECTIONS, Flat
 from sysid.exporters.replay import Replay, simple
 from sysid.surfaces.hull import FlowLaw
 from sysid.surfaces.kinds import SURFACES
 
-_UNITS = {"flow": "kg_s", "duty": "", "pressure": "pa"}
+# Names of the first argument in C, by the result.
+_ARGUMENTS = {"flow": "duty", "duty": "flow_kg_s"}
+# Stands for a surface's table of numbers; no C name holds such a sign.
+_TABLE = "@table@"
 
 
 @dataclass(frozen=True)
@@ -53,35 +57,53 @@ class SurfaceFunction:
 
     def text(self, n: Names) -> str:
         """Its C: the law on names."""
-        from sysid.exporters.c_printer import traced
-        from sysid.exporters.symbolic import expression, loops, symbol
-
-        names = ("duty" if self.result == "flow" else "flow_kg_s"), "pressure_pa"
-        law: Any = _named(self.law, f"{n.lower}{self.table}")
-        with loops() as found:
-            value, reasons = getattr(law, f"bounded_{self.result}")(*map(symbol, names))
-        results = [expression(value), *map(expression, reasons.values())]
-        lines, (answer, *holds) = traced(found, results, n)
-        flags = " | ".join(
-            f"({test} ? {n.upper}{reason.name} : 0u)"
-            for reason, test in zip(reasons, holds, strict=True)
-        )
-        body = [
-            *lines,
-            "if (flags) {",
-            f"    *flags = {flags};",
-            "}",
-            f"return {answer};",
-        ]
+        shapes = tuple((f.name, np.shape(value)) for f, value in _numbers(self.law))
+        marks = ((DEFAULT_PREFIX, n.lower), (DEFAULT_PREFIX.upper(), n.upper), (_TABLE, self.table))
+        lines = _body(cast(Any, type(self.law)), shapes, self.result)
+        for mark, name in marks:
+            lines = [line.replace(mark, name) for line in lines]
         r = real(n)
         return f"""\
 /* {self.meaning}. */
 static inline {r} {n.lower}{self.name}(
-    {r} {names[0]}, {r} {names[1]}, unsigned *flags)
+    {r} {_ARGUMENTS[self.result]}, {r} pressure_pa, unsigned *flags)
 {{
-{indented(body)}
+{indented(lines)}
 }}
 """
+
+
+@cache
+def _body(kind: Any, shapes: tuple[tuple[str, tuple[int, ...]], ...], result: str) -> list[str]:
+    """The function's lines for a law of this class, with tables of these shapes by field.
+
+    They hold no numbers of a law, so that the surfaces of a bundle share them: names have the
+    default prefix, and the table's is `_TABLE`.
+    """
+    from sysid.exporters.c_printer import traced
+    from sysid.exporters.symbolic import expression, loops, symbol, table
+
+    n = names(DEFAULT_PREFIX)
+    tables = {
+        field: table(f"{n.lower}{_TABLE}_{field}", np.empty(shape)) for field, shape in shapes
+    }
+    law: Any = kind(**tables)
+    with loops() as found:
+        value, reasons = getattr(law, f"bounded_{result}")(
+            symbol(_ARGUMENTS[result]), symbol("pressure_pa")
+        )
+    results = [expression(value), *map(expression, reasons.values())]
+    lines, (answer, *holds) = traced(found, results, n)
+    flags = " | ".join(
+        f"({test} ? {n.upper}{reason.name} : 0u)"
+        for reason, test in zip(reasons, holds, strict=True)
+    )
+    return [*lines, "if (flags) {", f"    *flags = {flags};", "}", f"return {answer};"]
+
+
+def _numbers(law: FlowLaw) -> Iterator[tuple[dataclasses.Field[Any], Any]]:
+    """The fields of a law, each with its numbers."""
+    return ((field, getattr(law, field.name)) for field in dataclasses.fields(law))
 
 
 def slots(flat: Flat) -> Iterator[tuple[str, str, Any]]:
@@ -98,7 +120,7 @@ def macro(name: str, kind: str) -> str:
 
 
 def surface_functions(flat: Flat) -> Iterator[SurfaceFunction]:
-    """Those of every surface that a bundle holds, in the header's order."""
+    """The functions of every surface in a bundle, in the header's order."""
     for slot, kind, surface in slots(flat):
         if surface is None:
             continue
@@ -107,36 +129,25 @@ def surface_functions(flat: Flat) -> Iterator[SurfaceFunction]:
             yield SurfaceFunction(f"{name}_{result}", table, result, surface.model.law)
 
 
-def surfaces(flat: Flat, names: Names) -> str:
+def surfaces(flat: Flat, n: Names) -> str:
     """Helpers, then every surface that the bundle holds; empty without any."""
     functions = list(surface_functions(flat))
     if not functions:
         return ""
     fixed = resources.files("sysid.exporters").joinpath("surfaces.h.in").read_text("utf-8")
-    parts = [fixed.replace("@p@", names.lower).replace("@P@", names.upper)]
+    parts = [fixed.replace("@p@", n.lower).replace("@P@", n.upper)]
     for flow, duty in zip(functions[::2], functions[1::2], strict=True):
-        texts = [flow.text(names), duty.text(names)]
-        parts += [*_tables(flow, "\n".join(texts), names), "", *texts]
+        texts = [flow.text(n), duty.text(n)]
+        parts += [*_tables(flow, "\n".join(texts), n), "", *texts]
     return "\n".join(parts)
 
 
-def _tables(function: SurfaceFunction, text: str, names: Names) -> Iterator[str]:
+def _tables(function: SurfaceFunction, text: str, n: Names) -> Iterator[str]:
     """The numbers of a law of which the C text reads any."""
-    for field in dataclasses.fields(function.law):
-        name = f"{names.lower}{function.table}_{field.name}"
+    for field, values in _numbers(function.law):
+        name = f"{n.lower}{function.table}_{field.name}"
         if f"{name}[" in text or f"{name}," in text:
-            yield array(name, np.ravel(getattr(function.law, field.name)), names)
-
-
-def _named(law: FlowLaw, name: str) -> FlowLaw:
-    """The law with its tables' names as numbers."""
-    from sysid.exporters.symbolic import table
-
-    values = {
-        f.name: table(f"{name}_{f.name}", np.asarray(getattr(law, f.name)))
-        for f in dataclasses.fields(law)
-    }
-    return dataclasses.replace(law, **values)
+            yield array(name, np.ravel(values), n)
 
 
 __all__ = ["SurfaceFunction", "macro", "slots", "surface_functions", "surfaces"]

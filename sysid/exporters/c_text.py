@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from sysid.errors import input_error
 
+DEFAULT_PREFIX = "sysid_"
 _PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
 _UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;+=()@#%&<>/^_'-]")
 _LONGEST = 100
@@ -45,7 +46,7 @@ def comment_text(text: str) -> str:
 
 
 def real(n: Names) -> str:
-    """The header's real type: SYSID_REAL, double unless the compiler is told otherwise."""
+    """The header's real type: SYSID_REAL, double unless the compiler sets it."""
     return f"{n.lower}real"
 
 

@@ -18,7 +18,8 @@ from sysid.controllers.effective_law import averaged_law
 from sysid.errors import SysidError
 from sysid.exporters.c_constants import read_constants
 from sysid.exporters.c_text import Names
-from sysid.exporters.control_laws import ControlLaw, control_laws
+from sysid.exporters.control_function import ControlLaw
+from sysid.exporters.control_laws import control_laws
 from sysid.exporters.effect_laws import on_names
 from sysid.exporters.flat import Flat, NumberTable
 from sysid.exporters.symbolic import symbol

@@ -38,9 +38,9 @@ _UNKNOWN = "unknown_"
 _DUTY_DIRECTIONS = ("duty_direction_a", "duty_direction_b")
 _NO_EFFECT = "its entry is not that of a known effect"
 _PORTS = tuple(name for name in vars(Effect) if callable(getattr(Effect, name)))
-# What belongs to states alone.
+# Ports that belong to states alone.
 _OF_STATES = {"initial_states", "state_rates", "settled"}
-# What says how other ports act.
+# Ports that say how other ports act.
 _OF_PORTS = {"unmeasured", "is_idle"}
 
 
@@ -50,7 +50,7 @@ class _NotContainedError(Exception):
 
 @dataclass(frozen=True)
 class EffectLaw:
-    """What one effect makes of `value`. `is_sensor`: what it shows, to be solved for `value`."""
+    """The change of `value` by one effect. `is_sensor`: the reading, to be solved for `value`."""
 
     place: int
     law: Reduced
@@ -180,7 +180,7 @@ class _Maker:
             self.changed_by.setdefault(K_R_T, []).append(place)
 
     def stages(self, port: Port, held: Mapping[int, CatalogueEffect]) -> list[EffectLaw]:
-        """What the effects do at a port, in the order in which they act there."""
+        """The laws of the effects at a port, in the order in which they act there."""
         found = [
             stage
             for place, effect in held.items()
@@ -199,7 +199,7 @@ class _Maker:
         return found
 
     def _stage(self, port: Port, place: int, effect: CatalogueEffect) -> EffectLaw | None:
-        """What an effect does at a port, worked out anew only where constants drift."""
+        """The law of an effect at a port, computed anew only where constants drift."""
         key = (port.name, place)
         if key not in self._made or self._drifting:
             self._made[key] = self._new_stage(port, place, effect)
@@ -247,7 +247,7 @@ class _Maker:
 
 
 def _at_port(port: Port, effect: CatalogueEffect, point: Point, is_linear: bool) -> Any:
-    """What an effect makes of `value` at a port; None where a sensor's channel is not there."""
+    """The `value` at a port with an effect; None where a sensor's channel is absent."""
     value = symbol(VALUE)
     if port.channels:
         own = port.channels[is_linear and len(port.channels) > 1]

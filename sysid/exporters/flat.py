@@ -19,8 +19,8 @@ from sysid.io.motion import FRICTION
 from sysid.io.rig import Rig
 from sysid.io.rig_file import RIG_TABLES
 from sysid.parameters import Bundle, EffectEntry, Friction, PwmSurfaces, Unread, Valve
-from sysid.parameters.assembled_model import negative_friction
 from sysid.parameters.friction import StaticAtPosition
+from sysid.parameters.possible import impossible
 from sysid.parameters.table import ParameterTable
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.surfaces.kinds import SURFACES
@@ -28,8 +28,6 @@ from sysid.surfaces.kinds import SURFACES
 DIRECTIONS = ("fill", "discharge")
 FORMAT = "sysid-controller/1"
 
-# Sections of the rig file that are exported whole, under their own names.
-_WHOLE = ("air", "cylinder")
 _AGAIN = "fit again to rewrite the bundle"
 _NO_PART = "the bundle does not hold this part"
 
@@ -108,7 +106,7 @@ def flatten(bundle: Bundle, sha256: str) -> Flat:
     """
     rig, where = bundle.rig, bundle.source
     missing: dict[str, str] = {}
-    notices = negative_friction(bundle)
+    notices = impossible(bundle, rig)
     constants = _constants(rig, missing)
     known = bundle.parameters
     friction = _friction(known, rig, missing, where)
@@ -174,16 +172,36 @@ def _constants(rig: Rig, missing: dict[str, str]) -> NumberTable:
 
 
 def _rig_keys(rig: Rig) -> dict[str, dict[str, str]]:
-    """By section of the rig file: exported name -> key of the section."""
+    """For each section of the rig file: exported name -> key of the section.
+
+    Each is named: a key that is added to a section is not null in the exports of older bundles.
+    """
     u = rig.units
-    motor, sensors = (u.effort_per_volt, u.max_effort), (u.encoder_counts, "encoder_zero_counts")
+
+    def same(*keys: str) -> dict[str, str]:
+        return {key: key for key in keys}
+
     return {
-        **{section: {key: key for key in RIG_TABLES[section].model_fields} for section in _WHOLE},
-        "motor": {key: key for key in motor},
+        "air": same(
+            "gas_constant_j_per_kg_k",
+            "heat_capacity_ratio",
+            "temperature_k",
+            "atmospheric_pressure_pa",
+            "supply_pressure_pa",
+        ),
+        "cylinder": same(
+            "area_a_m2",
+            "area_b_m2",
+            "offset_a_m",
+            "offset_b_m",
+            "stroke_m",
+            "pitch_radius_m",
+        ),
+        "motor": same(u.effort_per_volt, u.max_effort),
         "pwm": {"pwm_period_s": "period_s"},
         "valves": {f"declared_{edge}_delay_s": f"{edge}_delay_s" for edge in ("on", "off")},
         "sampling": {"sampling_period_s": "period_s"},
-        "sensors": {key: key for key in sensors},
+        "sensors": same(u.encoder_counts, "encoder_zero_counts"),
     }
 
 
@@ -215,10 +233,10 @@ def _add_load(table: NumberTable, rig: Rig, missing: dict[str, str]) -> None:
 def _take_identified_inertia(
     bundle: Bundle, rig: Rig, constants: NumberTable, notices: list[str], where: str
 ) -> None:
-    """An identified inertia replaces the declared one, as in the simulation."""
+    """An identified inertia that can be replaces the declared one, as in the simulation."""
     name, unit = inertia_name(rig)
     estimate = None if bundle.friction is None else bundle.friction.inertia
-    if estimate is None or not estimate.identified:
+    if estimate is None or not estimate.identified or not estimate.value > 0.0:
         return
     declared = constants[name].value
     value = _number(estimate.value, estimate.unit, unit, f"{where}, friction.{name}")

@@ -10,135 +10,27 @@ import numpy as np
 
 from sysid.controllers.backstepping import BacksteppingMemory, backstepping_type
 from sysid.controllers.design_model import DesignModel
-from sysid.controllers.dvmpc import DvmpcController, DvmpcMemory, delayed_share
+from sysid.controllers.dvmpc import DvmpcController, DvmpcMemory
 from sysid.controllers.interface import Commands, Reference, StateEstimate
-from sysid.controllers.payload import PayloadEstimator, payload_mass
-from sysid.controllers.prediction import Motion, euler_step, loaded, point_at
+from sysid.controllers.payload import PayloadEstimator
+from sysid.controllers.prediction import loaded
 from sysid.controllers.pva import PvaController
-from sysid.controllers.sensing import Readings, SensingMemory, filter_coefficients, sense
 from sysid.exporters.c_control import AVERAGED, gains, inverses
+from sysid.exporters.control_laws import ESTIMATE, REFERENCE, function_replays
 from sysid.exporters.flat import DIRECTIONS, Flat
-from sysid.exporters.replay import Columns, Replay, simple
+from sysid.exporters.replay import Columns, Replay
 from sysid.io.channels import SIDES
 from sysid.surfaces.hull import FlowLaw, ValveLaw
 from sysid.types import BoolArray, FloatArray
 
-_MOTION = ("position", "velocity", "pressure", "pressure")
-ESTIMATE = ("position", "velocity", "acceleration", "velocity", "pressure", "pressure")
-REFERENCE = ("wanted", "velocity", "acceleration", "jerk")
-
 
 def control_replays(flat: Flat, design: DesignModel) -> Iterator[Replay]:
-    """Those of the controllers' part."""
-    yield from _averaged(design)
-    yield _prediction_step(design)
-    yield from _delayed_shares(design)
-    yield _sensing()
-    yield from _payload(design)
+    """The replays of the controllers' part."""
+    yield from function_replays(design)
     yield _pva()
     yield _backstepping(flat, design)
     yield _costs(design)
     yield _dvmpc(design)
-
-
-def _averaged(design: DesignModel) -> Iterator[Replay]:
-    for side in SIDES:
-        law: Any = design.inverse_a if side == "a" else design.inverse_b
-        yield simple(f"averaged_{side}_flow", ("duty", "pressure"), law.flow)
-        yield simple(f"averaged_{side}_duty", ("flow", "pressure"), law.duty)
-
-
-def _prediction_step(design: DesignModel) -> Replay:
-    def evaluate(v: Columns) -> list[Any]:
-        q, w, a, b, share_a, share_b, wanted, payload, step, way = v
-        model, motion, none = loaded(design, payload), Motion(q, w, a, b), 0.0 * q
-        point = point_at(motion._replace(velocity=wanted), model, none, none, wanted)
-        steps: Any = step
-        one, two = (
-            euler_step(motion, (share_a, share_b), point, model, steps, trapezoidal)
-            for trapezoidal in (False, True)
-        )
-        return [np.where(way > 0.0, y, x) for x, y in zip(one, two, strict=True)]
-
-    return Replay(
-        "prediction_step",
-        (*_MOTION, "share", "share", "velocity", "payload", "step", "switch"),
-        """@p@motion m, next;
-    m.position = (real)v[0];
-    m.velocity = (real)v[1];
-    m.pressure_a_pa = (real)v[2];
-    m.pressure_b_pa = (real)v[3];
-    @p@prediction_step(&m, (real)v[4], (real)v[5], (real)v[6], (real)v[7], (real)v[8], v[9] > 0,
-                       &next);
-    out[0] = (double)next.position;
-    out[1] = (double)next.velocity;
-    out[2] = (double)next.pressure_a_pa;
-    out[3] = (double)next.pressure_b_pa;""",
-        evaluate,
-    )
-
-
-def _delayed_shares(design: DesignModel) -> Iterator[Replay]:
-    for side in SIDES:
-
-        def evaluate(new: Any, old: Any, since: Any, span: Any, side: str = side) -> Any:
-            return delayed_share(side, new, old, since, span, design.model)
-
-        yield simple(f"delayed_share_{side}", ("switch", "switch", "step", "step"), evaluate)
-
-
-def _sensing() -> Replay:
-    filters = filter_coefficients(1e-3)[:, :, None]
-
-    def evaluate(v: Columns) -> list[Any]:
-        memory = SensingMemory(
-            Readings(*v[:3]), v[3], np.stack(v[4:6]), np.stack(v[6:8]), np.zeros(len(v[0]))
-        )
-        after, seen = sense(memory, Readings(*v[8:]), 0, 1e-3, filters)
-        pairs = [*after.velocity_filter, *after.acceleration_filter]
-        return [*after.last, after.difference, *pairs, after.rejected, *seen[1:]]
-
-    memory = ("position_m", "pressure_a_pa", "pressure_b_pa", "difference")
-    kept = ["position", *memory[1:], *(f"{k}_filter[{i}]" for k in _FILTERS for i in (0, 1))]
-    shown = ("position", "velocity", "acceleration", "raw_velocity", *memory[1:3])
-    outs = [f"m.{name}" for name in (*kept, "rejected")] + [f"e.{name}" for name in shown]
-    lines = ["@p@sensing m;", "@p@estimate e;"]
-    lines += [f"m.{name} = (real)v[{k}];" for k, name in enumerate(kept)]
-    lines.append("m.rejected = 0;")
-    lines.append("@p@sense(&@p@filter_defaults, &m, (real)v[8], (real)v[9], (real)v[10], &e);")
-    lines += [f"out[{k}] = (double){name};" for k, name in enumerate(outs)]
-    before = ("position", "pressure", "pressure", *["velocity"] * 3, *["acceleration"] * 2)
-    reading = ("reading", "pressure_reading", "pressure_reading")
-    return Replay("sense", (*before, *reading), "\n    ".join(lines), evaluate, None)
-
-
-_FILTERS = ("velocity", "acceleration")
-
-
-def _payload(design: DesignModel) -> Iterator[Replay]:
-    estimator = PayloadEstimator()
-
-    def update(v: Columns) -> list[Any]:
-        now, wanted = _signals(v)
-        return [estimator.update(v[10], v[11], now, wanted, design)]
-
-    yield Replay(
-        "payload_update",
-        (*ESTIMATE, *REFERENCE, "payload", "effort"),
-        """const @p@estimate e = estimate_of(v);
-    const @p@reference r = reference_of(v + 6);
-    out[0] = (double)@p@payload_update(&@p@payload_estimator_defaults, (real)v[10], (real)v[11], &e,
-                                       &r);""",
-        update,
-    )
-    yield simple("payload_mass", ("payload",), lambda payload: payload_mass(payload, design))
-    yield Replay(
-        "payload_detected",
-        ("payload",),
-        "out[0] = @p@payload_detected(&@p@payload_estimator_defaults, (real)v[0]);",
-        lambda v: [np.where(estimator.detects(v[0], design), 1.0, 0.0)],
-        0.0,
-    )
 
 
 def _signals(v: Columns) -> tuple[StateEstimate, Reference]:

@@ -252,13 +252,13 @@ def _loop(
 
 
 def _interp(x: Any, nodes: NamedRow, values: NamedRow) -> Symbolic:
-    """As numpy's, between the nodes of a table."""
+    """Like numpy's, between the nodes of a table."""
     places = (nodes.name, values.name, str(len(nodes.values)))
     return _function(INTERPOLATE, expression(x), *map(sympy.Symbol, places))
 
 
 def _sum(row: NamedRow, axis: int = -1) -> Any:
-    """Of a row's values, one after the other."""
+    """The sum of a row's values, added one after the other."""
     total: Any = row.values[0]
     for value in row.values[1:]:
         total = total + value
@@ -310,7 +310,7 @@ def _where(condition: Any, chosen: Any, other: Any) -> Symbolic:
 
 
 def _clip(x: Any, low: Any = None, high: Any = None) -> Any:
-    """As numpy: first not below `low`, then not above `high`; None for no bound."""
+    """Like numpy: first not below `low`, then not above `high`; None for no bound."""
     x = x if low is None else NAMESPACE.maximum(x, low)
     return x if high is None else NAMESPACE.minimum(x, high)
 

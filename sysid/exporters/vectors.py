@@ -17,7 +17,7 @@ _EDGES = 0.05
 # output, of its bound of 1e-4, beyond which a row cannot test single precision.
 _ROUNDING, _MOST_CHANGE = 2.0**-21, 0.3
 SINGLE, DOUBLE = 1e-4, 1e-12
-# What is more, as a share, is a jump, which both take on the same side.
+# A larger relative change is a jump, which both take on the same side.
 _JUMP = 1e-6
 # Roundings within a function count as that many of an input.
 _ROUNDINGS = 4.0
@@ -25,7 +25,7 @@ _ROUNDINGS = 4.0
 _SINGLE_RANGE = 1e18
 # A column's root mean square counts what is more than this many medians as that many.
 _OUTLIER = 10.0
-# Lanes that Python works out at once.
+# Lanes that Python computes at once.
 _MOST_LANES = 40_000
 # Inputs that choose: nothing is between their values.
 CHOICES = ("switch", "variant", "type", "inverse")
@@ -58,7 +58,7 @@ class Vectors:
 
 
 def draws(p: Parameters) -> dict[str, tuple[Draw, Sequence[float]]]:
-    """By kind of input: how it is drawn, and its edges; about the parameters of a rig.
+    """For each kind of input how it is drawn, with its edges, about the parameters of a rig.
 
     A parameter that is not known (NaN) is taken as that of a small rig.
     """

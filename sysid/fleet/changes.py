@@ -1,4 +1,4 @@
-"""From which date on a series of estimates is another.
+"""The date from which a series of estimates changes.
 
 A series of a few dates with known standard errors is compared with two kinds of change, at every
 date: a step from that date on, and a growth in proportion to time that begins after the date

@@ -238,7 +238,7 @@ def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparis
     comparable; a different rig file is reported in a notice.
     """
     if len(bundles) < 2:
-        raise input_error("compare", f"{len(bundles)} bundle", "give two or more")
+        raise input_error("compare", f"{len(bundles)} bundle", "give at least two")
     _check_comparable(bundles, names)
     parts = [bundle.parameters.fitted().parts() for bundle in bundles]
     if not any(set(parts[0]) & set(other) for other in parts[1:]):
@@ -275,7 +275,7 @@ def _has_surfaces(bundle: Bundle) -> bool:
 
 
 def _holds_surface(bundle: Bundle) -> bool:
-    """Whether a surface was fitted, not only looked for."""
+    """Whether a surface was fitted, not only requested."""
     found = [bundle.valve(side).pwm for side in SIDES]
     return any(one.surfaces() for pwm in found if pwm for one in pwm.directions().values())
 
@@ -302,7 +302,7 @@ def _notices(bundles: Sequence[Bundle], names: Sequence[str]) -> tuple[str, ...]
         if shared:
             said.append(
                 f"{name}: {len(shared)} of its {len(logs)} training logs are those of {names[0]}: "
-                "the errors of both are not independent, and movements look smaller than they are"
+                "the errors of both are not independent, and movements appear smaller than they are"
             )
         if _holds_surface(bundle) and _holds_surface(bundles[0]):
             said.append(

@@ -67,7 +67,7 @@ class FleetRow:
 
     @property
     def lacks_leakage(self) -> bool:
-        """Whether a whole diagnosis looked for a leak and found none."""
+        """Whether a complete diagnosis searched for a leak and found none."""
         found = any(is_leakage(id) for id in self.effects)
         return self.verdict is not None and self.is_whole and not found
 
@@ -93,7 +93,7 @@ class FleetRow:
     def failed(
         cls, campaign: Path, folder: str, origin: Origin | None, why: str, exit_code: int
     ) -> FleetRow:
-        """Of a campaign that came to no result."""
+        """The row of a campaign without a result."""
         return cls(str(campaign), folder, origin, failure=one_line(why), exit_code=exit_code)
 
     def write(self, folder: Path) -> None:
@@ -104,7 +104,7 @@ class FleetRow:
 def readings_of(
     fitted: Bundle, final: Bundle, catalogue: Catalogue | None = None
 ) -> tuple[FleetReading, ...]:
-    """What is followed over time: friction and valves as the bench tests gave them, and leakage.
+    """The quantities tracked over time: friction and valves from the bench tests, and leakage.
 
     The bench tests' own fit (`fitted`) is estimated in the same way on every date; in the `final`
     bundle the same numbers have a different meaning once an effect was added. `catalogue` holds

@@ -112,7 +112,7 @@ def rig_section(
     """The trends of a rig; collapsed where none changed."""
     own = [t for t in trends if t.rig == rig and len(t.values)]
     if not own:
-        nothing = (Lines(("No number of this rig can be followed.",)),)
+        nothing = (Lines(("No parameter of this rig can be tracked.",)),)
         return Section(f"rig-{place}", rig, (), nothing)
     signs = [f"{sign.sentence()}." for sign in leaks if sign.rig == rig]
     said = (*signs, *(f"{t.sentence(title_of(t.name))}." for t in own if t.is_change))

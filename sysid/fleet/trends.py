@@ -220,7 +220,7 @@ def _notices(rows: Sequence[FleetRow]) -> Iterable[str]:
     if guessed:
         yield (
             f"no date in the name of file, folder or campaign in {len(guessed)} of {len(rows)}: "
-            "the day on which the newest log was changed stands for it; name the folder by its "
+            "the day on which the newest log was changed is used; name the folder by its "
             "date, 2024-03-17"
         )
 

@@ -18,9 +18,9 @@ from sysid.io.plausibility import SAME_PRESSURE, TWICE
 from sysid.io.rig import Rig
 from sysid.types import FloatArray
 
-# Of the way, in the direction with the less of it.
+# Share of the travel in the direction with less of it.
 _BOTH_WAYS = 0.1
-# Of the effort that an added atmosphere would take; and of friction, which may differ by the way.
+# Share of the effort that an added atmosphere would take, and of friction, which may differ by it.
 _NEAR = 0.25
 
 

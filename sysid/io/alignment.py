@@ -17,7 +17,7 @@ from sysid.io.units import TEST_COLUMN
 from sysid.types import BoolArray, FloatArray, IntArray
 
 FILLS = ("hold", "linear")
-# Of a period: time stamps this near are the same.
+# Share of a period within which time stamps are the same.
 ROUNDING = 1e-6
 # Samples that show a rate.
 _FEWEST = 3
@@ -39,7 +39,7 @@ def values_at(grid: FloatArray, clock: FloatArray, values: FloatArray, held: boo
 
 
 def rows_held(grid: FloatArray, clock: FloatArray) -> IntArray:
-    """Which sample of `clock` (n,) s is in force at each of `grid` (m,) s; before all the first."""
+    """The sample of `clock` (n,) s in force at each of `grid` (m,) s; at least the first."""
     # Clocks that differ by a shift agree but for its rounding.
     rounding = ROUNDING * median_period(clock)
     return np.maximum(np.searchsorted(clock, grid + rounding, side="right") - 1, 0)

@@ -57,16 +57,16 @@ class BareLogs:
 def read_bare_logs(
     paths: Sequence[Path],
     mapping: Mapping[str, ColumnMap],
-    beside: Mapping[str, Any] | None = None,
+    existing_content: Mapping[str, Any] | None = None,
     exclude: Sequence[Sequence[Exclusion]] = (),
     *,
     readings: bool = False,
 ) -> BareLogs:
     """Read logs of one rig without its rig file.
 
-    `beside` is the content of the rig with which other parts were fitted: its assumed constants
-    are replaced where these logs show them, all others kept. `exclude`: what is not read of each
-    log. `readings` and InputError as for `read_log`.
+    `existing_content` is the content of the rig with which other parts were fitted: its assumed
+    constants are replaced where these logs show them, all others kept. `exclude`: what is not read
+    of each log. `readings` and InputError as for `read_log`.
     """
     excluded = exclude or [()] * len(paths)
     tables = [log_table(path, mapping) for path in paths]
@@ -83,8 +83,16 @@ def read_bare_logs(
         draft.position_channel,
         draft.effort_channel,
     )
-    content = reference if beside is None else {k: v for k, v in beside.items() if k != ASSUMED}
-    free = set(_dotted(content)) if beside is None else set(beside.get(ASSUMED, ()))
+    content = (
+        reference
+        if existing_content is None
+        else {k: v for k, v in existing_content.items() if k != ASSUMED}
+    )
+    free = (
+        set(_dotted(content))
+        if existing_content is None
+        else set(existing_content.get(ASSUMED, ()))
+    )
     if any(entry.gauge for entry in mapping.values()):
         # Their zero is the atmosphere's pressure, whatever that was.
         shown = dataclasses.replace(shown, atmosphere_pa=None, open_pa=())
@@ -191,7 +199,7 @@ def _completed(
     if high is not None and high <= (low or made["air"]["atmospheric_pressure_pa"]):
         known["air.supply_pressure_pa"] = high = None
     if high is None and "air.supply_pressure_pa" in free and shown.highest_pa is not None:
-        # An assumed supply leaves no test out.
+        # No test is excluded by an assumed supply.
         lowest = max(made["air"]["supply_pressure_pa"], _rounded(shown.highest_pa))
         made["air"]["supply_pressure_pa"] = lowest
     found = {key: value for key, value in known.items() if value is not None and key in free}

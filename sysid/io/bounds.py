@@ -69,7 +69,7 @@ class Cells:
     found: int = 0
 
     def add(self, cells: int, what: str = "") -> None:
-        """That the file declares so many more; `what` holds them ("data set p")."""
+        """Count further cells that the file declares; `what` holds them ("data set p")."""
         self.found += cells
         if self.found > (most := most_cells()):
             named = f" up to {what}" if what else ""

@@ -18,6 +18,15 @@ from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.exclusion import Exclusion, exclusions_of, shared_out
 from sysid.io.file_kinds import is_bag
 from sysid.io.foreign import digest_of
+from sysid.io.kinds import (
+    BALANCED_KINDS,
+    BENCH_KINDS,
+    FRICTION_KINDS,
+    FRICTION_POINTS,
+    KINDS,
+    MOTION_KINDS,
+    SIMULATED_KINDS,
+)
 from sysid.io.logs import Log, read_log, test_labels
 from sysid.io.own_kind import OwnKind, read_own_log
 from sysid.io.rig import Inertia, Rig, read_rig, read_toml, reject_misspelt
@@ -25,19 +34,7 @@ from sysid.io.samples import Trial
 from sysid.io.source import Source
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, parse_map_table
 
-FrictionKind = Literal["friction-static", "friction-sliding", "friction-motion"]
-ValveKind = Literal["valve-discrete", "valve-pwm"]
-MotionKind = Literal["motion-motor", "motion-pwm", "motion-discrete"]
-BenchKind = Literal["tank", "valve-flow", "valve-time", "friction-points"]
-Kind = Literal[FrictionKind, ValveKind, MotionKind, BenchKind]
 Use = Literal["fit", "holdout"]
-FRICTION_KINDS: tuple[str, ...] = get_args(FrictionKind)
-MOTION_KINDS: tuple[str, ...] = get_args(MotionKind)
-BENCH_KINDS: tuple[str, ...] = get_args(BenchKind)
-KINDS: tuple[str, ...] = get_args(Kind)
-FRICTION_POINTS = "friction-points"
-# Their force or torque is balanced with the motion, row by row.
-_BALANCED = ("friction-motion", "motion-motor")
 USES: tuple[str, ...] = get_args(Use)
 
 _TWO_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
@@ -77,7 +74,7 @@ class ExcludedSpan(TomlTable):
     """An entry of `exclude`: a test, or a span of one, that is not used."""
 
     test: Annotated[str, TextKey("Label of the test; empty for the only test of a file.")] = ""
-    from_s: Annotated[float | None, Field(description="Begin, s since the test's first row.")] = (
+    from_s: Annotated[float | None, Field(description="Start, s since the test's first row.")] = (
         None
     )
     to_s: Annotated[float | None, Field(description="End, s since the test's first row.")] = None
@@ -85,10 +82,14 @@ class ExcludedSpan(TomlTable):
 
 
 class LogEntry(TomlTable):
-    """`[[log]]`: the file of one or more tests of a kind, and what it may be used for."""
+    """`[[log]]`: the file of at least one test of a kind, and what it may be used for."""
 
     file: Annotated[str, TextKey("Path of the log, relative to the campaign file.")]
-    kind: Annotated[Kind, ChoiceKey("What was done in the tests.", get_args(Kind))]
+    kind: Annotated[
+        str,
+        ChoiceKey("What was done in the tests.", KINDS),
+        Field(json_schema_extra={"enum": [*KINDS]}),
+    ]
     use: Annotated[
         Use, ChoiceKey("Fitted on, or held out: never used to fit anything.", get_args(Use))
     ] = "fit"
@@ -106,7 +107,7 @@ class LogEntry(TomlTable):
     ] = None
     exclude: list[str | ExcludedSpan] = Field(
         default_factory=list,
-        description="What is used for nothing: labels of whole tests, or tables with a span of one "
+        description="What is excluded: labels of whole tests, or tables with a span of one "
         "(`test`, `from_s`, `to_s`, s since its first row) and a reason (`why`).",
     )
 
@@ -242,7 +243,7 @@ class Campaign:
             own, maps = self.own, (entry.mapping, entry.shared)
             return read_own_log(entry.path, self.rig, own, *maps, entry.exclude)
         log = self._as_recorded(entry)
-        if entry.kind not in _BALANCED or not self._effort_is_read:
+        if entry.kind not in BALANCED_KINDS or not self._effort_is_read:
             return log
         line = f"{self.path}: {readings_line(self.rig)}"
         trials = with_commands(log.trials, self.rig)
@@ -268,7 +269,7 @@ class Campaign:
         if self.rig.motor is not None:
             return False
         trials: list[Trial] = []
-        for entry in self.select(_BALANCED):
+        for entry in self.select(BALANCED_KINDS):
             with contextlib.suppress(InputError):  # it is raised where that log is read
                 trials += self._as_recorded(entry).trials
         return effort_is_read(trials, self.rig)
@@ -409,12 +410,12 @@ __all__ = [
     "FRICTION_POINTS",
     "KINDS",
     "MOTION_KINDS",
+    "SIMULATED_KINDS",
     "USES",
     "Campaign",
     "CampaignFile",
     "CampaignLog",
     "ExcludedSpan",
-    "Kind",
     "LogEntry",
     "Use",
     "kinds_named",

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sysid.io.campaign import BENCH_KINDS, KINDS, MOTION_KINDS
+from sysid.io.channels import SIDES
 from sysid.io.files import write_new
+from sysid.io.kinds import TEST_KINDS, TestKind
 
 _HEAD = """\
 # All tests of a rig, and what each may be used for. Paths are relative to this file.
 # Keep the entries whose logs you have and delete the others; a kind may have several entries.
-# A log holds any number of tests of its kind, one after the other, told apart by its column `test`.
+# A log holds any number of tests of its kind, in sequence, distinguished by its column `test`.
 rig = "rig.toml"                     # what is known about the rig: `sysid init rig.toml`
 # name = "after the service of 2024-03-17"  # for readers; a date in it tells a fleet when
 
@@ -22,61 +23,41 @@ _USES = {
     "fit": "training: parameters are fitted to it",
     "holdout": "held out: nothing is fitted to it; errors are reported on it",
 }
-# What a log of each kind holds (`docs/reference/log-format.md`).
-_CONTENT = {
-    "friction-static": "torque ramped slowly from zero until the shaft moves; several positions",
-    "friction-sliding": "constant torque after a start; at least two levels, both directions",
-    "friction-motion": "any motion with a known motor torque",
-    "valve-discrete": "piston held at an end; valve off, on at about 1 s, off again at about 4 s",
-    "valve-pwm": "piston held at an end; one test per duty, filling and discharging",
-    "motion-motor": "valves off, chambers open; a clipped sine of motor torque",
-    "motion-pwm": "clipped sines of both duties, with or without the motor",
-    "motion-discrete": "on/off sequences of both valves",
-    "tank": "a tank without a piston: how its pressure falls through a valve or a port",
-    "valve-flow": "a valve on a bench: settled flow over duty",
-    "valve-time": "a valve on a bench: time to a pressure over duty",
-    "friction-points": "single readings of friction",
-}
-_WITH_VALVE = ("valve-discrete", "valve-pwm")
-# Not every rig has them: to be uncommented.
-_OPTIONAL = ("friction-motion", *BENCH_KINDS)
 
 
 @dataclass(frozen=True)
 class TemplateEntry:
     """One `[[log]]` of the template."""
 
-    kind: str
+    kind: TestKind
     use: str
     valve: str | None = None
-    optional: bool = False
 
     @property
     def file(self) -> str:
         """The file that it names, to be replaced by the user's own."""
         held_out = "holdout" if self.use == "holdout" else None
-        parts = [self.kind.replace("-", "_"), self.valve, held_out]
+        parts = [self.kind.name.replace("-", "_"), self.valve, held_out]
         return "_".join(part for part in parts if part) + ".csv"
 
     def text(self) -> str:
         """Its lines, commented out where it is optional."""
-        lines = ["[[log]]", _line(f'kind = "{self.kind}"', _CONTENT[self.kind])]
+        lines = ["[[log]]", _line(f'kind = "{self.kind.name}"', self.kind.content)]
         lines.append(f'file = "{self.file}"')
         if self.valve:
             lines.append(_line(f'valve = "{self.valve}"', "the valve that was tested"))
         lines.append(_line(f'use = "{self.use}"', _USES[self.use]))
-        sign = "# " if self.optional else ""
+        sign = "# " if self.kind.optional else ""
         return "".join(f"{sign}{line}\n" for line in lines)
 
 
 def template_entries() -> tuple[TemplateEntry, ...]:
     """Every kind of the log format: motion for training and held out, valves once a side."""
     found = []
-    for kind in KINDS:
-        sides = ("a", "b") if kind in _WITH_VALVE else (None,)
-        optional = kind in _OPTIONAL
-        found += [TemplateEntry(kind, "fit", side, optional) for side in sides]
-    return (*found, *(TemplateEntry(kind, "holdout") for kind in MOTION_KINDS))
+    for kind in TEST_KINDS:
+        sides = SIDES if kind.of_a_valve else (None,)
+        found += [TemplateEntry(kind, "fit", side) for side in sides]
+    return (*found, *(TemplateEntry(k, "holdout") for k in TEST_KINDS if k.group == "motion"))
 
 
 def campaign_template() -> str:

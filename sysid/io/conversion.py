@@ -164,7 +164,7 @@ def convert(
     frame = reshaped(whole, how, ", ".join(map(str, paths)))
     unmapped = list(dict.fromkeys(name for file in files for name in file.unmapped))
     if unmapped:
-        notices.append(_left_out(unmapped, [name for name in units if name not in frame]))
+        notices.append(_ignored(unmapped, [name for name in units if name not in frame]))
     sources = tuple(file.source for file in files)
     said = [*(line for file in files for line in file.said), *joined_lines]
     _write(frame, output, sources, recipe, [*said, *how.lines(rows_every)])
@@ -303,13 +303,13 @@ def _joined(frames: Sequence[pd.DataFrame], paths: Sequence[Path]) -> pd.DataFra
     return pd.concat(frames, ignore_index=True)
 
 
-def _left_out(names: Sequence[str], lacking: Sequence[str]) -> str:
+def _ignored(names: Sequence[str], lacking: Sequence[str]) -> str:
     """The notice of what is not mapped; with the log format's name that one may be meant for."""
     shown = []
     for name in names[:31]:
         meant = name_meant(name, lacking)
         shown.append(shortened(name) + (f" (did you mean {meant}?)" if meant else ""))
-    return f"left out, not mapped: {some_of(shown, 30, counted=False)}"
+    return f"ignored, not mapped: {some_of(shown, 30, counted=False)}"
 
 
 def _write(

@@ -51,7 +51,7 @@ class Range:
 
     @property
     def fix(self) -> str:
-        """What to write instead of a value outside."""
+        """What to write instead of a value outside the range."""
         return self.hint or self.unit
 
     def holds(self, value: float) -> bool:
@@ -70,7 +70,7 @@ class Key:
         raise NotImplementedError
 
     def missing(self, name: str, table: str) -> tuple[str, str]:
-        """What is wrong where a required key is absent, and how to fix it."""
+        """The error of an absent required key, and how to fix it."""
         return f"[{table}] {name} is missing", f"add it under [{table}]"
 
     def schema(self) -> dict[str, Any]:
@@ -151,7 +151,7 @@ class TextKey(Key):
             raise input_error(source, f"{where} = {value!r} is not text", "put it in quotes")
         plain = escaped(value) == value
         if len(value) > LONGEST_TEXT or not plain:
-            fault = "too long" if plain else "no plain text (control characters)"
+            fault = "too long" if plain else "not plain text (control characters)"
             fix = f"at most {LONGEST_TEXT} characters" if plain else "remove these characters"
             raise input_error(source, f"{where} = {value!r} is {fault}", fix)
         return value
@@ -214,10 +214,10 @@ def key_of(field: FieldInfo) -> Key | None:
 
 
 def range_of(model: type[BaseModel], name: str) -> Range:
-    """What a number's key of a table may be. Raises TypeError for a key that is no number's."""
+    """The range of a table's numeric key. Raises TypeError for any other key."""
     declared = key_of(model.model_fields[name])
     if not isinstance(declared, NumberKey):
-        raise TypeError(f"{name} is no number")
+        raise TypeError(f"{name} is not a number")
     return declared.range
 
 

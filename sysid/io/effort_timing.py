@@ -27,12 +27,12 @@ _FEWEST_ROWS = 40
 # A reading is half a sample early: clearly nearer to that than to none.
 _NEARER = 0.25
 _STANDARD_ERRORS = 2.0
-# Of the median speed: a rest, whose friction is not the law's.
+# Share of the median speed, below which the shaft is at rest and the friction law does not hold.
 _SLOW = 0.02
 
 
 def readings_line(rig: Rig) -> str:
-    """That the efforts are readings, as a notice."""
+    """The notice that the efforts are readings."""
     return (
         f"{rig.effort_channel} balances the motion as a reading at each row, not as a command that "
         "holds to the next: it is used as a reading"
@@ -57,7 +57,7 @@ def _command(time: FloatArray, readings: FloatArray) -> FloatArray:
 
 
 def _between_pauses(time: FloatArray, readings: FloatArray) -> FloatArray:
-    """What must be held from each row (n,) for the motion at the rows that `readings` (n,) cause.
+    """The held command (n,) with the same effect at the rows as `readings` (n,).
 
     The second difference of positions is the acceleration a + h2 a''/12 for a sampling period with
     h2 its square; the mean of two commands about a row is u + h2 u''/8 of the command half a sample

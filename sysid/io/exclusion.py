@@ -70,18 +70,18 @@ class Exclusion:
 
 @dataclass(frozen=True)
 class Excluded:
-    """What was taken out of a log: an exclusion, and its number of rows."""
+    """What was excluded from a log: an exclusion, and its number of rows."""
 
     exclusion: Exclusion
     rows: int
 
     def to_json(self) -> dict[str, Any]:
-        """As `Exclusion.to_json`, with its rows."""
+        """Like `Exclusion.to_json`, with its rows."""
         return {**self.exclusion.to_json(), "rows": self.rows}
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Excluded:
-        """As `to_json` wrote it."""
+        """The object that `to_json` wrote."""
         given = {name: value for name, value in content.items() if name in _KEYS}
         return cls(Exclusion(**given), int(content["rows"]))
 
@@ -204,7 +204,7 @@ def names_test(exclusion: Exclusion, labels: Collection[str]) -> bool:
 
 
 def no_such_test(exclusion: Exclusion, where: str, labels: Sequence[str]) -> InputError:
-    """That a log holds no test of this label, and those that it holds."""
+    """The error of a log without a test of this label, naming those that it holds."""
     if list(labels) == [""]:
         fix = 'the file is one test without a label: write @FROM:TO, or test = ""'
     else:
@@ -222,7 +222,7 @@ def without(
     """The table of a log without its excluded rows, its parts labelled as separate tests.
 
     `maps` are those that apply to the file. Raises InputError where a test or a span does not
-    exist, or nothing is left.
+    exist, or nothing remains.
     """
     if not exclusions:
         return KeptRows(table, {})
@@ -244,7 +244,7 @@ def without(
     kept = np.flatnonzero(removed < 0)
     if kept.size == 0:
         given = ", ".join(dict.fromkeys(one.given for one in exclusions))
-        raise input_error(given, f"all of {table.path} is excluded", "leave some test of it")
+        raise input_error(given, f"all of {table.path} is excluded", "keep at least one test of it")
     left = _with_labels(table, maps, names) if split.is_split else table
     return KeptRows(left.at_rows(kept), split.begun, excluded, tuple(notices))
 
@@ -313,7 +313,7 @@ def _rows_of(
         raise input_error(
             f"{table.path}, {table.place(int(rows[again]))}",
             f"time_s of {_title(labels[code])} starts again and runs through {one.span} twice",
-            "give what follows each start a label of its own in the column `test`",
+            "give what follows each start its own label in the column `test`",
         )
     return rows[at[0] : at[-1] + 1]
 
@@ -365,8 +365,8 @@ class _Split:
                 self.removed[rows[first:last]] = len(self.exclusions)
                 place = self.table.place(int(rows[first]))
                 self.notices.append(
-                    f"{self.table.path}, {place}: fewer than two rows are left there of "
-                    f"{_title(label)}; they are left out"
+                    f"{self.table.path}, {place}: fewer than two rows of {_title(label)} "
+                    f"remain there; they are excluded"
                 )
                 continue
             self.removed[rows[first:start]] = len(self.exclusions)
@@ -402,7 +402,7 @@ class _Split:
                     f"{self.table.path}, {self.table.place(int(rows[start]))}",
                     f"time_s of {_title(label)} goes back across the excluded rows before, from "
                     f"{since[stop - 1]:.9g} to {since[start]:.9g} s after its start",
-                    "give what follows a label of its own in the column `test`",
+                    "give what follows its own label in the column `test`",
                 )
 
     def _first_usable(
@@ -415,16 +415,16 @@ class _Split:
         within = since[first:last]
         row_s = float(np.median(np.diff(within))) if len(within) > 1 else period
         off = np.abs(within - np.round(within / period) * period)
-        # As near to a period's start as decimal times are.
+        # As near to the start of a period as decimal times allow.
         near = np.flatnonzero(off <= signals.JITTER_IGNORED * row_s)
         if near.size:
             return first + int(near[0])
-        # The log's rows wander against the periods: the nearest of the next few.
+        # The log's rows drift against the periods: the nearest of the next few is taken.
         few = within - within[0] <= 4.0 * max(period, row_s)
         best = int(np.argmin(off[few]))
         self.notices.append(
             f"{self.table.path}: {_title(label)}: no row after the excluded ones lies at the start "
-            f"of a PWM period; they are counted from one {off[best]:.3g} s beside it"
+            f"of a PWM period; they are counted from one {off[best]:.3g} s away from it"
         )
         return first + best
 

@@ -122,7 +122,7 @@ def decoded(path: Path, raw: bytes, encoding: str = "utf-8") -> str:
 
 
 def kind_by_content(path: Path, file: BinaryIO) -> FileKind | None:
-    """What a file is by its first bytes; None for text, and for what has no signature.
+    """The kind of a file by its first bytes; None for text, and for files without a signature.
 
     The file's place is kept.
     """
@@ -142,7 +142,7 @@ def kind_by_content(path: Path, file: BinaryIO) -> FileKind | None:
 
 
 def kind_by_name(path: Path) -> FileKind | None:
-    """What a file is by the end of its name; None for the ends of text's."""
+    """The kind of a file by its suffix; None for those of text files."""
     suffix = path.suffix.lower()
     return _PARQUET if suffix in PARQUET_SUFFIXES else _BY_SUFFIX.get(suffix)
 

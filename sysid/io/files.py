@@ -39,7 +39,7 @@ def inputs_kept() -> Generator[None, None, None]:
 
 
 def note_input(path: Path, *, is_bundle: bool = False) -> None:
-    """That a file was read as an input (`inputs_kept`)."""
+    """Note that a file was read as an input (`inputs_kept`)."""
     if _inputs is not None:
         key = Path(os.path.realpath(path))
         _inputs[key] = is_bundle and _inputs.get(key, True)

@@ -26,13 +26,13 @@ class SlowerColumns:
     table: ForeignTable
     recipe: Recipe
     _said: list[str] = field(default_factory=list)
-    _left_out: list[tuple[str, BoolArray]] = field(default_factory=list)
+    _omitted: list[tuple[str, BoolArray]] = field(default_factory=list)
     _longest: float = 0.0
 
     def rows_of(
         self, name: str, target: str, kept: IntArray, time: FloatArray, starts: IntArray
     ) -> IntArray | None:
-        """Which of the rows `kept` (n,), at `time` (n,) s, a column is sampled in; None: in all.
+        """The rows among `kept` (n,), at `time` (n,) s, in which a column is sampled; None: all.
 
         `starts` are the first rows of the tests.
 
@@ -46,7 +46,7 @@ class SlowerColumns:
         said = f"column {name} (for {target})"
         if len(rows) == 0:
             raise input_error(
-                self.table.path, f"{said} is empty in every row", "map another, or leave it out"
+                self.table.path, f"{said} is empty in every row", "map another, or omit it"
             )
         if len(rows) == 1 and len(kept) > 2:
             place = self.table.place(int(kept[rows[0]]))
@@ -117,7 +117,7 @@ class SlowerColumns:
                 out[first:last] = values_at(grid, time[rows], values[inside], held)
                 known[first:last] = has_value(grid, time[rows], held)
                 out[rows], known[rows] = values[inside], True
-        self._left_out.append((name, ~known))
+        self._omitted.append((name, ~known))
         return out, known
 
     def _check_rising(self, name: str, rows: IntArray, time: FloatArray, kept: IntArray) -> None:
@@ -137,8 +137,8 @@ class SlowerColumns:
             self.table.notices.append(
                 f"{self.table.path}: columns at rates of their own: {'; '.join(self._said)}"
             )
-        for name, missing in self._left_out:
-            tell_left_out(self.table, name, missing, kept)
+        for name, missing in self._omitted:
+            tell_omitted(self.table, name, missing, kept)
         if self._longest:
             self.table.shape.append(joined_line(self._longest))
 
@@ -147,12 +147,12 @@ def _filled(held: bool) -> str:
     return "held between" if held else "linear between"
 
 
-def tell_left_out(table: ForeignTable, name: str, missing: BoolArray, kept: IntArray) -> None:
+def tell_omitted(table: ForeignTable, name: str, missing: BoolArray, kept: IntArray) -> None:
     """The notice that rows in which a column has no value are skipped."""
     rows = np.flatnonzero(missing)
     if rows.size:
         table.notices.append(
-            f"{table.path}: {rows.size} rows left out, in which {name} has no value (before its "
+            f"{table.path}: {rows.size} rows omitted, in which {name} has no value (before its "
             f"first sample, after its last, or in a pause; from {table.place(int(kept[rows[0]]))})"
         )
 
@@ -222,4 +222,4 @@ def told(grid: str, parts: Iterable[tuple[str, bool, float]]) -> str:
     return f"rows are the samples of {grid}: {listed}"
 
 
-__all__ = ["SlowerColumns", "Sources", "grid_of", "one_clock", "tell_left_out", "told"]
+__all__ = ["SlowerColumns", "Sources", "grid_of", "one_clock", "tell_omitted", "told"]

@@ -19,7 +19,7 @@ from sysid.io.foreign_clocks import (
     Sources,
     grid_of,
     one_clock,
-    tell_left_out,
+    tell_omitted,
     told,
 )
 from sysid.io.foreign_tests import (
@@ -73,10 +73,10 @@ def _sources(table: ForeignTable, recipe: Recipe) -> dict[str, tuple[str, Column
     names = list(table.columns)
     found = {}
     for target, entry in recipe.maps.items():
-        if (left_out := _left_out(table, entry.column)) is not None:
+        if (unread := _unread(table, entry.column)) is not None:
             raise input_error(
                 table.path,
-                f"{left_out} (mapped to {target}) is not a column: {table.skipped[left_out]}",
+                f"{unread} (mapped to {target}) is not a column: {table.skipped[unread]}",
                 "map another, by its name or number (#3)",
             )
         matrix = f"{entry.column}#1"
@@ -97,8 +97,8 @@ def _sources(table: ForeignTable, recipe: Recipe) -> dict[str, tuple[str, Column
     return found
 
 
-def _left_out(table: ForeignTable, column: str) -> str | None:
-    """What of the file a mapped column is, or is a part of, that is not read; None: neither."""
+def _unread(table: ForeignTable, column: str) -> str | None:
+    """The unread item of the file that a mapped column is, or is part of; None: neither."""
     if column in table.columns or column in table.skipped:
         return None if column in table.columns else column
     wholes = (column[:end] for end, sign in enumerate(column) if sign == ".")
@@ -198,7 +198,7 @@ def _of_one_clock(table: ForeignTable, recipe: Recipe, sources: Sources) -> _Mad
 
 
 def _of_several_clocks(table: ForeignTable, recipe: Recipe, sources: Sources) -> _Made:
-    """As `_of_one_clock`, of channels that the file samples at different instants."""
+    """Like `_of_one_clock`, for channels that the file samples at different instants."""
     if recipe.period_s is not None:
         raise input_error(
             table.path, "its channels have times of their own, which differ", "omit --period"
@@ -226,7 +226,7 @@ def _of_several_clocks(table: ForeignTable, recipe: Recipe, sources: Sources) ->
             values = _si_values(table, recipe, target, name, entry, None)
             columns[target] = values_at(instants, clock, values, held)
             known = has_value(instants, clock, held)
-            tell_left_out(table, name, ~known, kept)
+            tell_omitted(table, name, ~known, kept)
             has_row &= known
             others.append((name, held, median_period(clock)))
             longest = max(longest, 0.0 if held else median_period(clock))

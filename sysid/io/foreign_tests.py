@@ -46,7 +46,7 @@ class Tests:
         if alone:
             self.table.notices.append(
                 f"{self.table.path}: {len(alone)} test{'s' if len(alone) > 1 else ''} of a single "
-                f"row left out ({_listed(self.table, alone)})"
+                f"row omitted ({_listed(self.table, alone)})"
             )
         return kept
 

@@ -41,7 +41,7 @@ class TimedColumns:
         return median_period(self.frame["time_s"].to_numpy(float))
 
     def times(self, first: TimedColumns) -> FloatArray:
-        """Its times (n,) s on the clock of the first file. Raises InputError."""
+        """The file's times (n,) s on the clock of the first file. Raises InputError."""
         own = self.frame["time_s"].to_numpy(float) + self.shift_s
         if self.origin is None and first.origin is None:
             return own
@@ -51,7 +51,7 @@ class TimedColumns:
             raise input_error(
                 self.where,
                 f"one of it and {first.where} holds time stamps, the other seconds: their clocks "
-                "differ by an unknown time",
+                "have an unknown offset",
                 "give that time with --join-shift SECONDS",
             )
         try:
@@ -114,7 +114,7 @@ def _add(
             continue
         if name in frame:
             raise input_error(
-                other.where, f"has {name}, and so has {where}", "leave one of them out of the maps"
+                other.where, f"has {name}, and so has {where}", "remove one of them from the maps"
             )
         values = other.frame[name].to_numpy(float)
         frame[name] = values_at(time, clock, values, is_held(name, fill, other.held))

@@ -78,7 +78,7 @@ class Holder:
 
     @classmethod
     def of(cls, text: str) -> Holder | None:
-        """As written into the file; None where it is not (yet) that."""
+        """The holder as written into the file; None where it is not (yet) complete."""
         try:
             content: dict[str, Any] = json.loads(text)
             found = cls(**content)

@@ -22,26 +22,27 @@ from sysid.io.samples import Log, Trial
 from sysid.signals import longest_run
 from sysid.types import FloatArray
 
-# Chance that the ripple of a log without pulses is taken for a PWM period.
+# Probability that the ripple of a log without pulses is taken for a PWM period.
 _FALSE_RIPPLE = 1e-6
-# Of its fastest rate, and in pulses: where a chamber's ripple is held against its mean rate.
+# Share of the fastest rate, and number of pulses, at which a chamber's ripple is compared with its
+# mean rate.
 _FAST, _LEAST_PULSES = 0.7, 4
-# Of the line that pulses make at that rate, less what the rate falls meanwhile.
+# Share of the spectral line that pulses make at that rate, less the fall of the rate meanwhile.
 _LEAST_SHARE = 0.85
-# Of a stretch under one command: its end, where the pressure has settled.
+# Share of a stretch under one command at its end, where the pressure has settled.
 _SETTLED = 0.2
 _OFF, _ON, _BEGUN = "off", "on", "begun"
 """What a chamber's valve does while its pressure rests; `begun`: a test, from either."""
 # A duty above which a chamber fills to the supply, but for the share of a pulse's end.
 _NEARLY_ON = 0.95
 _ATMOSPHERE = "atmospheric_pressure_pa"
-# Of a test's travel: a shaft that has gone so far moves.
+# Share of a test's travel beyond which the shaft counts as moving.
 _MOVED = 1e-3
 
 
 @dataclass(frozen=True)
 class ShownConstants:
-    """What logs show of their rig, SI; None where they show nothing.
+    """Constants of a rig that its logs show, SI; None where they show nothing.
 
     `open_pa`: where chambers rest whose valves are off, the lowest first; all of them should be the
     atmosphere's pressure. `highest_pa`: of the pressures at the tests' ends, at most the supply's.
@@ -62,7 +63,7 @@ class ShownConstants:
 
 
 def shown_constants(logs: Sequence[Log], position: str, effort: str) -> ShownConstants:
-    """What the trials of these logs show; `position` and `effort` name their channels."""
+    """The constants that these trials show; `position` and `effort` name their channels."""
     trials = [trial for log in logs for trial in log.trials]
     rests, high = _rests(trials, position)
     places = [trial[position] for trial in trials if position in trial]

@@ -51,11 +51,11 @@ _SELDOM_NEEDED = (
 _CONVERTED = ("motor_volts", "encoder_counts")
 # Consecutive rows of a second sampling period from which a test counts as mixed.
 _MIXED_RUN = 10
-# Times its median that a period may drift; a recorder's next rate is twice or half.
+# Factor by which a period may drift from its median; a recorder's next rate is twice or half.
 _DRIFT = 1.95
-# A start later than that, s, is a date: its digits leave a delay few of theirs.
+# A start later than this, s, is a date, whose digits leave few for a delay.
 _LATE_S = 1e6
-# Of the motor's limit: no controller saturates a command by so much.
+# Multiple of the motor's limit; no controller exceeds it by so much.
 _FAR_BEYOND = 3.0
 
 
@@ -85,13 +85,13 @@ class LogReading:
     def where(self) -> str:
         return str(self.table.path)
 
-    def leave_out(self, kept: KeptRows) -> None:
+    def without_excluded(self, kept: KeptRows) -> None:
         """Go on with the rows that are not excluded."""
         self.table, self.begun, self.excluded = kept.table, kept.begun, kept.excluded
         self.notices += kept.notices
 
     def contradict(self, section: str, line: str | None) -> None:
-        """Note what contradicts a section of the rig file: a notice, where nobody declared it."""
+        """Note what contradicts a section of the rig file; a notice if it was not declared."""
         if line:
             (self.notices if self.rig.assumes(section) else self.contradictions).append(line)
 
@@ -154,7 +154,7 @@ def test_labels(
 def exclusions_for(
     texts: Sequence[str], paths: Sequence[Path], mapping: Mapping[str, ColumnMap]
 ) -> list[tuple[Exclusion, ...]]:
-    """What `--exclude` means of each log. Raises InputError where no log has the test."""
+    """The exclusions of each log by `--exclude`. Raises InputError where no log has the test."""
     if not texts:
         return [() for _ in paths]
     return shared_out(texts, [((str(p), p.name), test_labels(p, mapping)) for p in paths])
@@ -186,7 +186,7 @@ def log_of(
     are_points = timeless and _shows_readings(table, maps, rig)
     if timeless and not (readings and are_points):
         raise missing_time(table, are_readings=are_points)
-    reading.leave_out(without(table, maps, exclude, rig))
+    reading.without_excluded(without(table, maps, exclude, rig))
     _take_columns(reading, maps)
     reading.origin |= {t: m.column for t, m in reading.maps.items() if t in reading.columns}
     if timeless:
@@ -318,7 +318,7 @@ def _shows_readings(table: LogTable, maps: Mapping[str, ColumnMap], rig: Rig) ->
 
 
 def missing_time(table: LogTable, *, are_readings: bool = False) -> InputError:
-    """That a table has no time column, and which it may be; `are_readings`: or that it may be a
+    """The error of a table without a time column, with a guess; `are_readings`: it may also be a
     table of readings, which has none."""
     close = difflib.get_close_matches("time_s", table.header, 1, 0.4)
     guess = close[0] if close else "COLUMN"
@@ -516,7 +516,7 @@ def _unlike_the_atmosphere(reading: LogReading, groups: Sequence[tuple[str, Rows
     rests = float(np.median(chambers[twice[0]]))
     return (
         f"{reading.where}: {' and '.join(twice)} rest{'s' * (len(twice) == 1)} at {rests:.4g} Pa, "
-        "twice the atmosphere's pressure in the rig file, and the motion shows nothing of it: the "
+        "twice the atmosphere's pressure in the rig file, and the motion shows no sign of it: the "
         "atmosphere's pressure is added twice; map an absolute pressure without (g)"
     )
 
@@ -566,7 +566,7 @@ def check_time_column(reading: LogReading, groups: list[tuple[str, Rows]]) -> No
     if measured_period(reading.table.comments) is None:
         reading.contradict("sampling", wrong)
     elif wrong:
-        # Rows brought onto another grid are not those of the recorder.
+        # Resampled rows are not those of the recorder.
         reading.notices.append(wrong)
     told = (
         plausibility.check_speed(reading.where, column, period, len(time), reading.rig),
@@ -673,8 +673,8 @@ def _check_tests(reading: LogReading, groups: list[tuple[str, Rows]]) -> None:
             values = reading.columns[position][rows]
             if folds(values):
                 reading.notices.append(
-                    f"{where}: {position} turns round at zero without slowing down: its sign is "
-                    "missing"
+                    f"{where}: {position} reverses at zero without slowing down: its sign "
+                    "is missing"
                 )
         for name in (position, *PRESSURES):
             if name in reading.columns and not np.isnan(reading.columns[name][rows]).any():

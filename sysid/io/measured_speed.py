@@ -25,7 +25,7 @@ _WINDOWS = 50
 _FEWEST = 10
 _ALIKE, _STRANGERS = 0.9, 0.5
 _STANDARD_ERRORS = 5.0
-# A wheel's or a gear's size is known to some percent.
+# The size of a wheel or a gear is known to a few percent.
 _SAME_SCALE = 0.05
 _NOISE = 3.0
 # Declared sampling periods from which rows are no recording.
@@ -132,7 +132,7 @@ def with_position(trial: Trial, rig: Rig) -> Trial:
 def contradiction(
     tests: Iterable[tuple[FloatArray, FloatArray, FloatArray]], rig: Rig
 ) -> str | None:
-    """What a position and a speed that are both logged say against one another; None: nothing.
+    """The contradiction between a logged position and a logged speed; None without any.
 
     `tests`: times (n,) s, positions and speeds (n,) of each. Compared are the ways over windows,
     in which the noise of both is small.

@@ -63,7 +63,7 @@ class MotionUnits:
 
     @property
     def other(self) -> MotionUnits:
-        """Those of the other motion."""
+        """The units of the other kind of motion."""
         return ROTARY if self is LINEAR else LINEAR
 
     def key(self, name: str) -> str:
@@ -127,7 +127,7 @@ LINEAR = MotionUnits(
 
 
 def units_of(is_linear: bool) -> MotionUnits:
-    """Those of a linear or a rotary rig."""
+    """The units of a linear or a rotary rig."""
     return LINEAR if is_linear else ROTARY
 
 

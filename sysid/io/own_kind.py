@@ -74,7 +74,7 @@ def read_own_log(
         reading.table, maps = table, {}
     if "time_s" not in maps and "time_s" not in table.header:
         raise missing_time(table)
-    reading.leave_out(without(table, maps, exclude, rig))
+    reading.without_excluded(without(table, maps, exclude, rig))
     table = reading.table
     for name in units:
         column = table.column_of(name, maps)

@@ -38,7 +38,7 @@ class ParquetColumns:
         )
 
     def unread(self) -> dict[str, str]:
-        """Its columns that are no column of a table, with the reason."""
+        """Columns of the file that are not columns of a table, with the reason."""
         import pyarrow as pa
 
         reasons = {}
@@ -50,7 +50,7 @@ class ParquetColumns:
         return reasons
 
     def read(self, names: Sequence[str]) -> pa.Table:
-        """Those of its columns. Raises InputError beyond the bounds."""
+        """The table of these columns. Raises InputError beyond the bounds."""
         self._check(set(names))
         table = self._file.read(columns=list(names))
         length = sum(_text_bytes(column) for column in table.columns)

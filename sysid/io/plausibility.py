@@ -20,7 +20,7 @@ from sysid.io.unit_text import TAKEN_FOR_SI
 from sysid.signals import quantum
 from sysid.types import FloatArray
 
-# Of the atmosphere's pressure: what a real sensor shows of noise at the least.
+# Least noise of a real sensor, as a share of the atmospheric pressure.
 _LEAST_SPREAD = 5e-4
 _SLOWEST_S = 0.25
 _SHORTEST_S = 1e-7
@@ -40,12 +40,12 @@ SAME_PRESSURE = 1.15
 TWICE = 0.05
 """Pressures within this share of twice the atmosphere's: gauges and the weather differ by less."""
 _HIGH = 0.9
-# Of the travel: a stop yields, and a pitch radius is known to some percent.
+# Share of the travel: a stop yields, and a pitch radius is known to a few percent.
 _BEYOND_THE_STOP = 0.05
 # Levels from which a channel's resolution shows, and how far it may be from the declared one.
 _LEAST_LEVELS = 100
 _SAME_STEP = 0.1
-# A factor that is typed with three digits is off by at most so much; so is a converter's zero.
+# A factor typed with three digits is off by at most this much; so is a converter's zero.
 DUTY_ROUNDING = 5e-3
 _NAMES = {
     "deg": "degrees",
@@ -88,7 +88,7 @@ def check_pressure(
             span = "" if time is None else _span(time, odd)
             fix = (
                 f"{len(odd)} of {len(values)} readings are below {floor:.3g} or above "
-                f"{ceiling:.3g} Pa{span}: leave out what went wrong there with --exclude"
+                f"{ceiling:.3g} Pa{span}: exclude the fault with --exclude"
             )
         else:
             fix = _mapping(target, column, "kPa") + " (or bar, psi; add (g) to a gauge pressure)"
@@ -96,7 +96,7 @@ def check_pressure(
 
 
 def _span(time: FloatArray, rows: NDArray[np.int64]) -> str:
-    """From the first to the last of some rows; the first alone where `time` (n,) s starts again."""
+    """The span of some rows; the first alone where `time` (n,) s starts again."""
     if np.all(np.diff(time) > 0.0):
         return f", from {time[rows[0]]:.6g} to {time[rows[-1]]:.6g} s"
     return f", the first at {time[rows[0]]:.6g} s"
@@ -338,7 +338,7 @@ def check_rest(where: str, pressures: Mapping[str, FloatArray], rig: Rig) -> str
     ambient = float(rig.air.atmospheric_pressure_pa)
     rests = [float(np.median(values)) for values in pressures.values()]
     ratios = [rest / ambient for rest in rests]
-    # A piston in motion presses one chamber and draws on the other.
+    # A moving piston compresses one chamber and expands the other.
     if min(ratios) < SAME_PRESSURE and max(ratios) > 1.0 / SAME_PRESSURE:
         return None
     fix = (
@@ -389,7 +389,7 @@ def check_temperature(where: str, target: str, column: str, values: FloatArray) 
         return
     # Degrees Celsius are named where they would make the readings possible.
     as_celsius = possible(low + zero_Celsius) and possible(high + zero_Celsius)
-    fix = "fix the values, or leave the column out (a sensor that is not connected?)"
+    fix = "fix the values, or omit the column (a sensor that is not connected?)"
     if as_celsius:
         fix = _mapping(target, column, "degC")
     raise input_error(where, f"{target} runs from {low:.4g} to {high:.4g} K", fix)

@@ -47,7 +47,7 @@ class Reshaping:
     held: tuple[str, ...] = HELD_COLUMNS
 
     def lines(self, row_period: float) -> Iterable[str]:
-        """What a log's header says about it, one line each; `row_period` (s) of the rows before."""
+        """The lines on it in a log's header; `row_period` (s) is that of the rows before."""
         if self.unwrap:
             yield "map: angle unwrapped"
         if self.trim_s != (None, None):
@@ -77,7 +77,7 @@ def reshaped(frame: pd.DataFrame, how: Reshaping, where: str) -> pd.DataFrame:
     import pandas as pd
 
     if how.period_s is not None and not 0.0 < how.period_s < math.inf:
-        raise input_error("--resample", f"{how.period_s:g} s is no period", "give one above 0")
+        raise input_error("--resample", f"{how.period_s:g} s is not a period", "give one above 0")
     if TEST_COLUMN not in frame:
         return _one(frame, how, where)
     groups = frame.groupby(TEST_COLUMN, sort=False)
@@ -119,7 +119,7 @@ def joined_line(row_period: float) -> str:
 
 
 def lines_between(comments: Iterable[str]) -> list[str]:
-    """Those of a log's comments that say that its samples lie between measured rows."""
+    """The comments of a log that say that its samples lie between measured rows."""
     return [line for line in comments if _SAYS_BETWEEN.match(line)]
 
 

@@ -36,7 +36,7 @@ from sysid.types import FloatArray
 GRAVITY_M_PER_S2 = 9.81
 RIG_FILE_NAME = "rig.toml"
 ASSUMED = "assumed"
-"""The key of the rig file's constants that nobody declared, before its sections."""
+"""The key of the rig file's undeclared constants, before its sections."""
 
 BARE = "the reference rig"
 """The `source` of a rig that was made without a rig file."""
@@ -47,7 +47,7 @@ _NO_SENSORS = Sensors.model_construct()
 
 @dataclass(frozen=True)
 class Load:
-    """What a payload is more than its rig file's: kg m2 or kg, and Nm and N of gravity.
+    """The excess of a payload over its rig file's: kg m2 or kg, and Nm and N of gravity.
 
     Of one test, or (n,) of the samples of several.
     """
@@ -105,7 +105,7 @@ class Rig:
 
     @property
     def units(self) -> MotionUnits:
-        """What its quantities are measured in, and what files call them."""
+        """The units of its quantities, and their names in files."""
         return units_of(self.is_linear)
 
     @property
@@ -249,7 +249,7 @@ class Rig:
         return dataclasses.replace(self, inertia=inertia)
 
     def load_of(self, payload_kg: float | None) -> Load:
-        """What a payload, kg (None: the rig's own), is more than the rig's own."""
+        """The excess of a payload, kg (None: the rig's own), over the rig's own."""
         other = self.carrying(payload_kg)
         if other is self:
             return NO_LOAD

@@ -73,7 +73,7 @@ class SensorRange:
         unit = f" {self.unit}" if self.unit else ""
         why = "is the range right?"
         if low > 0.0 and np.all(np.abs(readings[outside]) < 0.5 * low):
-            why = "a wire off, or is the range right?"
+            why = "a broken wire, or is the range wrong?"
         return int(outside[0]), (
             f"{first:.4g} is the first of {outside.size} readings of {len(readings)} ({share:.3g} "
             f"%) outside the sensor's range of {self.start:g} to {self.end:g}{unit}: {why}"
@@ -99,7 +99,7 @@ def parse_range(text: str, si: str, where: str) -> tuple[SensorRange, Conversion
     if unit and target and _swapped(unit, target, si):
         raise input_error(
             where,
-            f"the range {text!r} is the wrong way round: readings stand on its left",
+            f"the range {text!r} is reversed: readings go on its left",
             f"write {sides[1].strip()} -> {sides[0].strip()}",
         )
     return sensor_range(readings, unit, values, target, si, where)
@@ -185,7 +185,7 @@ def _exact(number: str | float, where: str) -> Fraction:
     except OverflowError:  # TOML's integers are unlimited here
         value = math.inf
     if value != 0.0 and not 1.0 / LARGEST <= abs(value) <= LARGEST:
-        raise input_error(where, f"{str(number)[:40]} is no end of a range", "give another")
+        raise input_error(where, f"{str(number)[:40]} is not the end of a range", "give another")
     return Fraction(repr(value))
 
 

@@ -248,7 +248,7 @@ def _opened(path: Path) -> BinaryIO:
 
 
 def _kept(path: Path, pipe: BinaryIO) -> BinaryIO:
-    """What comes from a pipe, in memory; InputError beyond the bounds."""
+    """The content of a pipe, in memory; InputError beyond the bounds."""
     kept, counted = io.BytesIO(), TextCells(path)
     for chunk in chunks(pipe):
         counted.add(chunk)
@@ -373,7 +373,7 @@ def comments_in(file: BinaryIO) -> tuple[str, ...]:
 
 
 def _comments_of(metadata: Mapping[bytes, bytes] | None) -> tuple[str, ...]:
-    """What `write_table` noted in a Parquet file; none in a file of another program."""
+    """The comments that `write_table` stored in a Parquet file; none in other files."""
     try:
         noted = json.loads((metadata or {}).get(_NOTED, b"[]"))
     except ValueError:
@@ -388,7 +388,7 @@ def _read_csv(path: Path, raw: bytes, wanted: Collection[str], text: Collection[
     body = _plain(path, raw)
     header_line, header = _header(path, body)
     _reject_doubled(f"{path}, line {header_line}", header, "the header", wanted)
-    header = _told_apart(header)
+    header = _distinguished(header)
     used = _chosen(header, wanted)
     text = _chosen(header, text)
     check_rectangle(path, max(body.count(b"\n"), body.count(b"\r")), len(header))
@@ -461,7 +461,7 @@ def _reject_wrong_delimiter(where: str, text: str, names: tuple[str, ...]) -> No
             )
 
 
-def _told_apart(names: tuple[str, ...]) -> tuple[str, ...]:
+def _distinguished(names: tuple[str, ...]) -> tuple[str, ...]:
     """Columns that are not asked for may share a name, or have none."""
     counts = Counter(names)
     return tuple(

@@ -26,7 +26,7 @@ _CLOCKS = (
 )
 # The share of steps up to which a step over a wrap is an ordinary one.
 _ORDINARY_SHARE = 90.0
-# Of the median step: decimals of seconds round.
+# Share of the median step: decimals of seconds are rounded.
 _ROUNDED = 0.5
 
 

@@ -14,9 +14,9 @@ from sysid.io.rig import Rig
 # A held piston moves by encoder counts and a little elasticity, not by a stroke.
 _HELD_SHARE_OF_STROKE = 0.005
 _HELD_STEPS = 20.0
-# Of half a stroke: a piston that is held farther in stands at no end.
+# Share of half a stroke: a piston held farther in is not at an end.
 _NEAR_AN_END = 0.9
-# At most so many PWM periods are searched for a whole number of rows.
+# Most PWM periods that are searched for a whole number of rows.
 _MAX_PERIODS = 4
 
 

@@ -213,7 +213,8 @@ _PRODUCT = re.compile(r"(?<=[A-Za-z])[-.](?=[A-Za-z])")
 _COMMA = re.compile(r"[+-]?\d*,\d")
 _MAX_UNIT_LENGTH = 80
 LARGEST = 1e12
-"""In SI: no time, pressure, angle, force, voltage, flow or temperature of a log is larger."""
+"""Upper limit in SI: no time, pressure, angle, force, voltage, flow or temperature of a log is
+larger."""
 
 
 class Conversion(NamedTuple):

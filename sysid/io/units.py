@@ -43,31 +43,45 @@ from sysid.types import FloatArray
 TEST_COLUMN = "test"
 _BRACKETED = re.compile(r"(.*?\S)[\s_]*[\[(][^\[\]]*[\])]\s*")
 
-# The log format's columns and their SI units, as pint writes them; a test's label has none.
-CANONICAL_UNITS: dict[str, str | None] = {
-    "time_s": "s",
-    TEST_COLUMN: None,
-    "pressure_a_pa": "Pa",
-    "pressure_b_pa": "Pa",
-    "supply_pressure_pa": "Pa",
-    "theta_rad": "rad",
-    "velocity_rad_per_s": "rad/s",
-    "position_m": "m",
-    "velocity_m_per_s": "m/s",
-    "encoder_counts": "count",
-    "valve_a": "dimensionless",
-    "valve_b": "dimensionless",
-    "duty_a": "dimensionless",
-    "duty_b": "dimensionless",
-    "motor_torque_nm": "N*m",
-    "motor_force_n": "N",
-    "motor_volts": "V",
-    "pump_volts": "V",
-    "flow_a_kg_s": "kg/s",
-    "time_to_pressure_s": "s",
-    "pwm_period_s": "s",
-    "temperature_k": "K",
+
+@dataclass(frozen=True)
+class FormatColumn:
+    """A column of the log format: its SI unit as pint writes it (None: text), and its meaning."""
+
+    unit: str | None
+    meaning: str
+
+
+LOG_COLUMNS: dict[str, FormatColumn] = {
+    "time_s": FormatColumn("s", "strictly increasing within a test"),
+    TEST_COLUMN: FormatColumn(None, "which test of this file the row belongs to, integer or text"),
+    "pressure_a_pa": FormatColumn("Pa", "pressure of chamber A"),
+    "pressure_b_pa": FormatColumn("Pa", "pressure of chamber B"),
+    "supply_pressure_pa": FormatColumn("Pa", "measured supply"),
+    "theta_rad": FormatColumn("rad", "angle of the output shaft, 0 in the middle of the stroke"),
+    "velocity_rad_per_s": FormatColumn(
+        "rad/s", "measured speed of the shaft; of single readings, the settled one"
+    ),
+    "position_m": FormatColumn("m", "position of a linear rig, 0 in the middle of the stroke"),
+    "velocity_m_per_s": FormatColumn("m/s", "measured speed of a linear rig"),
+    "encoder_counts": FormatColumn("count", "the encoder's reading in place of the position"),
+    "valve_a": FormatColumn(
+        "dimensionless",
+        "on/off command of valve A: 1 connects the chamber to the supply, 0 to the exhaust",
+    ),
+    "valve_b": FormatColumn("dimensionless", "the same of valve B"),
+    "duty_a": FormatColumn("dimensionless", "PWM duty of valve A, 0 to 1"),
+    "duty_b": FormatColumn("dimensionless", "the same of valve B"),
+    "motor_torque_nm": FormatColumn("N*m", "torque of the motor at the output shaft"),
+    "motor_force_n": FormatColumn("N", "force of the motor, linear rigs"),
+    "motor_volts": FormatColumn("V", "the motor's command in place of its effort"),
+    "pump_volts": FormatColumn("V", "command of the pump that fills a tank"),
+    "flow_a_kg_s": FormatColumn("kg/s", "settled flow through a valve"),
+    "time_to_pressure_s": FormatColumn("s", "time that filling or emptying took"),
+    "pwm_period_s": FormatColumn("s", "period of a reading's PWM"),
+    "temperature_k": FormatColumn("K", "ambient temperature"),
 }
+CANONICAL_UNITS = {name: column.unit for name, column in LOG_COLUMNS.items()}
 
 _COLUMN_NUMBER = re.compile(r"#(\d{1,6})")
 _TABLE_KEYS = ("column", "unit", "from", "to")
@@ -118,7 +132,7 @@ class ColumnMap:
         return f"{self.target}={self.column}:{other} {unit}"
 
     def notices(self, readings: FloatArray, where: str, place: Callable[[int], str]) -> list[str]:
-        """What is to be said of readings (n,) as this entry takes them, at `place(row)`."""
+        """Notices on readings (n,) as this entry converts them, at `place(row)`."""
         said = [f"{where}: {self.column}: {self.remark}"] if self.remark else []
         found = None if self.sensor is None else self.sensor.beyond(readings)
         if found is not None:
@@ -499,8 +513,10 @@ def find_column(columns: Sequence[str], column_map: ColumnMap, where: str) -> in
 __all__ = [
     "CANONICAL_UNITS",
     "LARGEST",
+    "LOG_COLUMNS",
     "TEST_COLUMN",
     "ColumnMap",
+    "FormatColumn",
     "check_size",
     "check_unit",
     "find_column",

@@ -12,7 +12,7 @@ from types import ModuleType
 
 from sysid.errors import InputError, input_error
 
-# What files written for 0.1 import, and where it stands now.
+# Modules that files written for 0.1 import, and their present names.
 _MOVED = {"sysid.model": "sysid.plant", "sysid.bundle": "sysid.parameters"}
 
 
@@ -27,7 +27,7 @@ def run_file(path: Path, holds: str) -> ModuleType:
     spec = importlib.util.spec_from_loader(name, SourceFileLoader(name, str(path)))
     assert spec is not None and spec.loader is not None  # a loader was given
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # where dataclasses look up annotations that are text
+    sys.modules[name] = module  # where dataclasses resolve annotations given as text
     try:
         _find_what_moved(path.read_text("utf-8", errors="replace"))
         spec.loader.exec_module(module)

@@ -1,6 +1,6 @@
 """Processor time of this process and of the workers that it has started.
 
-Of a worker that lives, it is what that told with its last result; of processes that have ended,
+For a living worker it is the time reported with its last result; of processes that have ended,
 what the system says, where it does (not on Windows).
 """
 
@@ -10,14 +10,14 @@ import os
 import sys
 import time
 
-# Processor time of each living worker as it told last, s by its number.
+# Processor time of each living worker as last reported, s by its number.
 _WORKERS: dict[int, float] = {}
-# That of jobs on other machines.
+# Processor time of jobs on other machines.
 _REMOTE = [0.0]
 
 
 def processor_seconds() -> float:
-    """Of this process' threads, its workers and its children, s."""
+    """Processor time of this process' threads, its workers and its children, s."""
     if sys.platform == "win32":
         return time.process_time() + sum(_WORKERS.values()) + _REMOTE[0]
     import resource
@@ -33,12 +33,12 @@ def processor_seconds() -> float:
 
 
 def tell(number: int, used: float) -> None:
-    """That a worker of this machine, by its process number, has used so much since its start, s."""
+    """Record the processor time, s, of a worker of this machine, by its process number."""
     _WORKERS[number] = max(used, _WORKERS.get(number, 0.0))
 
 
 def tell_remote(used: float) -> None:
-    """That a job elsewhere has used so much, s."""
+    """Record the processor time, s, used by a job elsewhere."""
     _REMOTE[0] += used
 
 

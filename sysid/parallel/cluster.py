@@ -49,7 +49,7 @@ _CLUSTER: ContextVar[Cluster | None] = ContextVar("cluster", default=None)
 
 
 def cluster_in_force() -> Cluster | None:
-    """That of the present context; None where jobs run in processes of this machine."""
+    """The cluster of the present context; None where jobs run in processes of this machine."""
     return _CLUSTER.get()
 
 

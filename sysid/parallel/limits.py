@@ -1,7 +1,7 @@
 """How much a computation may do, and jobs that come to a result or say why they came to none.
 
 Work is counted in evaluations, which are the same on every machine whatever else it does. Processor
-time is looked at only where a bound of it was asked for.
+time is checked only where a limit was set.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Limit:
         return not math.isinf(self.until) and processor_seconds() > self.until
 
     def for_a_job(self) -> Limit:
-        """That of one of several jobs that begin now.
+        """The limit of one of several jobs that begin now.
 
         Each may use the whole remaining budget: which of them finish depends neither on their order
         nor on how many run at a time.
@@ -55,7 +55,7 @@ _LIMIT: ContextVar[Limit | None] = ContextVar("limit", default=None)
 
 
 def limit_in_force() -> Limit:
-    """That of the present context; one without bounds where none was set."""
+    """The limit of the present context; one without bounds where none was set."""
     return _LIMIT.get() or Limit()
 
 

@@ -19,7 +19,7 @@ _ARENA_MAX = -8  # malloc.h: M_ARENA_MAX
 def share_one_heap() -> None:
     """Threads started from now on allocate from one heap; elsewhere than on glibc, nothing.
 
-    A heap (`MALLOC_ARENA_MAX`) that the user has chosen is left alone.
+    A heap (`MALLOC_ARENA_MAX`) that the user has chosen is kept.
     """
     library = _glibc()
     if library is not None and "MALLOC_ARENA_MAX" not in os.environ:

@@ -45,7 +45,7 @@ def check_jobs(where: str) -> str:
     """The text of `SYSID_JOBS`, empty without one; InputError, naming `where`, for a bad one."""
     text = os.environ.get(VARIABLE, "").strip()
     if text and not (text.isdecimal() and 1 <= int(text) <= _MOST):
-        raise input_error(where, f"{text[:20]!r} is no number of processes", "give 1 or more")
+        raise input_error(where, f"{text[:20]!r} is not a number of processes", "give at least 1")
     return text
 
 
@@ -129,7 +129,7 @@ class _Share:
 
 @dataclass
 class _Worker:
-    """Of this process, where it is a worker: which block of jobs it is at, since when and until
+    """State of this process as a worker: which block of jobs it is at, since when and until
     when, in its processor time, s."""
 
     block: str = ""
@@ -167,7 +167,7 @@ def _collected(
     try:
         jobs = {number: partial(_attempt_by, job, share) for number, job in waiting.items()}
         _collect(new, jobs, workers)
-    except Exception as error:  # a worker that died, for want of memory perhaps
+    except Exception as error:  # a worker that died, perhaps out of memory
         if os.environ.get("SYSID_DEBUG"):
             raise
         return Failure.of(error)
@@ -183,7 +183,7 @@ def _collect(
 ) -> None:
     """Put each job's result into `found`, by its number, as it comes.
 
-    Raises what a job raises. joblib kills its own workers; those of other pools are left alone. On
+    Raises what a job raises. joblib kills its own workers; those of other pools are not touched. On
     a cluster the scheduler does this.
     """
     cluster = cluster_in_force()
@@ -197,7 +197,7 @@ def _collect(
     )
     try:
         with config:
-            # In batches a job that hangs would take others along.
+            # In batches a job that hangs would block others.
             work = Parallel(return_as="generator_unordered", batch_size=1)
             for number, result, used in work(delayed(_numbered)(*one) for one in waiting.items()):
                 found[number] = result

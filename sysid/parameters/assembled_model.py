@@ -16,6 +16,7 @@ from sysid.parameters.base import Part
 from sysid.parameters.content import BundleContent
 from sysid.parameters.effects import effect_from_entry
 from sysid.parameters.friction import Friction
+from sysid.parameters.possible import impossible, is_possible, stated
 from sysid.parameters.valves import (
     AVERAGED,
     DIRECTIONS,
@@ -43,7 +44,7 @@ from sysid.surfaces.hull import ValveLaw
 MEAN_FLOW_MODELS = (AVERAGED, *SURFACE_KINDS)
 VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
 _SAME_PERIOD = 1e-6
-# As far as the fit takes rows of a surface for rows at one supply.
+# Share within which the fit of a surface takes rows to be at one supply.
 _SAME_SUPPLY = 0.02
 
 _OTHER_REGIME = {
@@ -69,10 +70,11 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     model has none, and an offset that is only noise would make an open-loop position drift
     (the effect `torque-offset` is for a real one). A motor alone (`Rig.is_motor_alone`) has it:
     the motion that gave its law gave the offset too. Negative friction is set to 0, static friction
-    that is not identified to Coulomb friction, a valve's flow that its on/off tests do not identify
-    to that of its PWM tests or of the other regime (`assumed_parameters` says so). Raises
-    InputError where the rig file lacks a section, NotIdentifiedError where the bundle has no
-    friction.
+    that is not identified to Coulomb friction, Coulomb friction of which only a sum is identified
+    to that sum, a fitted inertia that is not above 0 to the rig file's, a valve's flow that its
+    on/off tests do not identify, or that is below 0, to that of its PWM tests or of the other
+    regime (`assumed_parameters` says so). Raises InputError where the rig file lacks a section,
+    NotIdentifiedError where the bundle has no friction.
     """
     friction, where = bundle.friction, bundle.source
     if friction is None:
@@ -83,9 +85,7 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     if _lacks_static_alone(friction):
         taken["static"] = "coulomb"
     values = {
-        name: max(
-            _identified(friction, rig.units.key(own), f"{where}, friction", _TESTS[name]), 0.0
-        )
+        name: max(_of_motion(friction, own, f"{where}, friction", _TESTS[name]), 0.0)
         for name, own in taken.items()
     }
     if rig.is_motor_alone:
@@ -105,28 +105,32 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
 def _motor_alone(
     bundle: BundleContent, friction: Friction, rig: Rig, values: Mapping[str, float]
 ) -> Parameters:
-    """Of a rig without pneumatics: its mechanics alone; `values` of friction by short name."""
-    offset = friction.offset
+    """Parameters of a rig without pneumatics; `values` of friction by short name."""
+    offset = friction.in_motion("offset")
     return bare_parameters(rig).replace(
         static_effort=values["static"],
         coulomb_effort=values["coulomb"],
         viscous=values["viscous"],
         inertia=_inertia(bundle, rig),
-        # A friction fit counts it against the motion, the model along it.
+        # A friction fit counts the offset against the motion, the model along it.
         offset=-offset.value if offset is not None and offset.identified else 0.0,
     )
 
 
 def _inertia(bundle: BundleContent, rig: Rig) -> float:
-    """The inertia (kg m2, or kg) that was fitted, with another payload if `rig`'s is; else `rig`'s.
+    """The inertia (kg m2, or kg) that was fitted, with another payload if `rig`'s is; else `rig`'s,
+    as where the fitted one is impossible.
 
-    Raises InputError without either, NotIdentifiedError where the fitted one is impossible.
+    Raises InputError without either, NotIdentifiedError where the fitted one is impossible and
+    `rig` declares none.
     """
     inertia = fitted_inertia(bundle)
-    if inertia is None:
-        return require_inertia(rig)
-    require_moving_inertia(inertia, rig, f"{bundle.source}, friction")
-    return inertia + rig.payload_inertia() - bundle.rig.payload_inertia()
+    if inertia is not None:
+        return inertia + rig.payload_inertia() - bundle.rig.payload_inertia()
+    own = None if bundle.friction is None else bundle.friction.inertia
+    if own is not None and own.identified and rig.total_inertia() is None:
+        require_moving_inertia(own.value, rig, f"{bundle.source}, friction")
+    return require_inertia(rig)
 
 
 def require_moving_inertia(inertia: float, rig: Rig, where: str) -> None:
@@ -134,37 +138,56 @@ def require_moving_inertia(inertia: float, rig: Rig, where: str) -> None:
     if not inertia > 0.0:
         u, what = rig.units, "mass" if rig.is_linear else "inertia"
         raise NotIdentifiedError(
-            f"{where}: the fitted {what} is {inertia:.3g} {u.inertia_unit}, which cannot be, so "
-            f"that no motion is simulated with it; declare [inertia] {u.rig_inertia} in "
+            f"{where}: the fitted {what} is {inertia:.3g} {u.inertia_unit}, which is impossible, "
+            f"so no motion is simulated with it; declare [inertia] {u.rig_inertia} in "
             f"{rig.source}, or give motion that accelerates more"
         )
 
 
 def _supply_of_fit(bundle: BundleContent, rig: Rig) -> float:
-    """Supply pressure, Pa, that the bundle's choked filling holds at: its own rig file's."""
+    """Supply pressure, Pa, at which the bundle's choked filling holds: its own rig file's."""
     air = bundle.rig.air or rig.require("air", "which the chamber equations need")
     return air.supply_pressure_pa
 
 
 def fitted_inertia(bundle: BundleContent) -> float | None:
-    """The inertia (kg m2) or mass (kg) that friction tests gave; None where they did not."""
+    """The inertia (kg m2) or mass (kg) that friction tests gave; None where they did not, or gave
+    one that cannot be."""
     inertia = None if bundle.friction is None else bundle.friction.inertia
-    return inertia.value if inertia is not None and inertia.identified else None
+    possible = inertia is not None and inertia.identified and inertia.value > 0.0
+    return inertia.value if inertia is not None and possible else None
 
 
 def _lacks_static_alone(friction: Friction) -> bool:
     """Whether the tests identify sliding friction and not breakaway: motion alone does not."""
-    static, coulomb = friction.static, friction.coulomb
+    static, coulomb = friction.static, friction.in_motion("coulomb")
     unknown = static is not None and not static.identified
     return unknown and coulomb is not None and coulomb.identified
 
 
-def assumed_parameters(bundle: BundleContent) -> list[str]:
-    """Notices of what models set otherwise than estimated: friction to 0 where it is negative,
-    static friction to Coulomb friction where it is not identified, and a valve's flow that its
-    on/off tests do not identify to that of its PWM tests, or of the other regime, without a jump at
-    the choked boundary."""
-    return [*_assumed_static(bundle), *negative_friction(bundle), *_assumed_flows(bundle)]
+def assumed_parameters(bundle: BundleContent, rig: Rig | None = None) -> list[str]:
+    """Notices of what models set otherwise than estimated: friction to 0 where it is negative, an
+    inertia that cannot be to the rig file's, static friction to Coulomb friction where it is not
+    identified, Coulomb friction to the sum that holds it where only that is, and a valve's flow
+    that its on/off tests do not identify, or that is below 0, to that of its PWM tests, or of the
+    other regime, without a jump at the choked boundary. `rig`: the one in use, by default the
+    bundle's."""
+    return [
+        *_assumed_sum(bundle),
+        *_assumed_static(bundle),
+        *impossible(bundle, rig or bundle.rig),
+        *_assumed_flows(bundle),
+    ]
+
+
+def _assumed_sum(bundle: BundleContent) -> Iterator[str]:
+    held = None if bundle.friction is None else bundle.friction.sum_in_motion
+    if held is not None:
+        yield (
+            f"{bundle.source}: only {stated(held.expression, held.estimate)} is identified: the "
+            f"model takes it for {bundle.units.key('coulomb')}, which holds for motion like that "
+            f"of the tests; {held.test} would separate its parts"
+        )
 
 
 def _assumed_static(bundle: BundleContent) -> Iterator[str]:
@@ -172,8 +195,8 @@ def _assumed_static(bundle: BundleContent) -> Iterator[str]:
     if friction is not None and _lacks_static_alone(friction):
         key = bundle.units.key
         yield (
-            f"{bundle.source}: {key('static')} is not identified: the model takes "
-            f"{key('coulomb')} for it; give {_TESTS['static']}"
+            f"{bundle.source}: {key('static')} is not identified: the model uses "
+            f"{key('coulomb')} instead; give {_TESTS['static']}"
         )
 
 
@@ -183,24 +206,15 @@ def _assumed_flows(bundle: BundleContent) -> Iterator[str]:
             continue
         for name, key in LAW_KEYS.items():
             taken = _taken_from(bundle.valve(side), name, bundle.rig)
+            own = getattr(bundle.valve(side).discrete, key)
+            what = f"{key} is not identified"
+            if own is not None and own.identified:
+                what = f"{stated(key, own)}, but a flow is never negative"
             if taken:
                 yield (
-                    f"{bundle.source}: valves.{side}.discrete: {key} is not identified: the model "
-                    f"takes {taken}; valve-discrete tests of valve {side} would identify it"
+                    f"{bundle.source}: valves.{side}.discrete: {what}: the model "
+                    f"uses {taken}; valve-discrete tests of valve {side} would identify it"
                 )
-
-
-def negative_friction(bundle: BundleContent) -> list[str]:
-    """Notices of friction that models set to 0, as it is negative."""
-    friction = bundle.friction
-    if friction is None:
-        return []
-    return [
-        f"{bundle.source}: {key} is {estimate.value:.3g}, but friction cannot be negative: the "
-        "model uses 0; the friction tests show an effect that it lacks"
-        for key in map(bundle.units.key, FRICTION)
-        if (estimate := getattr(friction, key)) is not None and estimate.value < 0.0
-    ]
 
 
 def model_from_bundle(bundle: BundleContent, rig: Rig, catalogue: Catalogue | None = None) -> Model:
@@ -281,9 +295,9 @@ def _averaged_law(bundle: BundleContent, rig: Rig, side: str) -> AveragedLaw | N
     valve, timing = bundle.valve(side), rig.valves
     on, off = (timing.on_delay_s, timing.off_delay_s) if timing else (0.0, 0.0)
     law: Part | None = valve.discrete
-    if law is None or not all(getattr(law, key).identified for key in LAW_KEYS.values()):
+    if law is None or not _all_possible(law):
         fitted = valve.averaged()
-        if fitted is None or not _all_identified(fitted):
+        if fitted is None or not fitted.delay_difference_s.identified or not _all_possible(fitted):
             return None
         law, off = fitted, on + fitted.delay_difference_s.value
     air = rig.require("air", "which the averaged law needs")
@@ -299,8 +313,8 @@ def _averaged_law(bundle: BundleContent, rig: Rig, side: str) -> AveragedLaw | N
     )
 
 
-def _all_identified(law: Part) -> bool:
-    return all(estimate.identified for estimate in law.estimates().values())
+def _all_possible(law: Part) -> bool:
+    return all(map(is_possible, (getattr(law, key) for key in LAW_KEYS.values())))
 
 
 def _surface(part: PwmSurfaces, kind: str, where: str) -> Any:
@@ -352,7 +366,8 @@ def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters
             continue
         other = _measured_flow(valve, _OTHER_REGIME[name], rig)
         if other is None:
-            values[name] = _identified(law, key, place, test)  # raises
+            # One below zero, without anything else that says it, is held at 0.
+            values[name] = max(_identified(law, key, place, test), 0.0)
             continue
         boundary = _unit_boundary_flow(name, bundle, rig)
         values[name] = other * boundary if name.startswith("choked") else other / boundary
@@ -363,7 +378,7 @@ def _measured_flow(valve: Valve, name: str, rig: Rig) -> float | None:
     """A flow or coefficient as the on/off tests give it, else as the PWM tests do."""
     for law in (valve.discrete, valve.averaged()):
         own = None if law is None else getattr(law, LAW_KEYS[name])
-        if own is not None and own.identified:
+        if own is not None and is_possible(own):
             return float(own.value)
     return _choked_on_surface(valve, name, rig)
 
@@ -390,19 +405,20 @@ def _choked_on_surface(valve: Valve, name: str, rig: Rig) -> float | None:
 
 
 def _taken_from(valve: Valve, name: str, rig: Rig) -> str:
-    """Where the model has a flow from that the on/off tests do not identify; empty if they do, or
-    if nothing gives it."""
+    """The source of a flow that the on/off tests do not identify; empty if they do,
+    or if there is none."""
     own = getattr(valve.discrete, LAW_KEYS[name])
-    if own is None or own.identified:
+    if own is None or is_possible(own):
         return ""
     averaged = valve.averaged()
-    if averaged is not None and getattr(averaged, LAW_KEYS[name]).identified:
+    if averaged is not None and is_possible(getattr(averaged, LAW_KEYS[name])):
         return "that of the averaged law of its PWM tests"
     if _measured_flow(valve, name, rig) is not None:
         return "that of the surface of its PWM tests at the largest opening"
     other = _OTHER_REGIME[name]
-    known = _measured_flow(valve, other, rig) is not None
-    return f"what {LAW_KEYS[other]} gives at the choked boundary" if known else ""
+    if _measured_flow(valve, other, rig) is not None:
+        return f"what {LAW_KEYS[other]} gives at the choked boundary"
+    return "0" if own.identified else ""
 
 
 def _unit_boundary_flow(name: str, bundle: BundleContent, rig: Rig) -> float:
@@ -411,6 +427,14 @@ def _unit_boundary_flow(name: str, bundle: BundleContent, rig: Rig) -> float:
         return 1.0 + float(filling_jump(_supply_of_fit(bundle, rig), 1.0, 1.0))
     atmosphere = rig.require("air", "which the valve law needs").atmospheric_pressure_pa
     return 1.0 + float(exhaust_jump(atmosphere, 1.0, 1.0))
+
+
+def _of_motion(friction: Friction, name: str, where: str, test: str) -> float:
+    """Friction by its short name; the sum that stands for it where only that is identified."""
+    found, key = friction.in_motion(name), friction.units.key(name)
+    if found is not None and found.identified:
+        return float(found.value)
+    return _identified(friction, key, where, test)  # raises
 
 
 def _identified(part: Part, key: str, where: str, test: str) -> float:
@@ -466,7 +490,6 @@ __all__ = [
     "first_valve_model",
     "fitted_inertia",
     "model_from_bundle",
-    "negative_friction",
     "parameters_from_bundle",
     "require_moving_inertia",
     "surfaces_for",

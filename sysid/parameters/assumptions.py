@@ -18,7 +18,7 @@ _FRICTION, _FLOWS, _MEANS = "friction", "flows", "surfaces"
 """The numbers of a bundle by what they are computed from: efforts, dP/dt, means over pulses."""
 FROM_LOG = "from_log"
 """Among a fit's options: the constants of the rig that bare logs showed, as dotted keys."""
-_UNUSED = "no number here rests on it"
+_UNUSED = "no number here depends on it"
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Assumption:
         return f"assumed: {self.text} (reference rig): {self.does}"
 
     def to_json(self) -> dict[str, Any]:
-        """As `sysid fit --json` prints it."""
+        """The entry as `sysid fit --json` prints it."""
         return {
             "keys": list(self.keys),
             "text": self.text,
@@ -60,7 +60,7 @@ class _Group:
     side: str = ""
 
     def does(self) -> Mapping[str, str]:
-        """What it does, by the numbers that it does it to."""
+        """Its influence, by the numbers that it affects."""
         said = {_FRICTION: self.friction, _FLOWS: self.flows, _MEANS: self.surfaces}
         return {numbers: text for numbers, text in said.items() if text}
 
@@ -68,13 +68,13 @@ class _Group:
 _GROUPS = (
     _Group(
         ("rig.orientation",),
-        friction="the efforts hold no gravity; where it acts, friction and offset hold it",
+        friction="the efforts exclude gravity; where it acts, friction and offset include it",
     ),
     *(
         _Group(
             (f"cylinder.area_{side}_m2", f"cylinder.offset_{side}_m"),
-            friction="friction is what the chamber's effort, by its piston area, leaves of the "
-            "motor's",
+            friction="friction is the motor's effort less the chamber's, which scales "
+            "with the piston area",
             flows="flows scale with it",
             surfaces="flows scale with it",
             side=side,
@@ -105,8 +105,8 @@ _GROUPS = (
     ),
     _Group(
         ("inertia.equivalent_kg_m2", "inertia.mass_kg"),
-        friction="what accelerates the shaft is no friction: Coulomb and viscous friction of tests "
-        "whose speed is not steady rest on it",
+        friction="acceleration takes its share of the effort: Coulomb and viscous friction "
+        "of tests with unsteady speed depend on it",
     ),
     _Group(("motor.max_torque_nm", "motor.max_force_n")),
     _Group(("pwm.period_s",), surfaces="mean flows are means over it"),
@@ -170,7 +170,7 @@ def shown_by_logs(bundle: Bundle) -> str:
 def _others(assumed: Collection[str]) -> Iterator[_Group]:
     """Assumed keys of no group, as a user's own rig file may list them."""
     known = {key for group in _GROUPS for key in group.keys}
-    everything = "numbers may rest on it"
+    everything = "numbers may depend on it"
     for key in assumed:
         if key not in known:
             yield _Group((key,), everything, everything, everything)

@@ -29,7 +29,7 @@ from sysid.estimation.linear import Estimate
 Number = Annotated[
     Annotated[int, Strict()] | Annotated[float, Strict()], WithJsonSchema({"type": "number"})
 ]
-"""A number as in the file: an integer stays an integer, and text ("NaN") is none."""
+"""A number as in the file: an integer stays an integer, and text ("NaN") is not a number."""
 
 
 class Part(BaseModel):
@@ -67,7 +67,7 @@ class Part(BaseModel):
 
     @classmethod
     def _check_form(cls, data: Mapping[str, Any]) -> None:
-        """ValueError for what the schema refuses of a file's object, and the types do not."""
+        """ValueError where the schema refuses a file's object that the types accept."""
         for name, field in cls.model_fields.items():
             key = field.alias or name
             form = (field.annotation, *get_args(field.annotation), *field.metadata)
@@ -98,7 +98,7 @@ class Part(BaseModel):
         return self.model_copy(update=fields)
 
     def without(self, *names: str) -> Self:
-        """A copy that lacks these fields."""
+        """A copy without these fields."""
         made = self.model_copy(update=dict.fromkeys(names))
         made.__pydantic_fields_set__.difference_update(names)
         return made
@@ -121,7 +121,8 @@ class Part(BaseModel):
 
 @dataclass
 class FileContext:
-    """A file's content is being validated; `within` so many lenient fields, whose form is free."""
+    """State while a file's content is validated; `within` counts enclosing lenient fields, whose
+    form is free."""
 
     within: int = 0
 

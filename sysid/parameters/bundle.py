@@ -132,19 +132,20 @@ class Bundle(Shown, BundleContent):
         return model_from_bundle(self, rig or self.rig, catalogue)
 
     def with_effects(self, effects: Iterable[EffectEntry]) -> Bundle:
-        """With these effects after its own; its validation and refinement are dropped."""
+        """The bundle with these effects after its own; validation and refinement are dropped."""
         return self.without(*_JUDGED).replaced(effects=[*self.effects, *effects])
 
     def with_estimates(
         self, estimates: Mapping[str, Estimate], joint: JointCovariance | None = None
     ) -> Bundle:
-        """With these numbers, by alias, in place of the bundle's.
+        """The bundle with these numbers, by alias, in place of its own.
 
-        A part whose numbers are replaced has of their correlation what `joint`, by alias too, says.
+        The correlation of replaced numbers is that of `joint`, by alias too.
         """
         fields: dict[str, Any] = {}
         if self.friction is not None:
-            fields["friction"] = _renewed(self.friction, "friction.", estimates, joint)
+            renewed = _renewed(self.friction, "friction.", estimates, joint)
+            fields["friction"] = renewed.with_sum_of(self.friction)
         if self.valves is not None:
             sides = {
                 side: valve.replaced(
@@ -161,11 +162,11 @@ class Bundle(Shown, BundleContent):
         return self.replaced(**fields)
 
     def with_sources(self, sources: Iterable[Source]) -> Bundle:
-        """With these logs in its provenance too."""
+        """The bundle with these logs added to its provenance."""
         return self.replaced(provenance=self.provenance.with_logs(records(sources)))
 
     def merged(self, other: Bundle) -> Bundle:
-        """With the parts of `other` added; a part that both hold is replaced.
+        """The bundle with the parts of `other` added; a part that both hold is replaced.
 
         The existing validation and refinement are dropped. Raises InputError where the two were
         fitted for different rigs.

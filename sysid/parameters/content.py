@@ -37,7 +37,7 @@ class Parts:
         return any(part is not None for part in vars(self).values())
 
     def merged(self, other: Parts) -> Parts:
-        """With the parts of `other`; friction is replaced whole, valves by law."""
+        """The parts merged with those of `other`; friction is replaced whole, valves law by law."""
         valves = other.valves or self.valves
         if self.valves is not None and other.valves is not None:
             valves = self.valves.merged(other.valves)
@@ -101,7 +101,7 @@ class BundleContent(Part):
 
     @property
     def units(self) -> MotionUnits:
-        """What its quantities are measured in, and what its keys are called."""
+        """The units of its quantities, and the names of its keys."""
         return units_of(self.is_linear)
 
     def valve(self, side: str) -> Valve:

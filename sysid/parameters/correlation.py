@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -28,7 +28,8 @@ class Correlation(Part):
     def of(
         cls, joint: JointCovariance, known: Collection[str], keys: Mapping[str, str] | None = None
     ) -> Correlation | None:
-        """Of those in `known`, under their `keys` (None: their names); None with fewer than two."""
+        """The correlation of those in `known`, under their `keys` (None: their names); None with
+        fewer than two."""
         names, matrix = joint.correlation(known)
         if len(names) < 2:
             return None
@@ -47,15 +48,23 @@ class Correlation(Part):
             raise ValueError(f"is not a matrix of {count} rows and columns, as its names say")
         # Compared one by one: a whole number in a file may be too large for an array.
         if not all(abs(c) <= 1.0 + ROUNDING for row in self.matrix for c in row):
-            raise ValueError("holds a number beyond -1 to 1")
+            raise ValueError("holds a number outside -1 to 1")
         matrix = self.array()
         if np.any(np.abs(np.diag(matrix) - 1.0) > ROUNDING):
             raise ValueError("has a diagonal that is not 1")
         if np.any(np.abs(matrix - matrix.T) > ROUNDING):
             raise ValueError("is not symmetric")
         if np.linalg.eigvalsh(matrix)[0] < -ROUNDING * count:
-            raise ValueError("is no correlation: it has a negative eigenvalue")
+            raise ValueError("is not a correlation: it has a negative eigenvalue")
         return self
+
+    def among(self, keys: Sequence[str]) -> FloatArray:
+        """(k, k) of these keys; independent where it has no entry."""
+        found = np.eye(len(keys))
+        at = [self.names.index(key) for key in keys if key in self.names]
+        own = [place for place, key in enumerate(keys) if key in self.names]
+        found[np.ix_(own, own)] = self.array()[np.ix_(at, at)]
+        return found
 
     def array(self) -> FloatArray:
         """The matrix (k, k)."""
@@ -77,6 +86,13 @@ class CorrelatedPart(Part):
             names = ", ".join(sorted(others))
             raise ValueError(f"has a correlation of {names}, which it does not hold")
         return self
+
+    def covariance(self, keys: Sequence[str]) -> FloatArray:
+        """(k, k) of the errors of these keys."""
+        estimates = self.estimates()
+        std = np.array([estimates[key].std for key in keys])
+        known = np.eye(len(keys)) if self.correlation is None else self.correlation.among(keys)
+        return np.asarray(known * np.outer(std, std))
 
     def _correlated(self) -> list[str]:
         return [] if self.correlation is None else self.correlation.names

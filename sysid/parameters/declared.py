@@ -1,4 +1,5 @@
-"""The constants of a model that were not fitted, and notices where a refinement refutes them."""
+"""The constants of a model that were not fitted, and notices where a refinement contradicts
+them."""
 
 from __future__ import annotations
 
@@ -65,7 +66,7 @@ def _is_contradicted(value: RefinedValue) -> bool:
 
 
 def _place(alias: str, rig: Rig) -> str:
-    """Where the rig file says it."""
+    """The place in the rig file that states it."""
     if alias != "rig.inertia":
         return _PLACES.get(alias, alias)
     whole = rig.inertia is not None and rig.inertia.equivalent_kg_m2 is not None

@@ -14,6 +14,8 @@ from sysid.parameters.base import Absent, Number, Part
 from sysid.plant.effects.entry import Catalogue, CatalogueEffect, Quantity
 
 SIDE = "side"
+# Times the catalogue's largest strength, which is that of a rig like the reference rig.
+_LARGEST_RIG = 1e3
 _FIX = "fix that key, or diagnose again to rewrite the bundle"
 
 _PARAMETERS: dict[str, Any] = {
@@ -147,13 +149,24 @@ def _value(estimate: Estimate | Side | float, quantity: Quantity, where: str) ->
     unit = estimate.unit or quantity.unit
     if unit != quantity.unit:
         raise input_error(where, f"is in {unit!r}, not {quantity.unit!r}", _FIX)
-    if not quantity.lower <= estimate.value <= quantity.upper:
-        bounds = f"{quantity.lower:g} to {quantity.upper:g} {quantity.unit}"
+    lower, upper = _readable(quantity)
+    if not lower <= estimate.value <= upper:
+        bounds = f"{lower:g} to {upper:g} {quantity.unit}"
         raise input_error(where, f"{estimate.value:g} is out of its bounds, {bounds}", _FIX)
     if quantity.is_choice and estimate.value not in quantity.grid:
         choices = ", ".join(f"{value:g}" for value in quantity.grid)
         raise input_error(where, f"{estimate.value:g} is none of {choices}", _FIX)
     return estimate.value
+
+
+def _readable(quantity: Quantity) -> tuple[float, float]:
+    """Its bounds in a file: far beyond the catalogue's where a rig may have any size."""
+    low, high = quantity.anywhere
+    beyond = _LARGEST_RIG * max(abs(quantity.lower), abs(quantity.upper))
+    return (
+        -beyond if math.isinf(low) else low,
+        beyond if math.isinf(high) else high,
+    )
 
 
 __all__ = ["EffectEntry", "HeldOutError", "Side", "effect_from_entry", "entry_of"]

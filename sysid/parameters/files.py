@@ -25,7 +25,7 @@ from sysid.parameters.bundle import Bundle
 from sysid.parameters.content import SCHEMA
 from sysid.parameters.valves import LAW_KEYS
 
-# Of a number that a message quotes.
+# Longest number that a message quotes.
 _LONGEST = 40
 SCHEMA_FILE = "bundle.schema.json"
 

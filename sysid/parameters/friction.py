@@ -67,7 +67,7 @@ class CombinationRecord(Part):
         return Estimate.from_json(self.to_json())
 
 
-# What a rotary rig's friction has to hold, or a linear one's.
+# Keys that the friction of a rotary or a linear rig has to hold.
 _WHOLE: list[list[str]] = [list(map(units.key, FRICTION)) for units in (ROTARY, LINEAR)]
 
 
@@ -133,8 +133,47 @@ class Friction(CorrelatedPart):
         return {row.expression: row for row in rows}
 
     @property
+    def sum_in_motion(self) -> CombinationRecord | None:
+        """The sum that holds Coulomb friction, where tests in one direction or at one speed do not
+        separate its parts: all friction of such motion. None where Coulomb friction is known."""
+        coulomb, key = self.coulomb, self.units.key("coulomb")
+        if coulomb is None or coulomb.identified:
+            return None
+        return next((row for row in self.sums().values() if key in row.of), None)
+
+    def in_motion(self, name: str) -> Estimate | None:
+        """A parameter by its name, or what stands for it in motion like that of the tests.
+
+        Where these identify only sums, that with Coulomb friction is Coulomb friction, that with an
+        offset the offset, and what either holds besides is 0.
+        """
+        own, key = self.parameter(name), self.units.key(name)
+        if own is None or own.identified:
+            return own
+        sums = [row for row in self.sums().values() if key in row.of]
+        if not sums:
+            return own
+        leads = [row for row in sums if row.of[0] == key]
+        if leads:
+            return leads[0].estimate
+        return Estimate(0.0, 0.0, own.unit or self.units.unit(name), (0.0, 0.0))
+
+    def with_sum_of(self, before: Friction) -> Friction:
+        """The same, its Coulomb friction back in the sum that stood for it `before`.
+
+        What follows from a model that took the sum for Coulomb friction is an estimate of the sum.
+        """
+        held, coulomb = before.sum_in_motion, self.coulomb
+        if held is None or coulomb is None or not coulomb.identified:
+            return self
+        key = self.units.key("coulomb")
+        new = CombinationRecord.model_validate({**held.to_json(), **coulomb.to_json()})
+        rows = [new if row == held else row for row in before.combinations]
+        return self.replaced(**{key: before.coulomb, "combinations": rows})
+
+    @property
     def units(self) -> MotionUnits:
-        """Those of its keys."""
+        """The units of its keys."""
         held = (getattr(self, key) for key in LINEAR.keys.values())
         return LINEAR if any(one is not None for one in held) else ROTARY
 

@@ -55,7 +55,7 @@ class Provenance(Part):
         return frozenset((log.kind or "", log.sha256) for log in self.logs if log.use == "fit")
 
     def with_logs(self, logs: Iterable[LogRecord]) -> Provenance:
-        """With these logs too, each once."""
+        """The provenance with these logs too, each once."""
         known = {(e.sha256, e.kind, e.use): e for e in [*self.logs, *logs]}
         return self.replaced(logs=list(known.values()))
 

@@ -9,17 +9,17 @@ from sysid.parameters import Bundle
 
 
 def fits_section(bundle: Bundle) -> Section | None:
-    """From the judgements in the bundle; None where it holds none (an older file)."""
+    """The section on the judgements in the bundle; None where it holds none (an older file)."""
     judged = bundle.qualities()
     if not judged:
         return None
     intro = (
-        "Each law against the tests that it was fitted to (PWM: tests left out of the fit, where "
-        "there are enough). The verdict goes by what the law misses of the signal's spread beyond "
-        f"the scatter of the measurement: good up to {100 * GOOD_SHARE:.0f} %, usable up to "
+        "Each law against the tests that it was fitted to (PWM: held-out tests, where "
+        "there are enough). The verdict depends on how much of the signal's spread the law misses "
+        f"beyond the scatter of the measurement: good up to {100 * GOOD_SHARE:.0f} %, usable up to "
         f"{100 * USABLE_SHARE:.0f} %, else poor. A law that explains less than "
-        f"{100 * LEAST_EXPLAINED:.0f} % of the signal's variance beyond its scatter, or whose "
-        "numbers cannot be, is kept only where a missing effect may be the cause.",
+        f"{100 * LEAST_EXPLAINED:.0f} % of the signal's variance beyond its scatter, or has "
+        "impossible parameters, is kept only where a missing effect may be the cause.",
         "Lack of fit is an F test against repeats where conditions were repeated, else the "
         "residual over the measurement's known scatter, else a test of the residual's runs. A "
         "significant one shows that the law lacks something, which may be small.",
@@ -31,7 +31,7 @@ def fits_section(bundle: Bundle) -> Section | None:
 
 
 def _side(place: str) -> str:
-    """What rows are ordered by: friction first, then valve A, then B."""
+    """Sort key of the rows: friction first, then valve A, then B."""
     return place[: len("valves.a")] if place.startswith("valves.") else ""
 
 

@@ -13,8 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from sysid.blocks.numbers import estimate_cells
-from sysid.blocks.tables import Table, table
+from sysid.blocks.tables import Table, TableColumn, estimate_table
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
 from sysid.parameters.base import Part
@@ -58,7 +57,7 @@ class ParameterRow:
 
     `part` is the place of its part ("friction", "valves.a.discrete", "effect backlash"), `key` its
     key there, `name` what it is called inside, whatever its unit and valve (`coulomb`, `c_fill`).
-    `status`: fitted, declared in the rig file, assumed as nobody declared it, a fit's check that no
+    `status`: fitted, declared in the rig file, assumed because undeclared, a fit's check that no
     model has, or an alternative to what was fitted, by other tests. `alias` is the name under which
     a refinement lists and takes it, `side` its valve's.
     """
@@ -79,17 +78,17 @@ class ParameterRow:
 
     @property
     def title(self) -> str:
-        """What a reader calls it."""
+        """Its name for readers."""
         return _TITLES.get(self.key) or _TITLES.get(self.name, self.key)
 
     @property
     def field(self) -> str:
-        """What the plant's parameters call it."""
+        """Its name in the plant's parameters."""
         return field_of(self.name, self.side)
 
 
 def field_of(name: str, side: str = "") -> str:
-    """What the plant's parameters (`sysid.plant.base.Parameters`) call a parameter, of a valve."""
+    """The name of a valve's parameter in the plant's parameters (`sysid.plant.base.Parameters`)."""
     return f"{name}_{side}" if side else _FIELDS.get(name, name)
 
 
@@ -116,13 +115,13 @@ class ParameterTable(Mapping[str, ParameterRow]):
         return len(self.rows)
 
     def where(self, holds: Callable[[ParameterRow], bool]) -> ParameterTable:
-        """Those rows of which this holds."""
+        """The rows for which this holds."""
         kept = [i for i, row in enumerate(self.rows) if holds(row)]
         rows = tuple(self.rows[i] for i in kept)
         return ParameterTable(rows, self.correlation[np.ix_(kept, kept)])
 
     def fitted(self) -> ParameterTable:
-        """Those that a fit gave, without its checks."""
+        """The rows from fits, without their checks."""
         return self.where(lambda row: row.status == "fitted")
 
     def parts(self) -> dict[str, ParameterTable]:
@@ -135,8 +134,14 @@ class ParameterTable(Mapping[str, ParameterRow]):
         """The numbers by key, of a table of one part."""
         return {row.key: row.estimate for row in self.rows}
 
+    def shown(self, caption: str) -> Table:
+        """One row per parameter of one part, with its interval and its key there."""
+        titled = {row.title: row.estimate for row in self.rows}
+        keys = (TableColumn("Key", "code"), [row.key for row in self.rows])
+        return estimate_table(caption, titled, "page", more=keys)
+
     def covariance(self, keys: Collection[str]) -> FloatArray:
-        """(k, k): of the errors of these keys, in a table of one part."""
+        """Covariance (k, k) of the errors of these keys, in a table of one part."""
         own = [row.key for row in self.rows]
         places = [own.index(key) for key in keys]
         std = np.array([self.rows[i].estimate.std for i in places])
@@ -208,7 +213,7 @@ def _effect_place(effect: EffectEntry) -> str:
 
 
 def effect_names(effects: Sequence[EffectEntry]) -> list[str]:
-    """What the aliases of each effect's numbers begin with: its id, numbered where there are two
+    """The prefix of the aliases of each effect's numbers: its id, numbered where there are two
     of it."""
     ids = [effect.id for effect in effects]
     return [
@@ -252,13 +257,6 @@ def _fill(found: FloatArray, known: list[str], names: list[str], matrix: FloatAr
                 found[i, j] = matrix[own, other]
 
 
-def parameters_table(caption: str, part: ParameterTable) -> Table:
-    """One row per parameter of a part, with its interval and its key there."""
-    rows = [(row.title, *estimate_cells(row.estimate), row.key) for row in part.rows]
-    columns = ("Parameter", "Value", "Std. error", "95 % interval", "Unit", "Key")
-    return table(caption, columns, rows, text=(4,), code=(5,))
-
-
 __all__ = [
     "DELAYS",
     "Origin",
@@ -267,6 +265,5 @@ __all__ = [
     "Status",
     "effect_names",
     "field_of",
-    "parameters_table",
     "table_of",
 ]

@@ -234,7 +234,7 @@ class Valve(Part):
         return found if isinstance(found, AveragedRecord) else None
 
     def merged(self, other: Valve) -> Valve:
-        """With the laws of `other`; PWM surfaces are merged by direction."""
+        """The valve with the laws of `other`; PWM surfaces are merged by direction."""
         fields = {key: getattr(other, key) for key in other.given()}
         if self.pwm is not None and other.pwm is not None:
             directions = {key: getattr(other.pwm, key) for key in other.pwm.given()}
@@ -265,7 +265,7 @@ class FittedValves(Part):
         return {side: law for side, law in laws.items() if law is not None}
 
     def merged(self, other: FittedValves) -> FittedValves:
-        """With the laws of `other` for each valve; PWM surfaces are merged by direction."""
+        """The valves with the laws of `other` for each; PWM surfaces are merged by direction."""
         known = self.sides()
         return self.replaced(
             **{k: known[k].merged(v) if k in known else v for k, v in other.sides().items()}

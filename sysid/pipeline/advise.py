@@ -41,7 +41,7 @@ def advise(campaign: Campaign, bundle: Bundle, options: AdviseOptions) -> Advice
     from sysid.refinement import advice
 
     catalogue = catalogue_from(options.effects)
-    # As in a diagnosis: an effect is seen where chance among all of them is excluded.
+    # As in a diagnosis: an effect is detected where chance among all of them is excluded.
     threshold = -float(ndtri(SIGNIFICANCE / len(catalogue or own_catalogue())))
     with progress_or_shown(options.progress, "advising") as tell:
         return advice.advise(

@@ -1,4 +1,4 @@
-"""How good a log is, and what it can identify."""
+"""The quality of a log, and what it can identify."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def check_campaign(campaign: Campaign) -> CampaignCheck:
 
 
 def checks_of(campaign: Campaign, *, by_content: bool = False) -> Sequence[LogCheck]:
-    """What each log of a campaign is good for; errors as `check_campaign`.
+    """What each log of a campaign can be used for; errors as `check_campaign`.
 
     `by_content`: a log that no campaign declares may hold tests of several kinds.
     """

@@ -1,4 +1,4 @@
-"""Bundles next to each other."""
+"""Bundles compared with each other."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sysid.parameters import Bundle
 
 
 def compare(*bundles: Bundle) -> Comparison:
-    """Parameters of at least two bundles next to each other, and what moved against the first.
+    """Parameters of at least two bundles side by side, and what moved against the first.
 
     `moved` are the parameters that moved by more than the standard errors of both explain, the
     false discovery rate being 5 % over the whole comparison; `effects` says which appeared,

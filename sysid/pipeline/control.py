@@ -1,4 +1,4 @@
-"""A controller on the model that a bundle describes, in closed loop."""
+"""A controller in closed loop with the model that a bundle describes."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class ControlledRun(Shown):
 
     @property
     def frame(self) -> pd.DataFrame:
-        """A new DataFrame of the log: `time_s`, measured signals, commands; a row a tick."""
+        """A new DataFrame of the log: `time_s`, measured signals, commands; one row per tick."""
         return log_frame(self.run, self.task.choice.mode, self.task.rig)
 
     def to_frame(self) -> pd.DataFrame:
@@ -94,7 +94,7 @@ class ControlledRun(Shown):
         )
 
     def records(self) -> list[dict[str, Any]]:
-        """One: the choice, and the metrics in rad."""
+        """One record: the choice, and the metrics in rad."""
         choice, found = self.task.choice, self.metrics
         return [
             {
@@ -222,15 +222,15 @@ def control(
     `controller`: "pva", "backstepping", "dvmpc", "FILE.py:CLASS" (the file is run), or a class or
     object of your own (`sysid.controllers.interface.Controller`). `trajectory` 1 to 4 (thesis,
     Table 4.2.1), `mode` "pneumatic", "motor" or "hybrid". `payload_kg` is on the plant; the
-    controller is not told it, in the vertical it estimates it. `plant`: a bundle that stands for
-    the rig (None: the controller's). `inverse`: where backstepping's duties come from, "averaged",
-    "bipolynomial" or "ann". DVMPC's `horizon` in ticks, and whether its input may vary within it;
-    `backstepping_type` 1 to 4 (Table 5.4.3: without compensation, motor's, feedforward, both);
-    `estimate_payload` (None: where `payload_kg` is given in the vertical). `perfect_sensors`: no
-    counts, noise or filter. `seed` is that of the sensors' noise. `accept_assumed`: the controller
-    may use assumed constants. Raises InputError for a rig or choice that cannot be
-    run, NotIdentifiedError, with the missing key, for a bundle that lacks what controller or plant
-    needs.
+    controller does not know it and, in the vertical, estimates it. `plant`: a bundle that stands
+    for the rig (None: the controller's). `inverse`: where backstepping's duties come from,
+    "averaged", "bipolynomial" or "ann". DVMPC's `horizon` in ticks, and whether its input may vary
+    within it; `backstepping_type` 1 to 4 (Table 5.4.3: without compensation, motor's, feedforward,
+    both); `estimate_payload` (None: where `payload_kg` is given in the vertical).
+    `perfect_sensors`: no counts, noise or filter. `seed` is that of the sensors' noise.
+    `accept_assumed`: the controller may use assumed constants. Raises InputError for a rig or
+    choice that cannot be run, NotIdentifiedError, with the missing key, for a bundle that lacks
+    what controller or plant needs.
 
     >>> tracked = si.control(bundle, "dvmpc", trajectory=3, mode="hybrid", duration_s=1.0)
     >>> tracked.metrics.rmse < 0.1, tracked.faults
@@ -246,7 +246,7 @@ def control(
     sources = bundle.source, (options.plant or bundle).source
     if assumed := assumed_constants(bundle.rig):
         names = ", ".join(assumed)
-        said = (f"the controller rests on constants that nobody declared: {names}", *said)
+        said = (f"the controller uses undeclared constants: {names}", *said)
     return ControlledRun(run, task, sources, tuple(dict.fromkeys((*task.notices, *said))))
 
 

@@ -37,9 +37,9 @@ class ControlTable(Shown):
         return f"{self.table.title}: RMSE on {self.rig}"
 
     def records(self) -> list[dict[str, Any]]:
-        """One a cell: ours and the printed one, rad or Pa, and the factor between them.
+        """One record per cell: ours and the printed value, rad or Pa, and the factor between them.
 
-        None in ours: the loop is unstable; in print: it cannot be read.
+        None in ours: the loop is unstable; in print: it is illegible.
         """
         return [
             {

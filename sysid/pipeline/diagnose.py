@@ -41,6 +41,7 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle, EffectEntry, HeldOutError
 from sysid.parameters.assembled_model import assumed_parameters
 from sysid.parameters.effects import entry_of
+from sysid.parameters.possible import impossible
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 from sysid.plant.effects.entry import Catalogue
@@ -100,7 +101,7 @@ class CampaignDiagnosis(Shown):
 
     @property
     def looked(self) -> Looked:
-        """What was looked at, and what was missed: as the budget ended, or as it failed."""
+        """What was examined, and what the budget or a failure left unexamined."""
         return self.detail.looked
 
     def headline(self) -> str:
@@ -118,7 +119,7 @@ class CampaignDiagnosis(Shown):
     def footnotes(self) -> Iterable[str]:
         """What the remaining errors consist of, what to do next, and the notices."""
         found = self.detail.to_json()
-        return (*wording.left(found), *wording.advice(found), *super().footnotes())
+        return (*wording.remainder_lines(found), *wording.advice(found), *super().footnotes())
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """RMSE on held-out logs over that of a correct model, before and after each effect."""
@@ -131,7 +132,7 @@ class CampaignDiagnosis(Shown):
         }
         shown, ticks = grouped_bars(list(errors), heights)
         y = Scale("RMSE / RMSE of a correct model", kind="log")
-        panel = Panel(Scale(ticks=ticks), y, (*shown, Rule(1.0)), legend="beside")
+        panel = Panel(Scale(ticks=ticks), y, (*shown, Rule(1.0)), legend="right")
         return plot_panels((panel,), ax)[0]
 
     def content(self) -> dict[str, Any]:
@@ -141,7 +142,7 @@ class CampaignDiagnosis(Shown):
 
 @takes(DiagnoseOptions)
 def diagnose(campaign: Campaign, bundle: Bundle, options: DiagnoseOptions) -> CampaignDiagnosis:
-    """What a bundle's model lacks, from a campaign's training logs; errors on held-out ones.
+    """What a bundle's model lacks by a campaign's training logs; errors of held-out ones.
 
     `effects`: effects in addition to the catalogue's, a Python file or the classes; `refine`:
     whether all parameters are estimated together by simulation error at the end, where an actuator
@@ -171,7 +172,7 @@ def diagnose(campaign: Campaign, bundle: Bundle, options: DiagnoseOptions) -> Ca
 def _of_own(
     campaign: Campaign, bundle: Bundle, options: DiagnoseOptions
 ) -> tuple[Diagnosis, tuple[str, ...]]:
-    """What the law of a component of the user's own lacks of its terms, and the readers' notices.
+    """The terms that the law of a user's own component lacks, and the readers' notices.
 
     Terms that the bundle holds are part of the law.
     """
@@ -231,9 +232,10 @@ def _searched(
             "of which it holds none; add some (docs: how-to/part-alone)"
         )
     if kind is not None:
+        notices += impossible(bundle, campaign.rig) if kind == AXIS else []
         look = _look_at_part(kind, campaign, bundle, logs, catalogue, options)
     else:
-        notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle)]
+        notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle, campaign.rig)]
         look = _look_at_actuator(campaign, bundle, logs, catalogue, options)
     return without_contradicted(look, open_ones, options.tell), tuple(notices)
 

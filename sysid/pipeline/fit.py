@@ -1,4 +1,5 @@
-"""From a campaign's tests to one bundle: every pipeline on its tests, the results assembled."""
+"""From a campaign's tests to one bundle: each pipeline runs on its tests, and the results are
+assembled."""
 
 from __future__ import annotations
 
@@ -64,7 +65,7 @@ class _Assembly:
         return trials
 
     def add(self, name: str, fit: Callable[[], PartResult]) -> None:
-        """Add a pipeline's part, or a notice where it cannot be had."""
+        """Add a pipeline's part, or a notice where there is none."""
         self.progress(name)
         result = on_its_own(fit)
         if isinstance(result, Failure):
@@ -73,7 +74,7 @@ class _Assembly:
             self.merge(result)
 
     def lack(self, why: Failure) -> None:
-        """Note why a part is not there."""
+        """Note why a part is missing."""
         self.notices.append(why.reason)
         self.failures.append(why)
 
@@ -88,7 +89,7 @@ class _Assembly:
 class CampaignFit:
     """A campaign's bundle, with the remarks and notices of its fits.
 
-    `contradictions` are the first of the notices: what logs and rig file say differently.
+    `contradictions` are the first of the notices: where logs and rig file disagree.
     """
 
     bundle: Bundle
@@ -129,7 +130,7 @@ def fit(campaign: Campaign, options: FitOptions) -> Bundle:
 
 
 def contradictions_in(campaign: Campaign) -> tuple[str, ...]:
-    """What the training logs say of one another, or of the rig file, that cannot be true."""
+    """Contradictions among the training logs, or with the rig file."""
     return () if component_in(campaign) else check_consistency(campaign, "fit")
 
 
@@ -167,7 +168,7 @@ def fit_campaign(campaign: Campaign, options: FitOptions) -> CampaignFit:
 
 
 def _nothing(assembly: _Assembly) -> Exception:
-    """The error of a campaign without any part: each part's reason, or that no log is for any;
+    """The error of a campaign without any part: each part's reason, or that no log belongs to one;
     unusable input in its own words."""
     why = [*assembly.contradictions, *(failure.reason for failure in assembly.failures)]
     reasons = "; ".join(dict.fromkeys(why)) if assembly.failures else ""
@@ -181,7 +182,7 @@ def _nothing(assembly: _Assembly) -> Exception:
 
 
 def _is_used(source: Source, assembly: _Assembly) -> bool:
-    """Whether a log belongs in the provenance: motion logs are for a diagnosis to fit on, unless
+    """Whether a log belongs in the provenance: motion logs are for the diagnosis, unless
     friction needed them."""
     fits_nothing = source.kind in MOTION_KINDS and not assembly.motion_for_friction
     return source.use == "holdout" or not fits_nothing
@@ -195,7 +196,7 @@ def _add_friction(assembly: _Assembly) -> None:
         assembly.progress("friction")
     own, why = _friction_of(tests, rig)
     if own is not None:
-        # What cannot be friction alone is for the diagnosis to name, not a reason to stop.
+        # A cause other than friction is for the diagnosis to name, not a reason to stop.
         assembly.notices += [
             f"friction tests: {line}: kept for `sysid diagnose`, not to be used as it is"
             for line in own.impossible
@@ -348,11 +349,11 @@ def _why_nothing(fitted: FittedLaw) -> str:
 
 
 def _remarks(fitted: FittedLaw, loaded: LoadedComponent) -> list[str]:
-    """What is stuck at a bound or tied, and a law that explains too little."""
+    """Remarks on parameters stuck at a bound or tied, and on a law that explains too little."""
     diagnosed = fitted.fit.diagnosis
     lines = [f"{name} ends at its bound" for name in diagnosed.at_bound]
     if len(diagnosed.tied) > 1:
-        lines.append(f"{' and '.join(diagnosed.tied)} only act together in these tests")
+        lines.append(f"{' and '.join(diagnosed.tied)} are indistinguishable in these tests")
     judged = fitted.quality()
     if judged.explains_too_little:
         lines.append(

@@ -162,11 +162,11 @@ class _Given:
     shown: tuple[str, ...] = ()
 
     def options(self) -> dict[str, Any]:
-        """What the provenance holds of a bare log's rig."""
+        """The provenance of a bare log's rig."""
         return {FROM_LOG: list(self.shown)} if self.is_bare else {}
 
     def said(self, line: str) -> str:
-        """A line about the rig, which no file may describe."""
+        """A line about the rig, which may have no rig file."""
         return self.rig.said(line)
 
     @contextlib.contextmanager
@@ -208,8 +208,8 @@ def _read_logs(files: FitFiles, existing: Bundle | None, readings: bool) -> _Giv
             for log, own in zip(files.logs, excluded, strict=True)
         )
         return _Given(rig, rig, logs, rig.notices)
-    beside = None if existing is None else existing.rig_content
-    bare = read_bare_logs(files.logs, mapping, beside, excluded, readings=readings)
+    existing_content = None if existing is None else existing.rig_content
+    bare = read_bare_logs(files.logs, mapping, existing_content, excluded, readings=readings)
     return _Given(
         bare.rig, bare.read_with, bare.logs, bare.notices, bare.in_volts, True, bare.shown
     )
@@ -219,7 +219,7 @@ def _read_logs(files: FitFiles, existing: Bundle | None, readings: bool) -> _Giv
 
 
 def _check_same_fit(path: Path, kind: str, sources: Sequence[Source]) -> None:
-    """InputError where a file is in the way that is not of a fit of this kind of these logs."""
+    """InputError where an existing file is not from a fit of this kind of these logs."""
     if not path.exists():
         return
     own = frozenset((kind, source.sha256) for source in sources)
@@ -238,7 +238,7 @@ def _option(path: Path) -> str:
 
 def _made_from(path: Path) -> frozenset[tuple[str, str]] | None:
     """Kind of fit and SHA-256 of each log of a bundle or a report; None where it names none."""
-    from sysid.document.html import origin_of
+    from sysid.blocks.html import origin_of
 
     try:
         if path.suffix == ".json":
@@ -249,7 +249,7 @@ def _made_from(path: Path) -> frozenset[tuple[str, str]] | None:
 
 
 def _lost(existing: Bundle, added: Bundle) -> Iterator[str]:
-    """A notice of numbers of a bundle that a part in their place does not identify."""
+    """A notice of numbers of a bundle that the part replacing them does not identify."""
     if existing.friction is None or added.friction is None:
         return
     new = added.parameters

@@ -34,7 +34,7 @@ class PartResult(Protocol):
 
 @dataclass(frozen=True)
 class FittedPart:
-    """What a bundle takes of a pipeline's result."""
+    """What a bundle holds of a pipeline's result."""
 
     parts: Parts
     remarks: tuple[str, ...] = ()

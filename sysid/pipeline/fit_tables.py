@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from sysid.blocks.numbers import si_cells
-from sysid.blocks.tables import Table, parameter_table, table
+from sysid.blocks.tables import Table, estimate_table, table
 from sysid.parameters import FittedValves, Friction
 from sysid.parameters.base import read_number
 from sysid.pipeline.fit_logs import Fitted
@@ -19,9 +19,9 @@ def friction_tables(fitted: Fitted) -> Iterable[Table]:
 
 def _of_friction(friction: Friction | None) -> Iterable[Table]:
     if friction is not None:
-        yield parameter_table("Friction", friction.estimates())
+        yield estimate_table("Friction", friction.estimates(), "command")
         sums = {name: row.estimate for name, row in friction.sums().items()}
-        yield parameter_table("Identified only together", sums)
+        yield estimate_table("Identified only together", sums, "command")
         columns = ("position", "tests", "value", "95 % interval", "unit")
         rows = tuple(
             (f"{row.position:.4g}", str(row.tests), *si_cells(row.static))
@@ -35,7 +35,9 @@ def valve_tables(fitted: Fitted) -> Iterable[Table]:
     valves = fitted.bundle.valves or FittedValves()
     for name, valve in valves.sides().items():
         if valve.discrete is not None:
-            yield parameter_table(f"Valve {name.upper()}, on/off", valve.discrete.estimates())
+            yield estimate_table(
+                f"Valve {name.upper()}, on/off", valve.discrete.estimates(), "command"
+            )
     columns = (
         "valve", "direction", "surface", "RMSE", "largest relative error, %", "parameters",
     )  # fmt: skip
@@ -62,7 +64,7 @@ def campaign_tables(fitted: Fitted) -> Iterable[Table]:
     """Every part of a campaign's bundle, or the parameters of a component of the user's own."""
     record = fitted.bundle.component
     if record is not None:
-        yield parameter_table(f"{record.name} ({record.kind})", record.parameters)
+        yield estimate_table(f"{record.name} ({record.kind})", record.parameters, "command")
     yield from _of_friction(fitted.bundle.friction)
     yield from valve_tables(fitted)
 

@@ -38,16 +38,16 @@ def _silent(doing: str) -> Progress:
 
 @dataclass(frozen=True, kw_only=True)
 class FleetOptions(RunOptions):
-    """The options of each run, and where it is done.
+    """The options of each run, and where it is executed.
 
-    `scheduler`: a Dask scheduler's address, or "local"; `told` gives what the steps of a campaign
-    of this name are told to, in any process; with `verbose` it is told of all of them, else that
-    the campaign starts.
+    `scheduler`: a Dask scheduler's address, or "local"; `reporter` gives the receiver of the steps
+    of a campaign of this name, in any process; with `verbose` it receives all of them,
+    else only the start.
     """
 
     scheduler: str | None = None
     verbose: bool = False
-    told: Callable[[str], Progress] = _silent
+    reporter: Callable[[str], Progress] = _silent
 
 
 @takes(FleetOptions)
@@ -69,7 +69,7 @@ def _run_all(campaigns: Sequence[Path], folder: Path, options: FleetOptions) -> 
     verbose = options.verbose and not options.scheduler
     own = replace(options, effects=effects, verbose=verbose, progress=None)
     jobs = [partial(run_one, path.resolve(), folder.resolve(), own) for path in campaigns]
-    with _none_left(folder, campaigns), _workers(options.scheduler, options.tell):
+    with _cleaned_up(folder, campaigns), _workers(options.scheduler, options.tell):
         found = parallel.attempt_all(jobs)
     rows = [
         _failed(FleetRow.failed(path, result_folder(path), None, row.reason, _FAULT), folder)
@@ -87,8 +87,8 @@ def _run_all(campaigns: Sequence[Path], folder: Path, options: FleetOptions) -> 
 
 
 @contextlib.contextmanager
-def _none_left(folder: Path, campaigns: Sequence[Path]) -> Iterator[None]:
-    """What workers that are killed leave in their campaigns' folders is removed."""
+def _cleaned_up(folder: Path, campaigns: Sequence[Path]) -> Iterator[None]:
+    """Removes what killed workers leave behind in their campaigns' folders."""
     try:
         yield
     except BaseException:
@@ -111,7 +111,7 @@ def _workers(scheduler: str | None, tell: Progress) -> Iterator[None]:
 
 @takes(FleetOptions)
 def run_one(campaign: Path, folder: Path, options: FleetOptions) -> FleetRow:
-    """A campaign through `run`, into its folder of the fleet's; its row, written last."""
+    """Run a campaign into its folder of the fleet; its row is written last."""
     name = result_folder(campaign)
     try:
         origin = origin_of(read_campaign(campaign))
@@ -125,10 +125,10 @@ def run_one(campaign: Path, folder: Path, options: FleetOptions) -> FleetRow:
 
 
 def _run_alone(campaign: Path, origin: Origin, folder: Path, options: FleetOptions) -> FleetRow:
-    """`run_one` in the folder of the campaign's own."""
+    """`run_one` in the campaign's own folder."""
     name = folder.name
     try:
-        tell = options.told(f"{name}: ")
+        tell = options.reporter(f"{name}: ")
         tell("starts")
         own = replace(options, progress=tell if options.verbose else no_progress)
         done = run_campaign(campaign, folder, own)

@@ -32,14 +32,14 @@ def rig_of(tests: Tests, rig: Rig | None) -> Rig:
 
 
 def _parts(tests: Tests) -> list[Log | Trial]:
-    """Raises InputError for what is neither a log nor a test: a DataFrame, a path."""
+    """Raises InputError for anything but a log or a test: a DataFrame, a path."""
     given: Any = tests
     is_one = isinstance(given, Log | Trial | str) or not isinstance(given, Iterable)
     parts = [given] if is_one else list(given)
     if not all(isinstance(part, Log | Trial) for part in parts):
         raise input_error(
             "tests",
-            f"{type(tests).__name__} is no log, nor tests of one",
+            f"{type(tests).__name__} is neither a log nor tests of one",
             "pass what si.read_log gives, or trials of it",
         )
     return parts

@@ -81,7 +81,7 @@ def why_not_refined(campaign: Campaign, bundle: Bundle) -> str:
         part = part_tested(campaign.training_kinds(), bundle)
         if part is not None and not (part == AXIS and campaign.rig.is_motor_alone):
             return "a part tested alone has no motion to simulate"
-    return "" if bundle.refinement is None else "it was refined already"
+    return "" if bundle.refinement is None else "it is already refined"
 
 
 __all__ = ["RefineOptions", "refine", "why_not_refined"]

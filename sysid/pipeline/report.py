@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from sysid.blocks.progress import progress_or_shown
-from sysid.errors import Failure, on_its_own
+from sysid.errors import Failure, unless_failed
 from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle, write_bundle
 from sysid.pipeline.check import checks_of
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from sysid.pipeline.diagnose import CampaignDiagnosis
     from sysid.types import Progress
     from sysid.validation.results import ValidationResult
-
-Result = TypeVar("Result")
-Other = TypeVar("Other")
 
 
 def report(
@@ -74,22 +71,21 @@ def write_page(
 ) -> tuple[str, ...]:
     """`report` with a check of every log; notices of what it lacks, as it could not be had."""
     notices: list[str] = []
-
-    def unless_failed(
-        not_done: str, work: Callable[[], Result], otherwise: Other
-    ) -> Result | Other:
-        made = on_its_own(work)
-        if not isinstance(made, Failure):
-            return made
-        notices.append(f"{not_done}: {made.reason}")
-        return otherwise
-
-    validation = options.validation
-    if callable(validation):
-        validation = unless_failed("not validated", validation, None)
+    validation: ValidationResult | Failure | None
+    if callable(options.validation):
+        validation = unless_failed("not validated", options.validation, notices)
+    else:
+        validation = options.validation
     check = partial(checks_of, campaign, by_content=options.by_content)
-    checks = unless_failed("not checked", check, ())
-    report(path, campaign, found, validation, checks=checks, progress=options.tell)
+    checks = unless_failed("not checked", check, notices)
+    report(
+        path,
+        campaign,
+        found,
+        None if isinstance(validation, Failure) else validation,
+        checks=() if isinstance(checks, Failure) else checks,
+        progress=options.tell,
+    )
     return tuple(notices)
 
 

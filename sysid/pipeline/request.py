@@ -1,4 +1,4 @@
-"""How a request is made: what is given, and its options, which its dataclass declares once.
+"""How a request is made: its inputs, and its options, declared once in a dataclass.
 
 Within the package the options are passed whole; a notebook names each by keyword.
 """
@@ -26,19 +26,19 @@ _Result = TypeVar("_Result", covariant=True)
 
 @dataclass(frozen=True)
 class Options:
-    """Of any request."""
+    """Options of any request."""
 
     def those_of(self, kind: type[Chosen], **others: Any) -> Chosen:
-        """The options of a request that is part of this one, of whose fields this has all.
+        """The options of a request that is part of this one, all of whose fields this has.
 
-        `others` take their places.
+        `others` replace them.
         """
         return kind(**{f.name: getattr(self, f.name) for f in fields(kind)} | others)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reported(Options):
-    """Of a request that takes its time: `progress` is called with a line for each step.
+    """Options of a long request: `progress` is called with a line for each step.
 
     None: a terminal or a notebook shows the lines, a script does not.
     """

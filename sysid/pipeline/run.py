@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sysid import __version__
 from sysid.checks.log_check import LogCheck
 from sysid.components.loading import component_in
-from sysid.errors import Failure, InputError, on_its_own
+from sysid.errors import Failure, InputError, on_its_own, unless_failed
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, remove_leftovers, write_atomic
 from sysid.io.foreign import digest_of
@@ -86,8 +86,8 @@ class RunOptions(FitOptions, DiagnoseOptions):
     """The options of a fit and of a diagnosis, and which stages there are.
 
     `diagnose`: whether to search for what the model lacks; `refine`: whether to estimate all
-    parameters together, too; `effects`: a Python file with further effects, `component` one with a
-    component of the user's own; `exclude`: what is not read of the logs; `entered` is called with
+    parameters together, too; `effects`: a Python file with further effects, `component`: one with
+    a user's own component; `exclude`: what is not read of the logs; `entered` is called with
     the name of each stage.
     """
 
@@ -147,7 +147,7 @@ def _digest(path: Path) -> str:
 
 
 def _digest_if_made(path: Path) -> str:
-    """The digest of an output; empty of one that could not be made, so that it is tried again."""
+    """The digest of an output; empty for one that could not be made, so that it is tried again."""
     return _digest(path) if path.is_file() else ""
 
 
@@ -174,7 +174,7 @@ class Stage:
 
 
 def made_from(run: PipelineRun, stage: Stage) -> dict[str, str]:
-    """What a stage's outputs follow from, by name: digests and options."""
+    """What a stage's outputs depend on, by name: digests and options."""
     found = {
         **run.inputs,
         **{name: _digest(run.path(name)) for name in stage.made_from},
@@ -262,11 +262,11 @@ def _may_do_more(budget: float | None, record: Mapping[str, Any]) -> bool:
 
 
 def _first_look(stage: Stage) -> str:
-    return f"{stage.name}: a first look, incomplete: a run without --quick does it as a whole"
+    return f"{stage.name}: a quick diagnosis, incomplete: a run without --quick completes it"
 
 
 def has_whole_diagnosis(run: PipelineRun) -> bool:
-    """Whether the folder holds all that this run, without --quick, would find by it."""
+    """Whether the folder holds all that this run would find without --quick."""
     whole = replace(run, options=replace(run.options, quick=False))
     state = _read_state(run.folder)
     stages = [stage for stage in stages_of(whole) if stage.has_quick]
@@ -278,7 +278,7 @@ def has_whole_diagnosis(run: PipelineRun) -> bool:
     )
 
 
-# Of a whole diagnosis' time.
+# Share of the time of a complete diagnosis.
 _QUICK_SHARE = 0.2
 # Seconds of each stage on two processor cores, where no earlier run of the folder says more.
 _USUAL = {
@@ -288,7 +288,7 @@ _USUAL = {
 
 
 def expected_seconds(folder: Path, options: RunOptions) -> dict[str, float]:
-    """About how long each stage takes: as in an earlier run of the folder, else as is usual."""
+    """Approximate duration of each stage, s: as in an earlier run, else the usual one."""
     known = {
         name: float(record["seconds"])
         for name, record in _read_state(folder).items()
@@ -316,7 +316,7 @@ def _stale(
     if before is None:
         return _NOT_DONE_YET
     if before.get(_QUICK) and not run.options.quick:
-        return "a first look with --quick"
+        return "a quick diagnosis (--quick)"
     old = before.get("made_from", {})
     changed = [k for k in {**old, **made_from} if old.get(k) != made_from.get(k)]
     if changed:
@@ -333,24 +333,9 @@ def _stale(
     return None
 
 
-def _unless_failed(
-    run: PipelineRun, not_done: str, work: Callable[[], Result], output: Path | None = None
-) -> Result | Failure:
-    """The result of a stage that the others do without; a notice where it is `not_done`.
-
-    An `output` of an earlier call would then not be this one's: it is removed.
-    """
-    found = on_its_own(work)
-    if isinstance(found, Failure):
-        run.notices.append(f"{not_done}: {found.reason}")
-        if output is not None and output.is_file():
-            output.unlink()
-    return found
-
-
 def _check(run: PipelineRun) -> None:
-    """Raises InputError for a log that cannot be read; other reasons leave the checks out."""
-    checks = _unless_failed(run, "not checked", partial(checks_of, run.campaign))
+    """Raises InputError for an unreadable log; after other failures checks are skipped."""
+    checks = unless_failed("not checked", partial(checks_of, run.campaign), run.notices)
     if isinstance(checks, Failure):
         if isinstance(checks.error, InputError):
             raise checks.error
@@ -369,14 +354,14 @@ def _fit(run: PipelineRun) -> None:
 
 
 def _diagnose(run: PipelineRun) -> None:
-    """A campaign that cannot be diagnosed continues as fitted, with a notice that says why."""
+    """A campaign that cannot be diagnosed continues as fitted; a notice says why."""
     bundle = run.bundle(FITTED_FILE)
 
     def made() -> tuple[str, Bundle, tuple[str, ...]]:
         diagnosis = diagnose(run.campaign, bundle, run.options)
         return _json_text(diagnosis.content()), diagnosis.bundle, diagnosis.notices
 
-    found = _unless_failed(run, "not diagnosed", made)
+    found = unless_failed("not diagnosed", made, run.notices)
     if isinstance(found, Failure):
         text = _json_text({"skipped": found.reason})
     else:
@@ -410,7 +395,7 @@ def _refine(run: PipelineRun) -> None:
     if not tried and not why_not_refined(run.campaign, bundle):
         options = RefineOptions(effects=run.options.effects, progress=run.options.tell)
         work = partial(refine, run.campaign, bundle, options)
-        result = _unless_failed(run, "not refined", work)
+        result = unless_failed("not refined", work, run.notices)
         if not isinstance(result, Failure) and result.worse:
             run.notices.append(f"not refined: the training tests would be simulated {result.worse}")
         elif not isinstance(result, Failure):
@@ -446,14 +431,24 @@ def _validate(run: PipelineRun) -> None:
     write_bundle(bundle, run.path(BUNDLE_FILE))
 
 
+def _written(
+    run: PipelineRun, path: Path, write: Callable[[], Result], not_done: str
+) -> Result | Failure:
+    """What writing a file gave; a file of an earlier call is removed where this one has none."""
+    found = unless_failed(not_done, write, run.notices)
+    if isinstance(found, Failure) and path.is_file():
+        path.unlink()
+    return found
+
+
 def _report(run: PipelineRun) -> None:
     from sysid.pipeline.pages.campaign import write_report
 
     content = json.loads(run.path(_CHECKS_FILE).read_text("utf-8"))
     path = run.path(REPORT_FILE)
-    _unless_failed(
+    _written(
         run,
-        "no report",
+        path,
         lambda: write_report(
             path,
             campaign=run.campaign,
@@ -463,18 +458,18 @@ def _report(run: PipelineRun) -> None:
             diagnosis=run.diagnosis(),
             progress=run.options.tell,
         ),
-        path,
+        "no report",
     )
 
 
 def _export(run: PipelineRun) -> None:
-    """Each format stands alone."""
+    """Each format is independent of the others."""
     make_folder(run.path("export"))
     for kind, name in EXPORTS.items():
         path = run.path(name)
         options = ExportOptions(format=kind, effects=run.options.effects)
         write = partial(export_file, run.path(BUNDLE_FILE), path, options)
-        said = _unless_failed(run, f"no {name}", write, path)
+        said = _written(run, path, write, f"no {name}")
         if not isinstance(said, Failure):
             run.notices += said
             run.unasked += said
@@ -568,7 +563,7 @@ def run_campaign(campaign_path: Path, folder: Path, options: RunOptions) -> RunR
 
     The diagnosis ends after `budget` seconds of processor time (None: after so many evaluations);
     where it missed something then, a call with more does it again. `quick`: a first diagnosis that
-    leaves much out, and no refinement; a call without it does both. No other call works in the
+    skips much, and no refinement; a call without it does both. No other call works in the
     folder meanwhile.
     """
     campaign = read_with(campaign_path, options.component, options.tell, options.exclude)

@@ -161,7 +161,7 @@ class SimulatedLog:
 
 @dataclass(frozen=True)
 class SimulateOptions(Reported):
-    """Of which rig, by which valve model; `effects`: those that the catalogue lacks."""
+    """The rig and the valve model; `effects`: those that the catalogue lacks."""
 
     rig: Rig | None = None
     _: KW_ONLY
@@ -226,7 +226,7 @@ def simulate_log(
     log = read_log(inputs, rig, parse_map(maps))
     model = bundle.model(rig, catalogue_from(options.effects))
     chosen = options.valve_model or first_valve_model(bundle, rig, model.parameters)
-    notices = [*rig.notices, *log.notices, *assumed_parameters(bundle)]
+    notices = [*rig.notices, *log.notices, *assumed_parameters(bundle, rig)]
     for trial in log.trials:
         check_commands(trial, rig, chosen)
         notices += assumed_starts(trial, rig)

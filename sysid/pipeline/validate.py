@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sysid.blocks.progress import progress_or_shown
 from sysid.components.loading import component_in
-from sysid.io.campaign import MOTION_KINDS, Campaign
+from sysid.io.campaign import MOTION_KINDS, SIMULATED_KINDS, Campaign
 from sysid.parameters import Bundle
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
@@ -52,11 +52,10 @@ def is_validated(campaign: Campaign, bundle: Bundle) -> bool:
     if component_in(campaign) is not None:
         return True
     from sysid.diagnosis.bench.registry import AXIS, part_tested
-    from sysid.validation.open_loop import VALIDATED_KINDS
 
     part = part_tested(campaign.training_kinds(), bundle)
     is_whole = part is None or (part == AXIS and campaign.select(MOTION_KINDS, "holdout"))
-    return bool(is_whole and campaign.select(VALIDATED_KINDS, None))
+    return bool(is_whole and campaign.select(SIMULATED_KINDS, None))
 
 
 __all__ = ["ValidateOptions", "is_validated", "validate"]

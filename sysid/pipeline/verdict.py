@@ -1,4 +1,5 @@
-"""The outcome of a run in three lines: how well the model follows, what it lacks, what is next."""
+"""The outcome of a run in three lines: how well the model follows, what it lacks, what to do
+next."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from sysid.parameters import Bundle, Validation
 def verdict_lines(
     bundle: Bundle, diagnosis: Mapping[str, Any] | None, skipped: str = ""
 ) -> tuple[str, str, str]:
-    """From the final bundle and the diagnosis; None where there was none, as one was `skipped`."""
+    """The three lines, from the final bundle and the diagnosis (None where it was `skipped`)."""
     reason = skipped.removeprefix("diagnosis: ")
     none = f"not possible: {reason}" if skipped else "none was made"
     found = none if diagnosis is None else wording.sentence(diagnosis)
@@ -84,8 +85,8 @@ def _next(bundle: Bundle, diagnosis: Mapping[str, Any] | None, is_impossible: bo
     lines = wording.advice(diagnosis)
     if not lines:
         is_advised = bundle.component is None and is_of_actuator(diagnosis)
-        more = "; sysid advise says which test would add most"
-        return f"nothing was left open{more if is_advised else ''}"
+        more = "; sysid advise names the most informative test"
+        return f"no open question{more if is_advised else ''}"
     more = f" ({len(lines) - 1} more in the report)" if len(lines) > 1 else ""
     return f"{lines[0]}{more}"
 

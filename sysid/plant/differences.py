@@ -18,7 +18,7 @@ from sysid.plant.simulator import MAX_STEP, STATE, Trajectory, simulate
 from sysid.plant.tangents import Direction, Tangents, with_step
 from sysid.types import FloatArray
 
-# Of a number's size, and of the states' sizes (rad or m, rad/s or m/s, Pa).
+# Step as a share of a number's size, and the states' sizes (rad or m, rad/s or m/s, Pa).
 _STEP = 1e-7
 _SIZES = np.array([1.0, 1.0, 1e5, 1e5])
 # A change of more than this many sizes per size of a number is a jump.
@@ -95,13 +95,13 @@ def _simulated(lanes: Sequence[tuple[Inputs, Model]], max_step: float) -> list[T
 
 
 def _jumps(slopes: FloatArray, steps: FloatArray) -> FloatArray:
-    """Which slopes (k, 4, n) change a state by far more than its number does."""
+    """Which slopes (k, 4, n) change a state by far more than the change of its number."""
     change = np.maximum(slopes.max(axis=2), -slopes.min(axis=2)) / _SIZES
     return np.asarray(change.max(axis=1) * np.abs(steps) > _JUMP * _STEP)
 
 
 def _with_start(inputs: Inputs, model: Model) -> tuple[Inputs, Model]:
-    """With the pressures that a run starts at where it gives none."""
+    """Inputs and model with the starting pressures filled in where the run gives none."""
     own = {name: getattr(inputs, name) for name in STATE[2:]}
     none = {name: float(model.parameters.atmosphere) for name, p in own.items() if p is None}
     return (dataclasses.replace(inputs, **none) if none else inputs), model  # type: ignore[arg-type]

@@ -42,7 +42,7 @@ def on_processor() -> Iterator[None]:
     """Within this block, or the function that it decorates, jax's arrays lie on the processor.
 
     In this thread alone, and whatever devices jax has found: the default of the user's own process
-    is untouched. Raises InputError where jax was told to leave the processor out.
+    is untouched. Raises InputError where jax is set up without the processor.
     """
     with jax.default_device(_processor()):
         yield
@@ -55,7 +55,7 @@ def _processor() -> Any:
     except RuntimeError:
         raise input_error(
             "JAX_PLATFORMS",
-            "leaves out the processor, on which models are simulated",
+            "excludes the processor, on which models are simulated",
             "add cpu, as in JAX_PLATFORMS=cuda,cpu",
         ) from None
 
@@ -63,7 +63,7 @@ def _processor() -> Any:
 def _configure() -> None:
     config: Any = jax.config
     config.update("jax_enable_x64", True)
-    # A cache that the user has set up (JAX_COMPILATION_CACHE_DIR) is left alone.
+    # A cache that the user has set up (JAX_COMPILATION_CACHE_DIR) is kept.
     if config.jax_compilation_cache_dir is None:
         directory = cache_directory()
         try:

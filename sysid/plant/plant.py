@@ -143,7 +143,7 @@ def shared_flow(side: str, share: Array, point: Point, model: Model) -> Array:
     opened, closed = dataclasses.replace(point, **on), dataclasses.replace(point, **off)
     fills = pressure <= filling_boundary(side, opened, model)
     empties = pressure >= exhaust_boundary(side, closed, model)
-    # Of `discrete_flow` at either, the half that counts there.
+    # In each direction the half of `discrete_flow` that applies there.
     filling = _filling(side, fills, opened, model)
     exhausting = _exhausting(side, empties, closed, model)
     return share * model.through("chamber_flow", filling, side, opened) + (
@@ -211,10 +211,10 @@ def _lines_in_phase(side: str, point: Point, model: Model) -> tuple[Array, Array
     pulse, and shut for a larger part of its pause, than of the period.
     """
     other = SIDES[1 - SIDES.index(side)]
-    own, beside = point.is_open(side), point.is_open(other)
-    xp = array_namespace(own, beside)
-    during = xp.minimum(beside / xp.maximum(own, _LEAST_SHARE), 1.0)
-    shut = xp.minimum((1.0 - beside) / xp.maximum(1.0 - own, _LEAST_SHARE), 1.0)
+    own, other_open = point.is_open(side), point.is_open(other)
+    xp = array_namespace(own, other_open)
+    during = xp.minimum(other_open / xp.maximum(own, _LEAST_SHARE), 1.0)
+    shut = xp.minimum((1.0 - other_open) / xp.maximum(1.0 - own, _LEAST_SHARE), 1.0)
     pulse: dict[str, Any] = {f"open_{other}": during}
     pause: dict[str, Any] = {f"open_{other}": 1.0 - shut}
     return (
@@ -250,7 +250,7 @@ def _per_flow(side: str, point: Point, model: Model) -> Array:
 def pulse_ripple(
     side: str, surface: Any, phase: tuple[Array, Array], point: Point, model: Model
 ) -> tuple[Array, Array, Array]:
-    """Of a chamber in a PWM period: the swing, Pa, and where the ramp in force bends.
+    """Ripple of a chamber in a PWM period: the swing, Pa, and where the ramp in force bends.
 
     `phase`: whether the pressure rises, and the ripple's mean in shares of a period. The swing
     is what an open valve would add to the pressure in a period over a closed one. The bend:

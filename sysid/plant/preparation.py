@@ -114,7 +114,7 @@ class PreparedRun:
 
 
 class Shared:
-    """What runs of a batch have in common, worked out once: by the identity of their arrays."""
+    """What runs of a batch have in common, computed once, by the identity of their arrays."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], tuple[Any, tuple[Any, ...]]] = {}

@@ -47,13 +47,13 @@ def pulse_means(
     Before the first period the valve is as it was, without ripple.
     """
     ends = np.concatenate((begins[1:], [end]))
-    # A valve may have been open for ever, and may stay so: only the run counts.
+    # A valve may have been open since before the run and stay open after it: only the run counts.
     first_time, last_time = min(start[0], begins[0]) - 1.0, max(end, start[-1] + duration[-1]) + 1.0
     intervals = OpenIntervals(
         np.maximum(intervals.opens, first_time), np.minimum(intervals.closes, last_time)
     )
     shares = intervals.open_fraction(begins, ends)
-    # What lies under the triangle; two pulses in a period make it smaller, which is rare.
+    # The area under the triangle; two pulses in a period make it smaller, which is rare.
     middles = 0.5 * shares * (1.0 - shares)
     k = np.searchsorted(begins, start + TIME_TOLERANCE, side="right") - 1
     known = np.maximum(k, 0)

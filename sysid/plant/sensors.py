@@ -21,7 +21,7 @@ _Value = TypeVar("_Value", bound=Any)
 _STATE = ("position", "velocity", "pressure_a", "pressure_b")
 _ROUNDS = 2
 _ROW_S = 1e-3
-# What sensors have seen of a run-up, which is shorter: of a link at 25 Hz a fifth still rings then.
+# Longer than a run-up: after that a link at 25 Hz still rings at a fifth of its amplitude.
 _HISTORY_S = 0.5
 
 

@@ -47,8 +47,7 @@ COMPILER_OPTIONS = {"xla_backend_optimization_level": 2, "xla_cpu_prefer_vector_
 # No run needs nearly as many continuations for its events: more would be an endless loop.
 MOST_CALLS = 1000
 ENDLESS = (
-    "simulation: the model switches without end at one instant; its effects or flows do not fit "
-    "together"
+    "simulation: the model switches endlessly at one instant; its effects or flows are inconsistent"
 )
 
 
@@ -86,7 +85,7 @@ class Trajectory:
         return np.array([getattr(self, name) for name in STATE])
 
 
-# Of each part of a model, the names of the numbers that each run has its own of.
+# For each part of a model, the names of the numbers that differ between runs.
 _Layout = tuple[tuple[str, ...], ...]
 # These numbers, (numbers, runs), and the others.
 _Packed = tuple[FloatArray, list[dict[str, Any]]]
@@ -370,8 +369,8 @@ def simulate(
 def remembered_after(
     inputs: Sequence[Inputs], runs: Sequence[Trajectory], models: Sequence[Model]
 ) -> list[dict[str, float]]:
-    """What the effects' states have at each run's last row beyond those with which they would begin
-    there, for the `remembered` of a run that goes on from it.
+    """The excess of the effects' states at each run's last row over those with which they would
+    begin there, for the `remembered` of a run that goes on from it.
 
     `runs` as simulated from the `inputs`. Nothing of one that does not stay finite.
     """

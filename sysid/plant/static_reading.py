@@ -1,7 +1,7 @@
-"""Static friction as the bench reads it: in the effort that the motor was told to give.
+"""Static friction as the bench reads it: in the commanded effort of the motor.
 
-A ramp of the motor's effort ends where the shaft breaks away, and the effort told then is taken
-for static friction (thesis 3.4.2). Where a motor gives another effort than it is told, static
+A ramp of the motor's effort ends where the shaft breaks away, and the effort commanded then is
+taken for static friction (thesis 3.4.2). Where a motor gives another effort than commanded, static
 friction is what it gave.
 """
 
@@ -16,15 +16,15 @@ from sysid.plant.ports import Model, Point, overrides
 _SHARE, _PLACES, _TURN = 0.8, 9, 2.0 * np.pi
 
 
-def static_ratio(model: Model, told: float) -> float:
+def static_ratio(model: Model, commanded: float) -> float:
     """The motor's effort at breakaway over the commanded effort in excess of gravity's, -.
 
-    `told`: the commanded effort, Nm or N, above 0. The mean over both directions and over the
+    `commanded`: the commanded effort, Nm or N, above 0. The mean over both directions and over the
     stroke, as over a bench's tests; 1 for a motor that delivers its command. The states of an
     effect are in equilibrium in a slow ramp.
     """
     effects = tuple(e for e in model.effects if overrides(e, "motor_effort") and not e.states)
-    if not effects or not told > 0.0:
+    if not effects or not commanded > 0.0:
         return 1.0
     p = model.parameters
     way = 0.5 * _SHARE * min(float(p.stroke) / float(p.pitch_radius), _TURN)
@@ -37,14 +37,16 @@ def static_ratio(model: Model, told: float) -> float:
         velocity=zero,
         pressure_a=zero + p.atmosphere,
         pressure_b=zero + p.atmosphere,
-        motor=gravity + direction * told,
+        motor=gravity + direction * commanded,
         open_a=zero,
         open_b=zero,
         direction=zero,
         parameters=p,
     )
-    given, as_told = (np.asarray(plant.motor_effort(point, Model(p, e))) for e in (effects, ()))
-    return 1.0 + float(np.mean(direction * (given - as_told))) / told
+    given, as_commanded = (
+        np.asarray(plant.motor_effort(point, Model(p, e))) for e in (effects, ())
+    )
+    return 1.0 + float(np.mean(direction * (given - as_commanded))) / commanded
 
 
 def as_read(before: Model, after: Model) -> Model:

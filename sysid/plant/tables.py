@@ -104,7 +104,7 @@ class SwitchedBlock(Block):
         return [slice(int(b[k]), int(b[k + 1])) for b in self.bounds[run]]
 
     def timing_slopes(self, start: int, moved: Sequence[dict[int, Timing]], count: int) -> Timing:
-        """As in Block: of each valve's edges, (count, runs, edges)."""
+        """As in Block: derivatives of each valve's edges, (count, runs, edges)."""
         slopes = np.zeros((2, count, self.width, self.edges))
         for i, _, _ in self._unfinished(start):
             for side, here in enumerate(self._edges_here(i, start)):
@@ -134,7 +134,7 @@ class EventBlock(Block):
         return EventTable(duration, motor, open_a, open_b, ends_sample, count, tuple(ripple))
 
     def timing_slopes(self, start: int, moved: Sequence[dict[int, Timing]], count: int) -> Timing:
-        """As in Block: of the durations, (count, runs, sub-steps)."""
+        """As in Block: derivatives of the durations, (count, runs, sub-steps)."""
         slopes = np.zeros((count, self.width, self.rows))
         for i, _, rows in self._unfinished(start):
             for j, (duration,) in moved[i].items():

@@ -174,7 +174,7 @@ def _moved(
     max_step: float,
     shared: Shared,
 ) -> dict[int, Timing]:
-    """By tangent: how the run's timing moves with it, s per unit; only where it does.
+    """For each tangent the change of the run's timing, s per unit, where it changes.
 
     Where a delay's change would reorder the edges, a one-sided difference is taken.
     """
@@ -297,7 +297,7 @@ def _advance_chunk(
     effects: int,
     varied: tuple[Direction, ...],
 ) -> tuple[Lanes, _Slopes, Any, Any, Any]:
-    """As `simulator._advance_chunk`, with the tangents of the lanes, (directions, ...) each.
+    """Like `simulator._advance_chunk`, with the tangents of the lanes, (directions, ...) each.
 
     States (runs, 4, steps) and their tangents (runs, directions, 4, steps): a run's lie together.
     `timing`: tangents (directions, runs, ...) of the table's timing.

@@ -39,7 +39,7 @@ class OpenIntervals:
 
     def between(self, bounds: FloatArray) -> FloatArray:
         """Time open between each two of the rising `bounds` (n + 1,), (n,) s; exact."""
-        # Pulses are fewer than bounds: each is looked for, not each bound.
+        # Pulses are fewer than bounds: they are searched for, not the bounds.
         begun = np.searchsorted(bounds, self.opens)
         count = np.cumsum(np.bincount(begun, minlength=len(bounds) + 1)[: len(bounds)])
         return np.diff(self._open_before(bounds, count))

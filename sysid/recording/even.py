@@ -58,7 +58,7 @@ def recorded(trial: Trial, rig: Rig, notices: list[str]) -> Recording:
 
 
 def _speed_noise(trial: Trial, rig: Rig) -> signals.NoiseFloor | None:
-    """Of the measured speed that a trial's position is the integral of; None for another."""
+    """Noise of the measured speed whose integral a trial's position is; None for another."""
     if trial.place_known or len(trial) < MIN_SAMPLES:
         return None
     return signals.noise_floor(trial[velocity_channel(rig)], stride=trial.stride)
@@ -85,8 +85,8 @@ def _check_pressures(trial: Trial, rig: Rig, notices: list[str]) -> None:
         if moves and np.ptp(trial[name]) == 0.0:
             _say(
                 notices,
-                f"{name} never changes though the shaft moves: is its sensor connected? What the "
-                "air does to the motion is taken for friction",
+                f"{name} never changes though the shaft moves: is its sensor connected? The effect "
+                "of the air on the motion is taken for friction",
             )
     rig.require("air", "and the cylinder's effort is relative to atmospheric pressure")
 
@@ -97,7 +97,7 @@ def _say(notices: list[str], text: str) -> None:
 
 
 def pause_line(trial: Trial) -> str | None:
-    """What a notice says of the pauses of a trial's recording; None where it has none."""
+    """The notice on the pauses of a trial's recording; None where it has none."""
     after = signals.pauses(trial.time)
     if not len(after):
         return None

@@ -76,6 +76,6 @@ def constant_run(drive: FloatArray) -> tuple[int, int]:
 
 
 def level_tolerance(drive: FloatArray) -> float:
-    """What a drive (n,) may vary by at one level."""
+    """The variation of a drive (n,) at one level."""
     noise = signals.noise_floor(drive).noise if len(np.unique(drive)) > 10 else 0.0
     return max(0.01 * float(np.max(np.abs(drive))), 5.0 * noise)

@@ -49,7 +49,7 @@ def check_sampling(trial: Trial, kind: str, rig: Rig) -> None:
             f"{trial.source}, at {trial.time[gap]:.6g} s",
             f"no sample for {steps[gap]:.4g} s (elsewhere every {period:.4g} s), and the commands "
             "in between are unknown",
-            "leave the test out, or label the parts before and after the gap differently in the "
+            "exclude the test, or label the parts before and after the gap differently in the "
             "column `test` if each starts at rest",
         )
     if kind != "motion-pwm":

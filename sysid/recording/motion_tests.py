@@ -44,7 +44,8 @@ Commands = tuple[FloatArray | None, FloatArray | None]
 
 # A segment may start this share of its length after its place on the even grid.
 _SLACK = 0.25
-# As long as the diagnosis' run-up along measured motion: flows and pressures forget in that.
+# As long as the diagnosis' run-up along measured motion, in which flows and pressures forget their
+# start.
 _RUN_UP_S = 0.35
 _MOVING = "{0}: starts while moving ({1}): its first samples give the velocity that it starts with"
 
@@ -182,7 +183,7 @@ def prepare_all(
             found.append(test)
     if left_out and not found:
         raise error_of(left_out[:1], left_out[0].reason)
-    return found, [f"left out: {why.reason}" for why in left_out]
+    return found, [f"excluded: {why.reason}" for why in left_out]
 
 
 def _state_in_motion(
@@ -222,8 +223,8 @@ def _whole_of_part(
     if row is None or len(test) - row < MIN_ROWS:
         raise input_error(
             test.source,
-            f"is what excluded rows leave of a test, too short to be simulated ({len(test)} "
-            f"rows; its first {_RUN_UP_S:g} s show only how it starts)",
+            f"is the remainder of a test after exclusion, too short to be simulated ({len(test)} "
+            f"rows; its first {_RUN_UP_S:g} s only give its start)",
             "exclude less of it, or the test as a whole",
         )
     whole = _segment(test, edges, slice(row, len(test)), stride)
@@ -268,7 +269,7 @@ def measured_channels(trial: Trial, rig: Rig) -> FloatArray:
 def _not_logged(trial: Trial, rig: Rig) -> list[str]:
     """Notices of chambers whose pressure is not logged."""
     return [
-        f"{trial.source}: {name} is not logged; the chamber is taken to start at the "
+        f"{trial.source}: {name} is not logged; the chamber is assumed to start at the "
         "atmosphere's pressure, and the test is simulated as a whole only"
         for name in CHAMBER_PRESSURES
         if name not in trial and not rig.is_motor_alone

@@ -106,7 +106,7 @@ class Recording:
 
     @cached_property
     def position_noise(self) -> signals.NoiseFloor:
-        """Of a speed's integral: how far it has drifted by the end."""
+        """Noise of the position; of a speed's integral, its drift by the end."""
         if self.speed_noise is not None:
             return signals.NoiseFloor(self.drift(len(self)), 0.0)
         return signals.noise_floor(self.position, stride=self.stride)
@@ -169,7 +169,7 @@ class Recording:
 
     @property
     def applied(self) -> FloatArray:
-        """What friction and inertia balance (n,): motor + cylinder - gravity (3.4.2)."""
+        """The effort (n,) that friction and inertia balance: motor + cylinder - gravity (3.4.2)."""
         return self.motor + self.cylinder - self.gravity
 
     @property

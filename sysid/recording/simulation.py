@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sysid.plant.simulator import Inputs
 
 
+NOT_FINITE = "the simulation switches without end, or does not stay finite"
 # Runs in one call of the simulator: one compiled shape serves every call.
 _LANES = 32
 
@@ -29,6 +30,8 @@ def simulate_segments(
     model: Model | Sequence[Model],
     surfaces: tuple[Any, ...] = (),
     position: str = "theta_rad",
+    *,
+    nan_if_endless: bool = False,
 ) -> list[FloatArray]:
     """Position and pressures (3, rows) of each segment, simulated from its own start state.
 
@@ -36,7 +39,8 @@ def simulate_segments(
     sensors show them, and so is the start state, which was measured: both go through the
     `measure` ports of the model's effects, which know the position by the name `position`.
     Effects count time from the test's start.
-    Raises SimulationError where a simulation does not stay finite, instead of returning a number.
+    Raises SimulationError where a simulation switches without end or does not stay finite, instead
+    of returning a number; with `nan_if_endless` all of that segment is NaN.
     """
     from sysid.plant.simulator import simulate
 
@@ -55,14 +59,17 @@ def simulate_segments(
     for first in range(0, len(order), _LANES):
         group = order[first : first + _LANES]
         padded = [*group, *[group[0]] * (_LANES - len(group))]
-        runs = simulate([inputs[i] for i in padded], [models[i] for i in padded], surfaces)
+        own = [models[i] for i in padded]
+        runs = simulate([inputs[i] for i in padded], own, surfaces, nan_if_endless=True)
         for i, run in zip(group, runs, strict=False):
             one = inputs[i]
             shown = measured_channels(run, position, models[i], one.elapsed, one.seen)
             found[i] = np.array([shown[name] for name in simulated_channels(position)])
-            if not np.isfinite(found[i]).all():
-                why = "the simulation does not stay finite"
-                raise SimulationError(f"{segments[i][0].source}: {why}")
+            if np.isfinite(found[i]).all():
+                continue
+            if not nan_if_endless:
+                raise SimulationError(f"{segments[i][0].source}: {NOT_FINITE}")
+            found[i] = np.full_like(found[i], math.nan)
     return [found[i] for i in range(len(inputs))]
 
 
@@ -124,4 +131,4 @@ def after_run_ups(
     return found
 
 
-__all__ = ["after_run_ups", "inputs_of", "run_up_of", "simulate_segments"]
+__all__ = ["NOT_FINITE", "after_run_ups", "inputs_of", "run_up_of", "simulate_segments"]

@@ -17,7 +17,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from sysid.errors import input_error
-from sysid.io.campaign import Campaign
+from sysid.io.campaign import SIMULATED_KINDS, Campaign
 from sysid.parameters import Bundle
 from sysid.plant.effects.catalogue import catalogue as own_catalogue
 from sysid.plant.effects.entry import Catalogue
@@ -37,7 +37,7 @@ from sysid.refinement.options import (
     runs_of_tests,
 )
 from sysid.refinement.probes import Probes, probes_of
-from sysid.refinement.refine import KINDS, bench_scatter, check_on_off_law, motion_tests_of
+from sysid.refinement.refine import bench_scatter, check_on_off_law, motion_tests_of
 from sysid.refinement.unknowns import Unknown, chosen, unknowns_of, without_own_data
 from sysid.types import FloatArray, Progress, no_progress
 
@@ -75,7 +75,7 @@ def advise(
     check_on_off_law(bundle, model)
     notices: list[str] = []
     progress("reading motion logs")
-    entries = campaign.select(KINDS, use="fit")
+    entries = campaign.select(SIMULATED_KINDS, use="fit")
     logged = motion_tests_of(campaign, entries, bundle, notices, needed=False)
     unknowns = tuple(_known_without(bundle, chosen(unknowns_of(bundle, rig, model))))
     scatter = bench_scatter(bundle)
@@ -94,7 +94,7 @@ def advise(
     rivals = _rivals(bundle, known)
     probes = probes_of(model, [known[r] for own in rivals.values() for r in own])
     problem = problem_of(tests, probes, setting)
-    progress(f"simulating {len(tests.runs)} segments with their slopes")
+    progress(f"simulating {len(tests.runs)} segments with derivatives")
     now, options = information(problem, tests, setting)
     options += bench_options(problem, setting)
     p = len(unknowns)
@@ -118,8 +118,8 @@ def advise(
 
 
 _REFINED = (
-    "{} is refined: its standard errors, with their correlation, hold its motion logs, which are "
-    "not counted again"
+    "{} is refined: its standard errors, with their correlation, already include its motion logs, "
+    "which are not counted again"
 )
 
 
@@ -149,15 +149,15 @@ def _known_without(bundle: Bundle, unknowns: Sequence[Unknown]) -> list[Unknown]
 
 
 def _coordinate_std(found: FloatArray, count: int) -> FloatArray:
-    """(count,): of the first unknowns, all others known."""
+    """Standard errors (count,) of the first unknowns, all others known."""
     std = np.sqrt(np.diag(covariance(found[:count, :count])))
     return np.where(std > _UNKNOWN, np.inf, std)
 
 
 def _std(found: FloatArray, unknowns: Sequence[Unknown]) -> FloatArray:
-    """(p,) in the parameters' units; infinite where nothing is known.
+    """Standard errors (p,) in the parameters' units; infinite where nothing is known.
 
-    As of a refinement, at least what the equations are integrated to.
+    As in a refinement, at least the accuracy of the integration.
     """
     slopes = np.array([abs(u.slope(u.start)) for u in unknowns])
     least = np.array([u.integration_error(u.start) for u in unknowns])
@@ -188,7 +188,7 @@ def _candidate(
 
 @dataclass(frozen=True)
 class _Pair:
-    """Two of the columns, by their place among `columns`: the unknowns that are estimated."""
+    """Two of the columns, by their index in `columns`: the unknowns that are estimated."""
 
     one: str
     other: str

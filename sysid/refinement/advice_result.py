@@ -187,11 +187,11 @@ class AdviceResult(Shown):
         if self.sizes:
             yield (
                 f"sizes: {self.threshold:.1f} standard errors of the strength, with all parameters "
-                "estimated beside it and no error of the model but this one"
+                "estimated together with it and no other model error"
             )
         for reason in dict.fromkeys(self.skipped.values()):
             names = ", ".join(i for i, r in self.skipped.items() if r == reason)
-            yield f"sizes, left out ({reason}): {names}"
+            yield f"sizes, omitted ({reason}): {names}"
         yield from super().footnotes()
 
     def to_json(self) -> dict[str, Any]:

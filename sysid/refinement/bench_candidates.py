@@ -29,7 +29,7 @@ _FILLINGS = 3
 _ROW_S = 1e-3
 # Where the piston is held, of half the travel: the valve's chamber is large there.
 _HELD = 0.95
-# Of the way from the atmosphere to the supply.
+# Share of the range from the atmosphere to the supply.
 _FULL = 0.97
 _LEAST_START_STD = 1e-9
 

@@ -1,6 +1,6 @@
 """Motion tests that could be run next: commands within the rig's limits, tried on the model.
 
-As an operator would on the rig, commands are tried on the bundle's model until the arm moves well
+Commands are tried on the bundle's model, as an operator would on the rig, until the arm moves well
 and stays off its stops. Draws have fixed seeds: the same bundle gives the same tests.
 """
 
@@ -19,7 +19,8 @@ from sysid.plant.sensors import measured_channels
 from sysid.types import FloatArray
 
 DURATION_S = 10.0
-# Of half the travel: never passed by a proposed test, and reached by one that moves well.
+# Shares of half the travel: never exceeded by a proposed test, and reached by one that moves
+# enough.
 _LIMIT, _SWING = 0.9, 0.3
 _MOTOR_HZ = (0.5, 1.0, 2.0)
 _MOTOR_EFFORTS = 10
@@ -59,7 +60,7 @@ class CandidateMotion:
 
     @property
     def duration(self) -> float:
-        """Of all its rows, s."""
+        """Duration of all its rows, s."""
         return round(len(self.time) * float(self.time[1] - self.time[0]), 6)
 
     def trial(self, rig: Rig, noise: FloatArray, seed: int) -> Trial:
@@ -82,7 +83,7 @@ class CandidateMotion:
 
 @dataclass(frozen=True)
 class _Stage:
-    """What tries commands: the rig, its model, the rows of a test."""
+    """Where commands are tried: the rig, its model, the rows of a test."""
 
     rig: Rig
     model: Model
@@ -109,9 +110,9 @@ class _Stage:
         """(tests, 3, n): what the sensors show under these commands (kind, motor, valves)."""
         from sysid.plant.simulator import simulate
 
-        runs = simulate(
-            [self._inputs(*command) for command in commands], [self.model] * len(commands)
-        )
+        inputs = [self._inputs(*command) for command in commands]
+        # NaN where a run has no end: it moves over nothing, and is no test to propose.
+        runs = simulate(inputs, [self.model] * len(commands), nan_if_endless=True)
         names = (self.rig.position_channel, "pressure_a_pa", "pressure_b_pa")
         found = [measured_channels(run, self.rig.position_channel, self.model) for run in runs]
         return np.array([[channels[n] for n in names] for channels in found])

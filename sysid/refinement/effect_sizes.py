@@ -14,7 +14,7 @@ from sysid.refinement.options import AdviceSetting, Option, RunsOfTests, informa
 from sysid.refinement.probes import probes_of, without_slope
 from sysid.types import FloatArray, Progress
 
-_NO_SLOPE = "no slope at strength zero"
+_NO_SLOPE = "no derivative at zero strength"
 _NOT_SHOWN = "these tests do not show it"
 # Less information than this, per typical size squared, counts as 0.
 _LEAST = 1e-6
@@ -71,7 +71,7 @@ def _same(option: Option, motions: Sequence[Option], numbers: Sequence[int | Non
 
 
 def _std(found: FloatArray, base: int, at: Sequence[int]) -> float:
-    """Of the common factor of the strengths in the columns `at`, the base being estimated too."""
+    """Standard error of the strengths' common factor (columns `at`), base included."""
     along = np.ones(len(at))
     cross = found[:base][:, at] @ along
     left = float(along @ found[np.ix_(at, at)] @ along)
@@ -80,7 +80,7 @@ def _std(found: FloatArray, base: int, at: Sequence[int]) -> float:
 
 
 def _size(effect: type[CatalogueEffect], shares: Sequence[float]) -> EffectSize:
-    """In the unit of the first strength, whose column is one typical size."""
+    """The size in the unit of the first strength, whose column is one typical size."""
     first = effect.strengths()[0]
     typical = abs(first.typical)
     now, *after = (s * typical for s in shares)

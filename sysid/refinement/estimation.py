@@ -1,4 +1,5 @@
-"""From the bench tests' values to the estimates: descents, scans, then estimated noise models."""
+"""The way from the bench tests' values to the estimates: descents, scans, then estimated noise
+models."""
 
 from __future__ import annotations
 
@@ -60,8 +61,8 @@ class FrictionScatter:
 class Estimated:
     """The last problem and its solution, the runs that the model does not follow, the scatter.
 
-    `shorter`: the first estimate that converged before the runs were joined, `joined` so many as
-    one (0: all of a test). `cut_short`: the budget ended before the estimation did.
+    `shorter`: the first estimate that converged before the runs were joined, `joined` how many
+    as one (0: all of a test). `cut_short`: the budget ended before the estimation did.
     """
 
     problem: Problem
@@ -74,8 +75,8 @@ class Estimated:
     cut_short: bool = False
 
     def error_covariance(self) -> FloatArray:
-        """Of the errors of the reduced unknowns (m, m): what the logs say, as exactly as their
-        equations are integrated. 0 where nothing speaks of an unknown (`NO_INFORMATION`).
+        """Covariance of the errors of the reduced unknowns (m, m), at least the accuracy
+        of the integration. 0 where no residual depends on an unknown (`NO_INFORMATION`).
         """
         larger, shared = self.enlargement(), self.solution.point.shared
         found = self.solution.at.covariance() * np.outer(larger, larger)
@@ -85,8 +86,8 @@ class Estimated:
         return np.asarray(found)
 
     def enlargement(self) -> FloatArray:
-        """By how much errors (m,) exceed those of the information; few runs say little of their
-        own scatter, and then it is at least that of the `shorter` runs.
+        """Ratio of the errors (m,) to those of the information; few runs show little of
+        their scatter, and then it is at least that of the `shorter` runs.
         """
         at, before = self.solution.at, self._shorter_at
         if before is None:
@@ -94,7 +95,7 @@ class Estimated:
         return np.maximum(at.enlargement(), before.enlargement())
 
     def degrees_of_freedom(self) -> FloatArray:
-        """Of these errors (m,): as many as the runs from which they are."""
+        """Degrees of freedom of these errors (m,): as many as the runs that determine them."""
         at, before = self.solution.at, self._shorter_at
         if before is None:
             return at.degrees_of_freedom()
@@ -103,7 +104,7 @@ class Estimated:
 
     @property
     def _shorter_at(self) -> ReducedEquations | None:
-        """Where the shorter runs were least, if the runs are too few to show their scatter."""
+        """The minimum of the shorter runs, if the runs are too few to show their scatter."""
         if self.shorter is None or len(self.problem.runs) >= _FEW_RUNS:
             return None
         return self.shorter.solution.at
@@ -236,7 +237,7 @@ def _final(
 def whitening_of(
     runs: Sequence[Run], residuals: Sequence[FloatArray]
 ) -> tuple[Autoregression, ...]:
-    """Of each channel, from the runs' residuals (3, n); their noise without residuals."""
+    """Each channel's noise model by the runs' residuals (3, n), else by their noise."""
     found = []
     for channel, floor in enumerate(np.nanmedian([run.noise for run in runs], axis=0)):
         logged = [

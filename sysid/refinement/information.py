@@ -21,7 +21,7 @@ from sysid.refinement.runs import STATES, Run
 from sysid.types import FloatArray
 
 _S = len(STATES)
-# As `reduction`: below this slope a test's static friction has no information.
+# As in `reduction`: below this slope a test carries no information on its static friction.
 _INFORMED = 5.0
 # A direction with less information than this, in coordinates of order one, is unidentified.
 _NOTHING = 1e-9
@@ -73,7 +73,7 @@ class ProbedProblem(Problem):
 
 
 def prior_information(problem: Problem, columns: int) -> FloatArray:
-    """(columns, columns): of the bench tests, by the bundle's standard errors."""
+    """Information (columns, columns) of the bench tests, by the bundle's standard errors."""
     rows = problem.prior(problem.first_point().shared)[:, :-1]
     found = np.zeros((columns, columns))
     found[: len(rows), : len(rows)] = rows.T @ rows
@@ -81,7 +81,7 @@ def prior_information(problem: Problem, columns: int) -> FloatArray:
 
 
 def information_of(problem: ProbedProblem, runs: Sequence[Linearised]) -> FloatArray:
-    """(k, k): the information of some runs of a test, in the order of the shared unknowns.
+    """Information (k, k) of some runs of a test, in the order of the shared unknowns.
 
     A run without a derivative (a chamber that is filled up to the supply) contributes nothing.
     """
@@ -102,7 +102,7 @@ def information_of(problem: ProbedProblem, runs: Sequence[Linearised]) -> FloatA
 
 
 def _enlargement(problem: ProbedProblem, columns: int) -> FloatArray:
-    """(columns,)."""
+    """The enlargement of each column's standard error, (columns,)."""
     known = np.array(problem.enlargement or (1.0,))
     return np.concatenate([known, np.full(columns, np.median(known))])[:columns]
 

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.errors import OutOfBudgetError, SimulationError
-from sysid.io.channels import simulated_channels
+from sysid.errors import OutOfBudgetError
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import MotionTest, Segment
 from sysid.refinement.estimation import NO_INFORMATION, Estimated, followed, whitening_of
@@ -26,10 +25,10 @@ from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.runs import Run, run_of
 from sysid.refinement.solver import Solution, solve
 from sysid.refinement.unknowns import model_at
-from sysid.refinement.whole_tests import rmse, times, whole_residuals
+from sysid.refinement.whole_tests import times_worse, whole_residuals
 from sysid.types import BoolArray, FloatArray, Progress, no_progress
 
-# So many segments are joined; 0: all of a test, from its first row.
+# Number of segments that are joined; 0: all of a test, from its first row.
 _JOINED = (3, 0)
 # Runs that the model does not follow in one stay as they were, and the others are tried again.
 _TRIES = 4
@@ -61,7 +60,7 @@ def lengthened(
     found: Estimated, tests: Sequence[MotionTest], progress: Progress = no_progress
 ) -> Estimated:
     """The estimate from the longest runs of these tests that the data allow."""
-    before = _errors(found, tests)
+    before = _residuals(found, tests)
     for joined in _JOINED:
         progress(f"{joined} segments as one" if joined else "whole tests")
         try:
@@ -70,8 +69,8 @@ def lengthened(
             return dataclasses.replace(found, cut_short=True)
         if longer is None:
             break
-        after = _errors(longer, tests)
-        if times(before, after) > _WORSE:
+        after = _residuals(longer, tests)
+        if times_worse(before, after) > _WORSE:
             break
         found, before = longer, after
     return found
@@ -87,15 +86,12 @@ def joined_runs(
     return [_run_of(piece, runs, tests, model, position) for piece in pieces]
 
 
-def _errors(found: Estimated, tests: Sequence[MotionTest]) -> FloatArray:
-    """RMSE (3,) of whole tests at an estimate; NaN where one cannot be simulated."""
+def _residuals(found: Estimated, tests: Sequence[MotionTest]) -> list[FloatArray]:
+    """Of whole tests (3, n) at an estimate; NaN of one that is not simulated."""
     problem, shared = found.problem, found.solution.point.shared
     values = [u.at(float(c)) for u, c in zip(problem.unknowns, shared, strict=True)]
     model = model_at(problem.model, problem.unknowns, np.array(values))
-    try:
-        return rmse(whole_residuals(tests, model, problem.position))
-    except SimulationError:
-        return np.full(len(simulated_channels(problem.position)), np.nan)
+    return whole_residuals(tests, model, problem.position)
 
 
 def _longer(found: Estimated, tests: Sequence[MotionTest], joined: int) -> Estimated | None:
@@ -151,7 +147,7 @@ def _follows_at_once(problem: Problem, point: Iterate) -> BoolArray:
 
 
 def _solved(problem: Problem, point: Iterate) -> tuple[Problem, Solution]:
-    """With the shorter runs' whitening, then, if that converged, with that of its own residuals."""
+    """Solved with the shorter runs' whitening, then, if converged, with its own."""
     near = functools.partial(
         solve, most=_EVALUATIONS, near=_CLOSELY, first_step=_UNDAMPED, chords=True
     )

@@ -31,7 +31,7 @@ _SHORT_S = 5.0
 
 @dataclass(frozen=True)
 class AdviceSetting:
-    """What all of the advice shares: the bundle's model, its unknowns, `noise` (3,) of a sample.
+    """The common setting of all advice: the bundle's model, its unknowns, `noise` (3,) of a sample.
 
     `scatter` of sliding and static friction from test to test, relative. `refined`: the estimate
     from the campaign's motion logs, None without any.
@@ -52,7 +52,7 @@ class AdviceSetting:
 
     @property
     def enlargement(self) -> tuple[float, ...]:
-        """Of each unknown's standard error over its information (`ProbedProblem`)."""
+        """Enlargement of each unknown's standard error over its information (`ProbedProblem`)."""
         found = None if self.refined is None else self.refined.enlargement()
         return () if found is None else tuple(found[: len(self.unknowns)].tolist())
 
@@ -69,7 +69,7 @@ class RunsOfTests:
     motions: tuple[CandidateMotion, ...]
 
     def only(self, motions: Sequence[int]) -> RunsOfTests:
-        """With some of the candidates alone, numbered anew."""
+        """The runs with some of the candidates alone, renumbered."""
         kept = [*range(self.logged), *(self.logged + i for i in motions)]
         place = {test: i for i, test in enumerate(kept)}
         runs = tuple(
@@ -90,7 +90,7 @@ class Option:
 
 
 def noise_of(tests: Sequence[MotionTest], rig: Rig) -> FloatArray:
-    """(3,) of a sample, rad or m and Pa: as the motion logs show it, else as the rig file says.
+    """Noise (3,) of a sample, rad or m and Pa: as the motion logs show it, else the rig file's.
 
     Raises InputError where neither does.
     """
@@ -175,7 +175,7 @@ def point_of(problem: ProbedProblem, tests: RunsOfTests, setting: AdviceSetting)
 def information(
     problem: ProbedProblem, tests: RunsOfTests, setting: AdviceSetting
 ) -> tuple[FloatArray, list[Option]]:
-    """Of the campaign with the bench tests (k, k), and each motion test that could be run."""
+    """Information (k, k) of the campaign with its bench tests, and of each candidate."""
     now = prior_information(problem, len(problem.unknowns) + len(problem.sensors))
     if not tests.runs:
         return now, []

@@ -37,7 +37,7 @@ def prior_factor(unknowns: Sequence[Unknown]) -> FloatArray:
 
 
 def _correlation(unknowns: Sequence[Unknown]) -> FloatArray:
-    """(k, k), with no direction that is known exactly."""
+    """The correlation (k, k), with no direction known exactly."""
     rows = [dict(u.correlations) for u in unknowns]
     matrix = np.array([[row.get(u.name, 0.0) for u in unknowns] for row in rows])
     np.fill_diagonal(matrix, 1.0)

@@ -28,11 +28,11 @@ from sysid.refinement.unknowns import Unknown, model_at
 from sysid.types import BoolArray, FloatArray, IntArray
 
 LOCAL = len(STATES) + 2
-"""Unknowns of a run that it does not share with all: its start, its test's friction."""
+"""A run's own unknowns: its start and its test's friction."""
 
 SLIDING = ("coulomb_effort", "viscous")
 _STATIC: Direction = (0, "static_effort")
-# A sensor's slope is taken over a change of this share of a state's usual size.
+# Step of a sensor's derivative, as a share of a state's usual size.
 _SENSOR_STEP = 1e-6
 # A simulation that did not stay finite counts as a residual of this many times the noise.
 _FAR = 1e8
@@ -42,7 +42,7 @@ _SIZES = np.array([1.0, 10.0, 1e5, 1e5])
 # Step of an effect's coordinate by which static friction follows the motor's effects; and the least
 # share of its command that a motor is assumed to deliver.
 _RATIO_STEP, _LEAST_RATIO = 1e-4, 0.1
-# Of a number's value at least, and of one without any.
+# Least size of a number, as a share of its value, and the size of one without a value.
 _LEAST_SIZE = 1e-3
 
 
@@ -52,7 +52,7 @@ class Iterate:
 
     `friction` (tests, 2): the logarithms of each test's sliding friction over the model's, and of
     its static friction over the bundle's, in units of the scatter.
-    `starts` (runs, 4): start states about those estimated, in units of these's errors.
+    `starts` (runs, 4): start states about those estimated, in units of their errors.
     """
 
     shared: FloatArray
@@ -115,7 +115,7 @@ class Problem:
     by_differences: bool = False
 
     def first_point(self) -> Iterate:
-        """The bundle's values, the model's friction, the estimated starts."""
+        """The initial point: the bundle's values, the model's friction, the estimated starts."""
         shared = np.array([u.start for u in self.unknowns])
         return Iterate(shared, np.zeros((self.tests, 2)), np.zeros((len(self.runs), 4)))
 
@@ -252,14 +252,14 @@ class Problem:
         return np.array([u.limits for u in self.unknowns]).reshape(-1, 2)
 
     def _directions(self) -> list[Direction]:
-        """What is simulated with slopes: the unknowns, and friction, which each test has."""
+        """The directions simulated with derivatives: the unknowns, and each test's own friction."""
         directions = [u.direction for u in self.unknowns]
         return directions + [
             d for d in (*((0, n) for n in SLIDING), _STATIC) if d not in directions
         ]
 
     def sizes(self, point: Iterate, directions: Sequence[Direction]) -> list[float]:
-        """The change of the number along each direction, in its unit: about one coordinate."""
+        """The change of the number along each direction, in its unit, of about one coordinate."""
         own = {d: abs(number_of(self.model, d)) for d in directions}
         for unknown, c in zip(self.unknowns, point.shared, strict=True):
             d = unknown.direction
@@ -343,7 +343,7 @@ class Problem:
         return Linearised(factor, cost, saturated, errors)
 
     def whitened(self, number: int, errors: RunErrors) -> Iterator[FloatArray]:
-        """Of each logged channel of a run, (m, k + 1): its slopes and its residual, whitened."""
+        """For each logged channel of a run its whitened derivatives and residual, (m, k + 1)."""
         for channel, whitening in enumerate(self.whitening[number]):
             if np.isnan(errors.residual[channel]).any():
                 continue
@@ -394,7 +394,7 @@ class Problem:
         return number is not None and math.isnan(self.unknowns[number].std)
 
     def prior_cost(self, point: Iterate) -> float:
-        """Of the unknowns about the bench tests, and of the tests' friction about the model's."""
+        """Prior cost of the unknowns and of the tests' friction about the model's."""
         deviation = self.prior(point.shared)[:, -1]
         return float(deviation @ deviation + np.sum(self.friction_residual(point) ** 2))
 

@@ -56,7 +56,7 @@ class ReducedEquations:
 
     @property
     def residuals(self) -> list[FloatArray]:
-        """Of every run (3, n): rad or m, Pa."""
+        """Residuals of every run (3, n): rad or m, Pa."""
         return [run.errors.residual for run in self.runs]
 
     def shared_step(self, problem: Problem) -> FloatArray:
@@ -86,7 +86,7 @@ class ReducedEquations:
         return found
 
     def covariance(self) -> FloatArray:
-        """Of the errors of the reduced unknowns (m, m): information alone."""
+        """Covariance of the errors of the reduced unknowns (m, m), from the information alone."""
         inverse = np.linalg.pinv(self.jacobian)
         return np.asarray(inverse @ inverse.T)
 
@@ -120,8 +120,8 @@ class ReducedEquations:
         return np.asarray(np.sqrt(np.maximum(found, 1.0)))
 
     def degrees_of_freedom(self) -> FloatArray:
-        """Of the errors (m,): the number of runs that inform an unknown, more with a prior
-        (Satterthwaite 1946; Bell, McCaffrey 2002).
+        """Degrees of freedom of the errors (m,): the number of runs that inform an unknown, more
+        with a prior (Satterthwaite 1946; Bell, McCaffrey 2002).
         """
         if not self.own:
             return np.full(self.jacobian.shape[1], math.inf)

@@ -33,7 +33,7 @@ from sysid.errors import (
 )
 from sysid.estimation.autoregression import Autoregression
 from sysid.estimation.linear import Estimate, t_quantile
-from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
+from sysid.io.campaign import SIMULATED_KINDS, Campaign, CampaignLog
 from sysid.io.channels import simulated_channels
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
@@ -44,6 +44,7 @@ from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
 from sysid.recording.even import recorded
 from sysid.recording.motion_tests import MotionTest, prepare_all
+from sysid.recording.simulation import NOT_FINITE
 from sysid.refinement.estimation import (
     NO_INFORMATION,
     Estimated,
@@ -58,6 +59,7 @@ from sysid.refinement.profiles import profile as profile_of
 from sysid.refinement.result import Fit, RefinedParameter, RefineResult
 from sysid.refinement.runs import LEAST_ROWS, Run, runs_of
 from sysid.refinement.unknowns import (
+    Unknown,
     chosen,
     model_at,
     numbers_of,
@@ -65,13 +67,18 @@ from sysid.refinement.unknowns import (
     without_own_data,
 )
 from sysid.refinement.updating import updated
-from sysid.refinement.whole_tests import correlation, rmse, whole_residuals
+from sysid.refinement.whole_tests import (
+    correlation,
+    in_both,
+    rmse,
+    simulated,
+    whole_residuals,
+)
 from sysid.types import FloatArray, Progress, no_progress
 
 SEGMENT_S = 1.0
-KINDS = (*MOTION_KINDS, "friction-motion")
 _LEAST_SCATTER, _MOST_SCATTER = 2e-3, 0.1
-# A parameter's error falls to less than this share of the bench tests': motion informs it.
+# A parameter is informed by motion where its error falls below this share of the bench tests'.
 _INFORMED = 0.9
 # Where no bench test shows the scatter of friction: a usual one, believed as much as five tests.
 _ASSUMED_SCATTER, _ASSUMED_TESTS = 0.02, 5.0
@@ -101,16 +108,16 @@ def refine(
     the bundle does not hold the on/off law of both valves, or nothing can be simulated.
     """
     free, fix, profile = list(free), list(fix), list(profile)
-    entries = campaign.select(KINDS, use="fit")
+    entries = campaign.select(SIMULATED_KINDS, use="fit")
     if not entries:
         raise input_error(
             campaign.path,
             "holds no training motion log",
-            f'add a [[log]] of kind {", ".join(KINDS)} with use = "fit"',
+            f'add a [[log]] of kind {", ".join(SIMULATED_KINDS)} with use = "fit"',
         )
     model = bundle.model(campaign.rig, catalogue)
     notices = [*campaign.notices, *campaign.rig.notices]
-    notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle)]
+    notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle, campaign.rig)]
     check_on_off_law(bundle, model)
     every = without_own_data(unknowns_of(bundle, campaign.rig, model), bundle, notices)
     unknowns = tuple(chosen(every, free, fix, prior=prior))
@@ -119,6 +126,31 @@ def refine(
     numbers_of(unknowns, profile)  # a name that is none is refused before anything is computed
     progress("reading motion logs")
     tests = motion_tests_of(campaign, entries, bundle, notices)
+    scatter = bench_scatter(bundle)
+    problem = _problem(campaign, tests, unknowns, model, scatter)
+    progress(f"estimating {len(unknowns)} parameters on {len(problem.runs)} segments")
+    found = _estimated(problem, scatter, tests, robust, progress, by_differences)
+    if found.left_out:
+        notices.append(_left_out_notice(found.left_out))
+    if not (found.solution.converged or found.cut_short):
+        notices.append(_stalled_notice(found))
+    result = _result(found, tests, campaign, bundle, profile, notices, progress)
+    options: dict[str, Any] = {"free": free, "fix": fix, "prior": prior, "robust": robust}
+    made = updated(bundle, campaign, result, SIMULATED_KINDS, options)
+    if made.refinement is not None:
+        wrong = contradictions(made.refinement.values(), campaign.rig)
+        notices += [ascii_text(line) for line in wrong]
+    return dataclasses.replace(result, bundle=made, notices=tuple(notices))
+
+
+def _problem(
+    campaign: Campaign,
+    tests: Sequence[MotionTest],
+    unknowns: tuple[Unknown, ...],
+    model: Model,
+    scatter: FrictionScatter,
+) -> Problem:
+    """The segments of these tests with the unknowns; raises NotIdentifiedError without any."""
     position = campaign.rig.position_channel
     runs = [r for i, t in enumerate(tests) for r in runs_of(i, t, model, position)]
     if not runs:
@@ -126,41 +158,38 @@ def refine(
             f"{campaign.path}: no stretch of its motion logs can be simulated; give tests of more "
             "than a second, away from the end stops"
         )
-    scatter = bench_scatter(bundle)
     white = tuple(tuple(Autoregression.white(float(n) ** 2) for n in run.noise) for run in runs)
-    problem = Problem(tuple(runs), unknowns, model, position, white, scatter.pair, len(tests))
-    progress(f"estimating {len(unknowns)} parameters on {len(runs)} segments")
-    found = _estimated(problem, scatter, tests, robust, progress, by_differences)
-    if found.left_out:
-        notices.append(_left_out_notice(found.left_out))
-    if not (found.solution.converged or found.cut_short):
-        notices.append(_stalled_notice(found))
+    return Problem(tuple(runs), unknowns, model, position, white, scatter.pair, len(tests))
+
+
+def _result(
+    found: Estimated,
+    tests: Sequence[MotionTest],
+    campaign: Campaign,
+    bundle: Bundle,
+    profile: Iterable[str],
+    notices: list[str],
+    progress: Progress,
+) -> RefineResult:
+    """The estimates with their errors, and what whole tests, held-out ones too, say of them.
+
+    `bundle` is the one that the estimation started from; notices are appended.
+    """
+    model, position = found.problem.model, found.problem.position
     parameters, matrix = _parameters(found)
-    values = np.array([p.estimate.value for p in parameters])
     progress("simulating whole tests")
     held_out = motion_tests_of(
-        campaign, campaign.select(KINDS, use="holdout"), bundle, notices, needed=False
+        campaign, campaign.select(SIMULATED_KINDS, use="holdout"), bundle, notices, needed=False
     )
-    after = model_at(model, unknowns, values)
-    static = found.problem.static_number
-    if static is not None and not parameters[static].is_known:
-        # As the bundle's model has it, which then holds no static friction.
-        after = Model(
-            after.parameters.replace(static_effort=after.parameters.coulomb_effort), after.effects
-        )
-    freed = [u.name for u in unknowns if u.origin == "rig"]
+    after = _model_after(found, parameters)
+    freed = [u.name for u in found.problem.unknowns if u.origin == "rig"]
     if freed:
         notices.append(_freed_notice(freed))
-    fits = {
-        use: _fit(some, model, after, position, notices)
-        for use, some in (("fit", tests), ("holdout", held_out))
-        if some
-    }
-    profiles = _profiles(found, profile, progress)
+    uses = {use: some for use, some in (("fit", tests), ("holdout", held_out)) if some}
     result = RefineResult(
         parameters=parameters,
         correlation=matrix,
-        fits=fits,
+        fits={use: _fit(some, model, after, position, notices) for use, some in uses.items()},
         channels=simulated_channels(position),
         scatter=found.scatter.pair,
         evaluations=found.evaluations,
@@ -168,23 +197,31 @@ def refine(
         segments=len(found.problem.runs),
         left_out=len(found.left_out),
         longest=max(float(np.ptp(run.inputs.time)) for run in found.problem.runs),
-        profiles=profiles,
+        profiles=_profiles(found, profile, progress),
         cut_short=found.cut_short,
         bundle=bundle,
         effort={
             use: _effort(some, model, after, campaign.rig, notices)
-            for use, some in (("fit", tests), ("holdout", held_out))
-            if some and campaign.rig.is_motor_alone
+            for use, some in uses.items()
+            if campaign.rig.is_motor_alone
         },
     )
-    options: dict[str, Any] = {"free": free, "fix": fix, "prior": prior, "robust": robust}
     if result.worse:
         notices.append(_worse_notice(result.worse))
-    made = updated(bundle, campaign, result, KINDS, options)
-    if made.refinement is not None:
-        wrong = contradictions(made.refinement.values(), campaign.rig)
-        notices += [ascii_text(line) for line in wrong]
-    return dataclasses.replace(result, bundle=made, notices=tuple(notices))
+    return result
+
+
+def _model_after(found: Estimated, parameters: Sequence[RefinedParameter]) -> Model:
+    """The model with the estimates."""
+    values = np.array([p.estimate.value for p in parameters])
+    after = model_at(found.problem.model, found.problem.unknowns, values)
+    static = found.problem.static_number
+    if static is None or parameters[static].is_known:
+        return after
+    # As in the bundle's model, which then holds no static friction.
+    return Model(
+        after.parameters.replace(static_effort=after.parameters.coulomb_effort), after.effects
+    )
 
 
 def _estimated(
@@ -195,7 +232,7 @@ def _estimated(
     progress: Progress,
     by_differences: bool,
 ) -> Estimated:
-    """From segments to the longest runs of these tests that the data allow."""
+    """Estimate from segments up to the longest runs of these tests that the data allow."""
     # Small matrices: more threads only wait for each other.
     with threadpool_limits(1, user_api="blas"):
         found = estimate(problem, scatter, robust=robust, progress=progress)
@@ -249,7 +286,7 @@ def motion_tests_of(
         notices += tests[1]
     if needed and failed and not found:
         raise error_of(failed, "; ".join(dict.fromkeys(why.reason for why in failed)))
-    notices += [f"left out: {why.reason}" for why in failed]
+    notices += [f"excluded: {why.reason}" for why in failed]
     return [t for t in found if t.counted(t.whole) >= LEAST_ROWS]
 
 
@@ -261,7 +298,7 @@ def bench_scatter(bundle: Bundle) -> FrictionScatter:
 
 
 def _bench_scatter(friction: Friction | None, name: str, kind: str) -> tuple[float, float]:
-    """Relative scatter about one law, and from how many tests."""
+    """Relative scatter about one law, and the number of tests behind it."""
     quality = friction.quality if friction is not None else None
     own = quality.get(kind) if isinstance(quality, dict) else None
     value = None if friction is None else friction.parameter(name)
@@ -282,7 +319,7 @@ def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatAr
     for i, unknown in enumerate(unknowns):
         at, dof = float(solution.point.shared[i]), float(freedom[i])
         if unknown.varies_by_test:
-            # A test's friction is one draw: so many tests, so many degrees of freedom.
+            # The friction of a test is one draw, so each test is one degree of freedom.
             dof = max(found.scatter.tests - 1.0, 1.0)
         if not std[i] > NO_INFORMATION:
             # Neither the residuals nor a prior depend on it: it stays as it was.
@@ -314,18 +351,20 @@ def _profiles(found: Estimated, names: Iterable[str], progress: Progress) -> dic
 def _fit(
     tests: Sequence[MotionTest], before: Model, after: Model, position: str, notices: list[str]
 ) -> Fit:
-    """Whole tests simulated open loop, from rest, with both models; NaN where one blows up."""
-    errors = []
-    for model in (before, after):
-        try:
-            residuals = whole_residuals(tests, model, position)
-        except SimulationError as error:
-            notices.append(f"errors of whole tests are not known: {error}")
-            unknown = np.full(len(simulated_channels(position)), math.nan)
-            errors.append((unknown, unknown))
-            continue
-        errors.append((rmse(residuals), correlation(residuals)))
-    return Fit(errors[0][0], errors[1][0], errors[0][1], errors[1][1])
+    """Whole tests simulated open loop, from rest, with both models: of those that both simulate.
+
+    NaN of a model that simulates none.
+    """
+    found = [whole_residuals(tests, model, position) for model in (before, after)]
+    for own, numbers in zip(found, ("the bundle's", "the refined"), strict=True):
+        for test, known in zip(tests, simulated(own), strict=True):
+            if not known:
+                notices.append(
+                    f"{test.source}: is not simulated with {numbers} numbers, and left out of the "
+                    f"errors of whole tests: {NOT_FINITE}"
+                )
+    pair = in_both(*found)
+    return Fit(*map(rmse, pair), *map(correlation, pair))
 
 
 def _effort(
@@ -348,21 +387,22 @@ def _stalled_notice(found: Estimated) -> str:
     return (
         f"the estimation stalled after {found.evaluations} simulations: no step lowers the errors, "
         f"though {found.problem.unknowns[worst].name} is {steps[worst]:.2g} standard errors from "
-        "where they are linearly least; --fix it, or look for what the model lacks first"
+        "the minimum of the linearised errors; --fix it, or diagnose what the model lacks first"
     )
 
 
 def _worse_notice(worse: str) -> str:
     return (
-        f"with these numbers whole training tests are simulated {worse}: they make up for "
-        "what the model lacks; look for it with diagnose first, or keep the bundle as it was"
+        f"with these numbers whole training tests are simulated {worse}: they compensate "
+        "for what the model lacks; run diagnose first, or keep the previous bundle"
     )
 
 
 def _freed_notice(names: Sequence[str]) -> str:
     return (
-        f"{', '.join(names)}: estimated beside the others, which hold with what was found; the "
-        "bundle keeps the rig file's value, so put the estimate there before the bundle is used"
+        f"{', '.join(names)}: estimated together with the others, whose values hold with this "
+        "estimate; the bundle keeps the rig file's value, so enter the estimate there "
+        "before using the bundle"
     )
 
 
@@ -370,9 +410,9 @@ def _left_out_notice(runs: Sequence[Run]) -> str:
     places = [r.name for r in runs[:5]]
     more = f" and {len(runs) - 5} more" if len(runs) > 5 else ""
     return (
-        f"{len(runs)} segments are left out, as the model does not follow them at any start "
-        f"state: {', '.join(places)}{more}"
+        f"{len(runs)} segments are excluded, as the model does not follow them from "
+        f"any start state: {', '.join(places)}{more}"
     )
 
 
-__all__ = ["KINDS", "bench_scatter", "check_on_off_law", "motion_tests_of", "refine"]
+__all__ = ["bench_scatter", "check_on_off_law", "motion_tests_of", "refine"]

@@ -14,7 +14,7 @@ from sysid.blocks.tables import Table
 from sysid.estimation.linear import Estimate, finite_or_none
 from sysid.parameters import Bundle
 from sysid.parameters.refinement import Refinement
-from sysid.refinement.shown import effort_table, errors_table, parameters_table
+from sysid.refinement.shown import before_and_after_table, effort_table, errors_table
 from sysid.refinement.whole_tests import much_worse
 from sysid.types import FloatArray
 
@@ -107,7 +107,7 @@ class RefineResult(Shown):
 
     @property
     def worse(self) -> str:
-        """In words how much worse the training tests are simulated; empty if they are not."""
+        """How much worse the training tests are simulated, in words; empty if they are not."""
         return much_worse(self.fits["fit"].before, self.fits["fit"].after)
 
     def headline(self) -> str:
@@ -135,7 +135,7 @@ class RefineResult(Shown):
     def tables(self) -> Iterable[Table]:
         """Parameters, and simulation errors by use and channel."""
         found = Refinement.model_validate(self.to_json())
-        yield parameters_table(found.values())
+        yield before_and_after_table(found.values())
         yield errors_table(found)
         yield effort_table(found)
 

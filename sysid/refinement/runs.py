@@ -78,7 +78,7 @@ class Run:
         return np.flatnonzero(own)
 
     def from_start(self, state: FloatArray) -> Inputs:
-        """Its inputs from another start state (4,)."""
+        """The run's inputs from another start state (4,)."""
         position, velocity, pressure_a, pressure_b = map(float, state)
         return dataclasses.replace(
             self.inputs,

@@ -1,4 +1,4 @@
-"""Points with what is local at its best: start states and sliding friction, as linearised there.
+"""Points with their local unknowns optimised: start states and sliding friction, linearised there.
 
 Many points are simulated in one batch: what a scan needs.
 """
@@ -72,7 +72,7 @@ def _first_alike(found: Sequence[Trajectory], runs: int) -> list[int]:
 
 
 def _cost(problem: Problem, number: int, found: Trajectory, model: Model) -> float:
-    """Of a run's errors as simulated, each channel's of a size of their own."""
+    """Cost of a run's errors as simulated, with each channel's error size free."""
     errors = problem.errors_alone(problem.runs[number], found, model)
     channels = problem.whitened(number, errors)
     return sum(len(c) * math.log1p(float(np.mean(c[:, -1] ** 2))) for c in channels)
@@ -106,12 +106,12 @@ class _LocalEquations:
     factor: FloatArray
 
     def start_step(self, sliding: float) -> FloatArray:
-        """Of the start (4,), after a step of sliding friction."""
+        """Step of the start (4,), after a step of sliding friction."""
         head = self.factor[:_S]
         return np.asarray(-np.linalg.solve(head[:, :_S], head[:, -1] + head[:, -2] * sliding))
 
     def cost(self, sliding: float) -> float:
-        """The run's after both steps, each channel's errors of a size of their own."""
+        """Cost of the run after both steps, with each channel's error size free."""
         step = self.start_step(sliding)
         total = float(np.sum((self.start + step) ** 2))
         for channel in self.channels:

@@ -31,12 +31,12 @@ _USES = {"fit": "training", "holdout": "held out"}
 
 
 def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
-    """From the bundle's `refinement`; None if it holds no parameters in a known form."""
+    """The section on the bundle's `refinement`; None if it holds no parameters in a known form."""
     values = refinement.values()
     if not values:
         return None
     intervals = Fold("95 % intervals", (intervals_table(refinement),))
-    blocks: list[Block] = [parameters_table(values), intervals]
+    blocks: list[Block] = [before_and_after_table(values), intervals]
     wrong = contradictions(values, rig)
     if wrong:
         blocks.append(Lines(tuple(wrong)))
@@ -49,7 +49,7 @@ def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
     return Section("refinement", "Refinement on motion", _intro(refinement, values), tuple(blocks))
 
 
-def parameters_table(values: Iterable[RefinedValue]) -> Table:
+def before_and_after_table(values: Iterable[RefinedValue]) -> Table:
     """Every parameter before and after; marked where only the bench tests identify it."""
     rows = []
     for place, value in enumerate(values, start=1):
@@ -144,7 +144,7 @@ def _state(refinement: Refinement) -> str:
     if left_out:
         plural = left_out > 1
         parts.append(
-            f"{left_out:.0f} further segment{'s are' if plural else ' is'} left out, as the model "
+            f"{left_out:.0f} further segment{'s are' if plural else ' is'} excluded, as the model "
             f"does not follow {'them' if plural else 'it'} from any start state."
         )
     return " ".join(parts)
@@ -222,7 +222,7 @@ def errors_table(refinement: Refinement) -> Table:
 
 def effort_table(refinement: Refinement) -> Table:
     """RMSE of the equation of motion, by use: it does not add up over time as a position does."""
-    caption = "Equation of motion along the measured motion: RMSE of the effort that is left"
+    caption = "Equation of motion along the measured motion: RMSE of the residual effort"
     return _errors(caption, refinement.effort_errors(), None)
 
 
@@ -265,9 +265,9 @@ def _channel_cells(name: str, errors: BeforeAndAfter) -> tuple[str, ...]:
 
 
 __all__ = [
+    "before_and_after_table",
     "effort_table",
     "errors_table",
     "intervals_table",
-    "parameters_table",
     "refinement_section",
 ]

@@ -27,7 +27,7 @@ _MOST_CHORDS = 3
 # Steps in all, over evaluations: where the simulation switches between rest and motion at every
 # step, runs would be set aside and followed again without end.
 _MOST_STEPS = 1.5
-# Of all runs, at most this share may be set aside.
+# At most this share of the runs may be set aside.
 _MOST_ASIDE = 0.25
 # A run that was set aside this often stays so.
 _MOST_CHANGES = 2
@@ -73,7 +73,7 @@ class _Trial(NamedTuple):
 
     @property
     def step(self) -> FloatArray:
-        """Of the reduced unknowns (m,)."""
+        """The step of the reduced unknowns (m,)."""
         return np.asarray(self.directions @ np.asarray(self.y))
 
 
@@ -118,7 +118,7 @@ def _at(base: ReducedEquations, y: Any, directions: FloatArray) -> tuple[Any, An
 
 
 def _directions(problem: Problem, base: ReducedEquations) -> FloatArray:
-    """Those that a step is damped along, (m, m): the columns' sizes are one over their slopes'.
+    """Directions along which a step is damped, (m, m), each column scaled by one over its slope.
 
     Damping means the same to each unknown then (Marquardt 1963). Friction's mean and each test's
     about it, of which the tests know the sum, would hardly move under any, so their difference is
@@ -180,9 +180,9 @@ def solve(
     step size, one over the damping. `known`: the runs' errors at the point, where they are known.
 
     With `chords`, for a start near the solution, up to three steps are taken with the same slopes
-    (the chord method: Ortega, Rheinboldt 1970, 7.1), which only a simulation is needed for; where
-    it ends is decided with the slopes there, `roughly` with these. Raises OutOfBudgetError;
-    `partly` only before the first evaluation, later it is cut short where it has come to.
+    (the chord method: Ortega, Rheinboldt 1970, 7.1), which only a simulation is needed for; the end
+    is decided with the slopes there, or `roughly` with these. Raises OutOfBudgetError;
+    `partly` only before the first evaluation, later the descent stops at its current point.
     """
     count = len(problem.runs)
     counted, damping = np.ones(count, dtype=bool), np.zeros(count)
@@ -245,7 +245,7 @@ def _is_near(problem: Problem, base: ReducedEquations, near: float) -> bool:
 
 
 def _stagnates(costs: Sequence[float]) -> bool:
-    """Whether the last accepted steps lowered the cost by next to nothing."""
+    """Whether the last accepted steps lowered the cost only negligibly."""
     return len(costs) > _STILL and costs[-1] > costs[-1 - _STILL] * (1.0 - _LEAST_LOWERING)
 
 
@@ -256,7 +256,7 @@ def _next_damping(
     to: Iterate,
     runs: Sequence[Linearised],
 ) -> FloatArray:
-    """Of the starts (runs,): more where a run's cost is not what its linearisation predicted."""
+    """Damping of the starts (runs,): more where a run's cost differs from its linear prediction."""
     before = np.array([run.cost for run in base.runs])
     after, predicted = np.array([run.cost for run in runs]), base.predicted(problem, to)
     lost = after - predicted > _LOSS * np.abs(before - predicted) + 1.0

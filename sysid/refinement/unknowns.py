@@ -163,7 +163,7 @@ def _friction(bundle: Bundle, rig: Rig, model: Model, known: Known) -> list[Unkn
 
 
 def _fitted_with_friction(part: Friction | None, rig: Rig, model: Model) -> list[Unknown]:
-    """What motion gives with friction where a motor alone drives: inertia or mass, and offset."""
+    """Inertia or mass, and offset, from the motion of a rig with a motor alone."""
     if part is None or not rig.is_motor_alone:
         return []
     found = []
@@ -236,8 +236,7 @@ def _effects(bundle: Bundle, model: Model, known: Known) -> list[Unknown]:
                     value,
                     std if std > 0.0 else math.nan,
                     q.unit,
-                    q.lower,
-                    q.upper,
+                    *q.around(value),
                     abs(q.typical) or 1.0,
                     "effect",
                     # Effects are estimated on motion logs: these would count twice.
@@ -275,8 +274,8 @@ def without_own_data(
     """
     if bundle.refinement is not None:
         notices.append(
-            f"{bundle.source}: was refined already: its numbers are where the estimation starts, "
-            "but no prior"
+            f"{bundle.source}: was refined already: its numbers are starting values, "
+            "but not a prior"
         )
         own = {"friction", "valve"}
         return [

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.search.misfit import Channel
+from sysid.search.misfit import ResidualChannel
 from sysid.types import BoolArray, FloatArray, IntArray
 
 ODDS = 2.0 * math.log(20.0)
@@ -27,7 +27,7 @@ _SETTLED = 1e-2
 
 
 @dataclass(frozen=True)
-class Block:
+class FormColumns:
     """A form of an effect: the effect's name, its columns, and what it may not be combined with.
 
     `lower`, `upper` (k,): bounds of its strengths, in usual sizes. `claims`: of two forms that
@@ -63,8 +63,8 @@ class Columns:
     nothing is missing.
     """
 
-    channels: tuple[Channel, ...]
-    blocks: tuple[Block, ...]
+    channels: tuple[ResidualChannel, ...]
+    blocks: tuple[FormColumns, ...]
     gram: FloatArray
     gradient: FloatArray
     squares: FloatArray
@@ -227,4 +227,4 @@ def _directions(gram: FloatArray, share: FloatArray) -> float:
     return float(np.exp(-np.sum(parts * np.log(parts))))
 
 
-__all__ = ["ODDS", "Block", "Columns", "Proposal"]
+__all__ = ["ODDS", "Columns", "FormColumns", "Proposal"]

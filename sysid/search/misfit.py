@@ -29,7 +29,7 @@ _MANY = 1e12
 
 
 @dataclass(frozen=True)
-class Channel:
+class ResidualChannel:
     """A channel's residual: its rows, the `draws` of its misfit; `square` the noise's mean square.
 
     `origin`: the sum of squares that the model without effects leaves. All in the residual's unit,
@@ -42,7 +42,7 @@ class Channel:
     origin: float
 
     @classmethod
-    def of_noise(cls, rows: int) -> Channel:
+    def of_noise(cls, rows: int) -> ResidualChannel:
         """A channel without misfit, its noise of unit variance: costs are sums of squares."""
         return cls(rows, _MANY, 1.0, 0.0)
 
@@ -69,4 +69,4 @@ class Channel:
         return np.asarray(1.0 / (self.square * (1.0 + beyond / self.draws)))
 
 
-__all__ = ["FORM", "Channel"]
+__all__ = ["FORM", "ResidualChannel"]

@@ -18,8 +18,8 @@ from sysid.surfaces.estimator import (
     checked_weights,
     columns,
 )
+from sysid.surfaces.holdout import group_folds, hold_out_groups
 from sysid.surfaces.inverse import FlagArray, evaluated
-from sysid.surfaces.left_out import group_folds, hold_out_groups
 from sysid.surfaces.network_law import NetworkLaw
 from sysid.surfaces.samples import thin_samples
 from sysid.types import FloatArray

@@ -31,7 +31,8 @@ from sysid.plant.base import Array, Parameters, array_namespace
 _TINY_FLOW = 1e-12
 # Pa: a smaller ripple is neglected.
 _LEAST_RIPPLE = 1e-6
-# The ripple follows from the flows, and these from the ripple: a tenth of the error is left a step.
+# The ripple follows from the flows, and these from the ripple: each step leaves a tenth of the
+# error.
 _RIPPLE_STEPS = 4
 _DUTY_STEPS = 6
 
@@ -160,7 +161,7 @@ class AveragedLaw:
     def mean_pulse(
         self, share: Array, pressure: Array, lines: tuple[Array, Array], per_flow: Array
     ) -> PulseFlows:
-        """The same of a held chamber, by its `pressure` (Pa) in the mean over the period."""
+        """The same for a held chamber, by its mean `pressure` (Pa) over the period."""
         found = self._at_once(share, pressure, lines)
         for _ in range(_RIPPLE_STEPS):
             drift = per_flow * self.period * found.mean(share)

@@ -27,7 +27,7 @@ from sysid.types import FloatArray
 
 N_PARAMETERS = 5
 # A sample's least standard error, as a share of the largest flow: what the mean over a
-# window, the ripple and the supply leave out of the law.
+# window, the ripple and the supply omit from the law.
 _LEAST_ERROR = 0.002
 _FEWEST_TESTS = 3
 # The most by which the delays may differ, as a share of the period.
@@ -75,7 +75,7 @@ class MeanFlows:
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the law holds at: supply and atmosphere in Pa, the PWM period in s.
+    """Conditions of the law: supply and atmosphere in Pa, the PWM period in s.
 
     The choked filling flow is that at `supply`; tests may have been run at others.
     """

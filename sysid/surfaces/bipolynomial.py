@@ -85,7 +85,7 @@ class Bipolynomial(Regressor):
         if len(flow) <= N_TERMS:
             raise NotIdentifiedError(
                 f"nine terms cannot be identified from {len(flow)} samples; valve-pwm tests "
-                "at three or more duties over the whole pressure range would"
+                "at three duties or more over the whole pressure range would"
             )
         self.domain_ = domain
         self.scaling_ = np.array([_scaling(duty), _scaling(pressure)])
@@ -123,7 +123,7 @@ class Bipolynomial(Regressor):
         else:
             clusters = len(np.unique(label))
             if clusters < 2:
-                raise input_error("groups", "hold one test only", "leave them out")
+                raise input_error("groups", "hold one test only", "omit them")
             freedom = clusters - 1
             factor = clusters / freedom * (n - 1) / (n - N_TERMS)
             covariance = factor * inverse @ meat @ inverse
@@ -275,8 +275,8 @@ def _scaling(values: FloatArray) -> tuple[float, float]:
 
 def _not_enough_spread() -> NotIdentifiedError:
     return NotIdentifiedError(
-        "the samples cannot distinguish the nine terms of the surface; valve-pwm tests at three "
-        "or more duties over the whole pressure range would"
+        "the samples cannot distinguish the nine terms of the surface; valve-pwm tests at "
+        "three duties or more over the whole pressure range would"
     )
 
 
@@ -384,7 +384,7 @@ def _residual_sums(
     weight: FloatArray | None,
     label: NDArray[np.intp] | None,
 ) -> tuple[float, FloatArray]:
-    """Of the weighted residual: sum of squares, and the clusters' score products (9, 9;
+    """Sums over the weighted residual: its squares, and the clusters' score products (9, 9;
     zeros without `label`)."""
     squares = 0.0
     clusters = 0 if label is None else int(label.max()) + 1

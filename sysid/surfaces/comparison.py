@@ -14,7 +14,7 @@ from sysid.surfaces.ann import DutyNetwork
 from sysid.surfaces.bipolynomial import N_TERMS, Bipolynomial
 from sysid.surfaces.domain import Domain, level_flows
 from sysid.surfaces.estimator import checked_samples
-from sysid.surfaces.left_out import group_folds
+from sysid.surfaces.holdout import group_folds
 from sysid.surfaces.samples import SurfacePoints, surface_points
 from sysid.surfaces.zero_flow import apart_from
 from sysid.types import FloatArray
@@ -195,7 +195,7 @@ def recommend(
             f"{figures}: the bipolynomial is at the noise level, {noise_rmse:.4f}",
         )
     if ratio > WORTHWHILE_RATIO:
-        return "bipolynomial", f"{figures}: the network gains less than a quarter"
+        return "bipolynomial", f"{figures}: the network improves on it by less than a quarter"
     if network.p95_error_points > polynomial.p95_error_points:
         return "bipolynomial", (
             f"{figures}, but the network's 95th percentile is the larger: "

@@ -126,7 +126,7 @@ def checked_samples(
         if not np.isfinite(values.sum()):
             row = int(np.argmin(np.isfinite(values)))
             raise input_error(
-                "surface samples", f"{name} is not finite at row {row}", "leave such rows out"
+                "surface samples", f"{name} is not finite at row {row}", "omit such rows"
             )
     if u.min() < 0.0 or u.max() > 1.0:
         row = int(np.argmax(np.abs(u - 0.5)))

@@ -72,7 +72,7 @@ def invert_rising(
 ) -> tuple[Array, Array, Array]:
     """The lowest x in [low, high] at which a mostly increasing function(x) = target.
 
-    `function` gives its value and its slope. 32 intervals are looked through for the first in
+    `function` gives its value and its slope. 32 intervals are searched for the first in
     which the target is reached; Newton's method finds it there, and halves the bracket where a
     step would leave it. A target that is never reached gives the highest point seen.
     Returns x, whether it is reached, and whether it is already exceeded at `low`.

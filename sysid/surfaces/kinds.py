@@ -28,6 +28,6 @@ SURFACES = {
     "bipolynomial": SurfaceKind("bipolynomial", "Bipolynomial", "bipolynomial", ""),
     "ann": SurfaceKind("ann", "DutyNetwork", "network", "_network"),
 }
-"""By the name in bundles, in the order of the thesis."""
+"""The kinds by their names in bundles, in the order of the thesis."""
 
 __all__ = ["SURFACES", "SurfaceKind"]

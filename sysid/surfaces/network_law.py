@@ -43,7 +43,7 @@ class NetworkLaw(FlowLaw):
         return centre + half * (out + self.output_bias), half / self.scaling[..., 0, 1] * slope
 
     def for_simulation(self) -> FlowLaw:
-        """With its flow worked out once: a step asks for 28 flows, each of which takes iterations.
+        """The law with its flow tabulated: a step needs 28 flows, each of which takes iterations.
 
         By iteration a simulation takes 40 times as long (without the search for the first
         crossing; with it 300 times).

@@ -1,7 +1,7 @@
 """Levenberg-Marquardt for many restarts of a one-hidden-layer tanh network at once (torch).
 
 The Jacobian of such a network is a closed form, so no automatic differentiation is used.
-Damping by the gain ratio, one value a restart (Nielsen 1999, IMM-REP-1999-05).
+Damping by the gain ratio, one value per restart (Nielsen 1999, IMM-REP-1999-05).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Training:
 
 
 def initial_weights(seeds: list[int], hidden: int) -> FloatArray:
-    """(R, 4 H + 1) starting weights by Nguyen and Widrow (1990), one seed a restart.
+    """(R, 4 H + 1) starting weights by Nguyen and Widrow (1990), one seed per restart.
 
     Order: input weights of the first input (H), of the second (H), hidden biases (H),
     output weights (H), output bias. Inputs and target are scaled to [-1, 1].

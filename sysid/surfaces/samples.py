@@ -1,4 +1,4 @@
-"""From samples to an even cover of the measured surface."""
+"""Reduction of samples to an even cover of the measured surface."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def thin_samples(
     while np.minimum(held, quota + 1).sum() <= points:
         quota += 1
     # Fewer cells than points leave a remainder, drawn from the cells that have more; more
-    # cells than points leave some cells out. Both at random.
+    # cells than points skip some cells. Both at random.
     rng = np.random.default_rng([seed, 1])
     if np.minimum(held, quota).sum() > points:
         quota = 0

@@ -14,7 +14,7 @@ from sysid.types import FloatArray
 
 _TRACKING = (2.62, 3.5)
 _WIDE = (8.6, 3.0)
-# A loop's colour by its name; the first two for others.
+# Colours of loops by name; the first two are for others.
 _ROLES: dict[str, Role] = {"Backstepping": "model", "DVMPC": "second", "PVA": "third"}
 _PAIR: tuple[Role, Role] = ("model", "second")
 _TIME = Scale("Time", "s")

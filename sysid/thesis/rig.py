@@ -38,7 +38,7 @@ Setup = tuple[Controller, int, Mode]
 
 @dataclass(frozen=True)
 class TableRig:
-    """What the loops of a table run on: the plant, what controllers know of it, its sensors.
+    """The setting of a table's loops: the plant, what controllers know of it, its sensors.
 
     `bipolynomial` is `design` with the thesis' inverse; `is_vertical` chooses the trajectories.
     `arm_moment`: gravity's torque on the arm when it is level, Nm, None if it is not known;

@@ -57,7 +57,7 @@ def _unit(column: Column, found: ThesisTable) -> str:
 
 
 def unit_of(found: ThesisTable) -> str:
-    """What the table holds, with the unit if it is one."""
+    """The quantity of the table, with its unit if it has one."""
     return "RMSE" if len({c.unit for c in found.columns}) > 1 else "RMSE in mrad"
 
 

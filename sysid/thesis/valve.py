@@ -33,7 +33,7 @@ _QUANTITIES: tuple[tuple[Quantity, str, str], ...] = (
 
 
 def by_valve_model(table: str) -> Declaration:
-    """A row a sine and valve model; position and pressures at low and at high gains."""
+    """A row per sine and valve model; position and pressures at low and at high gains."""
     paths = {row["trajectory"]: _sine(row) for row in printed("table_5_5_1")}
     gains = {row.pop("gains"): _gains(row) for row in printed("table_5_5_2")}
     columns = tuple(

@@ -5,7 +5,7 @@
 its blocks.
 """
 
-from sysid.validation.open_loop import VALIDATED_KINDS, VALVE_MODELS, validate
+from sysid.validation.open_loop import VALVE_MODELS, validate
 from sysid.validation.results import (
     HORIZONS_S,
     ChannelResult,
@@ -18,7 +18,6 @@ from sysid.validation.results import (
 
 __all__ = [
     "HORIZONS_S",
-    "VALIDATED_KINDS",
     "VALVE_MODELS",
     "ChannelResult",
     "Errors",

@@ -11,12 +11,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
-from sysid.io.campaign import MOTION_KINDS, Campaign, CampaignLog
+import numpy as np
+
+from sysid.errors import (
+    Failure,
+    InputError,
+    NotIdentifiedError,
+    SimulationError,
+    error_of,
+    input_error,
+    on_its_own,
+)
+from sysid.io.campaign import MOTION_KINDS, SIMULATED_KINDS, Campaign, CampaignLog
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
@@ -31,7 +41,7 @@ from sysid.parameters.assembled_model import (
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
 from sysid.recording.motion_tests import MotionTest, prepare_all
-from sysid.recording.simulation import simulate_segments
+from sysid.recording.simulation import NOT_FINITE, simulate_segments
 from sysid.types import Progress
 from sysid.validation.judging import judged
 from sysid.validation.results import (
@@ -42,7 +52,6 @@ from sysid.validation.results import (
     pooled_channels,
 )
 
-VALIDATED_KINDS = (*MOTION_KINDS, "friction-motion")
 _OFFSET_EFFECT = "torque-offset"
 _ALONE = "; a cylinder without valves is judged by `sysid diagnose`, on its held-out tests"
 _NO_VALVES = "fit valve-discrete tests of both valves, or valve-pwm tests, into the bundle"
@@ -73,7 +82,7 @@ def validate(
     campaign: Campaign,
     bundle: Bundle,
     *,
-    kinds: Iterable[str] = VALIDATED_KINDS,
+    kinds: Iterable[str] = SIMULATED_KINDS,
     catalogue: Catalogue | None = None,
     progress: Progress | None = None,
 ) -> ValidationResult:
@@ -89,7 +98,7 @@ def validate(
     """
     tell = progress or (lambda line: None)
     rig = campaign.rig
-    notices = [*bundle.other_rig(rig), *_offset(bundle, rig), *assumed_parameters(bundle)]
+    notices = [*bundle.other_rig(rig), *_offset(bundle, rig), *assumed_parameters(bundle, rig)]
     entries = campaign.select(tuple(kinds), use=None)
     if not entries:
         raise input_error(
@@ -109,8 +118,8 @@ def validate(
         else:
             cases += own
     if failed and not cases:
-        raise _none_left(failed)
-    notices += [f"left out: {why.reason}" for why in failed]
+        raise _none_usable(failed)
+    notices += [f"excluded: {why.reason}" for why in failed]
     logs: list[LogResult] = []
     failed = []
     for valves in valve_models:
@@ -119,15 +128,16 @@ def validate(
         results = on_its_own(partial(_simulated, chosen, rig, model, valves))
         if isinstance(results, Failure):
             failed.append(results)
-            notices.append(f"the {valves.name} valve model is left out: {results.reason}")
+            notices.append(f"the {valves.name} valve model is excluded: {results.reason}")
         else:
-            logs += _logs(results)
+            logs += _logs(results[0])
+            notices += results[1]
     if failed and not logs:
-        raise _none_left(failed)
+        raise _none_usable(failed)
     return ValidationResult(tuple(_in_order(logs, campaign, entries)), tuple(notices))
 
 
-def _none_left(failed: Sequence[Failure]) -> Exception:
+def _none_usable(failed: Sequence[Failure]) -> Exception:
     """The error where nothing can be simulated, with each reason once."""
     return error_of(failed, "; ".join(dict.fromkeys(why.reason for why in failed)))
 
@@ -172,7 +182,7 @@ def _valve_models(
             except InputError as error:
                 if not found:
                     raise
-                notices.append(f"{error}; the {kind} model is left out")
+                notices.append(f"{error}; the {kind} model is excluded")
                 continue
             if surfaces is not None:
                 found.append(_ValveModel(kind, surfaces))
@@ -211,7 +221,7 @@ def _read(
     for test in tests[0]:
         notices += test.notices
         if test.counted(test.whole) < 2:
-            notices.append(f"{test.source}: starts at an end stop and is left out")
+            notices.append(f"{test.source}: starts at an end stop and is excluded")
             continue
         cases.append(_Case(campaign.name_of(entry.path), entry, log, test))
     return cases
@@ -219,18 +229,38 @@ def _read(
 
 def _simulated(
     cases: Sequence[_Case], rig: Rig, model: Model, valves: _ValveModel
-) -> list[tuple[_Case, TestResult]]:
-    """Every case's result: whole tests and segments go through the simulator together."""
+) -> tuple[list[tuple[_Case, TestResult]], list[str]]:
+    """Every case's result: whole tests and segments go through the simulator together.
+
+    A test or a segment whose simulation switches without end, or does not stay finite, is left out
+    with a notice. Raises SimulationError where no test is left.
+    """
     segments = [(c.test, s) for c in cases for s in (c.test.whole, *c.test.segments)]
-    runs = simulate_segments(segments, model, valves.surfaces, rig.position_channel)
-    results, next_run = [], 0
+    position = rig.position_channel
+    runs = simulate_segments(segments, model, valves.surfaces, position, nan_if_endless=True)
+    results, notices, next_run = [], [], 0
     for case in cases:
         count = 1 + len(case.test.segments)
-        own = runs[next_run : next_run + count]
+        whole, *parts = runs[next_run : next_run + count]
         next_run += count
-        found = judged(case.test, case.entry, case.name, rig, valves.name, own[0], own[1:])
+        if not np.isfinite(whole).all():
+            notices.append(
+                f"{case.test.source}: left out of the {valves.name} valve model: {NOT_FINITE}"
+            )
+            continue
+        known = [i for i, part in enumerate(parts) if np.isfinite(part).all()]
+        if len(known) < len(parts):
+            notices.append(
+                f"{case.test.source}: {len(parts) - len(known)} of {len(parts)} segments are left "
+                f"out of the {valves.name} valve model: {NOT_FINITE}"
+            )
+        test = replace(case.test, segments=tuple(case.test.segments[i] for i in known))
+        own = [parts[i] for i in known]
+        found = judged(test, case.entry, case.name, rig, valves.name, whole, own)
         results.append((case, found))
-    return results
+    if cases and not results:
+        raise SimulationError("; ".join(notices))
+    return results, notices
 
 
 def _logs(results: Sequence[tuple[_Case, TestResult]]) -> list[LogResult]:
@@ -257,4 +287,4 @@ def _logs(results: Sequence[tuple[_Case, TestResult]]) -> list[LogResult]:
     return logs
 
 
-__all__ = ["VALIDATED_KINDS", "VALVE_MODELS", "validate"]
+__all__ = ["VALVE_MODELS", "validate"]

@@ -225,7 +225,7 @@ def prewhitened(
 ) -> tuple[FloatArray, list[FloatArray], int]:
     """A residual and inputs, (n,) each, through the filter that whitens the residual, its order p.
 
-    The mean is removed first, and the rows that the start affects, (n - p,) are left. An
+    The mean is removed first, and the rows that the start affects, (n - p,) remain. An
     autoregression of order up to n/10 at most, undamped: drift under sensor noise needs all of it.
     """
     columns = np.column_stack([residual, *inputs])

@@ -51,7 +51,7 @@ class Errors:
 
     @classmethod
     def of(cls, measured: FloatArray, residual: FloatArray) -> Errors:
-        """Of a test's counted samples (n,)."""
+        """Errors of a test's counted samples (n,)."""
         return cls(
             samples=len(residual),
             squares=float(residual @ residual),
@@ -61,7 +61,7 @@ class Errors:
 
     @classmethod
     def pooled(cls, parts: Sequence[Errors]) -> Errors:
-        """Of several tests; each one's spread is about its own mean."""
+        """Pooled errors of several tests; each one's spread is about its own mean."""
         return cls(
             samples=sum(p.samples for p in parts),
             squares=sum(p.squares for p in parts),
@@ -71,7 +71,7 @@ class Errors:
 
     @property
     def rmse(self) -> float:
-        """In the channel's unit."""
+        """RMSE in the channel's unit."""
         return math.sqrt(self.squares / self.samples)
 
     @property
@@ -275,7 +275,7 @@ class ValidationResult(Shown):
                 label += "'"
             fits[label] = [math.nan if v is None else v for v in known]
         shown, ticks = grouped_bars(names, fits)
-        panel = Panel(Scale(ticks=ticks), Scale("fit", "%"), shown, legend="beside")
+        panel = Panel(Scale(ticks=ticks), Scale("fit", "%"), shown, legend="right")
         return plot_panels((panel,), ax)[0]
 
     def record(self) -> Validation:

@@ -72,7 +72,7 @@ def _shown(validation: ValidationResult) -> Sequence[TestResult]:
 
 def _group(name: str, tests: Sequence[TestResult], unit: str, used: str) -> FigureGroup:
     figures = tuple(_figure(f"{name}-{i}", name, test, unit) for i, test in enumerate(tests))
-    caption = f"{name} over {used} tests: as measured and as modelled; below, what is left."
+    caption = f"{name} over {used} tests: as measured and as modelled; below, the residual."
     return FigureGroup(caption, figures)
 
 

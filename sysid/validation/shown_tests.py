@@ -53,7 +53,7 @@ class ShownTest:
         """The measured channels, position first."""
         return [c for c in ACTUATOR_CHANNELS if c.key in self.first.measured]
 
-    def misfit(self) -> float:
+    def lack_of_fit(self) -> float:
         """The position's residual (else any channel's), as a share of its variation."""
         fits = [r.errors.fit_percentage for r in self.first.channels.values()]
         known = [f for f in fits if f is not None]
@@ -87,7 +87,7 @@ def tests_to_show(tests: Sequence[ShownTest]) -> list[ShownTest]:
     """
     held = {test.kind for test in tests if test.use == "holdout"}
     ranked: dict[tuple[str, str], list[ShownTest]] = {}
-    for test in sorted(tests, key=ShownTest.misfit, reverse=True):
+    for test in sorted(tests, key=ShownTest.lack_of_fit, reverse=True):
         ranked.setdefault((test.use, test.kind), []).append(test)
     order = sorted(
         (

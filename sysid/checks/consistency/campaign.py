@@ -24,7 +24,7 @@ from sysid.checks.consistency.offsets import OffsetReading, offset_lines, offset
 from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
 from sysid.errors import Failure, SysidError, on_its_own
 from sysid.identification.friction.result import FrictionResult
-from sysid.io.campaign import MOTION_KINDS, Campaign
+from sysid.io.campaign import SIMULATED_KINDS, Campaign
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
@@ -35,7 +35,6 @@ _STATIC = "static friction"
 _COULOMB = "Coulomb friction"
 # A slow start of a ramp is found early, so that static friction comes out a little low.
 _LEAST_STATIC = 0.9
-_MOVING = (*MOTION_KINDS, "friction-motion")
 _BY = {MOTOR: "its motor", CYLINDER: "its chambers"}
 # Half an interval over its value: a single test's friction, which differs from test to test.
 _WIDEST_OF_FRICTION = 0.3
@@ -85,9 +84,9 @@ def located_contradictions(logs: Iterable[LogReadings], rig: Rig) -> tuple[Contr
 
 
 def readings_of(log: Log, kind: str, rig: Rig, where: str = "") -> LogReadings:
-    """What a log of this kind contributes, called `where` (else by its file's name).
+    """The readings of a log of this kind, named `where` (else by its file name).
 
-    Where that cannot be worked out it contributes a notice that says why.
+    Where they cannot be computed, it contributes a notice that says why.
     """
     name = where or log.path.name
     found = on_its_own(partial(_readings_of, log, kind, rig, name))
@@ -104,7 +103,7 @@ def _readings_of(log: Log, kind: str, rig: Rig, name: str) -> LogReadings:
     if other is not None:
         notices.append(Contradiction(name, other))
     offset = None
-    if kind in _MOVING:
+    if kind in SIMULATED_KINDS:
         even = [e for e in (_even(t, rig) for t in log.trials) if e is not None]
         if takes_energy_out(even):
             notices.append(Contradiction(name, _energy(name, rig)))
@@ -179,7 +178,7 @@ def _sign(drive: str, name: str, rig: Rig) -> str:
 
 def _energy(name: str, rig: Rig) -> str:
     return (
-        f"{name}: the efforts take energy out of the motion, which nothing then drives: the sign "
+        f"{name}: the efforts only take energy out of the motion, so nothing drives it: the sign "
         f"of {rig.effort_channel} or of {rig.position_channel} is reversed, or pressure_a_pa and "
         "pressure_b_pa are swapped"
     )
@@ -190,7 +189,7 @@ def _inertia(rig: Rig) -> SharedQuantity:
         "the inertia that is moved",
         rig.units.inertia_unit,
         1.6,
-        f"the log's time base wrong by {{time}}, as where rows are left out; the unit of "
+        f"the log's time base wrong by {{time}}, as where rows are missing; the unit of "
         f"{rig.position_channel} wrong by {{inverse}}",
         "inertia-mismatch, torque-constant-error, area-error",
         power=2.0,
@@ -228,7 +227,7 @@ def _static_quantity(rig: Rig) -> SharedQuantity:
 def _below_coulomb(
     static: Sequence[Reading], coulomb: Sequence[Reading]
 ) -> Iterator[Contradiction]:
-    """A shaft that breaks away with less than keeps it sliding."""
+    """Breakaway below Coulomb friction, which is impossible."""
     for one in static:
         other = min(coulomb, key=lambda c: c.low, default=None)
         if other is not None and one.high < _LEAST_STATIC * other.low:
@@ -254,7 +253,7 @@ def _friction_quantity(part: str, rig: Rig) -> SharedQuantity:
         "viscous friction",
         rig.units.viscous_unit,
         3.0,
-        f"its time base wrong by {{time}}, as where rows are left out; the unit of "
+        f"its time base wrong by {{time}}, as where rows are missing; the unit of "
         f"{rig.position_channel} by {{inverse}} or of {rig.effort_channel} by {{ratio}}",
         "stribeck-friction, quadratic-drag, position-dependent-friction",
     )
@@ -283,7 +282,7 @@ _FLOWS = {
         f"the choked filling flow of valve {side.upper()}",
         "kg/s",
         1.4,
-        "its time base wrong by {time}, as where rows are left out; the position at which the "
+        "its time base wrong by {time}, as where rows are missing; the position at which the "
         "piston is held, or its unit; the unit of the pressure; swapped or inverted valve commands",
         "dead-volume-error, polytropic-exponent, wall-heat-transfer",
         power=-1.0,
@@ -315,7 +314,7 @@ _FILLED = {
 
 
 def _of_the_rig(quantity: SharedQuantity, rig: Rig) -> Iterator[Reading]:
-    """What the rig file declares of a quantity."""
+    """The value of a quantity that the rig file declares."""
     value: float | None = None
     if quantity == _inertia(rig):
         value = rig.total_inertia()

@@ -40,7 +40,7 @@ def disagreements(readings: Sequence[Reading]) -> Iterator[Contradiction]:
 
 
 def _agreeing(one: Reading, readings: Sequence[Reading]) -> list[Reading]:
-    """Readings that all agree with one another, from the nearest to this one on."""
+    """Readings that all agree with each other, starting with the nearest to this one."""
     group: list[Reading] = []
     for other in sorted(readings, key=lambda r: ratio_of(one, r)):
         if not any(differ(other, member) for member in group):
@@ -97,13 +97,13 @@ def _line(apart: Sequence[Reading], reference: Reading) -> str:
     if math.isinf(ratio):
         return (
             f"{title}{others}: {quantity.name} is {one.shown}, but {reference.title} gives "
-            f"{reference.shown}: of the other sign, or none; a command or a sign is swapped or "
-            "inverted in one of the two; check them against each other"
+            f"{reference.shown}: the signs differ, or one is zero; a command or a sign is swapped "
+            "or inverted in one of the two; check them against each other"
         )
     return (
         f"{title}{others}: {quantity.name} is {one.shown}, but {reference.title} gives "
         f"{reference.shown}, a factor of {ratio:.3g}: either a slip ({slips}) "
-        f"or an effect that the diagnosis looks for ({quantity.effects}); check the two against "
+        f"or an effect that the diagnosis tests ({quantity.effects}); check the two against "
         "each other"
     )
 

@@ -20,17 +20,17 @@ from sysid.estimation.linear import t_quantile
 from sysid.recording.recording import MIN_SAMPLES, Recording
 from sysid.types import FloatArray
 
-# Blocks of rows in time that are left out in turn (jackknife).
+# Blocks of consecutive rows, deleted one at a time (jackknife).
 _BLOCKS = 10
-# Of the efforts of motor and chambers: the gain of a drive with less is not identified.
+# Least share of the efforts of motor and chambers: below it a drive's gain is not identified.
 _LEAST_SHARE = 0.03
-# Of these efforts, the share that accelerates the inertia: with less, friction determines the gain.
+# Least share of these efforts that accelerates the inertia: below it, friction determines the gain.
 _LEAST_INERTIAL = 0.1
-# R2 below which something else than the law moves the shaft, as where it bounces off its stops.
+# R2 below which something other than the law moves the shaft, for example bouncing off a stop.
 _LEAST_R2 = 0.95
-# Of the gain: a wider interval is too wide for a comparison.
+# Share of the gain; a wider interval is too wide for a comparison.
 _MOST_SPREAD = 0.25
-# Of the power of the efforts, taken without its sign: friction takes energy out of a motion.
+# Share of the efforts' absolute power: friction takes energy out of a motion.
 _TAKEN_OUT = -0.1
 MOTOR, CYLINDER = "motor", "cylinder"
 
@@ -61,7 +61,7 @@ def gains(trials: Sequence[Recording], inertia: float) -> list[Gain]:
     if not columns:
         return []
     known = [(MOTOR, CYLINDER)[i] for i in columns]
-    # A drive that hardly acts is taken at its word.
+    # The logged effort of a drive that hardly acts is taken as right.
     rest = [i for i in (0, 1) if i not in columns]
     target = inertial + table[:, 2] - table[:, rest].sum(axis=1)
     regressors = table[:, [*columns, 3, 4, 5]]

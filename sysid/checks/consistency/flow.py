@@ -20,7 +20,7 @@ from sysid.types import FloatArray
 
 _LEAST_DUTY = 0.8  # below, the exhaust takes part
 _SETTLING_S = 0.003  # a valve's delay and its tube's
-# Of the supply: close to the boundary of choking the flow falls.
+# Share of the supply: close to the choked boundary the flow falls.
 _HIGHEST = 0.95 * CRITICAL_RATIO
 
 

@@ -1,4 +1,4 @@
-"""A log of another kind than the campaign declares: what its tests command shows it."""
+"""Logs of another kind than the campaign declares, as the commands of their tests show."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from sysid.recording.even import recorded
 from sysid.recording.friction_kind import SLIDING, STATIC, classify, constant_run
 from sysid.recording.recording import Recording
 
-# Of a log's tests: single ones may resemble the other kind.
+# Share of a log's tests: single ones may resemble the other kind.
 _MOST = 0.8
-# Of a test: before a constant effort, a kick may start the motion; a ramp may end in one.
+# Share of a test: a kick may start the motion before a constant effort, and a ramp may end in one.
 _SHORT = 0.1
 _COMMANDS = {
     "valve-pwm": DUTIES,

@@ -1,4 +1,4 @@
-"""Levels that a rig keeps from log to log: its chambers at rest, its supply, its friction."""
+"""Quantities that a rig keeps from log to log: chambers at rest, supply, friction."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sysid.io.rig import Rig
 from sysid.types import FloatArray
 
 _START_ROWS = 10
-# Of a pressure: repeats within one log do not show what changes from log to log.
+# Share of a pressure: repeats within one log do not show what changes from log to log.
 LEAST_OF_PRESSURE = 0.03
 _PLATEAU_S = 0.1
 

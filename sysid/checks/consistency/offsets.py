@@ -18,9 +18,9 @@ from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 
-# Times the Coulomb friction: smaller offsets are effects.
+# Multiple of the Coulomb friction: smaller offsets are effects.
 _LARGE = 2.0
-# Of an offset: what exchanging the chambers back may leave of it.
+# Share of an offset that may remain after exchanging the chambers back.
 _LEFT = 0.2
 # Fewer logs than this have no common offset that one of them could lack.
 _FEWEST = 3
@@ -39,7 +39,7 @@ class OffsetReading:
 def offset_of(
     fit: FrictionResult, trials: Sequence[Trial], name: str, rig: Rig
 ) -> OffsetReading | None:
-    """From a motion log and its fit; None where these do not separate an offset from friction."""
+    """A motion log's offset by its fit; None where offset and friction are not separable."""
     found = _read(fit)
     if found is None:
         return None
@@ -69,8 +69,8 @@ def offset_lines(readings: Sequence[OffsetReading], rig: Rig) -> Iterator[tuple[
             continue
         unit = one.offset.unit
         said = (
-            f"{one.source}: beside friction ({coulomb:.3g} {unit}) its motion needs a steady "
-            f"{off:.3g} {unit}"
+            f"{one.source}: in addition to friction ({coulomb:.3g} {unit}) its motion needs a "
+            f"steady {off:.3g} {unit}"
             + (" more than the other logs'" if rig.is_vertical else ", on a horizontal rig")
         )
         left = None if one.exchanged is None else one.exchanged - usual

@@ -26,6 +26,7 @@ from sysid.diagnosis.actuator.unexplained import (
 from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import Because, why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
+from sysid.diagnosis.search import full_sentence, limit_sentence
 from sysid.errors import Failure, NotIdentifiedError, SimulationError, on_its_own
 from sysid.io.channels import CHAMBER_PRESSURES, simulated_channels
 from sysid.io.logs import Log, Trial
@@ -95,6 +96,8 @@ def diagnose(
     try:
         inside = motion_tests(rig, [(kind, log) for use, kind, log in logs if use == "fit"])
         outside = _held_out(logs, rig)
+        # A training test that the given model does not simulate would refuse every effect.
+        inside = _simulable(inside, [model])
         found = close_loop(
             tests,
             rig,
@@ -126,6 +129,7 @@ def _diagnosed(
     notices = []
     if not outside.tests:
         notices.append("no held-out motion log: errors before and after are unknown")
+    outside = _simulable(outside, [model, *(step.model for step in found.search.steps)])
     notices += [*outside.notices, *inside.notices]
     errors = _errors(outside, model, found)
     floor = _noise_floor(outside, found, seed)
@@ -157,7 +161,12 @@ def _diagnosed(
         evidence=evidence,
         because=because,
         seed=seed,
-        notices=(*notices, *_of_static_friction(found), *found.looked.sentences()),
+        notices=(
+            *notices,
+            *_of_static_friction(found),
+            *_of_limits(found),
+            *found.looked.sentences(),
+        ),
     )
 
 
@@ -168,7 +177,7 @@ def rivals_of(
     balances do not tell it."""
     evidence = cast(TwinEvidence, found.evidence)
     for search in evidence.loop.search.rivals:
-        outside = _held_out(logs, rig)
+        outside = _simulable(_held_out(logs, rig), [model, *(s.model for s in search.steps)])
         other = replace(evidence, loop=replace(evidence.loop, search=search))
         with limited():
             errors = _by_channel(_errors(outside, model, other.loop), rig)
@@ -179,6 +188,18 @@ def rivals_of(
 def _held_out(logs: Sequence[tuple[str, str, Log]], rig: Rig) -> HeldOut:
     """The motion tests of the held-out logs, to be simulated only."""
     return motion_tests(rig, [(kind, log) for use, kind, log in logs if use == "holdout"])
+
+
+def _simulable(tests: HeldOut, models: Sequence[Model]) -> HeldOut:
+    """The tests that each of the models simulates to their ends; all where all do."""
+    if not tests.tests:
+        return tests
+    try:
+        for model in models:
+            tests.simulated(model)
+    except SimulationError:
+        return tests.simulable(models)
+    return tests
 
 
 def _by_channel(errors: Sequence[FloatArray], rig: Rig) -> list[dict[str, float]]:
@@ -225,8 +246,8 @@ def open_loop_errors(
     logs: Sequence[tuple[str, str, Log]], rig: Rig, model: Model
 ) -> dict[str, float]:
     """RMSE of a model by channel, in its unit, on the motion logs held out; NaN without one."""
-    outside = _held_out(logs, rig)
-    errors = outside.rmse(model) if outside.tests else np.full(3, math.nan)
+    outside = _simulable(_held_out(logs, rig), [model])
+    errors = _rmse(outside, model) if outside.tests else np.full(3, math.nan)
     return _by_channel([errors], rig)[0]
 
 
@@ -269,6 +290,19 @@ def _of_static_friction(found: Loop) -> Iterator[str]:
             "static friction was read in the effort that the motor was told to give: with the "
             f"effects found the same readings are {size}"
         )
+
+
+def _of_limits(found: Loop) -> Iterator[str]:
+    """Says which shapes ended at a limit of their range, and that no more effects may be added."""
+    steps, joint = found.search.steps, found.search.joint
+    stuck = set() if joint is None else set(joint.fit.diagnosis.at_bound)
+    for step in steps:
+        own = [q for q in type(step.effect).shapes() if not q.is_choice]
+        limits = [q.label for q in own if f"{step.id}/{q.name}" in stuck]
+        if said := limit_sentence(step.id, limits, step.ambiguous):
+            yield said
+    if said := full_sentence(steps):
+        yield said
 
 
 def _simulated(tests: HeldOut, model: Model) -> float:

@@ -27,7 +27,7 @@ from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.oscillation import steady_oscillation
 from sysid.diagnosis.actuator.projection import Projected, projected, scatter_beside
 from sysid.diagnosis.actuator.refit import own_columns
-from sysid.diagnosis.actuator.screened import Bias, Screened, noise_channels, screened
+from sysid.diagnosis.actuator.screened import Bias, Screening, noise_channels, screened
 from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS
@@ -36,7 +36,7 @@ from sysid.parallel import attempt, limited
 from sysid.plant.effects.catalogue import class_of
 from sysid.plant.ports import Model
 from sysid.search.columns import Proposal
-from sysid.search.misfit import Channel
+from sysid.search.misfit import ResidualChannel
 from sysid.search.sets import best_sets, names_of
 from sysid.types import Progress
 
@@ -45,10 +45,6 @@ _FITTED = 3
 _BIAS_TWINS = 2
 _MOST_ROUNDS = 5
 _SMALLEST_P = 1e-300
-_LIMIT = (
-    f"the search adds {MOST_EFFECTS} effects at most, and ended with as many: diagnose the "
-    "extended bundle to look for more"
-)
 # Friction is weighed anew where it scatters by more than this, and beside the effects by less than
 # this part of that.
 _MUCH_SCATTER, _FAR_LESS = 0.02, 0.5
@@ -68,7 +64,7 @@ class Contender:
 
 
 @dataclass(frozen=True)
-class Round:
+class FinderRound:
     """What a round screened beside the set `before`, and the set that was `best` after it."""
 
     contenders: tuple[Contender, ...]
@@ -90,16 +86,16 @@ class Finder:
     book: Book
     progress: Progress
     sets: dict[frozenset[str], FittedSet] = field(default_factory=dict)
-    rounds: list[Round] = field(default_factory=list)
+    rounds: list[FinderRound] = field(default_factory=list)
     barred: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         self.expected = self.null
         self.bias = Bias(self.null.twins[:_BIAS_TWINS])
         # Of each effect the form that was proposed, with the columns that it was proposed from.
-        self._proposed: dict[str, tuple[Screened, int]] = {}
+        self._proposed: dict[str, tuple[Screening, int]] = {}
         # Beside each set what was screened.
-        self._screened: dict[frozenset[str], Screened] = {}
+        self._screened: dict[frozenset[str], Screening] = {}
         self._most = 1 if self.book.quick else MOST_EFFECTS
         # In how many directions the forms show in each channel: known once they are screened.
         self._directions = np.full(len(CHANNELS), math.inf)
@@ -119,9 +115,9 @@ class Finder:
         """A residual without effects, and its noise."""
         self.first, self.sets, self._screened = first, {}, {}
         self.none = channel_squares(first, first.rest)
-        self.channels: tuple[Channel, ...] = self._channels_of(first)
+        self.channels = self._channels_of(first)
 
-    def _channels_of(self, base: Projected) -> tuple[Channel, ...]:
+    def _channels_of(self, base: Projected) -> tuple[ResidualChannel, ...]:
         return noise_channels(base, self.expected, self.none, self._directions)
 
     def evidence(self, names: frozenset[str]) -> float:
@@ -156,13 +152,12 @@ class Finder:
                 self.book.miss(tried)
                 return best
             better = self._without_superfluous(self.best())
-            self.rounds.append(Round(tried, best, better))
+            self.rounds.append(FinderRound(tried, best, better))
             if better == best or self.book.quick:
                 return better
             best = better
             self._narrow(best)
             if len(best) == self._most:
-                self.book.note(_LIMIT)
                 return best
         return best
 
@@ -307,7 +302,7 @@ class Finder:
             )
             self.sets = {own: s for own, s in self.sets.items() if name not in own}
 
-    def _counted(self, some: Screened, most: int) -> tuple[Screened, list[list[Proposal]]]:
+    def _counted(self, some: Screening, most: int) -> tuple[Screening, list[list[Proposal]]]:
         """The best sets, with what all effects in them gain where nothing is missing counted."""
         while True:
             some = self.bias.counted(some)
@@ -324,7 +319,7 @@ class Finder:
             if not unknown & set(self.bias.known):
                 return some, by_size
 
-    def _fit(self, before: FittedSet | None, some: Screened, proposal: Proposal) -> None:
+    def _fit(self, before: FittedSet | None, some: Screening, proposal: Proposal) -> None:
         """Fit a proposed set together with the effects before it."""
         starts = some.effects(proposal)
         effects = (*(before.effects if before is not None else ()), *starts)
@@ -355,10 +350,10 @@ class Finder:
                     self.sets[fewer] = own
         return self.best()
 
-    def _contender(self, some: Screened, one: Proposal) -> Contender:
+    def _contender(self, some: Screening, one: Proposal) -> Contender:
         (form,), columns = one.forms, some.columns
         gain = cost(columns.channels, columns.squares) - cost(columns.channels, one.squares)
         return Contender(some.forms[form].id, one.evidence, gain, float(columns.chance[form]))
 
 
-__all__ = ["Contender", "Finder", "Round"]
+__all__ = ["Contender", "Finder", "FinderRound"]

@@ -15,7 +15,7 @@ from sysid.diagnosis.actuator.screened import usual_size
 from sysid.diagnosis.actuator.threshold_steps import best_near
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, overrides
-from sysid.search.misfit import Channel
+from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
 _PASSES = 3
@@ -51,7 +51,7 @@ class FittedSet:
         """Whether every effect has a strength other than 0."""
         return not any(_is_absent(effect) for effect in self.effects)
 
-    def evidence(self, channels: Sequence[Channel], none: FloatArray) -> float:
+    def evidence(self, channels: Sequence[ResidualChannel], none: FloatArray) -> float:
         """Twice the log of the marginal likelihood over that of no effect, which leaves the squares
         `none` (channels,); -inf where one of the effects is absent."""
         if not self.is_whole:
@@ -61,7 +61,7 @@ class FittedSet:
 
 def fit_set(
     first: Projected,
-    channels: Sequence[Channel],
+    channels: Sequence[ResidualChannel],
     starts: Sequence[CatalogueEffect],
     squares: FloatArray,
     held: Collection[str] = (),
@@ -107,12 +107,12 @@ def channel_squares(base: Projected, rest: FloatArray) -> FloatArray:
     return np.array([float(np.sum(rest[base.frame.rows(name)] ** 2)) for name in CHANNELS])
 
 
-def weights_of(channels: Sequence[Channel], squares: FloatArray) -> FloatArray:
+def weights_of(channels: Sequence[ResidualChannel], squares: FloatArray) -> FloatArray:
     """How much a square of each channel counts for, (channels,), where so many are left."""
     return np.array([float(c.weight(s)) for c, s in zip(channels, squares, strict=True)])
 
 
-def cost(channels: Sequence[Channel], squares: FloatArray) -> float:
+def cost(channels: Sequence[ResidualChannel], squares: FloatArray) -> float:
     """Minus twice the log likelihood of what is left, (channels,)."""
     return float(sum(c.cost(s) for c, s in zip(channels, squares, strict=True)))
 

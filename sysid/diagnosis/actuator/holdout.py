@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, scattered
-from sysid.errors import Failure, on_its_own
+from sysid.errors import Failure, SimulationError, on_its_own
 from sysid.io.campaign import MOTION_KINDS
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import MotionTest, prepare_all
-from sysid.recording.simulation import simulate_segments
+from sysid.recording.simulation import NOT_FINITE, simulate_segments
 from sysid.types import FloatArray
 
 _HORIZON_S = 1.0
@@ -34,23 +34,43 @@ class HeldOut:
     tests: tuple[MotionTest, ...]
     notices: tuple[str, ...] = ()
 
-    def simulated(self, model: Model | Sequence[Model], times: int = 1) -> list[FloatArray]:
+    def simulated(
+        self, model: Model | Sequence[Model], times: int = 1, *, nan_if_endless: bool = False
+    ) -> list[FloatArray]:
         """(3, n) position and pressures of every test, `times` over (models in that order)."""
         runs = [(test, test.whole) for _ in range(times) for test in self.tests]
-        return simulate_segments(runs, model, (), self.rig.position_channel)
+        position = self.rig.position_channel
+        return simulate_segments(runs, model, (), position, nan_if_endless=nan_if_endless)
+
+    def simulable(self, models: Sequence[Model]) -> HeldOut:
+        """The tests that each of the models simulates to their ends, with notices of the others;
+        a model that simulates none counts for nothing."""
+        found = []
+        for model in models:
+            own = self.simulated(model, nan_if_endless=True)
+            ended = np.array([bool(np.isfinite(run).all()) for run in own])
+            if ended.any():
+                found.append(ended)
+        kept = np.all(found, axis=0) if found else np.ones(len(self.tests), dtype=bool)
+        lost = [
+            f"{test.source}: is not simulated, and left out of the errors: {NOT_FINITE}"
+            for test, own in zip(self.tests, kept, strict=True)
+            if not own
+        ]
+        tests = tuple(test for test, own in zip(self.tests, kept, strict=True) if own)
+        return replace(self, tests=tests, notices=(*self.notices, *lost))
 
     def rmse(self, model: Model) -> FloatArray:
         """Open-loop RMSE of each channel, (3,), pooled over the tests; NaN where not logged.
 
-        A test counts up to where it comes to an end stop (the model has none).
+        A test counts up to where it comes to an end stop (the model has none). Raises
+        SimulationError where one is not simulated to its end.
         """
         squares, count = np.zeros(3), np.zeros(3)
         for test, run in zip(self.tests, self.simulated(model), strict=True):
             gap = test.residual_of(test.whole, run)
             logged = np.isfinite(test.measured_in(test.whole)).all(axis=1)
-            # A simulation that diverges has an infinite error, not an unknown one.
-            off = np.nan_to_num(gap[logged], nan=np.inf)
-            squares[logged] += np.sum(off**2, axis=1)
+            squares[logged] += np.sum(gap[logged] ** 2, axis=1)
             count[logged] += gap.shape[1]
         with np.errstate(invalid="ignore"):
             return np.asarray(np.sqrt(squares / count))
@@ -87,18 +107,28 @@ class HeldOut:
         scatter: Scatter,
         seed: int,
     ) -> FloatArray:
-        """RMSE, (draws, 3), of each of the `drawn` models with friction of each test's own."""
+        """RMSE, (draws, 3), of each of the `drawn` models with friction of each test's own.
+
+        A test that a drawn model does not simulate to its end does not count in that draw. Raises
+        SimulationError where `model` does not, or where no draw is left.
+        """
         rng = np.random.default_rng(seed)
         count = len(self.tests)
         models = [scattered(one, scatter, rng) for one in drawn for _ in range(count)]
-        nominal, runs = self.simulated(model), self.simulated(models, len(drawn))
+        nominal = self.simulated(model)
+        runs = self.simulated(models, len(drawn), nan_if_endless=True)
         counted = [test.counted(test.whole) for test in self.tests]
-        squares = np.zeros((len(drawn), 3))
+        squares, rows = np.zeros((len(drawn), 3)), np.zeros((len(drawn), 1))
         for i, run in enumerate(runs):
             n = counted[i % count]
             gap = (run - nominal[i % count])[:, :n]
-            squares[i // count] += np.sum(gap**2, axis=1)
-        return np.asarray(np.sqrt(squares / sum(counted) + noise.total**2))
+            if np.isfinite(gap).all():
+                squares[i // count] += np.sum(gap**2, axis=1)
+                rows[i // count] += n
+        some = rows[:, 0] > 0.0
+        if not some.any():
+            raise SimulationError(NOT_FINITE)
+        return np.asarray(np.sqrt(squares[some] / rows[some] + noise.total**2))
 
 
 def motion_tests(rig: Rig, logs: Sequence[tuple[str, Log]]) -> HeldOut:
@@ -110,7 +140,7 @@ def motion_tests(rig: Rig, logs: Sequence[tuple[str, Log]]) -> HeldOut:
             continue
         own = on_its_own(partial(prepare_all, log.trials, kind, rig, _HORIZON_S))
         if isinstance(own, Failure):
-            notices.append(f"left out: {own.reason}")
+            notices.append(f"excluded: {own.reason}")
             continue
         tests += own[0]
         notices += own[1]

@@ -32,18 +32,21 @@ from sysid.diagnosis.actuator.whitening import (
     friction_scatter,
     noise_of,
 )
+from sysid.diagnosis.lack_of_fit import MOST_SCATTER
 from sysid.diagnosis.looked import Book, Looked, SearchStage
-from sysid.errors import Failure, SimulationError
+from sysid.errors import Failure, SimulationError, some_of
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parallel import attempt, limited
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
+from sysid.recording.simulation import NOT_FINITE
 
 TWINS = 4
 CORRECTION_TWINS = 2
 _QUICK_TWINS = 1
-_SCATTER_LIMIT = 0.1
+# Tests that a notice names.
+_SHOWN = 5
 
 
 @dataclass(frozen=True)
@@ -126,7 +129,7 @@ def begin(
         moving = moving_boundaries(bare, forms)
         if moving:
             bare = projected(build_frame(traces, model, colour, 0.0, moving), model)
-        spread = min(friction_scatter(bare.frame, bare.rest), _SCATTER_LIMIT)
+        spread = min(friction_scatter(bare.frame, bare.rest), MOST_SCATTER)
         sensors = _sensor_squares(replace(bare.frame, scatter=spread), model, noise, seed + 3)
     scatter = Scatter(spread, spread)
     progress(f"friction scatters by {100 * spread:.1f} % from test to test")
@@ -155,7 +158,7 @@ def begin(
     judged: list[Projected] = []
 
     def judge() -> None:
-        for twin in simulate_twins(traces, model, noise, scatter, count, seed, rig):
+        for twin in simulate_twins(traces, model, noise, scatter, count, seed, rig, set()):
             judged.append(twin_frame(twin))
 
     with limited():
@@ -242,8 +245,15 @@ def _pilot(
     No effect gains more on the logs than on those, so that none is named then.
     """
     book.enter(SearchStage.TWIN)
+    lost: set[str] = set()
     try:
-        return next(iter(simulate_twins(traces, model, noise, Scatter(), 1, seed, rig)))
+        found = next(iter(simulate_twins(traces, model, noise, Scatter(), 1, seed, rig, lost)))
+        if lost:
+            book.note(
+                f"{some_of(sorted(lost), _SHOWN)}: {NOT_FINITE} with the given model: only an "
+                "effect that shows in the other tests is found"
+            )
+        return found
     except SimulationError as error:
         book.miss(Failure(str(error)))
         return traces

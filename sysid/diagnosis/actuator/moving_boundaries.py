@@ -14,7 +14,7 @@ from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.looked import Book
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import overrides
-from sysid.search.misfit import Channel
+from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
 # A balance whose mean whitened square is larger holds more than noise.
@@ -40,7 +40,7 @@ def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[Cata
     least = max(_CLEAR_GAIN, _CLEAR_SHARE * sum(float(np.sum(own)) for own in squares))
     moving = [form for form in forms if _moves(form.neutral())]
     none = np.array([float(np.sum(bare.rest[frame.rows(name)] ** 2)) for name in CHANNELS])
-    white = tuple(Channel.of_noise(len(frame.windows[name])) for name in CHANNELS)
+    white = tuple(ResidualChannel.of_noise(len(frame.windows[name])) for name in CHANNELS)
     # Not in the search's book: what cannot be screened here it comes to itself.
     some = screened(bare, moving, white, Book())
     best: dict[str, tuple[float, CatalogueEffect]] = {}

@@ -14,7 +14,7 @@ import numpy as np
 from sysid.diagnosis.actuator.equation_error import EFFORT, EquationError, channels_of
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.plant.effects.entry import CatalogueEffect
-from sysid.search.misfit import Channel
+from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
 # Of the mains, Hz; a fit of a resonance may end beside it.
@@ -41,7 +41,7 @@ class Oscillation:
 
 
 def steady_oscillation(
-    base: Projected, channel: Channel, effect: CatalogueEffect, fall: float
+    base: Projected, channel: ResidualChannel, effect: CatalogueEffect, fall: float
 ) -> Oscillation | None:
     """The oscillation, near a frequency of an effect or of the mains, for which there is more
     evidence than for the effect.

@@ -16,8 +16,8 @@ from sysid.diagnosis.actuator.signatures import Candidate, Signatures
 from sysid.diagnosis.looked import Book
 from sysid.parallel import attempt_in_threads, spend
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
-from sysid.search.columns import Block, Columns, Proposal
-from sysid.search.misfit import Channel
+from sysid.search.columns import Columns, FormColumns, Proposal
+from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
 # Below this remaining share of its length a column is one that the base parameters imitate.
@@ -32,20 +32,20 @@ def usual_size(quantity: Quantity) -> float:
 
 
 @dataclass(frozen=True)
-class Screened:
+class Screening:
     """The forms that could be screened, in the order of the blocks of `columns`."""
 
     forms: tuple[Candidate, ...]
     columns: Columns
 
-    def without(self, names: Collection[str]) -> Screened:
+    def without(self, names: Collection[str]) -> Screening:
         """The same without some effects."""
         kept = [i for i, form in enumerate(self.forms) if form.id not in names]
         if len(kept) == len(self.forms):
             return self
-        return Screened(tuple(self.forms[i] for i in kept), self.columns.of(kept))
+        return Screening(tuple(self.forms[i] for i in kept), self.columns.of(kept))
 
-    def among(self, channels: tuple[Channel, ...]) -> Screened:
+    def among(self, channels: tuple[ResidualChannel, ...]) -> Screening:
         """The same with what is known of the channels' noise."""
         return replace(self, columns=replace(self.columns, channels=channels))
 
@@ -65,7 +65,7 @@ def _effect(form: Candidate, strengths: FloatArray) -> CatalogueEffect:
 
 def noise_channels(
     base: Projected, null: Null, none: FloatArray, directions: FloatArray
-) -> tuple[Channel, ...]:
+) -> tuple[ResidualChannel, ...]:
     """Each channel's rows, draws and noise: the mean square of the twin with most.
 
     `none` (channels,): the squares that the model without effects leaves; `directions` (channels,)
@@ -77,13 +77,13 @@ def noise_channels(
         tests = len(np.unique(frame.windows[name].run))
         square = float(np.mean(expected[rows])) if tests else 1.0
         draws = max(min(float(tests), float(most)), 1.0)
-        found.append(Channel(rows.stop - rows.start, draws, square, float(origin)))
+        found.append(ResidualChannel(rows.stop - rows.start, draws, square, float(origin)))
     return tuple(found)
 
 
 def screened(
-    base: Projected, forms: Sequence[Candidate], channels: tuple[Channel, ...], book: Book
-) -> Screened:
+    base: Projected, forms: Sequence[Candidate], channels: tuple[ResidualChannel, ...], book: Book
+) -> Screening:
     """Every form's columns against a residual. Raises OutOfBudgetError.
 
     Effects that cannot be screened are noted.
@@ -104,11 +104,11 @@ def screened(
         gradient[place, acts] = used.T @ base.rest[rows]
     blocks = tuple(_blocks(kept))
     columns = Columns(channels, blocks, gram, gradient, squares, np.zeros(len(blocks)))
-    return Screened(kept, columns)
+    return Screening(kept, columns)
 
 
 @dataclass(frozen=True)
-class _Part:
+class _Projections:
     """An effect's forms with their columns (rows, m) of one usual size, projected; gradients and
     lengths by channel (channels, m)."""
 
@@ -118,7 +118,7 @@ class _Part:
     length: FloatArray
 
 
-def _gradients(base: Projected, forms: Sequence[Candidate], book: Book) -> dict[str, _Part]:
+def _gradients(base: Projected, forms: Sequence[Candidate], book: Book) -> dict[str, _Projections]:
     # The forms of one effect stay together: those on both sides build on those on either.
     groups = [list(group) for _, group in itertools.groupby(forms, key=lambda f: f.id)]
     # What takes long begins first, so that no core waits for the last of them.
@@ -134,7 +134,7 @@ def _duration(forms: Sequence[Candidate]) -> int:
     return len(forms) * (_OF_A_STATE if forms[0].effect.states else 1)
 
 
-def _part(base: Projected, forms: Sequence[Candidate]) -> _Part:
+def _part(base: Projected, forms: Sequence[Candidate]) -> _Projections:
     signatures = Signatures(base.frame, base.model, base.residual)
     found = []
     for form in forms:
@@ -147,7 +147,7 @@ def _part(base: Projected, forms: Sequence[Candidate]) -> _Part:
     rows = [base.frame.rows(name) for name in CHANNELS]
     gradient = np.array([columns[own].T @ base.rest[own] for own in rows])
     length = np.array([np.linalg.norm(columns[own], axis=0) for own in rows])
-    return _Part(tuple(forms), columns.astype(np.float32), gradient, length)
+    return _Projections(tuple(forms), columns.astype(np.float32), gradient, length)
 
 
 def _steps_in_usual_sizes(form: Candidate) -> FloatArray:
@@ -158,13 +158,13 @@ def _steps_in_usual_sizes(form: Candidate) -> FloatArray:
     )
 
 
-def _blocks(forms: Sequence[Candidate]) -> Iterator[Block]:
+def _blocks(forms: Sequence[Candidate]) -> Iterator[FormColumns]:
     first = 0
     for form in forms:
         strengths = form.effect.strengths()
         sizes = np.array([usual_size(q) for q in strengths])
         lower, upper = (np.array([getattr(q, name) for q in strengths]) for name in _BOUNDS)
-        yield Block(
+        yield FormColumns(
             form.id,
             range(first, first + len(strengths)),
             lower / sizes,
@@ -209,7 +209,7 @@ class Bias:
                     [p[name].gradient / np.maximum(p[name].length, _TINY) for p in parts]
                 )
 
-    def counted(self, some: Screened) -> Screened:
+    def counted(self, some: Screening) -> Screening:
         """The same with what its known effects gain where nothing is missing."""
         columns = some.columns
         known = [f for f, form in enumerate(some.forms) if form.id in self._known]
@@ -218,7 +218,7 @@ class Bias:
             chance[f] = self.gain(some, f, columns.weights(alone.squares))
         return replace(some, columns=columns.with_chance(chance))
 
-    def gain(self, some: Screened, form: int, weights: FloatArray) -> float:
+    def gain(self, some: Screening, form: int, weights: FloatArray) -> float:
         """What a form may gain where nothing is missing, with the channels at weights (channels,).
 
         As much as on the twins, in the mean, whose gain's root a rig's own numerics may exceed; 0
@@ -250,4 +250,4 @@ def _lengths(columns: Columns, own: Sequence[int]) -> FloatArray:
     return np.sqrt([np.diag(gram)[own] for gram in columns.gram])
 
 
-__all__ = ["Bias", "Screened", "noise_channels", "screened", "usual_size"]
+__all__ = ["Bias", "Screening", "noise_channels", "screened", "usual_size"]

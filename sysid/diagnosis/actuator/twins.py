@@ -16,12 +16,14 @@ import numpy as np
 
 from sysid import signals
 from sysid.diagnosis.actuator.samples import TestRun, Traces, smooth
+from sysid.errors import SimulationError
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parallel import spend
 from sysid.plant.ports import Model
 from sysid.plant.sensors import measured_channels
+from sysid.recording.simulation import NOT_FINITE
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -139,11 +141,15 @@ def simulate_twins(
     count: int,
     seed: int,
     rig: Rig,
+    lost: set[str] | None = None,
 ) -> Iterator[Traces]:
     """`count` twins of the traces of a campaign's tests.
 
     A test in which nothing can move does not depend on scatter and is simulated once. The
-    seed determines every draw. Raises OutOfBudgetError.
+    seed determines every draw. A test whose simulation switches without end, or does not stay
+    finite, is NaN in that twin; with `lost`, to which its name is added, it is the log's own: no
+    effect gains more there on the log than on the twin. Raises OutOfBudgetError, and with `lost`
+    SimulationError where a twin would have no test of its own.
     """
     from sysid.plant.simulator import simulate
 
@@ -151,10 +157,11 @@ def simulate_twins(
     rng = np.random.default_rng(seed)
     moving = [run for run in traces.runs if run.moves]
     held = [run for run in traces.runs if not run.moves]
-    still = simulate([r.inputs for r in held], [_held(model)] * len(held))
+    fixed = [_held(model)] * len(held)
+    still = simulate([r.inputs for r in held], fixed, nan_if_endless=True)
     models = [scattered(model, scatter, rng) for _ in range(count * len(moving))]
     inputs = [run.inputs for _ in range(count) for run in moving]
-    moved = simulate(inputs, models)
+    moved = simulate(inputs, models, nan_if_endless=True)
     for i in range(count):
         own = moved[i * len(moving) : (i + 1) * len(moving)]
         found = dict(zip((r.rows.start for r in [*held, *moving]), [*still, *own], strict=True))
@@ -164,7 +171,23 @@ def simulate_twins(
             if run.stamps is not None:
                 draw = np.random.default_rng((seed, i, run.rows.start))
                 measured[:, run.rows] = _at_stamps(run, true[:, run.rows], noise, draw)
+        if lost is not None:
+            lost.update(_take_logs_own(measured, traces))
         yield traces.with_measured(*measured)
+
+
+def _take_logs_own(measured: FloatArray, traces: Traces) -> list[str]:
+    """Make channels (3, n) of a twin the log's in tests that are not finite; their names.
+
+    Raises SimulationError where that is all of them.
+    """
+    own = np.array([traces.position, traces.pressure_a, traces.pressure_b])
+    gone = [run for run in traces.runs if not np.isfinite(measured[:, run.rows]).all()]
+    if gone and len(gone) == len(traces.runs):
+        raise SimulationError(NOT_FINITE)
+    for run in gone:
+        measured[:, run.rows] = own[:, run.rows]
+    return [f"{run.file}, test {run.label}" if run.label else run.file for run in gone]
 
 
 def retraced(traces: Traces, noise: SensorNoise, seed: int) -> tuple[Traces, Traces]:

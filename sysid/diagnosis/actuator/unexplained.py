@@ -19,21 +19,22 @@ from sysid.diagnosis.actuator.equation_error import (
 )
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.whitening import Frame
-from sysid.diagnosis.binning import binned_means, bins_of, predicted_share
-from sysid.diagnosis.remainder import Remainder, ResidualTable, remainder
+from sysid.diagnosis.binning import binned_means
+from sysid.diagnosis.lack_of_fit import (
+    PER_DIRECTION,
+    Remainder,
+    ResidualTable,
+    dependences,
+    per_direction,
+    remainder,
+)
 from sysid.io.rig import Rig
-from sysid.types import FloatArray, IntArray
+from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from sysid.diagnosis.actuator.loop import Loop
 
 
-BINS = 12
-# Windows averaged before searching for a curve: noise falls, slow structure stays.
-_GROUP = 4
-_LEAST_IN_BIN = 8
-# Training tests are left out in so many folds, to say what repeats.
-_FOLDS = 4
 _RATE = "Pa/s"
 
 
@@ -77,25 +78,19 @@ def _strongest(found: Loop, channels: Sequence[str]) -> tuple[ResidualCurve, ...
 
 
 def remainders(found: Loop, rig: Rig) -> tuple[Remainder, ...]:
-    """How much of each balance's residual repeats when training tests are left out in turn.
+    """How much of each balance's residual repeats from training test to training test.
 
-    Of its windows' means, in the balance's unit; noise as a twin shows it.
+    Of its windows' means, in the balance's unit; noise is that of the sensors, as a twin shows it.
     """
     last = found.search.last
-    frame = last.frame
-    error = equation_error(frame.traces, last.model)
+    error = equation_error(last.frame.traces, last.model)
     rests = []
     for channel in BALANCES:
-        view = frame.windows[channel]
-        table = ResidualTable.of(
-            {n: view.average(v) for n, v in regressors(frame.traces, channel).items()},
-            view.average(error[channel]),
-            view.run,
-        )
+        table = _table(last.frame, error, channel)
         noise = math.sqrt(float(found.colour.covariance[channel][0]))
         unit = _RATE if channel != EFFORT else rig.units.effort
         name = log_channel(channel, rig)
-        rests.append(remainder(table, None, _folds(view.run), noise, name, unit))
+        rests.append(remainder(table, dependences(table), noise, name, unit))
     return tuple(rest for rest in rests if rest is not None)
 
 
@@ -109,16 +104,15 @@ def repeating(
     """
     known = {log_channel(curve.channel, rig) for curve in structured}
     channels = {log_channel(channel, rig): channel for channel in BALANCES}
-    open_ones = [r for r in rests if r.channel not in known and r.is_steady]
-    if not open_ones:
-        return ()
     first = found.search.first
-    error = equation_error(first.frame.traces, first.model)
     large = []
-    for rest in open_ones:
+    for rest in rests:
+        if rest.channel in known or rest.repeatable <= rest.noise:
+            continue
         channel = channels[rest.channel]
+        error = equation_error(first.frame.traces, first.model)
         before = first.frame.windows[channel].average(error[channel])
-        if rest.is_large(math.sqrt(float(np.mean(before**2)))):
+        if rest.is_structure(math.sqrt(float(np.mean(before**2)))):
             large.append(channel)
     return _strongest(found, large)
 
@@ -132,8 +126,8 @@ def regressors(traces: Traces, channel: str) -> dict[str, FloatArray]:
     """What a residual may depend on, (n,) each, by name."""
     if channel == BREAKAWAY:
         return {"rest": rest_before(traces), "angle": traces.position, "time": traces.time}
-    # Neither the acceleration for the effort nor a pressure's own rate for its rate: they
-    # hold the noise that the residual holds.
+    # Neither the acceleration nor the motor's effort for the effort, nor a pressure's own rate for
+    # its rate: they hold what the residual holds.
     t = traces
     found = {
         "velocity": t.velocity,
@@ -142,12 +136,12 @@ def regressors(traces: Traces, channel: str) -> dict[str, FloatArray]:
         "pressure_b": t.pressure_b,
         "pressure_difference": t.pressure_a - t.pressure_b,
         "time": t.time,
-        "motor": t.motor,
     }
     if channel == EFFORT:
         found["pressure_sum times direction"] = (t.pressure_a + t.pressure_b) * t.direction
-        found["angle times direction"] = (t.position - t.position.min() + 0.1) * t.direction
+        found["angle" + PER_DIRECTION] = per_direction(t.position, t.direction)
     else:
+        found["motor"] = t.motor
         found["valve_opening"] = t.open_a if channel.endswith("a") else t.open_b
         found["acceleration"] = t.acceleration
     return found
@@ -155,39 +149,20 @@ def regressors(traces: Traces, channel: str) -> dict[str, FloatArray]:
 
 def curves(frame: Frame, error: EquationError, channel: str) -> list[ResidualCurve]:
     """The residual's dependence on every regressor, the strongest first."""
+    view, found = frame.windows[channel], []
+    table = _table(frame, error, channel)
+    for own in dependences(table):
+        name = own.regressors[0]
+        centres = np.bincount(own.cell, table.columns[name]) / np.bincount(own.cell)
+        means = binned_means(own.cell, table.left, view.stretch)
+        curve, errors = (np.array(means[key]) for key in ("means", "errors"))
+        share = own.share if own.is_significant else 0.0
+        found.append(ResidualCurve(channel, name, share, centres, curve, errors))
+    return found
+
+
+def _table(frame: Frame, error: EquationError, channel: str) -> ResidualTable:
+    """Means of a balance's windows, (windows,)."""
     view = frame.windows[channel]
-    if len(view) < _GROUP * BINS * _LEAST_IN_BIN:
-        return []
-    values = _grouped(view.average(error[channel]), view.stretch)
-    stretch, run = (
-        _grouped(labels, view.stretch).astype(np.intp) for labels in (view.stretch, view.run)
-    )
-    folds = _folds(run)
-    found = []
-    for name, regressor in regressors(frame.traces, channel).items():
-        own = _grouped(view.average(regressor), view.stretch)
-        place, _ = bins_of(own, BINS, _LEAST_IN_BIN)
-        share = predicted_share(values, place, run, folds)
-        centres = np.bincount(place, own) / np.bincount(place)
-        means = binned_means(place, values, stretch)
-        found.append(
-            ResidualCurve(
-                channel, name, share, centres, np.array(means["means"]), np.array(means["errors"])
-            )
-        )
-    return sorted(found, key=lambda c: -c.share)
-
-
-def _folds(run: IntArray) -> list[list[int]]:
-    """Tests that are left out together; none of a single test."""
-    tests = np.unique(run)
-    folds = [tests[k::_FOLDS].tolist() for k in range(min(_FOLDS, len(tests)))]
-    return folds if len(folds) > 1 else []
-
-
-def _grouped(values: FloatArray | IntArray, stretch: IntArray) -> FloatArray:
-    """Means of _GROUP windows in a row; groups that span two stretches are left out."""
-    count = len(values) // _GROUP
-    table = values[: count * _GROUP].reshape(count, _GROUP)
-    same = stretch[: count * _GROUP].reshape(count, _GROUP)
-    return np.asarray(table[same[:, 0] == same[:, -1]].mean(axis=1))
+    columns = {n: view.average(v) for n, v in regressors(frame.traces, channel).items()}
+    return ResidualTable(columns, view.average(error[channel]), view.run)

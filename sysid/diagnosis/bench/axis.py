@@ -12,17 +12,26 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
+from typing import cast
 
 import numpy as np
 
 from sysid import signals
-from sysid.balance.imposed import ImposedMotion, effort_gap, imposed_motion
-from sysid.balance.samples import tells_speeds
-from sysid.diagnosis.bench.component import Component, Law, bends, law_held, rmse, smallest_probe
-from sysid.errors import NotIdentifiedError
+from sysid.balance.imposed import ImposedMotion, effort_gap, effort_noise, imposed_motion
+from sysid.balance.samples import only_way, tells_speeds
+from sysid.diagnosis.bench.component import (
+    NOT_SIMULATED,
+    Component,
+    Further,
+    Law,
+    law_held,
+    rmse,
+    smallest_probe,
+)
+from sysid.errors import Failure, NotIdentifiedError, SimulationError, on_its_own
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
@@ -33,7 +42,7 @@ from sysid.parameters.assembled_model import require_moving_inertia
 from sysid.parameters.quality import quality_field
 from sysid.plant import plant
 from sysid.plant.base import bare_parameters
-from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.effects.linear import ROTARY_ONLY
 from sysid.plant.effects.linkage import InertiaMismatch
 from sysid.plant.effects.motor import TorqueSaturation
@@ -41,8 +50,10 @@ from sysid.plant.ports import Model, Point, overrides
 from sysid.recording.even import recorded
 from sysid.recording.friction_kind import MOTION
 from sysid.recording.recording import Recording
-from sysid.types import FloatArray
+from sysid.types import FloatArray, IntArray
 
+# Of the speeds of all samples, without the spikes of a few.
+_HARDLY_ANY = 0.99
 # Fewest tests: fewer trials than this are cut into stretches.
 _FEWEST_TESTS = 3
 _STRETCHES = 6
@@ -52,17 +63,24 @@ _LEAST_CHANGE = 1e-9
 _MORE, _ANSWERS, _MOST_DEAF = 1e-3, 0.5, 0.5
 # Motion turns at the ends of what it visits: what the filter leaves of a reversal looks like one.
 _LIKE_REVERSALS = ("end-cushion",)
+_TESTS = "friction-motion or friction-sliding tests"
 _PORTS = ("parameters", "motor_effort", "friction_effort", "external_effort", "pitch_radius")
 
 
 @dataclass(frozen=True)
 class Axis(Component):
-    """An axis on its tests; `axis` builds one from trials."""
+    """An axis on its tests; `axis` builds one from trials.
+
+    `has_speeds`: whether they tell friction over speed. `only_way`: the one direction, 1 or -1, in
+    which they move, 0 for both; in one direction, as at one speed, the law's Coulomb friction is
+    the sum that such tests identify.
+    """
 
     rig: Rig
     cases: tuple[ImposedMotion, ...]
     trials: tuple[Trial, ...]
     has_speeds: bool
+    only_way: float = 0.0
     # Filters and derivatives leave as much of an exact law on logs without noise.
     precision = 0.0025
     channel: str = field(default="", init=False)
@@ -81,6 +99,21 @@ class Axis(Component):
         places = [np.asarray(c.point.position)[c.rows] for c in self.cases]
         return float(np.ptp(np.concatenate(places)))
 
+    @property
+    def fastest(self) -> float:
+        """The speed that hardly any sample exceeds, rad/s or m/s."""
+        speeds = [np.abs(np.asarray(c.point.velocity)[c.rows]) for c in self.cases]
+        return float(np.quantile(np.concatenate(speeds), _HARDLY_ANY))
+
+    def quantities_of(self, kind: type[CatalogueEffect]) -> tuple[Quantity, ...]:
+        """A speed that shapes an effect lies among those of this axis, whatever its size."""
+        return tuple(q.at_speeds(self.fastest) for q in super().quantities_of(kind))
+
+    @property
+    def spacing(self) -> float:
+        places = [np.asarray(c.point.position)[c.rows] for c in self.cases]
+        return float(np.median(np.abs(np.concatenate([np.diff(place) for place in places]))))
+
     def parameters(self) -> list[Parameter]:
         u = self.rig.units
         effort = float(np.mean([np.mean(np.abs(c.point.motor)) for c in self.cases]))
@@ -91,6 +124,7 @@ class Axis(Component):
         if self.has_speeds:
             steep = effort / speed
             found.append(Parameter(u.key("viscous"), 0.1 * steep, u.viscous_unit, 0.0, scale=steep))
+        if self.has_speeds and not self.only_way:
             found.append(Parameter(u.key("offset"), 0.0, u.effort, scale=effort))
         if self.rig.total_inertia() is None:
             steep = float(np.mean([np.std(c.seen.acceleration) for c in self.cases]))
@@ -194,65 +228,121 @@ class Axis(Component):
         return {name: np.concatenate(parts) for name, parts in found.items()}
 
     def noise_floor(self, law: Law) -> float:
-        """What changes over more than the filter's length, beyond a straight line (N or Nm).
+        """Of the channels' noise in the balance after its filter, N or Nm."""
+        model = self._model(law)
+        # Stretches of one trial share its sensors.
+        own = {id(case.point): effort_noise(case, model) for case in self.cases}
+        squares = [len(case.rows) * own[id(case.point)] ** 2 for case in self.cases]
+        return math.sqrt(sum(squares) / sum(len(case.rows) for case in self.cases))
 
-        Samples closer together share the filter's noise.
-        """
-        found = []
-        for case, left in zip(self.cases, self.residuals(law, range(len(self.cases))), strict=True):
-            step = max(1, int(np.median(np.diff(case.rows)))) if len(case.rows) > 1 else 1
-            lag = max(1, math.ceil(case.balanced.length / step))
-            if len(left) > 2 * lag:
-                near = np.ptp(np.stack([case.rows[2 * lag :], case.rows[: -2 * lag]]), axis=0)
-                found.append(bends(left, lag)[near <= 3 * lag * step])
-        return rmse(found)
+    def of_each_test(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
+        u = self.rig.units
+        free = {u.key("coulomb"): 0.0, u.key("viscous"): 0.0}
+        without = Law({k: free.get(k, v) for k, v in law.values.items()}, law.effects)
+        pairs = zip(self.residuals(without, tests), self.residuals(law, tests), strict=True)
+        return [more - left for more, left in pairs]
 
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
-        # What the fit could identify only together the law has as one number.
-        sums: dict[str, Any] = {} if self.has_speeds else {"combinations": []}
         judged = quality_field(quality, MOTION)
-        return Parts(friction=Friction.model_validate({**estimates, **sums, **judged}))
+        return Parts(friction=Friction.model_validate({**estimates, **judged}))
+
+    def renewed(
+        self, bundle: Bundle, estimates: Mapping[str, Estimate], quality: FitQuality | None = None
+    ) -> Bundle:
+        """The law's Coulomb friction stays a sum where the fit could identify only that."""
+        found, before = super().renewed(bundle, estimates, quality), bundle.friction
+        if before is None or found.friction is None:
+            return found
+        return found.replaced(friction=found.friction.with_sum_of(before))
 
     def law_of(self, bundle: Bundle) -> Law:
-        u = self.rig.units
-        tests = "friction-motion or friction-sliding tests"
+        """Numbers that cannot be are held at what physics allows (`parameters.possible`)."""
+        u, part = self.rig.units, bundle.friction
         names = [p.name for p in self.parameters()]
-        assumed = {u.key("offset"): 0.0} if u.key("offset") in names else {}
-        if not self.has_speeds and bundle.friction is not None:
-            # At one speed the law's Coulomb friction is all friction at that speed.
-            for one in bundle.friction.sums().values():
-                if one.of == [u.key("coulomb"), u.key("viscous")]:
-                    assumed[u.key("coulomb")] = one.estimate.value
-        return law_held("friction", bundle.friction, names, tests, **assumed)
+        offset = None if part is None else part.in_motion("offset")
+        along = offset.value if offset is not None and offset.identified else 0.0
+        assumed = {u.key("offset"): along} if u.key("offset") in names else {}
+        if part is not None and (held := part.sum_in_motion) is not None:
+            # In one direction or at one speed all friction is Coulomb friction of the law.
+            assumed |= {u.key("coulomb"): held.estimate.value}
+            if "viscous" in u.named(held.of) and u.key("viscous") in names:
+                assumed |= {u.key("viscous"): 0.0}
+        if part is not None and part.inertia is not None and not part.inertia.identified:
+            # Its share of the effort is neglected, as in the fit.
+            assumed |= {u.key("inertia"): 0.0} if u.key("inertia") in names else {}
+        law = law_held("friction", part, names, _TESTS, **assumed)
+        values = {p.name: max(law.values[p.name], p.lower) for p in self.parameters()}
+        if self.only_way and u.key("offset") not in names:
+            values[u.key("coulomb")] += self.only_way * along
+        return Law(values)
 
-    def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
+    def further_errors_of(self, laws: Sequence[Law]) -> tuple[list[Further], tuple[str, ...]]:
         """Of the position, simulated open loop over each whole trial from its first row.
 
-        Only where no pressure acts: a logged chamber's pressure is not the simulator's. Raises
-        NotIdentifiedError for an inertia that cannot be.
+        Only where no pressure acts: a logged chamber's pressure is not the simulator's. A trial
+        that a law cannot simulate counts for none; a law that can simulate none has no error.
         """
-        from sysid.plant.simulator import Inputs, simulate
-
         if self.rig.cylinder is not None:
-            return {}
+            return [{} for _ in laws], ()
+        gaps = [
+            [on_its_own(partial(self._gap, law, trial)) for trial in self.trials] for law in laws
+        ]
+        lost = [[isinstance(gap, Failure) for gap in own] for own in gaps]
+        some = [not all(own) for own in lost]
+        left_out = np.any([own for own, any_ in zip(lost, some, strict=True) if any_], axis=0)
+        known = np.flatnonzero(~left_out) if any(some) else np.zeros(0, dtype=int)
+        found: list[Further] = [
+            self._further([cast(FloatArray, own[i]) for i in known], known) if any_ else {}
+            for own, any_ in zip(gaps, some, strict=True)
+        ]
+        return found, tuple(self._not_simulated(gaps, some))
+
+    def _gap(self, law: Law, trial: Trial) -> FloatArray:
+        """Position (n,) of a trial, measured less simulated. Raises NotIdentifiedError for an
+        inertia that cannot be, and where the simulation has no end or does not stay finite."""
+        from sysid.plant.simulator import ENDLESS, Inputs, simulate
+
         model = self._model(law)
         require_moving_inertia(float(model.parameters.inertia), self.rig, "the law")
         # Motion does not determine breakaway: it is set to sliding friction.
         model = Model(
             model.parameters.replace(static_effort=model.parameters.coulomb_effort), model.effects
         )
-        gaps = []
-        for trial in self.trials:
-            position = trial[self.rig.position_channel]
-            inputs = Inputs(
-                time=trial.time,
-                motor=np.asarray(trial[self.rig.effort_channel]),
-                position=float(position[0]),
-            )
-            gaps.append(position - simulate([inputs], [model])[0].position)
+        position = trial[self.rig.position_channel]
+        inputs = Inputs(
+            time=trial.time,
+            motor=np.asarray(trial[self.rig.effort_channel]),
+            position=float(position[0]),
+        )
+        gap = position - simulate([inputs], [model], nan_if_endless=True)[0].position
+        if not np.isfinite(gap).all():
+            raise SimulationError(ENDLESS)
+        return np.asarray(gap)
+
+    def _further(self, gaps: Sequence[FloatArray], known: IntArray) -> Further:
+        """Error and noise of the position of the trials `known` by number, with these gaps."""
         name = self.rig.position_channel
-        noise = [signals.noise_floor(t[name], stride=t.stride_of(name)).total for t in self.trials]
-        return {self.rig.position_channel: (rmse(gaps), math.hypot(*noise) / math.sqrt(len(noise)))}
+        trials = [self.trials[i] for i in known]
+        noise = [signals.noise_floor(t[name], stride=t.stride_of(name)).total for t in trials]
+        if not trials:
+            return {}
+        return {name: (rmse(gaps), math.hypot(*noise) / math.sqrt(len(noise)))}
+
+    def _not_simulated(
+        self, gaps: Sequence[Sequence[FloatArray | Failure]], some: Sequence[bool]
+    ) -> Iterator[str]:
+        """Notices of laws that simulate no trial, and of trials that others do not."""
+        for own, any_ in zip(gaps, some, strict=True):
+            if not any_:
+                reasons = dict.fromkeys(gap.reason for gap in own if isinstance(gap, Failure))
+                yield from (f"{NOT_SIMULATED}: {why}" for why in reasons)
+                continue
+            for gap, trial in zip(own, self.trials, strict=True):
+                if isinstance(gap, Failure):
+                    yield (
+                        f"{trial.title} is not simulated: {gap.reason}; errors of "
+                        f"{self.rig.position_channel} are those of the other held-out tests"
+                    )
 
 
 def _depends_on_speed(effect: CatalogueEffect, point: Point) -> bool:
@@ -280,7 +370,17 @@ def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
         )
     speed = np.concatenate([np.asarray(c.point.velocity)[c.rows] for c in cases])
     load = np.concatenate([c.recording.cylinder[c.rows] for c in cases])
-    return Axis(rig, tuple(cases), tuple(trials), tells_speeds(speed, load))
+    way = only_way(speed)
+    if way:
+        # The few samples against it are those of a start or an end, blurred by the filter.
+        cases = [_along(case, way) for case in cases]
+    return Axis(rig, tuple(cases), tuple(trials), tells_speeds(speed, load), way)
+
+
+def _along(case: ImposedMotion, way: float) -> ImposedMotion:
+    """A case without its rows against a direction."""
+    speed = np.asarray(case.point.velocity)[case.rows]
+    return dataclasses.replace(case, rows=case.rows[way * speed > 0.0])
 
 
 def _cases(recording: Recording, pieces: int) -> list[ImposedMotion]:

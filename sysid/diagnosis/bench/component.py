@@ -7,11 +7,13 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
 
-from sysid.errors import NotIdentifiedError
+from sysid.diagnosis.lack_of_fit import MOST_SCATTER, scatter_of_tests
+from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
@@ -21,6 +23,9 @@ from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.types import FloatArray, IntArray
 
 Effects = tuple[CatalogueEffect, ...]
+Further = dict[str, tuple[float, float]]
+"""RMSE and noise floor by channel."""
+NOT_SIMULATED = "held-out tests are not simulated"
 
 
 @dataclass(frozen=True)
@@ -127,9 +132,14 @@ class Component(ABC):
         """How much of the position the tests visit, rad or m; infinite where that is unknown."""
         return math.inf
 
+    @property
+    def spacing(self) -> float:
+        """From one sample to the next in the position, rad or m; infinite where it is unknown."""
+        return math.inf
+
     def quantities_of(self, kind: type[CatalogueEffect]) -> tuple[Quantity, ...]:
         """An effect's quantities with what these tests can show of them; none: nothing."""
-        return kind.within(self.travel) or ()
+        return kind.within(self.travel, self.spacing) or ()
 
     @property
     def most_folds(self) -> int:
@@ -144,15 +154,28 @@ class Component(ABC):
         """Whether a part with this law could have given its tests at all."""
         return True
 
+    @abstractmethod
     def noise_floor(self, law: Law) -> float:
-        """RMSE of a correct law, in `unit`.
+        """What the sensors' noise leaves of a correct law's residual, RMSE in `unit`; NaN: unknown.
 
-        By default the change from one sample to the next, which no law in the logged
-        quantities explains.
+        Of the channels as declared or as logged, or of readings that repeat one another: a
+        residual holds what the law lacks.
         """
-        steps = [np.diff(part) for part in self.residuals(law, range(len(self.tests)))]
-        squares = np.concatenate([step**2 for step in steps]) if steps else np.zeros(0)
-        return math.sqrt(0.5 * float(np.mean(squares))) if len(squares) else math.nan
+
+    def of_each_test(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
+        """What differs by some per cent from test to test though the law is correct, as friction.
+
+        (n,) for each of `tests`, in `unit`; by default nothing.
+        """
+        return [np.zeros(len(part)) for part in self.measured(tests)]
+
+    def scatter(self, law: Law) -> float:
+        """RMSE, in `unit`, that `of_each_test` leaves of a correct law's residual."""
+        every = range(len(self.tests))
+        own = self.of_each_test(law, every)
+        test = np.repeat(np.arange(len(own)), [len(part) for part in own])
+        left = np.concatenate(self.residuals(law, every))
+        return min(scatter_of_tests(left, np.concatenate(own), test), MOST_SCATTER) * rmse(own)
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
         """RMSE and noise floor of further channels that a law is judged by; by default none.
@@ -160,6 +183,16 @@ class Component(ABC):
         An axis' position, simulated open loop; one branch of a valve's loop.
         """
         return {}
+
+    def further_errors_of(self, laws: Sequence[Law]) -> tuple[list[Further], tuple[str, ...]]:
+        """`further_errors` of each law, on the same tests; empty where a law gives none.
+
+        With notices of what is not simulated, and why.
+        """
+        found = [on_its_own(partial(self.further_errors, law)) for law in laws]
+        reasons = dict.fromkeys(own.reason for own in found if isinstance(own, Failure))
+        known = [{} if isinstance(own, Failure) else own for own in found]
+        return known, tuple(f"{NOT_SIMULATED}: {why}" for why in reasons)
 
 
 def law_held(
@@ -251,9 +284,11 @@ def rmse(parts: Sequence[FloatArray]) -> float:
 
 
 __all__ = [
+    "NOT_SIMULATED",
     "PROBE",
     "Component",
     "Effects",
+    "Further",
     "Law",
     "bends",
     "law_held",

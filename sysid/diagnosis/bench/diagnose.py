@@ -11,27 +11,30 @@ import numpy as np
 
 from sysid.diagnosis.bench.component import Component, Law, rmse
 from sysid.diagnosis.bench.evidence import HeldOutEvidence
+from sysid.diagnosis.bench.fitting import FittedLaw
 from sysid.diagnosis.bench.registry import component_of
 from sysid.diagnosis.bench.selection import Selection, select
-from sysid.diagnosis.bench.unexplained import LEAST_SHARE, BinnedResidual, curves, left_over
+from sysid.diagnosis.bench.starting_points import law_at
+from sysid.diagnosis.bench.unexplained import BinnedResidual, curves, left_over
 from sysid.diagnosis.evidence import residual
+from sysid.diagnosis.lack_of_fit import MISFIT, MOST_SCATTER, Remainder
 from sysid.diagnosis.looked import why_unexplained
-from sysid.diagnosis.remainder import Remainder
 from sysid.diagnosis.result import Diagnosis, Unexplained
-from sysid.diagnosis.thresholds import FAR_OFF
+from sysid.diagnosis.search import full_sentence
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import effects_from_bundle
 from sysid.plant.effects.entry import Catalogue, CatalogueEffect
+from sysid.types import FloatArray
 
 _LEFT_OUT = "errors before and after are those of tests left out of the fit in turn"
 _NO_LOG = "no held-out log"
-# An error this close to the noise floor leaves nothing to explain.
-_AT_FLOOR = 1.1
-# From here on what is left is misfit, which no interval of the law's own numbers knows of.
-_MISFIT = 3.0
+# The median of a squared normal deviate, over its mean.
+_MEDIAN_OF_SQUARES = 0.455
+# Rounds of reweighted least squares; of the largest residual: below it all count alike.
+_ROUNDS, _LEAST_WEIGHED = 20, 1e-6
 _FAR_OFF_NOTICE = (
     "the errors are far above the noise, though the tests share no structure: look for a log that "
     "is not like the others (chambers exchanged, a sign, a unit, another rig)"
@@ -72,30 +75,32 @@ def diagnose_component(
             outside, lacks_outside = None, (said,)
         else:
             errors, floors, missing = predicted
+            floors[component.channel] = _of_correct_law(component, laws[-1], selection)
             lacks_outside = (*outside.left_out, *missing)
     if outside is None:
         errors = [{component.channel: error} for error in _cross_validated(selection)]
-        floors = {component.channel: component.noise_floor(laws[-1])}
+        floors = {component.channel: _of_correct_law(component, laws[-1], selection)}
     floor = floors[component.channel]
     ambiguous = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
     ambiguous += [effect.undecided_sentence for effect in selection.undecided]
-    looked = selection.looked.sentences()
+    ambiguous += [a.limit_sentence for a in selection.additions if a.limit_sentence]
+    full = full_sentence(selection.additions)
+    looked = [*selection.looked.sentences(), *([full] if full else [])]
     notices = (*component.left_out, *lacks_outside, *ambiguous, *looked)
     left = curves(component, given, laws[-1])
     error = errors[-1].get(component.channel, selection.final.fit.residual_std)
-    rest = left_over(component, outside, laws[-1], floor)
-    structured = [c for c in left[:1] if c.share > LEAST_SHARE and error > _AT_FLOOR * floor]
-    if rest is not None:
-        structured = _repeating(structured, rest, left, errors[0].get(component.channel, error))
-    if error < component.precision * _size_of(component):
-        structured = []
+    rest = left_over(component, outside, laws[-1], component.noise_floor(laws[-1]))
+    is_visible = error >= component.precision * _size_of(component)
+    structured = _repeating(rest, left, errors[0].get(component.channel, error))
+    structured = structured if is_visible else []
     nothing = not (selection.additions or selection.looked.cut_short)
     undecided = nothing and not selection.looked.is_decided
-    far_off = nothing and floor > 0.0 and error > FAR_OFF * floor
+    far_off = nothing and is_visible and error > MISFIT * floor
+    far_off = far_off and _typical(component, outside, selection.final) > MISFIT * floor
     because = why_unexplained(bool(structured), far_off, undecided)
     if because == "held-out errors":
         notices = (*notices, _FAR_OFF_NOTICE)
-    if selection.additions and floor > 0.0 and error > _MISFIT * floor:
+    if selection.additions and floor > 0.0 and error > MISFIT * floor:
         notices = (
             *notices,
             f"the errors left are {error / floor:.2g} times the noise: intervals are those of the "
@@ -133,10 +138,9 @@ def _outside(
 def _held_out(
     outside: Component, laws: Sequence[Law]
 ) -> tuple[list[dict[str, float]], dict[str, float], tuple[str, ...]]:
-    """RMSE by channel of each law, and of a correct one; NaN where a law cannot be simulated, with
-    a notice of why."""
-    further = [on_its_own(partial(outside.further_errors, law)) for law in laws]
-    known = [{} if isinstance(own, Failure) else own for own in further]
+    """RMSE by channel of each law, and of a correct one in further channels; NaN where a law cannot
+    be simulated, with a notice of why."""
+    known, notices = outside.further_errors_of(laws)
     names = dict.fromkeys(name for own in known for name in own)
     unknown = (math.nan, math.nan)
     errors = [
@@ -144,10 +148,8 @@ def _held_out(
         | {name: own.get(name, unknown)[0] for name in names}
         for law, own in zip(laws, known, strict=True)
     ]
-    floor = outside.noise_floor(laws[-1])
-    floors = {outside.channel: floor} | {name: known[-1].get(name, unknown)[1] for name in names}
-    reasons = dict.fromkeys(own.reason for own in further if isinstance(own, Failure))
-    return errors, floors, tuple(f"held-out tests are not simulated: {why}" for why in reasons)
+    floors = {name: known[-1].get(name, unknown)[1] for name in names}
+    return errors, floors, notices
 
 
 def held_out_errors(outside: Component, bundle: Bundle, catalogue: Catalogue) -> dict[str, float]:
@@ -158,18 +160,56 @@ def held_out_errors(outside: Component, bundle: Bundle, catalogue: Catalogue) ->
 
 
 def _repeating(
-    structured: list[BinnedResidual],
-    rest: Remainder,
-    left: Sequence[BinnedResidual],
-    before: float,
+    rest: Remainder | None, left: Sequence[BinnedResidual], before: float
 ) -> list[BinnedResidual]:
-    """What counts as structure where it is known how much repeats from test to test."""
-    if not rest.is_steady:
+    """The curve over the quantity over which the residual repeats, where that counts."""
+    if rest is None or not rest.is_structure(before):
         return []
-    if not rest.is_large(before):
-        return structured
-    # Over several quantities together more repeats than over the strongest alone.
-    return [replace(curve, share=max(curve.share, rest.share)) for curve in left[:1]]
+    # Of two quantities together the curve over the stronger alone.
+    own = [curve for curve in left if curve.regressor in rest.regressors]
+    return [replace(curve, share=rest.share) for curve in own[:1]]
+
+
+def _typical(component: Component, outside: Component | None, fitted: FittedLaw) -> float:
+    """Error of the typical sample, in the component's unit: of held-out tests, else of its own.
+
+    With the numbers that suit most of the samples (least absolute residuals), so that the few that
+    the law is not about, as when friction builds up after a reversal, count neither themselves nor
+    by what they do to the numbers; friction may be each test's own, up to a tenth. As an RMSE of
+    normal errors.
+    """
+    fit = fitted.fit
+    sizes = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300)
+    slopes, left = fit.jacobian / sizes, fit.residuals
+    least = _LEAST_WEIGHED * float(np.max(np.abs(left), initial=1e-300))
+    for _ in range(_ROUNDS):
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(left), least))
+        more = np.linalg.lstsq(weight[:, None] * slopes, -weight * fit.residuals, rcond=None)[0]
+        left = fit.residuals + slopes @ more
+    values = zip(fit.parameters, fit.values + more / sizes, strict=True)
+    numbers = np.array([np.clip(value, p.lower, p.upper) for p, value in values])
+    law, shown = law_at(component.parameters(), fitted.law.effects, numbers), outside or component
+    tests = range(len(shown.tests))
+    pairs = zip(shown.residuals(law, tests), shown.of_each_test(law, tests), strict=True)
+    left = np.concatenate([_less_its_own(*pair) for pair in pairs])
+    return math.sqrt(float(np.median(left**2)) / _MEDIAN_OF_SQUARES)
+
+
+def _less_its_own(left: FloatArray, own: FloatArray) -> FloatArray:
+    """A test's residual (n,) less its own multiple of what differs from test to test, (n,)."""
+    acts = own != 0.0
+    share = float(np.median(left[acts] / own[acts])) if acts.any() else 0.0
+    return np.asarray(left - np.clip(share, -MOST_SCATTER, MOST_SCATTER) * own)
+
+
+def _of_correct_law(component: Component, law: Law, selection: Selection) -> float:
+    """RMSE of a correct law on tests that it was not fitted on, in the component's unit.
+
+    The sensors' noise, what differs from test to test, and the errors of the fitted numbers.
+    """
+    fit = selection.final.fit
+    own = math.hypot(component.noise_floor(law), component.scatter(law))
+    return own * math.sqrt(1.0 + len(fit.values) / max(len(fit.residuals), 1))
 
 
 def _size_of(component: Component) -> float:
@@ -185,7 +225,8 @@ def _cross_validated(selection: Selection) -> list[float]:
 
 def _errors(outside: Component, law: Law) -> dict[str, float]:
     predicted = rmse(outside.residuals(law, range(len(outside.tests))))
-    simulated = {name: error for name, (error, _) in outside.further_errors(law).items()}
+    ((further,), _) = outside.further_errors_of([law])
+    simulated = {name: error for name, (error, _) in further.items()}
     return {outside.channel: predicted, **simulated}
 
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.starting_points import (
-    bounds_of,
     first_guesses,
     law_at,
     residuals_of,
@@ -118,6 +117,14 @@ class FittedLaw:
         return not any(getattr(self.law.effects[-1], q.name) for q in stuck)
 
     @property
+    def limits(self) -> tuple[str, ...]:
+        """The last effect's shapes that ended at a limit of their range: what the tests show lies
+        beyond the forms that it can take."""
+        kind = type(self.law.effects[-1])
+        stuck = self.fit.diagnosis.at_bound
+        return tuple(q.label for q in kind.shapes() if not q.is_choice and _key(kind, q) in stuck)
+
+    @property
     def independent_samples(self) -> float:
         """Number of independent residuals equivalent to the correlated ones, for a mean."""
         # The residuals as they are: what the fit took out counts as its parameters.
@@ -183,13 +190,18 @@ def _moved(own: Sequence[Parameter], fit: LeastSquaresFit) -> list[Parameter]:
     ]
 
 
+def _bounds(quantity: Quantity) -> tuple[float, float]:
+    """Those of a fit: a strength may have any size, a shape what these tests can show."""
+    return quantity.anywhere if quantity.is_strength else (quantity.lower, quantity.upper)
+
+
 def _effect_parameters(component: Component, effects: Sequence[CatalogueEffect]) -> list[Parameter]:
     return [
         Parameter(
             _key(type(e), q),
-            float(np.clip(getattr(e, q.name), *bounds_of(q))),
+            float(np.clip(getattr(e, q.name), *_bounds(q))),
             q.unit,
-            *bounds_of(q),
+            *_bounds(q),
             abs(getattr(e, q.name)) or abs(q.typical),
         )
         for e in effects

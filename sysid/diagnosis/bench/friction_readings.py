@@ -253,8 +253,7 @@ class FrictionPoints(Component):
         if dof > 0:
             means = np.bincount(cells, self._followed) / count
             return math.sqrt(float(np.sum((self._followed - means[cells]) ** 2)) / dof)
-        left = np.concatenate(self.residuals(law, range(len(cells))))
-        steps = np.diff(left[np.argsort(cells)])
+        steps = np.diff(self._followed[np.argsort(cells)])
         return math.sqrt(0.5 * float(np.mean(steps**2))) if len(steps) else math.nan
 
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:

@@ -6,7 +6,8 @@ is added if its strength differs significantly from 0, corrected for all that we
 (Bonferroni), and it removes a substantial share of the prediction error. One with fewer numbers
 that predicts about as well goes before it where the BIC is no worse: a shape with many may imitate
 a constant, a slope or a product of two channels. One whose strength ends at the limit of what
-is plausible has another cause's form, and goes behind those that do not. It is ambiguous if
+is plausible has another cause's form, and goes behind those that do not; so does one whose shape
+ends at a limit of its range behind those that explain about as much. It is ambiguous if
 parts of the tests would have added another effect (`sysid.diagnosis.bench.stability`); so is
 an effect that fits but does not predict, if parts of the tests name it.
 """
@@ -25,7 +26,15 @@ from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, cross_validated, fit_law
 from sysid.diagnosis.bench.stability import Repeats, repeats
 from sysid.diagnosis.looked import Book, Looked, SearchStage
-from sysid.diagnosis.search import MOST_EFFECTS, Round, Rounds, Step, Tried, run
+from sysid.diagnosis.search import (
+    MOST_EFFECTS,
+    Round,
+    Rounds,
+    Step,
+    Tried,
+    limit_sentence,
+    run,
+)
 from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
 from sysid.errors import Failure
 from sysid.estimation.nonlinear import LeastSquaresFit
@@ -74,6 +83,11 @@ class Addition(Step):
     def parts_named(self) -> dict[str, Any]:
         """What parts of the tests name."""
         return self.repeats.to_json()
+
+    @property
+    def limit_sentence(self) -> str:
+        """Says that its name is in doubt as a shape ended at a limit; empty where none did."""
+        return limit_sentence(self.id, self.fitted.limits, self.ambiguous)
 
 
 @dataclass(frozen=True)
@@ -160,7 +174,7 @@ class _HeldOutRounds(Rounds[Addition]):
             return None
         if len(self.steps) == MOST_EFFECTS:
             return None
-        winner, fitted = simplest([p for p in passing if p[1].is_plausible] or passing)
+        winner, fitted = preferred([p for p in passing if p[1].is_plausible] or passing)
         self.progress(f"{winner.id}: removes {100 * winner.gain:.0f} % of the prediction error")
         rivals = [f for a, f in fits if a.gain > 0.0 and a is not winner]
         unfitted = self.book.unfinished(SearchStage.EFFECTS, number)
@@ -304,6 +318,18 @@ def simplest(passing: Sequence[tuple[Attempt, FittedLaw]]) -> tuple[Attempt, Fit
     return min(equal, key=lambda pair: len(pair[1].fit.values))
 
 
+def preferred(passing: Sequence[tuple[Attempt, FittedLaw]]) -> tuple[Attempt, FittedLaw]:
+    """The `simplest`; one whose shape ends at a limit of its range gives way to the simplest of
+    those that explain about as much within theirs.
+
+    Which of them predicts best depends on the tests: a form beyond the limit imitates the others.
+    """
+    best, fitted = simplest(passing)
+    least = RIVAL_SHARE * best.gain
+    within = [(a, f) for a, f in passing if a.gain > least and not f.limits]
+    return simplest(within) if fitted.limits and within else (best, fitted)
+
+
 def _bic(fitted: FittedLaw, best: FittedLaw) -> float:
     """Schwarz's criterion, with as many samples as the best's correlated residuals are worth."""
     count = max(best.independent_samples, 2.0)
@@ -333,4 +359,4 @@ def _ambiguous(winner: Attempt, passing: Sequence[Attempt], known: set[str]) -> 
     return tuple(sorted(near))
 
 
-__all__ = ["Addition", "Attempt", "Selection", "folds_of", "select", "simplest"]
+__all__ = ["Addition", "Attempt", "Selection", "folds_of", "preferred", "select", "simplest"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,11 +14,13 @@ from sysid.estimation.nonlinear import LeastSquaresFit, Parameter
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.types import FloatArray
 
-_SIZED = {"N", "Nm", "kg", "W"}
 # Tolerated deviation of the effect of four times a strength from four times its effect.
 _BENT = 0.5
 # Below this share of its length a signature is one the law's own parameters can imitate.
 _OWN_SHARE = 1e-3
+# Wave numbers that are tried of the residual's spectrum over the position, and its resolution.
+_PEAKS = 3
+_MOST_CELLS = 2**17
 
 
 def law_at(own: Sequence[Parameter], effects: Sequence[CatalogueEffect], values: FloatArray) -> Law:
@@ -29,17 +30,6 @@ def law_at(own: Sequence[Parameter], effects: Sequence[CatalogueEffect], values:
         dict(zip(names, map(float, values), strict=False)),
         with_values(effects, values[len(own) :]),
     )
-
-
-def bounds_of(quantity: Quantity) -> tuple[float, float]:
-    """Its bounds; only the sign for a strength in units of effort, flow or heat.
-
-    Parts differ in size, but a sensor's delay or an exponent is the same on any rig.
-    """
-    units = set(re.findall(r"[A-Za-z]+", quantity.unit))
-    if not quantity.is_strength or not units & _SIZED:
-        return quantity.lower, quantity.upper
-    return (-math.inf if quantity.lower < 0.0 else 0.0), math.inf
 
 
 def side_of(kind: type[CatalogueEffect], component: Component) -> dict[str, str]:
@@ -93,7 +83,7 @@ def _start(
     basis = np.linalg.qr(fit.jacobian / np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1e-300))[0]
     best, most = kind.neutral(**side_of(kind, component)), -1.0
     sizes = list(itertools.product(*(_probes(q) for q in kind.strengths())))
-    every = shapes(component.quantities_of(kind))
+    every = shapes(_with_waves_of(rest, component, kind, tests))
     forms = [(shape, probes) for shape in every for probes in sizes]
     probing = [
         kind.neutral(**{**shape, **side_of(kind, component), q.name: size})
@@ -113,6 +103,40 @@ def _start(
             best = kind.neutral(**{**shape, **side_of(kind, component), **fields})
             most = gain
     return best
+
+
+def _with_waves_of(
+    rest: FloatArray, component: Component, kind: type[CatalogueEffect], tests: Sequence[int]
+) -> list[Quantity]:
+    """An effect's quantities, a wave number's grid with those at which a residual (n,) peaks."""
+    found = list(component.quantities_of(kind))
+    columns = component.regressors(tests)
+    place = columns.get("position", columns.get("angle"))
+    if place is None or not any(q.is_wave for q in found):
+        return found
+    # A ripple of the motor changes its sign with the effort.
+    changing = [rest * np.sign(columns["motor"])] if "motor" in columns else []
+    return [
+        replace(q, grid=(*q.grid, *_peaks(place, [rest, *changing], q))) if q.is_wave else q
+        for q in found
+    ]
+
+
+def _peaks(place: FloatArray, rests: Sequence[FloatArray], quantity: Quantity) -> list[float]:
+    """The wave numbers, rad per unit, at which residuals (n,) over a position peak most."""
+    travel = float(np.ptp(place))
+    cells = min(_MOST_CELLS, 2 ** math.ceil(math.log2(2.0 * travel * quantity.upper / math.pi)))
+    cell = np.minimum((place - place.min()) / travel * cells, cells - 1).astype(np.intp)
+    # Padded, so that a peak lies within a quarter of the line's width.
+    waves = 2.0 * math.pi / travel * np.arange(2 * cells + 1) / 4.0
+    found: list[float] = []
+    for rest in rests:
+        power = np.abs(np.fft.rfft(np.bincount(cell, rest, cells), 4 * cells)) ** 2
+        inner = power[1:-1]
+        peak = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
+        peak = peak[(waves[peak] >= quantity.lower) & (waves[peak] <= quantity.upper)]
+        found += waves[peak[np.argsort(-power[peak])[:_PEAKS]]].tolist()
+    return found
 
 
 def _probes(quantity: Quantity) -> tuple[float, ...]:
@@ -136,10 +160,10 @@ def _take(
     thresholds = np.array([bool(q.grid) for q in kind.strengths()])
     coefficients = np.where(thresholds & keep, 1.0, coefficients)
     for i, (q, size) in enumerate(zip(kind.strengths(), probes, strict=True)):
-        low, high = bounds_of(q)
+        low, high = q.anywhere
         coefficients[i] = np.clip(coefficients[i] * size, low, high) / size
     left = rest + own @ coefficients
     return float(rest @ rest - left @ left), coefficients
 
 
-__all__ = ["bounds_of", "first_guesses", "law_at", "residuals_of", "side_of"]
+__all__ = ["first_guesses", "law_at", "residuals_of", "side_of"]

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.bench.component import Component, Law, law_held, smallest_probe, usable
+from sysid import signals
+from sysid.diagnosis.bench.component import Component, Law, law_held, rmse, smallest_probe, usable
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -60,7 +61,8 @@ _ACTS = 1e-7
 class Discharge:
     """One test from the stop of the pump on: means over bins of `bin_s`.
 
-    `time` (n,) s since the stop, `pressure` (n,) Pa absolute, `start` the pressure at 0.
+    `time` (n,) s since the stop, `pressure` (n,) Pa absolute, `start` the pressure at 0, `noise`
+    what the sensor's noise leaves of a mean, Pa.
     """
 
     label: str
@@ -68,6 +70,7 @@ class Discharge:
     pressure: FloatArray
     start: float
     bin_s: float
+    noise: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,10 @@ class TankComponent(Component):
             "time since the pump's stop (s)": np.concatenate([d.time for d in chosen]),
             "pressure_a_pa": np.concatenate([d.pressure for d in chosen]),
         }
+
+    def noise_floor(self, law: Law) -> float:
+        """Of the pressure as logged, in the means of bins."""
+        return rmse([np.full(len(d.time), d.noise) for d in self.discharges])
 
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         unasked = Estimate.unidentified(
@@ -340,7 +347,9 @@ def _binned(fall: _Fall, bin_s: float) -> Discharge:
             f"{fall.trial.source}: c_dis is not identified: the discharge is logged for "
             f"{fall.time[-1]:.3g} s only; a longer one, or a faster logger, would do"
         )
-    return Discharge(fall.trial.title, means[0], means[1], fall.start, bin_s)
+    sensor = signals.noise_floor(fall.pressure, stride=fall.trial.stride_of("pressure_a_pa"))
+    noise = sensor.after(float(np.mean(1.0 / rows[filled])))
+    return Discharge(fall.trial.title, means[0], means[1], fall.start, bin_s, noise)
 
 
 def _point(time: float, pressure: FloatArray, extra: dict[str, Array], model: Model) -> Point:

@@ -10,13 +10,21 @@ import numpy as np
 
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.selection import folds_of
-from sysid.diagnosis.binning import binned_means, bins_of, predicted_share
-from sysid.diagnosis.remainder import Remainder, ResidualTable, remainder
+from sysid.diagnosis.binning import binned_means, bins_of
+from sysid.diagnosis.lack_of_fit import (
+    PER_DIRECTION,
+    Remainder,
+    ResidualTable,
+    dependences,
+    per_direction,
+    remainder,
+)
 from sysid.types import FloatArray
 
 BINS = 16
-LEAST_SHARE = 0.1
-"""Share of the residual's variance that a curve must predict to count as structure."""
+HOLDING = ("motor", "acceleration")
+"""Regressors that hold what is left of a balance: the effort itself, and what it accelerates."""
+_PLACES = {"position", "angle"}
 _LEAST_IN_BIN = 4
 MOST_CURVES = 3
 """Curves of a diagnosis that are written and drawn."""
@@ -78,43 +86,76 @@ class BinnedResidual:
 
 
 def curves(component: Component, before: Law, after: Law) -> list[BinnedResidual]:
-    """Over every regressor, first that over which the remaining residual is most predictable."""
-    everything = range(len(component.tests))
-    residuals = component.residuals(after, everything)
-    left = np.concatenate(residuals)
-    given = np.concatenate(component.residuals(before, everything))
-    test = np.repeat(np.arange(len(residuals)), [len(part) for part in residuals])
-    folds = folds_of(component)
+    """Over every regressor, first that over which the remaining residual repeats most.
+
+    In cells as wide as that needs; without enough tests to say, in bins of equal count.
+    """
+    table = _table(component, after)
+    given = np.concatenate(component.residuals(before, range(len(component.tests))))
     found = []
-    for name, regressor in component.regressors(everything).items():
-        place, count = bins_of(regressor, BINS, _LEAST_IN_BIN)
-        if count < 3:
-            continue
-        share = predicted_share(left, place, test, folds)
-        centres = np.bincount(place, regressor) / np.bincount(place)
-        pairs = (("before", given), ("after", left))
-        parts = {key: binned_means(place, values, test) for key, values in pairs}
-        found.append(BinnedResidual(component.channel, component.unit, name, share, centres, parts))
-    return sorted(found, key=lambda curve: -curve.share)
+    known = {d.regressors[0]: d for d in dependences(table) if len(d.regressors) == 1}
+    for name, own in known.items():
+        found.append((name, own.cell, own.share if own.is_significant else 0.0))
+    for name, values in table.columns.items():
+        place, count = bins_of(values, BINS, _LEAST_IN_BIN)
+        if name not in known and count >= 3:
+            found.append((name, place, 0.0))
+    pairs = (("before", given), ("after", table.left))
+    return [
+        BinnedResidual(
+            component.channel,
+            component.unit,
+            name,
+            share,
+            np.bincount(cell, table.columns[name]) / np.bincount(cell),
+            {key: binned_means(cell, values, table.test) for key, values in pairs},
+        )
+        for name, cell, share in found
+    ]
 
 
 def left_over(
     component: Component, outside: Component | None, law: Law, noise: float
 ) -> Remainder | None:
-    """How much of a law's residual repeats: held-out tests (`outside`), or tests left out in turn.
+    """How much of a law's residual repeats: of held-out tests (`outside`), else of its own tests.
 
-    `noise` in the channel's unit.
+    Each predicted by all others of both. `noise` of the sensors, in the channel's unit.
     """
-    own = _table(component, law)
-    other = None if outside is None else _table(outside, law)
-    return remainder(own, other, folds_of(component), noise, component.channel, component.unit)
+    table, judged = _table(component, law), None
+    if outside is not None:
+        own = len(table)
+        table = table.beside(_table(outside, law))
+        judged = np.arange(len(table)) >= own
+    found = dependences(table)
+    return remainder(table, found, noise, component.channel, component.unit, judged)
 
 
 def _table(component: Component, law: Law) -> ResidualTable:
+    """Over what does not hold the residual; of the channel itself the law's own prediction."""
     every = range(len(component.tests))
     parts = component.residuals(law, every)
-    test = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    return ResidualTable.of(component.regressors(every), np.concatenate(parts), test)
+    left = np.concatenate(parts)
+    columns = {n: v for n, v in component.regressors(every).items() if n not in HOLDING}
+    if component.channel in columns:
+        columns[component.channel] = columns[component.channel] - left
+    direction = _direction(columns)
+    if direction is not None:
+        for name in _PLACES & columns.keys():
+            columns[name + PER_DIRECTION] = per_direction(columns[name], direction)
+    test = np.arange(len(parts))
+    if len(left) < 2 * len(parts):
+        # Readings that are tests of their own: those that are left out together.
+        for number, fold in enumerate(folds_of(component)):
+            test[fold] = number
+    which = np.repeat(test, [len(part) for part in parts])
+    pairs = [(name, "velocity") for name in _PLACES if {name, "velocity"} <= columns.keys()]
+    return ResidualTable(columns, left, which, pairs)
 
 
-__all__ = ["BINS", "LEAST_SHARE", "MOST_CURVES", "BinnedResidual", "curves", "left_over"]
+def _direction(columns: Mapping[str, FloatArray]) -> FloatArray | None:
+    """Which way the part moves, (n,); None where it is not known."""
+    found = columns.get("velocity", columns.get("direction"))
+    return None if found is None else np.sign(found)
+
+
+__all__ = ["BINS", "HOLDING", "MOST_CURVES", "BinnedResidual", "curves", "left_over"]

@@ -182,18 +182,17 @@ class ValveFlow(Component):
         }
 
     def noise_floor(self, law: Law) -> float:
-        """From second differences along the duty: the law's own slope is not noise."""
-        residuals = self.residuals(law, range(len(self.stretches)))
+        """From second differences of the readings along the duty, each way: a slope is no noise."""
         found = []
         for sweep in dict.fromkeys(s.sweep for s in self.stretches):
-            parts = [
-                (s.duty, r)
-                for s, r in zip(self.stretches, residuals, strict=True)
-                if s.sweep == sweep
-            ]
-            duty, left = (np.concatenate(column) for column in zip(*parts, strict=True))
-            left = left[np.argsort(duty, kind="stable")]
-            found.append(bends(left))
+            own = [s for s in self.stretches if s.sweep == sweep]
+            duty, flow, way = (
+                np.concatenate([getattr(s, name) for s in own])
+                for name in ("duty", "flow", "direction")
+            )
+            for sign in np.unique(way):
+                order = np.argsort(duty[way == sign], kind="stable")
+                found.append(bends(flow[way == sign][order]))
         return rmse(found)
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:

@@ -168,8 +168,11 @@ class ValveTime(Component):
         }
 
     def noise_floor(self, law: Law) -> float:
-        """From second differences along the duty: a smooth law is not noise."""
-        return rmse([bends(r) for r in self.residuals(law, range(len(self.sweeps)))])
+        """From second differences of the readings along the duty: a smooth law is not noise.
+
+        Of the time times the duty, which a valve that follows its pulses has in common.
+        """
+        return rmse([bends(np.log(s.seconds * s.duty)) for s in self.sweeps])
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
         """Of the logarithm, for filling and for emptying separately."""

@@ -25,7 +25,7 @@ OTHER_SPEED = (
 
 @dataclass(frozen=True)
 class Combination:
-    """A sum of parameters that the tests identify though not its parts.
+    """A sum of parameters that the tests identify although they do not identify its parts.
 
     `terms` are the parameters' names, `coefficients` their factors in the sum; `test` is the test
     that would separate them.
@@ -79,7 +79,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class Separation:
-    """Whether tests run in both directions and at several speeds; `way` is the only direction."""
+    """Whether tests run both ways and at several speeds; `way` is that of one-way tests."""
 
     both: bool
     speeds: bool
@@ -135,7 +135,7 @@ def mean_friction(
 
 
 def _stds(fit: LinearFit) -> FloatArray:
-    """Infinite without repetitions from which an error could be estimated."""
+    """Infinite without repeats from which an error could be estimated."""
     return np.asarray(np.sqrt(fit.variance * np.diag(fit.unscaled)))
 
 

@@ -1,4 +1,4 @@
-"""What the friction fits say of their tests: the use made of each, and what pushes them.
+"""How the friction fits use their tests, and what drives the motion in them.
 
 "Effort" is torque (Nm) on a rotary rig and force (N) on a linear one; "position" is rad
 or m accordingly.
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.estimation.quality import LeftOut, root_mean_square
+from sysid.estimation.quality import ExcludedData, root_mean_square
 from sysid.recording.recording import Recording
 from sysid.types import FloatArray
 
@@ -24,7 +24,7 @@ _PUSHED = 0.3  # correlation of speed and push
 
 @dataclass
 class TrialUse:
-    """The outcome of one trial: used, or excluded and why, and the values read from it.
+    """The outcome of one trial: used, or excluded with the reason, and the values read from it.
 
     `has_stopped`: a ramp's effort had stopped growing before the shaft moved.
     """
@@ -42,7 +42,7 @@ class TrialUse:
         """ "test 3", or the file of a test without a label."""
         return f"test {self.label}" if self.label else Path(self.source).name
 
-    def leave_out(self, reason: str) -> None:
+    def exclude(self, reason: str) -> None:
         self.used, self.reason = False, reason
 
     def to_json(self) -> dict[str, Any]:
@@ -53,19 +53,19 @@ class TrialUse:
         return table | self.values
 
 
-def left_out_lines(uses: Sequence[TrialUse]) -> list[str]:
-    """Each reason for leaving tests out, once, with their number and their names."""
+def exclusion_lines(uses: Sequence[TrialUse]) -> list[str]:
+    """Each reason for excluding tests, once, with their number and names."""
     left_out = by_reason([use for use in uses if not use.used])
-    return [f"{len(own)} left out ({titles(own)}): {why}" for why, own in left_out.items()]
+    return [f"{len(own)} excluded ({titles(own)}): {why}" for why, own in left_out.items()]
 
 
-def tests_left_out(uses: Sequence[TrialUse], asked: tuple[FloatArray, FloatArray]) -> LeftOut:
+def excluded_tests(uses: Sequence[TrialUse], asked: tuple[FloatArray, FloatArray]) -> ExcludedData:
     """The tests that a fit excluded; `asked`: the measured values and the law's residuals of all
     tests (n,) that the law predicts, used or not."""
     measured, left = asked
     used = sum(use.used for use in uses)
     unasked = len(uses) - max(len(measured), used)
-    out = LeftOut("tests", len(uses) - used, len(uses), unasked)
+    out = ExcludedData("tests", len(uses) - used, len(uses), unasked)
     if len(measured) <= used:
         return out
     size = root_mean_square(measured)
@@ -79,14 +79,14 @@ def against_motion(uses: Sequence[TrialUse]) -> bool:
 
 
 def _work(values: Mapping[str, float]) -> float | None:
-    """What friction takes, or a ramp's effort gives; below zero where that cannot be."""
+    """Work done by friction, or by the effort of a ramp; negative where that is impossible."""
     if "breakaway" in values:
         return values["breakaway"] * values["direction"]
     return values["friction"] * values["speed"] if "friction" in values else None
 
 
 def by_reason(uses: Sequence[TrialUse]) -> dict[str, list[TrialUse]]:
-    """The tests by the reason for leaving them out, in the order of the first of each."""
+    """The tests by the reason for excluding them, in the order of the first of each."""
     groups: dict[str, list[TrialUse]] = {}
     for use in uses:
         groups.setdefault(use.reason, []).append(use)
@@ -102,9 +102,9 @@ def titles(uses: Sequence[TrialUse]) -> str:
 
 
 def pushed_along(trials: Sequence[Recording]) -> str | None:
-    """A notice where the chambers' air pushes the motion along though only the motor drives it.
+    """A notice where the chambers' air drives the motion although only the motor should.
 
-    Air that breathes through open exhausts resists: its effort and the speed have opposite signs
+    Air flowing through open exhausts resists motion: its effort and the speed have opposite signs
     in the mean over all trials. None where they do, or where the trials do not show it.
     """
     pairs = [_blocks(t) for t in trials if not t.valves_move and np.any(t.motor)]
@@ -116,7 +116,7 @@ def pushed_along(trials: Sequence[Recording]) -> str | None:
     if size == 0.0 or float(speed @ push) < _PUSHED * size:
         return None
     return (
-        "the chambers' pressures push the motion along though only the motor drives it: are "
+        "the chambers' pressures drive the motion although only the motor should: are "
         "pressure_a_pa and pressure_b_pa swapped, or is the position's sign reversed?"
     )
 

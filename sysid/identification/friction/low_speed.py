@@ -1,4 +1,5 @@
-"""Samples whose friction is not yet, or no longer, that of sliding: excluded on evidence.
+"""Samples whose friction is not yet, or no longer, that of sliding, and their exclusion on
+evidence.
 
 After a reversal the contacts deform before they slide (presliding), and at low speed friction may
 be above Coulomb friction (Stribeck). Both bias Coulomb and viscous friction, which are the law of
@@ -36,9 +37,9 @@ BINS = 20
 _SMALL = 0.25
 # The law has to hold for most of the samples; otherwise none is excluded for its speed.
 _MOST_OUT = 0.5
-# A deviation of the lowest bin alone is left to the interval: it may be the filter's.
+# A deviation of the lowest bin alone is not excluded: it may come from the filter.
 _FEWEST_OUT = 2
-# So many bins in a row that are predicted end the search.
+# Number of consecutive predicted bins that ends the search.
 _SETTLED = 2
 # Share of the friction by which a bin may deviate from the law of the others.
 _TOLERATED = 0.03
@@ -46,11 +47,11 @@ _LEVEL = 0.99
 _STRETCHES = 8
 
 RULE = (
-    "samples shortly after a reversal are left out as long as their friction falls short of the "
-    "law fitted on the others by more than that of the samples before the reversal deviates, and "
-    "samples at low speed as long as their friction exceeds it: each as long as the mean of the "
-    f"lowest of {BINS} bins does so by more than {100.0 * _TOLERATED:g} % of the friction and its "
-    f"own scatter; they are kept where that does not end within {100.0 * _SMALL:g} % of the way "
+    "samples shortly after a reversal are excluded while their friction is below the law fitted "
+    "to the others by more than the samples before the reversal deviate from it, and samples at "
+    "low speed while their friction is above it: in each case as long as the mean of the lowest "
+    f"of {BINS} bins deviates by more than {100.0 * _TOLERATED:g} % of the friction and its own "
+    f"scatter; they are kept where that does not end within {100.0 * _SMALL:g} % of the way "
     f"between reversals, or {100.0 * _MOST_OUT:g} % of the samples"
 )
 
@@ -81,7 +82,7 @@ class SlidingLimits:
         if not parts:
             return ""
         return (
-            f"friction from motion: samples {' and '.join(parts)} are left out "
+            f"friction from motion: samples {' and '.join(parts)} are excluded "
             f"({100.0 * self.left_out:.0f} %)"
         )
 
@@ -131,8 +132,8 @@ def _between_reversals(samples: Sequence[MotionSamples]) -> float:
 class _Search:
     """One ordering of the samples, what its lowest bin has to show, and the highest limit.
 
-    The law is fitted on the samples above a bin by `clear`: both sides of the reversals alike, lest
-    what depends on the place and is there before them bends it.
+    The law is fitted on the samples above a bin by `clear`: both sides of the reversals alike, so
+    that an effect of the place, present before them, does not bias it.
     """
 
     order: Order
@@ -169,7 +170,7 @@ class _Search:
         return limit, [s.kept(self.order(s) >= limit) for s in samples]
 
     def _above(self, samples: list[MotionSamples], limit: float) -> list[MotionSamples] | None:
-        """What the law is fitted on, as far as it identifies it; else all above; else None."""
+        """Samples that the law is fitted to, if they identify it; else all above; else None."""
         for order in (self.clear, self.order):
             found = [s.kept(order(s) >= limit) for s in samples]
             if self.separates(found):
@@ -180,7 +181,7 @@ class _Search:
 def _falls_short(
     samples: Sequence[MotionSamples], low: float, high: float, law: FloatArray
 ) -> bool:
-    """Whether friction after reversals falls short of the law by more than what is there before."""
+    """Whether friction after reversals is below the law by more than before them."""
     after = _mean_along([s.kept((s.since >= low) & (s.since < high)) for s in samples], law)
     before = _mean_along([s.kept((s.until >= low) & (s.until < high)) for s in samples], law)
     if after is None or before is None:

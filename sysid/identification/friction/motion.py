@@ -25,13 +25,14 @@ from sysid.balance.samples import (
     VISCOUS,
     MotionSamples,
     motion_samples,
+    only_way,
     tells_speeds,
 )
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.covariance import JointCovariance, shrunk
 from sysid.estimation.jackknife import jackknife
 from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
-from sysid.estimation.quality import FitQuality, LeftOut, runs_test, spread
+from sysid.estimation.quality import ExcludedData, FitQuality, runs_test, spread
 from sysid.identification.friction.combinations import (
     Combination,
     Separation,
@@ -54,12 +55,10 @@ from sysid.recording.recording import MIN_SAMPLES, Recording
 from sysid.types import FloatArray
 
 MIN_TRIALS_APART = 3
-# Share of the samples of one direction beyond those of the other.
-_MOST_ONE_WAY = 0.98
 # A trial's variance inflation beyond which its parameters cannot be distinguished in practice.
 _MOST_INFLATION = 100.0
 HARDLY_MOVES = "it hardly moves"
-# Of a trial's samples that are left.
+# Fewest samples of a trial that may remain.
 _FEWEST_SAMPLES = 20
 _BINS = 10
 _NAMES = ("Coulomb friction", "viscous friction", "offset", "inertia")
@@ -109,16 +108,16 @@ def usable_motion(
         use = TrialUse(trial.label, trial.source, MOTION)
         uses.append(use)
         if len(trial) < MIN_SAMPLES:
-            use.leave_out("it is too short")
+            use.exclude("it is too short")
         else:
             chosen = motion_samples(trial, cutoff_hz)
             use.values = {"samples": float(len(chosen.effort)), "rest_speed": chosen.rest_speed}
             if len(chosen.effort) < MIN_SAMPLES:
-                use.leave_out(_why_few(trial, chosen, cutoff_hz))
+                use.exclude(_why_few(trial, chosen, cutoff_hz))
             else:
                 samples.append(chosen)
         if not use.used:
-            notices.append(f"{use.title}: left out of friction from motion, {use.reason}")
+            notices.append(f"{use.title}: excluded from friction from motion, {use.reason}")
     return samples, uses
 
 
@@ -199,9 +198,8 @@ def _long_enough(samples: Sequence[MotionSamples]) -> list[MotionSamples]:
 def separation(samples: Sequence[MotionSamples]) -> Separation:
     """Whether the motion has both directions and several speeds."""
     speed, load = (np.concatenate([getattr(s, n) for s in samples]) for n in ("speed", "load"))
-    mean = float(np.mean(np.sign(speed)))
-    way = 1.0 if mean >= 0.0 else -1.0
-    return Separation(abs(mean) <= _MOST_ONE_WAY, tells_speeds(speed, load), way)
+    way = only_way(speed)
+    return Separation(not way, tells_speeds(speed, load), way or 1.0)
 
 
 @dataclass(frozen=True)
@@ -234,7 +232,7 @@ class _Model:
     def rows(self, samples: Sequence[MotionSamples]) -> WeightedRows:
         """All trials' rows; each trial is weighted by the residual variance of its separate fit."""
         if not samples:
-            raise NotIdentifiedError("friction from motion: too few samples are left")
+            raise NotIdentifiedError("friction from motion: too few samples remain")
         parts = [self._of_trial(chosen) for chosen in samples]
         if len(parts) > 1:
             parts = [scaled(part, 1.0 / max(own_variance(part), 1e-300)) for part in parts]
@@ -346,7 +344,7 @@ def _slope(samples: Sequence[MotionSamples], shape: Separation) -> tuple[float, 
 
 
 def _deviations(samples: Sequence[MotionSamples], slope: tuple[float, float]) -> list[FloatArray]:
-    """What the speed (n,) of each trial is more than its share `slope` of direction and 1."""
+    """The speed (n,) of each trial less its projection `slope` on direction and 1."""
     return [s.speed - s.regressors[:, [COULOMB, OFFSET]] @ np.array(slope) for s in samples]
 
 
@@ -401,7 +399,7 @@ def _finished(
         limits,
         replace(
             _quality(samples, effort, full, model, units),
-            left_out=_left_out(samples, given, full, model),
+            left_out=_excluded(samples, given, full, model),
         ),
         _joint(model, found),
     )
@@ -414,7 +412,7 @@ def _quality(
     model: _Model,
     units: MotionUnits,
 ) -> FitQuality:
-    """Of the effort (n,) that friction (and an estimated inertia) balances; `full` (4,)."""
+    """Quality of the fitted effort (n,) of friction (and an estimated inertia); `full` (4,)."""
     left = [s.effort - s.regressors @ full for s in samples]
     # Neighbouring samples share the filter's noise; those a filter's length apart do not.
     return FitQuality.of(
@@ -427,15 +425,15 @@ def _quality(
     )
 
 
-def _left_out(
+def _excluded(
     samples: Sequence[MotionSamples],
     given: Sequence[MotionSamples],
     full: FloatArray,
     model: _Model,
-) -> tuple[LeftOut, ...]:
-    """What is not among the `samples` of those `given`, as the law `full` (4,) has it."""
+) -> tuple[ExcludedData, ...]:
+    """The samples `given` but not in `samples`, with their residuals under `full` (4,)."""
     count = sum(len(s.effort) for s in given)
-    out = LeftOut("samples", count - sum(len(s.effort) for s in samples), count)
+    out = ExcludedData("samples", count - sum(len(s.effort) for s in samples), count)
     if not out.count:
         return ()
     effort = np.concatenate([model.balanced(s) for s in given])
@@ -444,7 +442,7 @@ def _left_out(
 
 
 def _joint(model: _Model, found: _Found) -> JointCovariance:
-    """Of what is fitted."""
+    """Joint covariance of the fitted parameters."""
     return JointCovariance(tuple(NAMES[column] for column in model.columns), found.matrix)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,19 +20,21 @@ from sysid.estimation.named import NamedEstimates
 from sysid.estimation.quality import (
     CONTRADICTED,
     LEAST_EXPLAINED,
+    ExcludedData,
     FitQuality,
-    LeftOut,
     root_mean_square,
 )
 from sysid.identification.friction.combinations import Combination
-from sysid.identification.friction.effort import TrialUse, left_out_lines, tests_left_out
+from sysid.identification.friction.effort import TrialUse, excluded_tests, exclusion_lines
 from sysid.identification.friction.low_speed import RULE as LOW_SPEED_RULE
 from sysid.identification.friction.motion import MotionFriction
 from sysid.identification.friction.shown import parameters_figure, speed_figure
 from sysid.identification.friction.sliding import SlidingFriction, missed_by
 from sysid.identification.friction.static import CRITERION, StaticFriction, breakaway_of
 from sysid.io.motion import MotionUnits
+from sysid.io.rig import Rig
 from sysid.parameters import Correlation, Friction, Parts
+from sysid.parameters.possible import doubtful_inertia, negative_friction
 from sysid.parameters.quality import records_of
 from sysid.recording.friction_kind import KINDS, MOTION, SLIDING, STATIC
 from sysid.types import FloatArray
@@ -99,7 +101,7 @@ class FrictionResult(NamedEstimates, Shown):
             if uses:
                 used = sum(use.used for use in uses)
                 count = f"{kind}: {used} of {len(uses)} tests used"
-                lines.append("; ".join([count, *left_out_lines(uses)]))
+                lines.append("; ".join([count, *exclusion_lines(uses)]))
         if self.static is not None:
             lines += [*self.static.remarks, f"breakaway: {CRITERION}"]
         if self.sliding is not None:
@@ -122,7 +124,7 @@ class FrictionResult(NamedEstimates, Shown):
 
     @property
     def quality(self) -> dict[str, FitQuality]:
-        """How well each kind of test is described, by kind, and what cannot be in its numbers."""
+        """How well each kind of test is described, and which of its numbers are impossible."""
         fits = {STATIC: self.static, SLIDING: self.sliding, MOTION: self.motion}
         judged = {k: f.quality for k, f in fits.items() if f is not None}
         wrong = self._impossible()
@@ -130,34 +132,34 @@ class FrictionResult(NamedEstimates, Shown):
             k: replace(
                 quality,
                 impossible=tuple(wrong.get(k, ())),
-                left_out=(*quality.left_out, *self._left_out(k)),
+                left_out=(*quality.left_out, *self._excluded(k)),
                 contradicted=self.contradicted,
             )
             for k, quality in judged.items()
             if quality is not None
         }
 
-    def _left_out(self, kind: str) -> Iterator[LeftOut]:
+    def _excluded(self, kind: str) -> Iterator[ExcludedData]:
         """The tests of a kind that its fit excluded, as far as its law predicts them."""
         uses = [use for use in self.trials if use.kind == kind]
         if not all(use.used for use in uses):
-            yield tests_left_out(uses, self._missed(kind, uses))
+            yield excluded_tests(uses, self._missed(kind, uses))
         if kind == MOTION == self.source:
             yield from self._set_aside()
 
-    def _set_aside(self) -> Iterator[LeftOut]:
-        """The constant-effort tests that the law of the motion is asked about."""
+    def _set_aside(self) -> Iterator[ExcludedData]:
+        """The constant-effort tests that the law from motion covers."""
         uses = [use for use in self.trials if use.kind == SLIDING]
         if not uses or any(use.used for use in uses) or self.motion is None:
             return
         measured, left = missed_by(self.motion, uses)
-        out = LeftOut(f"{SLIDING} tests", len(uses), len(uses), len(uses) - len(measured))
+        out = ExcludedData(f"{SLIDING} tests", len(uses), len(uses), len(uses) - len(measured))
         if len(measured):
             out = replace(out, rmse=root_mean_square(left), spread=root_mean_square(measured))
         yield out
 
     def _missed(self, kind: str, uses: Sequence[TrialUse]) -> tuple[FloatArray, FloatArray]:
-        """Measured effort, and what the law leaves of it, of the tests that it can be asked about;
+        """Measured effort, and its residual under the law, of the tests that it covers;
         (n,) each."""
         if kind == STATIC and self.static is not None:
             measured = np.array([breakaway_of(u) for u in uses if "breakaway" in u.values])
@@ -168,20 +170,18 @@ class FrictionResult(NamedEstimates, Shown):
 
     @property
     def impossible(self) -> tuple[str, ...]:
-        """What cannot be in the estimates, one line each: the tests then show something else."""
+        """Impossible estimates, one line each: the tests then show something else."""
         lines = [line for lines in self._impossible().values() for line in lines]
         return tuple([self.reversed_sign, *lines] if lines and self.reversed_sign else lines)
 
     def _impossible(self) -> dict[str, list[str]]:
-        """The same by the kind of test that says so."""
+        """The same by the kind of test that shows it."""
         u = self.units
         found: dict[str, list[str]] = {kind: [] for kind in KINDS}
         for name, kind in (("static", STATIC), ("coulomb", self.source), ("viscous", self.source)):
             e, key = self.parameters[name], u.key(name)
             if e.identified and e.interval[1] < 0.0:
-                found[kind].append(
-                    f"{key} is {e.value:.3g} {e.unit}, below zero beyond its interval"
-                )
+                found[kind].append(f"{key} is {e.value:.3g} {e.unit}, significantly negative")
             if e.identified and name != "viscous" and e.value > self.most_effort:
                 found[kind].append(
                     f"{key} is {e.value:.3g} {e.unit}, but motor and cylinder together give at "
@@ -194,12 +194,11 @@ class FrictionResult(NamedEstimates, Shown):
             if judged is not None and judged.explains_too_little:
                 found[kind].append(judged.shortfall)
         found[self.source] += [
-            f"{c.expression} is {c.estimate.value:.3g} {c.estimate.unit}, below zero beyond its "
-            "interval"
+            f"{c.expression} is {c.estimate.value:.3g} {c.estimate.unit}, significantly negative"
             for c in self.combinations
             if "offset" not in c.terms and c.estimate.interval[1] < 0.0
         ]
-        # In one direction the effort need not vary with the motion.
+        # With motion in one direction the effort need not vary.
         told = self.motion is not None and self.motion.both_ways
         if self.motion is not None and told and self.motion.explained < LEAST_EXPLAINED:
             share = max(100.0 * self.motion.explained, 0.0)
@@ -233,7 +232,7 @@ class FrictionResult(NamedEstimates, Shown):
         ]
 
     def _unsteady(self) -> list[str]:
-        """Constant-effort trials that cannot be: scatter, or inertia, as large as friction."""
+        """Impossible constant-effort trials: scatter, or inertia, as large as friction."""
         found = []
         if self.sliding is not None and self.sliding.scatter > _MOST_SCATTER:
             found.append(
@@ -255,7 +254,7 @@ class FrictionResult(NamedEstimates, Shown):
 
     @property
     def is_negative(self) -> bool:
-        """Whether Coulomb friction, or the sum that holds it, is below zero beyond its interval."""
+        """Whether Coulomb friction, or the sum that holds it, is significantly negative."""
         return any(e.interval[1] < 0.0 for e in self._of_coulomb())
 
     def _of_coulomb(self) -> list[Estimate]:
@@ -266,8 +265,8 @@ class FrictionResult(NamedEstimates, Shown):
 
     @property
     def is_beyond_doubt(self) -> bool:
-        """Whether all that was fitted is good or usable, and friction is above zero beyond its
-        interval: what a log that is broken otherwise does not show by chance."""
+        """Whether all that was fitted is good or usable, and friction is significantly
+        positive: a log with another fault does not show this by chance."""
         static, viscous = self.parameters["static"], self.parameters["viscous"]
         told = self._of_coulomb() if viscous.identified else []
         if self.source == STATIC:
@@ -283,23 +282,23 @@ class FrictionResult(NamedEstimates, Shown):
             raise NotIdentifiedError(f"friction: {'; '.join(self.impossible)}: {self._causes()}")
 
     def _causes(self) -> str:
-        """What makes friction impossible, by what the log shows; the likeliest first."""
+        """Causes of impossible friction, by what the log shows; the likeliest first."""
         if self.contradicted:
             return f"{CONTRADICTED}, as the first notice says: correct that first"
-        lacks = "name the logs in a campaign, and `sysid diagnose` tells what the law lacks"
+        lacks = "list the logs in a campaign, and `sysid diagnose` names what the law lacks"
         viscous = self.parameters["viscous"]
         falls = viscous.identified and viscous.interval[1] < 0.0
         # An effort that drives nothing leaves no Coulomb friction either.
         slides = any(e.interval[0] > 0.0 for e in self._of_coulomb())
         if falls and slides and len(self.impossible) == 1:
             return (
-                "friction that falls with speed or changes along the stroke does that, or an "
-                f"effort that is not the one that drives the motion; {lacks}"
+                "friction that falls with speed or changes along the stroke can be the "
+                f"cause, or an effort other than the one that drives the motion; {lacks}"
             )
         return (
-            "look for a wrong unit or time base, swapped or wrong pressures, an effort that is not "
-            "logged, or a load that the rig file lacks; friction that changes along the stroke "
-            f"does it too: {lacks}"
+            "check for a wrong unit or time base, swapped or wrong pressures, an unlogged effort, "
+            "or a load missing from the rig file; friction that changes along the stroke "
+            f"can also be the cause: {lacks}"
         )
 
     @property
@@ -333,7 +332,7 @@ class FrictionResult(NamedEstimates, Shown):
 
     @property
     def correlation(self) -> Correlation | None:
-        """Of the errors of what `source` gave; None where that is not two parameters."""
+        """Correlation of the errors of what `source` gave; None for fewer than two."""
         fit = {SLIDING: self.sliding, MOTION: self.motion}.get(self.source)
         if fit is None or fit.joint is None:
             return None
@@ -404,6 +403,13 @@ class FrictionResult(NamedEstimates, Shown):
         return plot(figure or parameters_figure(self.by_name()), ax)[0]
 
 
+def doubtful(parameters: Mapping[str, Estimate], rig: Rig) -> list[str]:
+    """Notices of impossible numbers and those indistinguishable from zero; significantly negative
+    friction is in the verdict on the fit."""
+    near = {rig.units.key(name): e for name, e in parameters.items() if not e.interval[1] < 0.0}
+    return [*negative_friction(near, rig), *doubtful_inertia(parameters.get("inertia"), rig)]
+
+
 def _test(test: FTest) -> dict[str, float]:
     return {
         "f": test.statistic,
@@ -413,4 +419,4 @@ def _test(test: FTest) -> dict[str, float]:
     }
 
 
-__all__ = ["FrictionResult"]
+__all__ = ["FrictionResult", "doubtful"]

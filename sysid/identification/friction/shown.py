@@ -9,15 +9,11 @@ import numpy as np
 from sysid.blocks.figures import Band, Figure, Intervals, Line, Mark, Panel, Points, Role, Scale
 from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, unit
 from sysid.blocks.sections import Block, FigureGroup, Lines, Section
-from sysid.blocks.tables import table
-from sysid.errors import NotIdentifiedError
-from sysid.estimation.jackknife import jackknife
-from sysid.estimation.linear import Estimate, t_quantile
-from sysid.identification.friction.sliding import SlidingPoints, fit_sliding
+from sysid.blocks.tables import TableColumn, estimate_table, table
+from sysid.estimation.linear import Estimate
 from sysid.io.motion import MotionUnits
 from sysid.parameters import Bundle, Friction
 from sysid.parameters.friction import TestUse
-from sysid.parameters.table import parameters_table
 from sysid.recording.friction_kind import SLIDING, STATIC
 from sysid.types import FloatArray
 
@@ -28,25 +24,25 @@ _DIRECTIONS: tuple[tuple[float, str, str, Role], ...] = (
 
 
 def friction_section(bundle: Bundle) -> Section:
-    """From a bundle that holds friction."""
+    """The section on a bundle's friction."""
     friction, units, parts = bundle.friction, bundle.units, bundle.parameters.parts()
     assert friction is not None
-    blocks: list[Block] = [parameters_table("Friction parameters", parts["friction"])]
+    blocks: list[Block] = [parts["friction"].shown("Friction parameters")]
     blocks += _combinations(friction)
     if (check := parts.get("friction.cross_check")) is not None:
         caption = "Cross-check: the same parameters from general motion"
-        blocks.append(parameters_table(caption, check))
+        blocks.append(check.shown(caption))
     figures = (speed_figure(friction), breakaway_figure(friction))
     drawn = tuple(figure for figure in figures if figure is not None)
     if drawn:
         caption = (
-            "Friction over speed, one point per constant-effort test, with the fit to these tests "
-            "alone and its 95 % band (jackknife over the tests); breakaway by starting position, "
-            "with each position's mean and its 95 % interval."
+            "Friction over speed, one point per constant-effort test, with the law of these "
+            "parameters and the 95 % band of their errors; breakaway by starting position, with "
+            "each position's mean and its 95 % interval."
         )
         blocks.append(FigureGroup(caption, drawn))
     blocks += _position_table(friction, units)
-    blocks += _left_out(friction)
+    blocks += _excluded(friction)
     source = {
         "friction-sliding": "Coulomb and viscous friction come from the constant-effort tests.",
         "friction-motion": "Coulomb and viscous friction come from general motion, by inverse "
@@ -58,14 +54,13 @@ def friction_section(bundle: Bundle) -> Section:
 
 def _combinations(friction: Friction) -> list[Block]:
     """The sums that the tests identify, with the test that would separate their parts."""
-    rows = [
-        (name, *estimate_cells(row.estimate), row.test) for name, row in friction.sums().items()
-    ]
-    if not rows:
+    sums = friction.sums()
+    if not sums:
         return []
     caption = "Identified only together, and the test that would separate the parts"
-    columns = ("Sum", "Value", "Std. error", "95 % interval", "Unit", "Test")
-    return [table(caption, columns, rows, text=(0, 4, 5), code=(0,))]
+    found = {name: row.estimate for name, row in sums.items()}
+    tests = (TableColumn("Test", "text"), [row.test for row in sums.values()])
+    return [estimate_table(caption, found, "page", named=TableColumn("Sum", "code"), more=tests)]
 
 
 def _position_table(friction: Friction, units: MotionUnits) -> list[Block]:
@@ -80,18 +75,18 @@ def _position_table(friction: Friction, units: MotionUnits) -> list[Block]:
     return [table(f"Static friction by position ({effort_unit})", columns, rows)]
 
 
-def _left_out(friction: Friction) -> list[Block]:
+def _excluded(friction: Friction) -> list[Block]:
     lines = [f"{t.kind}, test {t.test}: {t.reason or ''}" for t in friction.tests() if not t.used]
     if not lines:
         return []
-    return [Lines(tuple(lines), f"{len(lines)} tests left out")]
+    return [Lines(tuple(lines), f"{len(lines)} tests excluded")]
 
 
 # --- figures ---------------------------------------------------------------------------
 
 
 def speed_figure(friction: Friction) -> Figure | None:
-    """Friction over speed: a point for each constant-effort test, their fit and its 95 % band.
+    """Friction over speed: a point for each constant-effort test, the law and its 95 % band.
 
     None without such tests, or where these do not identify Coulomb friction.
     """
@@ -103,15 +98,13 @@ def speed_figure(friction: Friction) -> Figure | None:
     law = (coulomb, friction.viscous, friction.offset)
     values = [e.value if e is not None and e.identified else 0.0 for e in law]
     grid = np.linspace(0.0, 1.06 * float(np.abs(speed).max()), 60)
-    spread = _scatter(trials, units)
     marks: list[Mark] = []
     for way, name, marker, role in _DIRECTIONS:
         rows = np.sign(speed) == way
         if not rows.any():
             continue
         line = values[0] + values[1] * grid + way * values[2]
-        if spread is not None:
-            half = _half_width(spread, grid, way, len(trials))
+        if (half := _half_width(friction, grid, way)) is not None:
             marks.append(Band(grid, line - half, line + half, role))
         marks.append(Line(grid, line, role))
         marks.append(Points(np.abs(speed[rows]), effort[rows], role, name, marker))
@@ -167,43 +160,29 @@ def parameters_figure(estimates: Mapping[str, Estimate]) -> Figure:
 
 
 def _readings(trials: Sequence[TestUse], name: str) -> FloatArray:
-    """What was read from each test, (n,); NaN where it was not."""
+    """A value read from each test, (n,); NaN where there is none."""
     return np.array([t.reading(name) for t in trials], dtype=float)
 
 
-def _points(trials: Sequence[TestUse]) -> SlidingPoints:
-    """The bundle's trials as the regression takes them ."""
-    table = {k: _readings(trials, k) for k in ("motor", "gravity", "cylinder")}
-    set_effort = table["motor"] - table["gravity"]
-    applied = set_effort + table["cylinder"]
-    if float(np.ptp(set_effort)) < 0.3 * float(np.ptp(applied)):
-        set_effort = applied
-    speed, effort = _readings(trials, "speed"), _readings(trials, "friction")
-    labels = tuple(t.test for t in trials)
-    return SlidingPoints(labels, np.sign(speed), set_effort, effort, speed)
+def _half_width(friction: Friction, speed: FloatArray, way: float) -> FloatArray | None:
+    """Half of the law's 95 % band at each speed (n,), by the errors of its parameters.
 
-
-def _scatter(trials: Sequence[TestUse], units: MotionUnits) -> FloatArray | None:
-    """Covariance (3, 3) of Coulomb, viscous, offset: the fit again without each test."""
-
-    def without(i: int) -> FloatArray:
-        fit = fit_sliding(_points([*trials[:i], *trials[i + 1 :]]), units)
-        offset = fit.offset.value if fit.offset.identified else 0.0
-        return np.array([fit.coulomb.value, fit.viscous.value, offset])
-
-    try:
-        found = jackknife(without, len(trials))
-    except NotIdentifiedError:
+    In standard errors it is as wide as the interval of Coulomb friction. None where the
+    correlation of the errors is not known.
+    """
+    one = np.ones_like(speed)
+    slopes = {"coulomb": one, "viscous": speed, "offset": way * one}
+    law = {name: friction.parameter(name) for name in slopes}
+    known = {name: e for name, e in law.items() if e is not None and e.identified}
+    if friction.correlation is None or "coulomb" not in known or not known["coulomb"].std > 0.0:
         return None
-    return found if len(trials) > len(found) and np.isfinite(found).all() else None
-
-
-def _half_width(spread: FloatArray, speed: FloatArray, way: float, tests: int) -> FloatArray:
-    """Half of the 95 % band of the fitted friction at each speed, (n,)."""
-    columns = np.column_stack([np.ones_like(speed), speed, np.full_like(speed, way)])
-    variance = np.einsum("ij,jk,ik->i", columns, spread, columns)
-    half = t_quantile(tests - 3) * np.sqrt(np.maximum(variance, 0.0))
-    return np.asarray(half, dtype=float)
+    coulomb = known["coulomb"]
+    width = (coulomb.interval[1] - coulomb.interval[0]) / (2.0 * coulomb.std)
+    covariance = friction.covariance([friction.units.key(name) for name in known])
+    columns = np.column_stack([slopes[name] for name in known])
+    variance = np.einsum("ij,jk,ik->i", columns, covariance, columns)
+    half = width * np.sqrt(np.maximum(variance, 0.0))
+    return np.asarray(half) if np.isfinite(half).all() else None
 
 
 __all__ = ["breakaway_figure", "friction_section", "parameters_figure", "speed_figure"]

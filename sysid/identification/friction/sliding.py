@@ -202,7 +202,7 @@ def _covariance_of_laws(fit: LinearFit, slopes: FloatArray, way: FloatArray) -> 
 
 
 def _joint(matrix: FloatArray) -> JointCovariance:
-    """Of Coulomb, viscous friction and, where it is estimated, the offset."""
+    """Joint covariance of Coulomb and viscous friction and, where it is estimated, the offset."""
     return JointCovariance(("coulomb", "viscous", "offset")[: len(matrix)], matrix)
 
 

@@ -41,7 +41,7 @@ NOISE_TIMES, QUANTUM_TIMES = 8.0, 4.0
 AVERAGE_S = 0.2  # of the efforts before the onset
 POSITION_GAP = 0.05  # of the stroke, between one start position and the next
 SIGNIFICANT = 0.05
-# Of a motion that grows as the cube of time the first pause between counts is up to four times the
+# In a motion that grows as the cube of time the first pause between counts is up to four times the
 # second.
 _REST_TO_COUNT, _LEAST_COUNTS = 5.0, 8
 # An effort has stopped growing if it stays this many times longer than at any of so many steps.
@@ -128,7 +128,7 @@ def fit_static(
     uses = [breakaway(trial, units) for trial in trials]
     for use in uses:
         if not use.used:
-            notices.append(f"{use.title}: left out of static friction, {use.reason}")
+            notices.append(f"{use.title}: excluded from static friction, {use.reason}")
     used = [use for use in uses if use.used]
     if not used:
         return None, uses
@@ -137,7 +137,7 @@ def fit_static(
         largest = max(abs(use.values["breakaway"]) for use in stopped)
         notices.append(
             f"static friction: the effort had stopped growing before the shaft moved in "
-            f"{titles(stopped)}; if the recording cuts it off ({largest:.3g} {units.effort}), "
+            f"{titles(stopped)}; if the recording clips it ({largest:.3g} {units.effort}), "
             "static friction is larger"
         )
     values = np.array([abs(use.values["breakaway"]) for use in used])
@@ -152,7 +152,7 @@ def breakaway(trial: Recording, units: MotionUnits) -> TrialUse:
     use = TrialUse(trial.label, trial.source, STATIC)
     found = find_onset(trial)
     if isinstance(found, str):
-        use.leave_out(found)
+        use.exclude(found)
         return use
     onset = found
     first = max(0, onset.index + 1 - round(AVERAGE_S / trial.period))
@@ -163,7 +163,7 @@ def breakaway(trial: Recording, units: MotionUnits) -> TrialUse:
     effort = motor + cylinder - float(np.mean(trial.gravity[window]))
     use.values = {"breakaway": effort, "direction": float(onset.direction)}
     if effort * onset.direction <= 0.0:
-        use.leave_out(
+        use.exclude(
             f"it moved against the applied effort ({effort:.3g} {units.effort}): is the sign of "
             "the effort or of the position reversed, or is a load or the vertical orientation "
             "missing from the rig file?"
@@ -184,9 +184,9 @@ def breakaway_of(use: TrialUse) -> float:
 
 
 def _has_stopped(drive: FloatArray) -> bool:
-    """Whether a drive (n,) that grew before stays where it is at the end.
+    """Whether a drive (n,) that grew before is constant at the end.
 
-    Not one that grows in steps as long as that.
+    A drive that grows in steps of that length does not count.
     """
     steps = np.flatnonzero(np.diff(drive))
     if len(steps) < _LEAST_STEPS:
@@ -239,8 +239,8 @@ def find_onset(trial: Recording) -> Onset | str:
 def _counts(trial: Recording, presliding: float) -> NDArray[np.intp]:
     """Samples (k,) after which a coarse encoder counts; none of one that counts in presliding.
 
-    Nor of one whose noise counts. A count that the next one takes back is jitter at the edge of a
-    count, not motion.
+    The same holds for one whose noise counts. A count that the next one takes back is jitter at the
+    edge of a count, not motion.
     """
     noise = trial.position_noise
     if noise.noise > 0.25 * noise.quantum or presliding > 2.0 * noise.quantum:
@@ -295,33 +295,33 @@ def _locate(trial: Recording, before: int, after: int, threshold: float, hold: i
     first = max(0, before - max(2 * hold, end - before))
     times, course = t[first : end + 1], direction * (x[first : end + 1] - x[before])
 
-    def misfit(t0: float) -> float:
+    def squares(t0: float) -> float:
         return _rest_then_motion(times, course, t0)
 
     low, high = max(first, before - hold) + 2, end - 2
     if high - low < 3:
         low, high = first + 1, end
-    row = _least(lambda i: misfit(float(t[i])), low, high)
+    row = _least(lambda i: squares(float(t[i])), low, high)
     best = float(t[row])
-    best = _refined(misfit, best, trial.period)
+    best = _refined(squares, best, trial.period)
     index = int(np.searchsorted(t, best, side="right")) - 1
     return Onset(best, max(index, 1), direction, threshold)
 
 
-def _least(misfit: Callable[[int], float], low: int, high: int) -> int:
+def _least(squares: Callable[[int], float], low: int, high: int) -> int:
     """Row in [low, high) of the smallest sum of squares: coarse steps over all, then finer ones."""
     step = max(1, (high - low) // 12)
-    best = min(range(low, high, step), key=misfit)
+    best = min(range(low, high, step), key=squares)
     while step > 1:
         reach, step = step, max(1, step // 4)
         near = range(max(low, best - reach), min(high, best + reach + 1), step)
-        best = min(near, key=misfit)
+        best = min(near, key=squares)
     return best
 
 
-def _refined(misfit: Callable[[float], float], best: float, period: float) -> float:
+def _refined(squares: Callable[[float], float], best: float, period: float) -> float:
     """Vertex of the parabola through the sum of squares at a candidate and its neighbours."""
-    left, middle, right = (misfit(best + k * period) for k in (-1.0, 0.0, 1.0))
+    left, middle, right = (squares(best + k * period) for k in (-1.0, 0.0, 1.0))
     curvature = left - 2.0 * middle + right
     if curvature <= 0.0:
         return best
@@ -396,7 +396,7 @@ def static_summary(
 
 
 def _quality(values: FloatArray, cell: FloatArray, scatter: float | None, unit: str) -> FitQuality:
-    """How well one number, the mean, stands for all places and directions."""
+    """How well the mean represents all places and directions."""
     test = nested_f_test(cell, np.ones((len(values), 1)), values)
     found = FitQuality.of(
         "breakaway effort",

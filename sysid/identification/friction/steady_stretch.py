@@ -147,7 +147,7 @@ def sliding_points(
     uses = [_use(trial, inertia) for trial in trials]
     for use in uses:
         if not use.used:
-            notices.append(f"{use.title}: left out of sliding friction, {use.reason}")
+            notices.append(f"{use.title}: excluded from sliding friction, {use.reason}")
     within = _keep_one_method(uses, notices)
     if inertia is None and any(use.used for use in uses):
         notices.append(
@@ -219,7 +219,7 @@ def _keep_one_method(uses: Sequence[TrialUse], notices: list[str]) -> bool:
     )
     for use in used:
         if use.values["steady"]:
-            use.leave_out(
+            use.exclude(
                 "its speed is steady: friction is taken from the change of speed, as most tests "
                 "are not steady"
             )
@@ -234,15 +234,15 @@ def _use(trial: Recording, inertia: float | None) -> TrialUse:
     use = TrialUse(trial.label, trial.source, SLIDING)
     stretch = find_stretch(trial)
     if isinstance(stretch, str):
-        use.leave_out(stretch)
+        use.exclude(stretch)
         return use
     if not stretch.steady and inertia is None:
-        use.leave_out("its speed is not steady, and the rig file gives no inertia")
+        use.exclude("its speed is not steady, and the rig file gives no inertia")
         return use
     balance = momentum_balance(trial, stretch.start, stretch.stop, inertia)
     use.values = balance
     if balance["friction"] * balance["speed"] <= 0.0:
-        use.leave_out(
+        use.exclude(
             "its effort does not drive its motion: a pressure or the effort is wrong, or a load is "
             "missing from the rig file"
         )

@@ -11,9 +11,9 @@ _PER = {"viscous": "V s/{position}", "inertia": "V s2/{position}"}
 
 
 def friction_in_volts(parts: Parts, *, has_pressures: bool) -> Parts:
-    """Friction that was fitted with a volt for a unit of effort, as a bundle may hold it.
+    """Friction fitted in volts as the unit of effort, in the form that a bundle may hold.
 
-    Volts are no torque: no parameter is identified, and the reason gives the number in volts. Where
+    Volts are not torque: no parameter is identified, and the reason gives the value in volts. Where
     the chambers' pressures were logged, their effort, which has no volts, acted as soon as the
     shaft moved: then static friction alone has a number.
     """

@@ -97,7 +97,7 @@ class CurveFit:
 
     @cached_property
     def joint(self) -> JointCovariance:
-        """Of the shared parameters: by the noise, or by the tests' scatter where some differ."""
+        """Joint covariance of the shared: by the noise, or the tests' scatter if some differ."""
         names = self.problem.free
         own = (slice(len(names)),) * 2
         matrix = self.covariance.matrix[own]

@@ -53,7 +53,7 @@ def flows_and_delays(
 
 
 def _why_early(delay: Estimate, curves: CurveFit) -> str:
-    """Why a pressure seems to answer before its command, and the fix."""
+    """Why a pressure seems to respond before its command, and the fix."""
     rows = [float(np.median(np.diff(p.chamber.time))) for p in curves.problem.pieces]
     row = float(np.median(rows))
     low, high = (1e3 * end for end in delay.interval)
@@ -63,8 +63,8 @@ def _why_early(delay: Estimate, curves: CurveFit) -> str:
             f"{low:.3g} to {high:.3g} ms: log faster"
         )
     return (
-        f"the pressure answers before the command ({low:.3g} to {high:.3g} ms after it): "
-        "look for a command that is logged late, or an unsteady supply that is not logged"
+        f"the pressure responds before the command ({low:.3g} to {high:.3g} ms after it): "
+        "check for a command logged late, or an unsteady supply that is not logged"
     )
 
 

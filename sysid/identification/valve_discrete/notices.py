@@ -60,7 +60,7 @@ def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
     return lines
 
 
-def misfit_notices(curves: CurveFit, title: str) -> list[str]:
+def lack_of_fit_notices(curves: CurveFit, title: str) -> list[str]:
     """Fillings and discharges that the two-regime law misses by more than the noise.
 
     Pieces with too few rows in motion to be judged alone are judged together. A direction of
@@ -74,12 +74,12 @@ def misfit_notices(curves: CurveFit, title: str) -> list[str]:
         for i, piece in enumerate(curves.problem.pieces):
             residuals = curves.residuals(i)[_in_motion(curves, i, rises)]
             if len(residuals) >= _FEWEST_ROWS:
-                lines += _misfit([(piece, residuals)], piece.source, what, names, title)
+                lines += _lack_of_fit([(piece, residuals)], piece.source, what, names, title)
             elif len(residuals):
                 short.append((piece, residuals))
         if sum(len(residuals) for _, residuals in short) >= _FEWEST_ROWS:
             together = f"{len({piece.source for piece, _ in short})} tests together"
-            lines += _misfit(short, together, what, names, title)
+            lines += _lack_of_fit(short, together, what, names, title)
     return lines
 
 
@@ -93,7 +93,7 @@ def _in_motion(curves: CurveFit, index: int, rises: bool) -> BoolArray:
     return np.asarray(moving & ((np.gradient(fitted) > 0.0) == rises))
 
 
-def _misfit(
+def _lack_of_fit(
     judged: Sequence[tuple[Piece, FloatArray]],
     source: str,
     what: str,

@@ -18,7 +18,7 @@ _AWAY = 5.0
 
 
 def qualities(curves: CurveFit) -> dict[str, FitQuality]:
-    """By direction, "fill" and "discharge"; one without a fitted flow is omitted.
+    """Quality by direction, "fill" and "discharge"; one without a fitted flow is omitted.
 
     The scatter is the noise of the pressure sensor. The rows are those that the command
     assigns to a direction, while the measured or the fitted pressure moves: at rest any law
@@ -59,7 +59,7 @@ def judged(curves: CurveFit, title: str) -> dict[str, FitQuality]:
     wrong = [f"{title}, {q.shortfall}" for q in found.values() if q.explains_too_little]
     if wrong:
         raise NotIdentifiedError(
-            f"{'; '.join(wrong)}: look for a wrong unit or time base, the other chamber's "
+            f"{'; '.join(wrong)}: check for a wrong unit or time base, the other chamber's "
             "pressure, a command that is not this valve's, or a piston that moves"
         )
     return found

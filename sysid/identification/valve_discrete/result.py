@@ -68,7 +68,7 @@ class DiscreteFit(NamedEstimates, Shown):
 
     @property
     def correlation(self) -> Correlation | None:
-        """Of the errors of the identified; None where these are not two."""
+        """Correlation of the errors of the identified; None for fewer than two."""
         known = [name for name, e in self.estimates.items() if e.identified]
         return None if self.joint is None else Correlation.of(self.joint, known)
 

@@ -19,7 +19,6 @@ from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, DiscreteLaw
 from sysid.parameters.base import read_number
-from sysid.parameters.table import parameters_table
 from sysid.types import FloatArray
 
 _FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
@@ -50,7 +49,7 @@ class PressureCurve:
 def discrete_section(
     bundle: Bundle, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> Section | None:
-    """From the bundle's valves and the valve-discrete logs; None where neither is fitted."""
+    """The section on a bundle's on/off valves and their logs; None where neither is fitted."""
     fitted = {} if bundle.valves is None else bundle.valves.discrete_laws()
     if not fitted:
         return None
@@ -59,7 +58,7 @@ def discrete_section(
     parts = bundle.parameters.parts()
     for side, law in fitted.items():
         part = parts[f"valves.{side}.discrete"]
-        blocks.append(parameters_table(f"Valve {side.upper()}", part))
+        blocks.append(part.shown(f"Valve {side.upper()}"))
         curves = _curves(side, law, logs, rig)
         if curves:
             blocks.append(_figures(side, curves))

@@ -73,10 +73,10 @@ def free_parameters(
         any((p.chamber.closes < p.chamber.time[-1]).any() for p in pieces),
     )
     for pair, delay, seen in zip((FLOWS[:2], FLOWS[2:]), DELAYS, edges, strict=True):
-        beside = sparse & set(pair) if set(pair) & set(free) else set()
-        free += [n for n in pair if n in beside]
+        alongside = sparse & set(pair) if set(pair) & set(free) else set()
+        free += [n for n in pair if n in alongside]
         choked, unchoked = pair
-        apart = choked not in beside or delay in sparse
+        apart = choked not in alongside or delay in sparse
         if delay not in free and unchoked in free and seen and apart:
             free.append(delay)
     return free

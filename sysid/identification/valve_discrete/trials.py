@@ -115,7 +115,7 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
             f"the piston moved and changed chamber {valve.upper()} by {100 * change:.2g} %; "
             "hold it at an end"
         )
-        return Screened((), (f"{trial.source}: left out: {moved}",), _all_reasons(moved))
+        return Screened((), (f"{trial.source}: excluded: {moved}",), _all_reasons(moved))
     pressure = trial[channel]
     noise = max(signals.noise_floor(pressure).total, _LEAST_NOISE_PA)
     whole = _whole(trial, pressure, noise, valve, air, air_gain(air, trial, volume))
@@ -219,10 +219,10 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
             bad |= (time >= risen) & (time < closed - _EDGE_GUARD_S)
             why = f"{unsteady} while valve {valve.upper()} was on: the supply was unsteady"
             fix = "steady the supply, or log supply_pressure_pa"
-            used = "fitted to its rise, at the declared supply" if keep_rise else "left out"
+            used = "fitted to its rise, at the declared supply" if keep_rise else "excluded"
             notices.append(f"{trial.source}: {why}; its filling is {used}; {fix}")
             reasons += [(name, f"{why}; {fix}") for name in FILLING if not keep_rise]
-        # Of an unsteady filling only the last rows, after the cut, are at a constant level.
+        # In an unsteady filling only the last rows, after the cut, are at a constant level.
         last = closed - _EDGE_GUARD_S
         plateaus.append(
             (opened, closed, _settled(whole, bad, opened, closed))
@@ -262,7 +262,7 @@ def _clipped(piece: Piece) -> tuple[BoolArray, list[str]]:
             clipped |= signals.widened(near, 3)
             lines.append(
                 f"is saturated ({name} at {end:.6g} Pa, {run} equal samples in a row); those rows "
-                "are left out, and the pressure it settles at is taken from the rig file"
+                "are excluded, and the settled pressure is taken from the rig file"
             )
     return clipped, lines
 

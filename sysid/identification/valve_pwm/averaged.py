@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
-from sysid.identification.valve_pwm.quality import LOOK, duty_quality, fails
+from sysid.identification.valve_pwm.quality import CHECK, duty_quality, fails
 from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValveAverage
 from sysid.io.rig import Rig
 from sysid.surfaces.averaged_fit import (
@@ -20,7 +20,7 @@ from sysid.surfaces.averaged_fit import (
     fit_averaged,
 )
 from sysid.surfaces.comparison import SurfaceError, duty_errors
-from sysid.surfaces.left_out import group_folds
+from sysid.surfaces.holdout import group_folds
 from sysid.surfaces.samples import SurfacePoints
 from sysid.types import BoolArray, FloatArray
 
@@ -63,7 +63,7 @@ def average_of(
                 errors[direction]["held_out"] = _judged(duties, points)
         short = fails(errors[direction], points.duty, found.noise_rmse)
         if short is not None:
-            raise NotIdentifiedError(f"the averaged law: {DIRECTIONS[direction]}: {short}; {LOOK}")
+            raise NotIdentifiedError(f"the averaged law: {DIRECTIONS[direction]}: {short}; {CHECK}")
         quality[direction] = duty_quality(errors[direction], points.duty, found.noise_rmse)
     return ValveAverage(fit, errors, quality, tuple(notices))
 
@@ -86,7 +86,7 @@ def _together(found: Sequence[DirectionFit]) -> tuple[MeanFlows, list[int]]:
 
 @dataclass(frozen=True, eq=False)
 class _Chambers:
-    """What held at each of a direction's points: k R T / V in Pa/kg and supply in Pa, (n,)."""
+    """Conditions at each of a direction's points: k R T / V in Pa/kg and supply in Pa, (n,)."""
 
     per_flow: FloatArray
     supply: FloatArray

@@ -56,7 +56,7 @@ def deviating_period(tests: Sequence[PwmTest], declared: float) -> list[str]:
     seen = rows * sampling / _peak(power, strongest)
     if abs(seen / declared - 1.0) < _SAID_DEVIATION:
         return []
-    # A line that tests without pulses show alike is mains hum, or the supply's.
+    # A line that tests without pulses also show is mains hum, or comes from the supply.
     quiet = _alike([t for t in whole if not _QUIET[0] < t.duty < _QUIET[1]], sampling, rows)
     if quiet and _spectrum(quiet, rows)[strongest] > 0.5 * power[strongest]:
         return []
@@ -88,7 +88,7 @@ def _spectrum(tests: Sequence[PwmTest], rows: int) -> FloatArray:
 def _strongest_line(power: FloatArray) -> int | None:
     """Bin of the strongest line of a spectrum (m,); None where it has none."""
     lines = power > _LINE_POWER * median_filter(power, _NOISE_BINS, mode="reflect")
-    # What the course leaves in the lowest bins is no line.
+    # The slow course leaks into the lowest bins, which therefore hold no line.
     lines[: _NOISE_BINS // 2] = False
     return int(np.argmax(np.where(lines, power, 0.0))) if lines.any() else None
 

@@ -13,8 +13,8 @@ from sysid.surfaces.comparison import SurfaceError
 from sysid.types import FloatArray
 
 HELD_OUT, FITTED = "held_out", "fitted"
-LOOK = (
-    "look for a wrong unit or time base, the other chamber's pressure, a duty that is not this "
+CHECK = (
+    "check for a wrong unit or time base, the other chamber's pressure, a duty that is not this "
     "valve's, or a piston that moves"
 )
 
@@ -22,7 +22,7 @@ LOOK = (
 def duty_quality(
     errors: Mapping[str, SurfaceError], duty: FloatArray, noise: float | None
 ) -> FitQuality:
-    """Of the duty that a law gives at flows and pressures, on held-out tests if there are any.
+    """Quality of the duty by a law at flows and pressures, on held-out tests if any.
 
     `duty` (n,) of the points; `noise`: the RMSE that the noise of the flow alone gives, None
     or NaN where it is not known.
@@ -62,8 +62,8 @@ def require_sign(samples: FlowSamples, direction: str) -> None:
         seen, start = ("falls", "atmosphere") if direction == "fill" else ("rises", "supply")
         raise NotIdentifiedError(
             f"the pressure {seen} in tests that start from the {start}, so that the flow has the "
-            f"wrong sign: {LOOK}"
+            f"wrong sign: {CHECK}"
         )
 
 
-__all__ = ["LOOK", "duty_quality", "fails", "require_sign"]
+__all__ = ["CHECK", "duty_quality", "fails", "require_sign"]

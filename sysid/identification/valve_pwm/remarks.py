@@ -17,9 +17,9 @@ class Remarks:
     tests: dict[tuple[str, str], list[str]] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
 
-    def leave_out(self, trial: Trial | PwmTest, reason: str) -> None:
+    def exclude(self, trial: Trial | PwmTest, reason: str) -> None:
         """Note that a test is excluded for this reason."""
-        self.about(trial, f"left out: {reason}")
+        self.about(trial, f"excluded: {reason}")
 
     def about(self, trial: Trial | PwmTest, what: str) -> None:
         """Note something about a test."""
@@ -27,7 +27,7 @@ class Remarks:
         self.tests.setdefault((place, what), []).append(trial.label)
 
     def notices(self) -> tuple[str, ...]:
-        """One line a reason, with the tests that it holds for."""
+        """One line per reason, with the tests that it applies to."""
         lines = []
         for (place, what), labels in self.tests.items():
             if labels == [""]:

@@ -157,7 +157,7 @@ class ValveAverage:
     """A valve's averaged law, and its errors in duty by direction and use.
 
     Use is "fitted" or "held_out": the latter on the tests that the surfaces' comparison
-    leaves out, fold by fold. `quality` by direction. `notices`: why it is not judged on those.
+    holds out, fold by fold. `quality` by direction. `notices`: why it is not judged on those.
     """
 
     fit: AveragedFit

@@ -319,7 +319,7 @@ def _windows(
 
 def _stretches(test: PwmTest, mean: _PulseMean, air: Air) -> list[tuple[int, int]]:
     """Runs of usable means on one side of every choked boundary."""
-    # By the running extreme, so that noise around a boundary does not cut repeatedly.
+    # The running extreme is used, so that noise around a boundary does not cut repeatedly.
     values = mean.values
     course = np.maximum.accumulate(values) if test.filling else np.minimum.accumulate(values)
     regime = sum((course > p).astype(np.int8) for p in choked_boundaries(air, test.supply))

@@ -1,6 +1,6 @@
-"""Which tests of a log identify a pulsed valve's mean flow, and what the others lack.
+"""Which tests of a log identify a pulsed valve's mean flow, and why the others do not.
 
-A test that cannot be trusted is excluded with a notice that says why; nothing is corrected.
+A test that cannot be trusted is excluded with a notice that says why; data are never corrected.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def _prepared(
     volume = _volume(trial[rig.position_channel], rig, valve)
     reason = _unusable(trial, duty, volume, rig, valve)
     if reason is not None:
-        remarks.leave_out(trial, reason)
+        remarks.exclude(trial, reason)
         return None
     declared = float(air.supply_pressure_pa)
     period, pressure, usable, supply = _on_grid(trial, name, declared, _pwm_period(rig))
@@ -93,7 +93,7 @@ def _prepared(
     # A clipping sensor shows the supply too low, but as its highest value.
     clipped = bool(np.all(pressure[:_CLIPPED_START] == pressure.max()))
     if min(abs(share), abs(share - 1.0)) > _START_TOLERANCE and not clipped:
-        remarks.leave_out(
+        remarks.exclude(
             trial,
             f"{name} starts neither at the atmosphere (filling) nor at the supply (discharging)",
         )
@@ -102,7 +102,7 @@ def _prepared(
     if sagged.any():
         remarks.about(
             trial,
-            "rows left out: supply_pressure_pa deviates by more than "
+            "rows excluded: supply_pressure_pa deviates by more than "
             f"{100 * SUPPLY_TOLERANCE:.0f} % from the rig file's {declared:.0f} Pa, the only "
             "supply that the surface is valid for",
         )
@@ -198,7 +198,7 @@ def _without_clipped(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> li
         if clipped.any():
             remarks.about(
                 test,
-                f"rows left out: pressure_{test.valve}_pa is saturated at {' and '.join(limits)}; "
+                f"rows excluded: pressure_{test.valve}_pa is saturated at {' and '.join(limits)}; "
                 "the flow beyond cannot be identified, and the surface's domain ends there",
             )
             # With noise, single samples reach the limit earlier and later than the rest.

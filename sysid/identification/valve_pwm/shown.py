@@ -11,7 +11,7 @@ import numpy as np
 from sysid.blocks.figures import ColourMap, Dash, Figure, Line, Mark, Panel, Points, Role, Scale
 from sysid.blocks.numbers import MISSING, estimate_cells, number
 from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section
-from sysid.blocks.tables import Table, table
+from sysid.blocks.tables import Table, estimate_table, table
 from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.samples import sample_tests
 from sysid.identification.valve_pwm.selection import select_tests
@@ -100,7 +100,7 @@ class _Measured:
 def surfaces_section(
     valves: FittedValves, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> Section | None:
-    """From the bundle's `valves` and the valve-pwm logs; None where no surface is fitted."""
+    """The section on a bundle's surfaces and their logs; None where no surface is fitted."""
     parts = _parts(valves, logs, rig)
     if not parts:
         return None
@@ -118,7 +118,7 @@ def surfaces_section(
 
 
 def _obedience(parts: Sequence[_Measured]) -> Iterator[str]:
-    """In which direction a valve obeys the averaged law, by error in duty on held-out tests."""
+    """Directions in which a valve obeys the averaged law, by held-out error in duty."""
     obeyed = []
     for part in parts:
         if part.rivals is None:
@@ -141,13 +141,9 @@ def _laws(parts: Sequence[_Measured]) -> list[Table]:
     found = {p.side: p.averaged for p in parts if p.averaged is not None}
     tables = []
     for side, law in found.items():
-        rows = [
-            (_LAW_NAMES[key], *estimate_cells(estimate))
-            for key, estimate in law.estimates().items()
-        ]
+        named = {_LAW_NAMES[key]: estimate for key, estimate in law.estimates().items()}
         caption = f"Valve {side.upper()}: averaged law from the PWM tests alone"
-        columns = ("Parameter", "Value", "Std. error", "95 % interval", "Unit")
-        tables.append(table(caption, columns, rows, text=(4,)))
+        tables.append(estimate_table(caption, named, "page"))
     return tables
 
 
@@ -209,7 +205,7 @@ def _comparison(parts: Sequence[_Measured]) -> Table:
     )  # fmt: skip
     caption = (
         "Surfaces compared: errors of the duty that each gives for a wanted flow, in duty points; "
-        "noise alone is what the scatter of the measured flow makes of it"
+        "noise alone is the error that the scatter of the measured flow causes"
     )
     return table(caption, (*columns[:-1], "Choice"), rows, text=(8,))
 

@@ -1,4 +1,4 @@
-"""The supply that a log's tests were run with: which tests show another than the rig file's."""
+"""The supply during a log's tests, and which tests show another than the rig file's."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FEWEST_STARTS = 3
 _FEWEST_RESTS = 2
 _STANDARD_ERRORS = 3.0
 _SAME_DUTY = 1e-3
-# Of the supply: what a pressure may still change by and count as settled.
+# Share of the supply by which a settled pressure may still change.
 _REST_SHARE = 0.01
 # Stretches of a test, over whose means its pressure settles, and the fewest rows of one.
 _STRETCHES, _FEWEST_ROWS = 20, 8
@@ -83,7 +83,7 @@ def consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> l
     for i, (test, rest) in enumerate(zip(tests, rests, strict=True)):
         if wrong[i]:
             supply = round(float(seen[i] or 0.0), -3) / 1e3
-            remarks.leave_out(
+            remarks.exclude(
                 test,
                 f"the supply was at about {supply:.0f} kPa, not the rig file's "
                 f"{declared / 1e3:.0f} kPa, the only supply that the surface is valid for",
@@ -92,10 +92,10 @@ def consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> l
             continue
         verdict = None if rest is None else _rests_as_others(test, rest, known, tolerance)
         if verdict is False:
-            remarks.leave_out(
+            remarks.exclude(
                 test,
-                "the pressure settles elsewhere than in the other direction or under lower "
-                "duties: the supply dropped, or the logged duty is wrong",
+                "the pressure settles at another level than in the other direction "
+                "or at lower duties: the supply dropped, or the logged duty is wrong",
             )
         verdicts.append(True if seen[i] is not None and verdict is None else verdict)
     return _with_the_majority(tests, verdicts, remarks)
@@ -119,13 +119,13 @@ def _rests_as_others(
 def _with_the_majority(
     tests: Sequence[PwmTest], verdicts: Sequence[bool | None], remarks: Remarks
 ) -> list[PwmTest]:
-    """The tests that are good, and those that show nothing unless most filling tests are bad."""
+    """The good tests, together with those without evidence unless most filling tests are bad."""
     filling = [v for t, v in zip(tests, verdicts, strict=True) if t.filling and v is not None]
     suspect = filling.count(False) > filling.count(True)
     kept = []
     for test, verdict in zip(tests, verdicts, strict=True):
         if verdict is None and test.filling and suspect:
-            remarks.leave_out(
+            remarks.exclude(
                 test, "most filling tests show another supply pressure than the rig file's"
             )
         elif verdict is not False:
@@ -180,7 +180,7 @@ def _log_of(test: PwmTest) -> str:
 
 
 def _start_shift(test: PwmTest, rig: Rig) -> float:
-    """By how much, Pa, a test starts above the logged (else declared) supply."""
+    """Excess, Pa, of a test's starting pressure over the logged (else declared) supply."""
     start = start_pressure(test.pressure, test.duty, test.period, rig)
     return start - test.supply_at_start
 
@@ -209,7 +209,7 @@ def _shift_of(
 
 
 def _rest_shift(test: PwmTest, rig: Rig) -> float | None:
-    """By how much, Pa, a test that never closes rests above the logged (else declared) supply.
+    """Excess, Pa, at rest over the logged (else declared) supply; the valve never closes.
 
     None where it closes, or where the rest is extrapolated by as much as would be said.
     """
@@ -271,7 +271,7 @@ def _beyond_noise(differences: FloatArray) -> float:
 
 
 def _deviating_supply(tests: Sequence[PwmTest], shift: float, logged: bool, rig: Rig) -> list[str]:
-    """A notice where the supply of the tests is not the rig file's, or not the logged one."""
+    """A notice where the supply of the tests differs from the rig file's or the logged one."""
     if not tests:
         return []
     declared = float(rig.require("air", "which the supply is taken from").supply_pressure_pa)

@@ -54,7 +54,7 @@ def read_foreign(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTab
     file.seek(0)
     if options.transpose and kind not in ("text", "excel"):
         raise input_error(
-            path, "is no table of text or Excel, which --transpose is for", "omit --transpose"
+            path, "is not a table of text or Excel, which --transpose is for", "omit --transpose"
         )
     with _installed(path, kind):
         reader: Reader = importlib.import_module(f"sysid.io.foreign.{kind}").read
@@ -142,7 +142,7 @@ def _with_columns(table: ForeignTable) -> ForeignTable:
 
 
 def _reader_of(path: Path, file: BinaryIO) -> str:
-    """Which reader: by the head of the file, else by the file's name. Raises InputError."""
+    """The reader by the head of the file, else by its name. Raises InputError."""
     kind = kind_by_content(path, file)
     if kind is not None:
         return kind.reader or _unread(path, file, kind)

@@ -1,7 +1,7 @@
 """MATLAB files of version 7.3, and other HDF5 files, by h5py.
 
 A file may ask its reader for more than it holds: bytes of other files, links back to where they
-stand, values that were never written. So its links and sizes are looked through first, each
+stand, values that were never written. So its links and sizes are checked first, each
 object once, and nothing outside the file is opened.
 """
 
@@ -136,7 +136,7 @@ class _Objects:
                         waiting.append(h5py.h5o.open(group, link))
 
     def _follow_link(self, name: str, parent: str, group: Any, link: bytes, depth: int) -> None:
-        """What a symbolic link points to; nothing, where the link is one of a ring."""
+        """The target of a symbolic link; none where the links form a loop."""
         import h5py
 
         try:
@@ -217,7 +217,7 @@ class _Objects:
             self.wanted.append((full, node))
 
     def _follow(self, name: str, parent: str, node: Any, depth: int, is_cell: bool) -> None:
-        """What a data set refers to: a cell's elements, or a field of an array of structs."""
+        """Targets of a data set's references: a cell's elements, or a field of structs."""
         import h5py
 
         full = _full(parent, name)

@@ -18,7 +18,7 @@ Lines = Sequence[tuple[int, str]]
 
 STAMP = re.compile(r"\d{1,2}:\d{2}|\b\d{4}-\d{2}-\d{2}\b|\b\d{1,2}[./]\d{1,2}[./]\d{2,4}\b")
 _COMMENT_COLUMN = re.compile(r"(?i)comments?|remarks?|notes?|kommentar|bemerkung")
-# Lines among whose first cells signals in rows are looked for.
+# Number of lines whose first cells are searched for signals in rows.
 _SIGNALS = 1000
 _WORD = re.compile(r"[^\W\d_]{2,}")
 
@@ -124,7 +124,7 @@ class _HeadingSearch:
         return found
 
     def _below_settings(self, index: int) -> int:
-        """The first line below settings, of which some look like rows: "BlockSize",241,241.
+        """The first line below settings, some of which resemble rows: "BlockSize",241,241.
 
         Each begins with its name, in a column in which the rows have nothing; some hold words.
         """

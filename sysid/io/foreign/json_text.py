@@ -14,8 +14,8 @@ from sysid.io.bounds import MOST_DEPTH, VARIABLE, check_columns, most_cells
 from sysid.io.file_kinds import decoded
 from sysid.io.foreign.table import Column, ForeignTable, ReadOptions
 
-# By its first signs, whatever its name: an object with a key, or an array of objects or arrays.
-# Of the bound of cells: a value of JSON takes several times a number's memory.
+# Recognised by its first characters, not its name: an object with a key, or an array of objects or
+# arrays. Divides the bound of cells: a value of JSON takes several times a number's memory.
 _SHARE = 5
 _UNITS = ("unit", "units")
 

@@ -87,7 +87,7 @@ class _Plain:
         return found
 
     def skip(self, count: int) -> None:
-        """Leave out the next bytes."""
+        """Skip the next bytes."""
         if self._file.seek(count, os.SEEK_CUR) > self._size:
             raise damaged(self._path, "a MATLAB file", "it ends within a variable")
 
@@ -96,7 +96,7 @@ class _Unpacked:
     """The bytes of a packed variable, unpacked a little at a time, and only as far as asked."""
 
     def __init__(self, path: Path, file: BinaryIO, length: int) -> None:
-        self._path, self._file, self._left = path, file, length
+        self._path, self._file, self._remaining = path, file, length
         self._stream = zlib.decompressobj()
         self._ready, self._at = b"", 0
 
@@ -104,7 +104,7 @@ class _Unpacked:
         """The next bytes; InputError where there are fewer."""
         end = self._at + count
         while len(self._ready) < end:
-            if self._at >= len(self._ready):  # what was left out is not kept
+            if self._at >= len(self._ready):  # skipped bytes are not kept
                 self._at, end = self._at - len(self._ready), end - len(self._ready)
                 self._ready = self._more()
             else:
@@ -113,14 +113,14 @@ class _Unpacked:
         return found
 
     def skip(self, count: int) -> None:
-        """Leave out the next bytes."""
+        """Skip the next bytes."""
         self._at += count
 
     def _more(self) -> bytes:
         packed = self._stream.unconsumed_tail
         if not packed:
-            packed = self._file.read(min(_CHUNK, self._left))
-            self._left -= len(packed)
+            packed = self._file.read(min(_CHUNK, self._remaining))
+            self._remaining -= len(packed)
         try:
             found = self._stream.decompress(packed, _CHUNK)
         except zlib.error as error:

@@ -88,7 +88,7 @@ def _take_all(table: ForeignTable, path: Path, file: BinaryIO) -> None:
                 _take(table, names[number, index], signal, clocked, lost)
     if lost:
         table.notices.append(
-            f"{path}: samples that the file marks as invalid are left out: "
+            f"{path}: samples that the file marks as invalid are omitted: "
             + some_of(lost, 8, counted=False)
         )
 

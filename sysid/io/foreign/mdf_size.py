@@ -62,13 +62,13 @@ class _Blocks:
         return self.file.read(count)
 
     def visit(self, place: int) -> None:
-        """That the block at a place is met; InputError where it was before."""
+        """Note that the block at an offset was visited; InputError if it was before."""
         if place in self._seen:
-            raise self.damage("its blocks lead round in a ring")
+            raise self.damage("its blocks form a loop")
         self._seen.add(place)
 
     def group(self, channels: int, cycles: int, where: str) -> None:
-        """That a group of channels has so many samples of each."""
+        """Count a group of channels with this number of samples each."""
         self.channels += channels
         check_columns(self.path, self.channels)
         self.cells.add(channels * cycles, where)

@@ -34,7 +34,7 @@ Times = NDArray[np.int64]
 
 @dataclass
 class _Values:
-    """What a field had, message by message: numbers, arrays of them, or times in ns.
+    """The values of a field, message by message: numbers, arrays of them, or times in ns.
 
     `numbers` holds the elements of all arrays, one after the other, `lengths` how many are of each.
     """
@@ -64,7 +64,7 @@ class _Topic:
     _known: dict[tuple[str, ...], tuple[str, ...]] = field(default_factory=dict)
 
     def label(self, name: str, found: tuple[str, ...]) -> None:
-        """That a message's array of names had these."""
+        """Note the names in a message's array of names."""
         self.labels.setdefault(name, []).append(self._known.setdefault(found, found))
 
 
@@ -74,7 +74,7 @@ class Messages:
     def __init__(self, table: ForeignTable) -> None:
         self._table, self._cells = table, Cells(table.path)
         self._topics: dict[str, _Topic] = {}
-        self._left_out: set[str] = set()
+        self._skipped: set[str] = set()
         self._names = 0
 
     def __len__(self) -> int:
@@ -98,7 +98,7 @@ class Messages:
         A topic whose first message does not match its definition is skipped: others of the file
         remain valid. Raises ValueError where a later message does not match.
         """
-        if decoder is None or topic in self._left_out:
+        if decoder is None or topic in self._skipped:
             return
         try:
             message = decoder(data)
@@ -106,7 +106,7 @@ class Messages:
             reason = _in_short(error)
             if topic in self._topics:
                 raise ValueError(f"a message of topic {topic}: {reason}") from None
-            self._left_out.add(topic)
+            self._skipped.add(topic)
             self._table.skipped[topic] = f"its messages do not fit their definition ({reason})"
             return
         self.add(topic, message, logged_ns)

@@ -152,7 +152,7 @@ def _slices(text: str, where: str) -> tuple[slice, ...]:
 
 
 def kept_rows(rows: tuple[slice, ...], count: int) -> list[int]:
-    """Which of `count` rows slices keep, each once: in order, or backward by their steps."""
+    """The rows of `count` that the slices keep, each once: in order, or backward by their steps."""
     kept = {index for part in rows for index in range(*part.indices(count))}
     return sorted(kept, reverse=bool(rows) and (rows[0].step or 1) < 0)
 

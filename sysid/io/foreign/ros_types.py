@@ -1,6 +1,6 @@
 """ROS messages by their definitions, which MCAP files and bags hold, by rosbags.
 
-rosbags makes Python classes of a definition's names, so these are looked at first: a file's text
+rosbags makes Python classes of a definition's names, so these are checked first: a file's text
 is never run.
 """
 

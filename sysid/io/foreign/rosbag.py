@@ -139,8 +139,8 @@ def _read_second(
     waiting = path.with_name(f"{path.name}-wal")
     if waiting.is_file() and waiting.stat().st_size:
         table.notices.append(
-            f"{path}: {waiting.name} holds messages that are not in it yet: they are left out (to "
-            f"put them in: sqlite3 {path.name} 'PRAGMA wal_checkpoint')"
+            f"{path}: {waiting.name} holds messages that are not in it yet and are omitted "
+            f"(to include them: sqlite3 {path.name} 'PRAGMA wal_checkpoint')"
         )
     with read_as(path, "a ROS 2 bag"), _named(path, file) as name:
         _check_tables(path, name)
@@ -154,7 +154,7 @@ def _read_second(
 
 
 def _message(path: Path, packed: str | None, data: bytes) -> bytes:
-    # A message begins with its encapsulation, of which no packed one does.
+    # A message begins with its encapsulation header; a packed one does not.
     how = "zstd" if data[: len(_ZSTD)] == _ZSTD else packed
     return data if how is None else unpacked(path, "a message", data, how, None)
 

@@ -12,7 +12,7 @@ _BRACKETED = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?P<unit>[^\[\]]*)[\])]\s*")
 _ENDING = re.compile(r"(?P<name>.*[^_\s])_(?P<unit>[A-Za-z]{2,4})")
 _TITLE = re.compile(r"(?i)(?:units?|einheit)\s*[:=]\s*")
 _REFERENCE = re.compile(r"\s*\((?:g|a|gauge|abs|absolute)\)$|(?<=bar|psi)[ga]$", re.IGNORECASE)
-# As headings write them, without regard to capitals.
+# Units as headings write them, in lower case.
 _LISTED = """
     s sec secs second seconds ms msec millisecond milliseconds us µs μs usec microseconds ns min
     minutes h hours hz khz pa kpa mpa hpa bar mbar psi atm torr mmhg inh2o inhg cmh2o at rad mrad
@@ -23,9 +23,9 @@ _LISTED = """
     m/s² w kw
 """
 _WORDS = frozenset(_LISTED.split())
-# What is written where a column has no unit.
+# Entries that stand for no unit.
 _NONE = frozenset(("", "-", "--", "none", "1", "n/a"))
-# Of a name's end: shorter ones are also letters that distinguish channels (x_m, cmd_a).
+# Units at the end of a name: shorter ones also distinguish channels (x_m, cmd_a).
 _ENDINGS = """
     ms us ns bar mbar psi kpa mpa hpa deg mrad rad mm um cm rpm nm mnm ncm kn mn kgf lbf
     mv

@@ -180,7 +180,7 @@ class ForeignTable:
             raise self._not_finite(name, "time_s", _row(first, rows))
         raise input_error(
             f"{self.path}, {self.place(_row(first, rows))}",
-            f"column {name} (for time_s) holds {_shown(cells[first])}, no time as the others are",
+            f"column {name} (for time_s) holds {_shown(cells[first])}, not a time like the others",
             "fix the cell, or delete the row",
         )
 

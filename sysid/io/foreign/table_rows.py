@@ -66,7 +66,7 @@ class _Sorting:
             for _, text in self.lines[self.heading.first :][:100]
             if layout.fits(layout.cells(text))
         )
-        # Of dates between blanks too, the first cell is a number.
+        # With blanks as delimiters the first cell of a date is a number, too.
         numbered = layout.delimiter == BLANK or (again is not None and again[:1] in _BEGINS)
         begins = "" if numbered else _BEGINS
         for index in range(self.heading.first, len(self.lines)):
@@ -172,7 +172,7 @@ def _widths(rows: Sequence[tuple[int, str]], layout: Layout) -> tuple[IntArray, 
 def check_widths(path: Path, rows: Sequence[tuple[int, str]], layout: Layout, whole: bool) -> None:
     """InputError at a row of too many cells, or of too few where rows are not cut at their end.
 
-    Programs that write no delimiters after a row's last value leave out those of slower columns,
+    Programs that write no delimiters after a row's last value omit those of slower columns,
     and of remarks; a row that lacks any other cell is damaged, for its values may have moved.
     `whole`: the text ends with a line end.
     """

@@ -27,7 +27,7 @@ _DELIMITER_NAMES = {
     "bar": "|",
 }
 _SAID = {"\t": "tabs", ",": "commas", ";": "semicolons", BLANK: "blanks", "|": "bars"}
-# Of two that fit equally well the first is used.
+# The first of two equally good ones is used.
 _CANDIDATES = (
     (";", "."),
     (";", ","),

@@ -15,7 +15,7 @@ from sysid.io.bounds import MOST_DEPTH, Cells, check_columns
 from sysid.io.file_kinds import read_as
 from sysid.io.foreign.table import ForeignTable, ReadOptions
 
-# Of a message: its size and kind.
+# The head of a message: its size and kind.
 _HEAD = struct.Struct("<HB")
 
 
@@ -36,7 +36,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
             content = ULog(whole)
         table = _table(path, content)
     if content.file_corruption:
-        table.notices.append(f"{path}: parts of it are damaged; their messages are left out")
+        table.notices.append(f"{path}: parts of it are damaged; their messages are omitted")
     elif whole.is_cut:
         rows = max(map(len, table.columns.values()), default=0)
         table.notices.append(
@@ -119,7 +119,7 @@ def _table(path: Path, content: Any) -> ForeignTable:
             table.clocks[full] = clock
         table.units[f"{name}.timestamp"] = "us"
     if unset:
-        table.notices.append(f"{path}: {unset} messages have no timestamp and are left out")
+        table.notices.append(f"{path}: {unset} messages have no timestamp and are omitted")
     return table
 
 

@@ -94,7 +94,7 @@ def _number(letters: str) -> int:
 def check_size(path: Path, file: BinaryIO) -> None:
     """InputError where a part of a workbook is beyond the bounds; its XML is not kept.
 
-    What is damaged is left to the reader itself.
+    Damage is left to the reader itself.
     """
     with zipfile.ZipFile(file) as archive:
         for part in archive.infolist():

@@ -20,10 +20,10 @@ from sysid.types import FloatArray
 
 # Steps to either side that show how the motion goes on.
 _SIDE = 3
-# Times the range of the steps around it about their line: less is a slip of some rows.
+# Multiple of the range of the surrounding steps about their line: less is a slip of a few rows.
 _IRREGULAR = 3.0
-# Of a position in whole counts each reading is within half a count of the truth, and a step within
-# one: two steps differ by two counts at most.
+# A reading in whole counts is within half a count of the truth, and a step within one:
+# two steps differ by at most two counts.
 _COUNTS = 2.5
 # Chance of one false alarm in a test whose errors are as those of its other rows.
 _FALSE_ALARM = 1e-4
@@ -48,7 +48,7 @@ def _line(back: int) -> FloatArray:
     return np.asarray(np.outer(places, places) / (places @ places) + 1.0 / len(places))
 
 
-# By after how many steps a jump goes back (0: it does not, within those around it).
+# Indexed by the number of steps after which a jump goes back (0: not within those around it).
 _LINES = tuple(_line(back) for back in range(_SIDE + 1))
 
 
@@ -145,7 +145,7 @@ def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> 
     best, clearest, seldom = None, 0.0, 0.0
     for around in looks:
         noise = noises[: len(around.outside)]
-        # What whole counts do not explain.
+        # The part that whole counts do not explain.
         beyond = np.maximum(0.0, around.outside - _COUNTS * count)
         ratio = beyond / (count + noise + around.range)
         # Rounding gives the steps of an even motion a range of a count about their line.
@@ -196,8 +196,9 @@ def _largest_noise(position: FloatArray, count: float) -> FloatArray:
 
 
 def _seldom_passed(ratio: FloatArray) -> float:
-    """What the largest of the test's ratios (m,) passes by `_FALSE_ALARM`: errors may have heavier
-    tails than noise, and their quantiles show it, which a few jumps do not touch."""
+    """The limit that the largest of the test's ratios (m,) exceeds with probability `_FALSE_ALARM`:
+    errors may have heavier tails than noise, and their quantiles show it, which a few jumps do not
+    touch."""
     usual, seldom = np.quantile(ratio, (_USUAL, _SELDOM), method="lower")
     decades = math.log10(max(1.0, (1.0 - _SELDOM) * len(ratio)) / _FALSE_ALARM)
     return float(seldom + (seldom - usual) * decades)

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from sysid.io.responses import ROWS_OF_A_RECORDING
 from sysid.types import FloatArray
 
-# Of a test's samples to a side; how far they lie apart from the range of the others, and in steps.
+# Most outliers on one side of a test, and their distance from the range of the others, as a share
+# of it and in steps.
 _MOST_SPIKES = 3
 _APART = 0.5
 _STEPS_APART = 20.0
-# Rows over which a position turns round, its speed there of the test's highest, and over the speed
-# a little farther away.
+# Rows over which a position reverses, its speed there as a share of the test's highest, and of the
+# speed a little farther away.
 _FOLD_ROWS = 5
 _FOLD_SPEED = 0.2
 _STRAIGHT = 0.7
@@ -34,8 +35,8 @@ def folds(values: FloatArray) -> bool:
     i = 2 * n + np.flatnonzero(lowest & (inner <= step))
     near = np.minimum(values[i - n], values[i + n]) - values[i]
     far = np.maximum(values[i - 2 * n] - values[i - n], values[i + 2 * n] - values[i + n])
-    # A smooth motion turns round with a third of the speed that it has a little farther away; one
-    # that turns again so near is not sampled finely enough to tell.
+    # A smooth motion reverses with a third of the speed that it has a little farther away;
+    # one that reverses again so soon is sampled too coarsely to decide.
     before, after = np.maximum(i - 3 * n, 0), np.minimum(i + 3 * n, len(values) - 1)
     goes_on = (values[before] > values[i - 2 * n]) & (values[after] > values[i + 2 * n])
     return bool(np.any(goes_on & (near > _STRAIGHT * far) & (near > _FOLD_SPEED * n * step)))

@@ -118,12 +118,12 @@ def _follow(file: RepairedFile) -> None:
     file.put(name, parts)
     file.notices.append(
         f"{name} wraps around at {ranges[wraps.range]} {times} time{'s' * (times > 1)}, first in "
-        f"{file.where(*wraps.rows[0])}: it is followed over its wraps"
+        f"{file.where(*wraps.rows[0])}: it is unwrapped"
     )
 
 
 def _counts(file: RepairedFile) -> list[float]:
-    """What one count of the position may be."""
+    """Candidates for one count of the position."""
     if file.count is not None:
         return [file.count]
     shown = resolution_of(file.samples(file.position))
@@ -168,7 +168,7 @@ def _resolution(file: RepairedFile) -> Resolution:
 
 
 def _jumps_line(file: RepairedFile, found: Sequence[tuple[int, Jump]]) -> str:
-    """What a notice says of all jumps of a file."""
+    """The notice on all jumps of a file."""
     si = units_of(file.position == LINEAR.position_channel).position
     small = f"m{si}"
     lines = []
@@ -182,7 +182,7 @@ def _jumps_line(file: RepairedFile, found: Sequence[tuple[int, Jump]]) -> str:
     more = f", and {len(found) - _NAMED} more times" if len(found) > _NAMED else ""
     return (
         f"{file.position} jumps {'; '.join(lines)}{more}: an index pulse or lost counts; what "
-        "follows is joined on where the motion would have been"
+        "follows is shifted to continue the motion"
     )
 
 
@@ -234,7 +234,7 @@ def _end_at_fresh(file: RepairedFile, fresh: Iterable[Sequence[Fresh]]) -> None:
 
 
 def _too_slow(file: RepairedFile) -> Iterator[str]:
-    """What rows too far apart, or readings of a slow sensor, do not resolve."""
+    """Notices on what rows too far apart, or readings of a slow sensor, do not resolve."""
     times = file.parts("time_s")
     period = float(np.median(np.concatenate([np.diff(time) for time in times])))
     name = file.position
@@ -245,9 +245,10 @@ def _too_slow(file: RepairedFile) -> Iterator[str]:
         if rows is not None:
             inertia = "mass" if name == "position_m" else "inertia"
             yield (
-                f"{name} reverses every {rows:.2g} readings, {apart * period:.3g} s apart: too few "
-                f"for this motion, and friction and {inertia} from it are wrong by what happens "
-                f"between them; log every {_rounded(rows * apart * period / WANTED_ROWS)} s"
+                f"{name} reverses every {rows:.2g} readings, {apart * period:.3g} s apart: too "
+                f"few for this motion: friction and {inertia} from it are biased by "
+                f"what happens in between; "
+                f"log every {_rounded(rows * apart * period / WANTED_ROWS)} s"
             )
     for side, name in zip(SIDES, CHAMBER_PRESSURES, strict=True):
         if name not in file.columns:
@@ -261,7 +262,7 @@ def _too_slow(file: RepairedFile) -> Iterator[str]:
             yield (
                 f"{name} changes by {share:.0%} of its range from one reading to the next, "
                 f"{apart * period:.3g} s apart: too few to resolve how the chamber fills and "
-                "empties, and flows and delays of its valve are wrong by it; log at least "
+                "empties, so flows and delays of its valve are biased; log at least "
                 f"{math.ceil(share / RESOLVED_STEP)} times as often"
             )
 

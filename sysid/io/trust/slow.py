@@ -17,16 +17,16 @@ def _rows_for(error: float) -> int:
     return round(0.5 * math.pi / math.sqrt(3.0 * error))
 
 
-# From which a motion is resolved at all, and well.
+# Rows per reversal from which a motion is resolved at all, and well.
 _FEWEST, WANTED_ROWS = _rows_for(1e-2), _rows_for(2e-3)
 # Reversals that show a motion, and the share of the test's range that each crosses.
 _REVERSALS = 8
 _CROSSED = 0.05
-# A range over the resolution or the noise: a smaller one shows no motion.
+# Ratio of range to resolution or noise, below which no motion shows.
 _SHOWN = 10.0
-# Of a pressure's range in a test: an exponential so changes in half of its time constant.
+# Share of a pressure's range: the change of an exponential in half of its time constant.
 _STEP = 1.0 - math.exp(-0.5)
-# What it should change by at most.
+# Largest change that resolves it.
 RESOLVED_STEP = 0.05
 # Rows whose largest step is the noise where they are the quietest.
 _BLOCK = 10
@@ -47,7 +47,7 @@ def rows_per_reversal(parts: Sequence[FloatArray], count: float) -> float | None
 
 
 def _is_fast(values: FloatArray, count: float) -> bool:
-    """Whether a test (n,) may reverse within so few rows at all: most logs are told at once."""
+    """Whether a test (n,) may reverse within so few rows at all: most logs are decided at once."""
     if len(values) < 2 * _BLOCK:
         return False
     way, low, high = np.mean(np.abs(np.diff(values))), np.min(values), np.max(values)

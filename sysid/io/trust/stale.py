@@ -30,7 +30,7 @@ _SEVERAL = 1.5
 _REGULAR = 0.9
 _JITTER = 0.2
 _MULTIPLES = 3
-# Of a stride: a reading may come so much early.
+# Share of a stride by which a reading may come early.
 _EARLY = 0.25
 
 
@@ -76,7 +76,7 @@ def fresh_readings(values: FloatArray, stride: float) -> tuple[FloatArray, Float
     if len(changes) == 0:
         return np.array([0.0, len(values) - 1.0]), values[[0, -1]]
     gaps = np.diff(changes, prepend=0, append=len(values))
-    # Of the readings from one change to the next; what follows the last may be a part of a stride.
+    # Number of readings between changes; after the last one a stride may be incomplete.
     times = np.maximum(1, np.floor(gaps / stride + _EARLY).astype(int))
     times[-1] = max(1, math.floor((gaps[-1] - 1) / stride) + 1)
     before = changes[0] - stride * np.arange(times[0], 0, -1)

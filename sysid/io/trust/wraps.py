@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from sysid.types import FloatArray
 
 COUNTER_BITS = (16, 24, 32)
-# Of the counter's range: more than any step of the motion.
+# Share of the counter's range that exceeds any step of the motion.
 _ORDINARY = 0.25
-# A step over a wrap, over the others; and of the range, for its rounding in a file.
+# Ratio of a step across a wrap to the others; and share of the range, for rounding in the file.
 LARGER = 2.0
 _ROUNDING = 2e-3
 _FULL_TURN = 2.0 * math.pi

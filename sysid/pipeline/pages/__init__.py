@@ -2,5 +2,5 @@
 
 `campaign` is the report: its sections in turn, of which `opening` (the verdict on top),
 `concerns`, `motion` and `next_steps` draw on several results. `loop`, `controllers` and `fleet`
-are pages of their own. `sysid.document` renders them.
+are pages of their own. `sysid.blocks` renders them.
 """

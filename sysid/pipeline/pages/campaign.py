@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.blocks.sections import Block, Fold, Plot, Section
+from sysid.blocks.standing import section_or_why
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
-from sysid.document.standing import section_or_why
 from sysid.errors import Failure, input_error, on_its_own
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
@@ -75,7 +75,7 @@ def render_report(
     """The page of `write_report` as text."""
     tell = progress or (lambda line: None)
     _check_units(campaign, bundle)
-    from sysid.document import svg
+    from sysid.blocks import svg
 
     with svg.styled():
         parts = _parts(campaign, bundle, validation, diagnosis)
@@ -93,7 +93,7 @@ def _judged(
     judged = on_its_own(lambda: verdict(bundle, validation, diagnosis))
     if not isinstance(judged, Failure):
         return judged
-    return ReportVerdict("none", f"No verdict could be worked out: {judged.reason}.", None)
+    return ReportVerdict("none", f"No verdict could be reached: {judged.reason}.", None)
 
 
 def _check_units(campaign: Campaign, bundle: Bundle) -> None:
@@ -164,8 +164,8 @@ def _parts(
     validation: ValidationResult | None,
     diagnosis: Mapping[str, Any] | None,
 ) -> list[_Part]:
-    """Of each section in turn: id, title, the line if it is missing ("": none), and its builder."""
-    from sysid.pipeline.pages.next_steps import left_open
+    """Each section's id, title, the line if it is missing ("": none), and its builder."""
+    from sysid.pipeline.pages.next_steps import open_questions
 
     valves = bundle.valves or FittedValves()
 
@@ -229,7 +229,7 @@ def _parts(
 
     skipped = (diagnosis or {}).get("skipped", _NOT_DIAGNOSED)
     diagnosed_part = ("diagnosis", "Diagnosis", skipped, diagnosed)
-    is_open = left_open(diagnosis, is_validated=validation is not None)
+    is_open = open_questions(diagnosis, is_validated=validation is not None)
     following = ("next", "What to do next", is_open, next_steps)
     if bundle.component is not None:
         return [
@@ -237,7 +237,7 @@ def _parts(
             diagnosed_part,
             following,
         ]
-    # A part tested alone lacks nothing of what only a whole actuator has.
+    # A part tested alone is not missing what only a whole actuator has.
     rig = campaign.rig
     moves = is_of_actuator(diagnosis) or rig.is_motor_alone
     switches = is_of_actuator(diagnosis) and not rig.is_motor_alone
@@ -275,7 +275,7 @@ def _fill(
 ) -> str:
     from markupsafe import Markup
 
-    from sysid.document.html import fill, origin_text, template_text
+    from sysid.blocks.html import fill, origin_text, template_text
     from sysid.pipeline.pages.interactive import bokeh_script
 
     plots = [block for section in sections for block in _plots(section.blocks)]
@@ -317,8 +317,8 @@ def _own_provenance(campaign: Campaign, bundle: Bundle) -> Provenance:
 
 
 def _moment(text: str) -> str:
-    """An ISO time to the minute, UTC; anything else as it is."""
-    from sysid.document.html import moment
+    """An ISO time to the minute, UTC; any other text unchanged."""
+    from sysid.blocks.html import moment
 
     try:
         return moment(datetime.datetime.fromisoformat(text))

@@ -1,4 +1,4 @@
-"""What holds a verdict back: its colour is that of the worst of what stands below it."""
+"""What limits a verdict: its colour is that of the worst finding below it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from sysid.blocks.quality import quality_name
 from sysid.diagnosis.evidence import is_of_actuator
-from sysid.diagnosis.thresholds import FAR_OFF
+from sysid.diagnosis.lack_of_fit import MISFIT
 from sysid.parameters import Bundle
 
 LEVELS = ("good", "fair", "poor")
@@ -60,9 +60,9 @@ def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:
     else:
         yield Concern("good", "the diagnosis")
     if not is_of_actuator(diagnosis):
-        # Of a part the floor is what no law could explain; a motion's adds up small errors.
+        # The floor of a part is what no law could explain; in a motion small errors add up.
         for errors in diagnosis.get("residual", {}).values():
-            if errors["noise_floor"] > 0.0 and errors["after"] > FAR_OFF * errors["noise_floor"]:
+            if errors["noise_floor"] > 0.0 and errors["after"] > MISFIT * errors["noise_floor"]:
                 times = errors["after"] / errors["noise_floor"]
                 yield Concern("fair", f"errors {times:.0f} times the noise")
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from sysid.blocks.html import fill
 from sysid.blocks.sections import FigureGroup, Section
-from sysid.document.html import fill
 from sysid.io.files import write_atomic
 from sysid.thesis import Agreement, ThesisTable
 from sysid.thesis.overview import ControllersPage, sections, summary

@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 from urllib.parse import quote
 
+from sysid.blocks.html import fill
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Section
-from sysid.document.html import fill
-from sysid.document.standing import section_or_why
+from sysid.blocks.standing import section_or_why
 from sysid.fleet.rows import LEAKAGE, FleetRow
 from sysid.fleet.shown import changes_table, rig_section, shown_unit, title_of
 from sysid.fleet.trends import Fleet
@@ -106,7 +106,7 @@ def _campaigns() -> Section:
     intro = (
         "Each campaign went through sysid run; its report lies in a folder next to this page. "
         "Friction is that of the bench tests, leakage what a chamber at supply pressure loses past "
-        "its valve by the effects that the diagnosis found.",
+        "its valve through the effects that the diagnosis found.",
     )
     return Section("campaigns", "Campaigns", intro)
 

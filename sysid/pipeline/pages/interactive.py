@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from sysid.blocks import svg
 from sysid.blocks.channels import Channel
-from sysid.document import svg
 from sysid.types import FloatArray
 from sysid.validation.shown_tests import MODEL_NAMES, ShownTest
 

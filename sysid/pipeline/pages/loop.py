@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from sysid.blocks.html import fill
+from sysid.blocks.standing import section_or_why
 from sysid.blocks.tables import Table
 from sysid.controllers.shown import ShownLoop
-from sysid.document.html import fill
-from sysid.document.standing import section_or_why
 from sysid.io.files import write_atomic
 
 

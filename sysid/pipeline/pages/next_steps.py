@@ -22,12 +22,12 @@ from sysid.plant.effects.linear import for_rig
 
 Content = Mapping[str, Any]
 
-# Share of a value from which on a 95 % interval's half-width is worth another test.
+# Half-width of a 95 % interval, as a share of the value, from which another test is worthwhile.
 _WIDE = 0.25
 
 
 def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Section | None:
-    """From the diagnosis and the bundle as they are: nothing is simulated for it.
+    """The section on next steps, from the diagnosis and the bundle alone: nothing is simulated.
 
     `campaign` is its file's name. None without next steps.
     """
@@ -45,7 +45,7 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
     intro = (
         ["Ordered by what they decide: which effect it is, what remains, how large it is."]
         if blocks
-        else ["Nothing was left open: an effect too small for these tests may still be there."]
+        else ["No question is open: an effect too small for these tests may still be there."]
     )
     if is_advised:
         intro.append(
@@ -56,8 +56,8 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
     return Section("next", "What to do next", tuple(intro), tuple(blocks))
 
 
-def left_open(diagnosis: Content | None, *, is_validated: bool) -> str:
-    """What to do where a section is missing: what was not examined may be open."""
+def open_questions(diagnosis: Content | None, *, is_validated: bool) -> str:
+    """What to do where a section is missing, since what was not examined may be open."""
     if not is_of_actuator(diagnosis):
         is_validated = True  # a part alone has no motion to be validated on
     runs = [] if is_validated else ["sysid validate"]
@@ -67,7 +67,7 @@ def left_open(diagnosis: Content | None, *, is_validated: bool) -> str:
         return f"run {' and '.join(runs)}"
     if diagnosis is not None and "verdict" not in diagnosis:
         return "add the tests that the diagnosis needs"
-    return "nothing was left open"
+    return "no open question"
 
 
 def _rivals(content: Content) -> list[Block]:
@@ -111,7 +111,7 @@ def _only_together(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
 
 
 def _uninformed(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
-    """What the refinement could not learn from motion, where no bench test says it either."""
+    """Parameters that neither motion nor any bench test identifies."""
     part = bundle.refinement
     for value in [] if part is None else part.values():
         std = value.after.std
@@ -130,7 +130,7 @@ def _wide(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
         if not estimate.identified or not (math.isfinite(low) and math.isfinite(high)):
             continue
         half = 0.5 * (high - low)
-        # What may have either sign is not wide for being about 0: an offset, a difference.
+        # A quantity of either sign, such as an offset, is not wide merely because it is close to 0.
         size = max(abs(estimate.value), positive.get(name, 0.0))
         if half <= _WIDE * size or (low * high <= 0.0 and name not in positive):
             continue

@@ -96,8 +96,8 @@ def _titles(diagnosis: Mapping[str, Any]) -> Mapping[str, str]:
 
 
 _ALONE = (
-    "The part was tested alone: its law was fitted to its own tests and judged by tests that "
-    "were left out; there is no actuator whose motion it could be compared with."
+    "The part was tested alone: its law was fitted to its own tests and judged on held-out "
+    "tests; there is no actuator whose motion it could be compared with."
 )
 
 
@@ -285,7 +285,7 @@ def _positions() -> list[Channel]:
 
 
 def _doubtful(bundle: Bundle) -> Iterator[str]:
-    """One line a fit whose law does not follow its own tests, or whose numbers cannot be."""
+    """One line per fit that does not follow its own tests, or is impossible."""
     found = bundle.qualities()
     for place, one in found.items():
         better = found.get(place.replace(".bipolynomial", ".ann"), one)
@@ -295,7 +295,7 @@ def _doubtful(bundle: Bundle) -> Iterator[str]:
 
 
 def _unidentified(bundle: Bundle) -> Iterator[str]:
-    """One line a parameter of the bundle that the data do not identify; of a tank none would."""
+    """One line per parameter of the bundle that the data do not identify, except for a tank."""
     if bundle.rig.is_tank_alone:
         return
     for name, reason in unidentified(bundle):

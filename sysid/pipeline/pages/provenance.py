@@ -17,7 +17,7 @@ _PACKAGES = ("numpy", "scipy", "jax", "torch", "matplotlib", "bokeh")
 
 
 def provenance_section(bundle: Bundle) -> Section:
-    """From the bundle's provenance, and this program's own versions."""
+    """The section on the bundle's provenance and this program's own versions."""
     source = bundle.provenance
     blocks: list[Block] = [_made(bundle), _logs(source)]
     seeds, options = _flat(source.seeds), _flat(source.options)

@@ -94,7 +94,7 @@ class PartialOpening(CatalogueEffect):
     )
     signature = "flow at small duties against the pulse length, whatever the period"
     rivals = ("valve-delay", "duty-dead-zone", "valve-dead-band", "series-restriction")
-    tie_breaker = "sweep the duty at two or more PWM periods, down to pulses of 1 ms"
+    tie_breaker = "sweep the duty at several PWM periods, down to pulses of 1 ms"
     source = (
         "textbook: ballistic operation of a solenoid valve (force grows with current squared); "
         "ISO 6358-3:2014 (conductances in series)"

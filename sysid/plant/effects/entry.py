@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
@@ -13,6 +14,11 @@ from sysid.plant.ports import Effect
 
 Subsystem = Literal["friction", "mechanics", "motor", "chamber", "valve", "supply", "sensor"]
 SIDE_CHOICES = ("a", "b", "both")
+SPEEDS = ("rad/s", "m/s")
+_SIZED = {"N", "Nm", "kg", "W"}
+_UNIT_WORDS = re.compile(r"[A-Za-z]+")
+# Shares of a rig's fastest speed that are tried of a speed, and its least.
+_SPEED_SHARES, _SLOWEST = (0.05, 0.1, 0.2, 0.4), 0.01
 # The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
 _SHORTEST_LAG_S = 1e-3
 
@@ -63,18 +69,49 @@ class Quantity:
         """Whether it acts in steps: screening tries a grid of sizes, and it has no slope."""
         return self.is_strength and bool(self.grid) and not self.is_smooth
 
-    def within(self, travel: float) -> Quantity | None:
+    def within(self, travel: float, spacing: float = math.inf) -> Quantity | None:
         """It on a log that visits so much of the position: at least one period; None: none fits.
 
         Less than a period is a polynomial of low order, and its amplitude and phase mean nothing.
+        `spacing` of the samples in the position: waves are as short as two samples resolve.
         """
         if not self.is_wave or math.isinf(travel):
             return self
         least = max(2.0 * math.pi / travel, self.lower) if travel > 0.0 else math.inf
-        if least > self.upper:
+        most = max(self.upper, math.pi / spacing) if spacing > 0.0 else self.upper
+        if least > most:
             return None
         grid = tuple(value for value in self.grid if value >= least) or (least,)
-        return replace(self, lower=least, typical=max(self.typical, least), grid=grid)
+        return replace(self, lower=least, upper=most, typical=max(self.typical, least), grid=grid)
+
+    @property
+    def anywhere(self) -> tuple[float, float]:
+        """Its bounds on a rig of any size: for a strength in units of effort, flow or heat, and for
+        a shape in units of speed, only those of sign; a sensor's delay or an exponent is the same
+        on any rig."""
+        units = set(_UNIT_WORDS.findall(self.unit))
+        sized = bool(units & _SIZED) if self.is_strength else self.unit in SPEEDS
+        if not sized or self.is_choice:
+            return self.lower, self.upper
+        return (-math.inf if self.lower < 0.0 else 0.0), math.inf
+
+    def around(self, value: float) -> tuple[float, float]:
+        """Its bounds, or those on a rig of any size where a value is beyond them."""
+        return (self.lower, self.upper) if self.lower <= value <= self.upper else self.anywhere
+
+    def at_speeds(self, fastest: float) -> Quantity:
+        """It on a rig that moves as fast as this, rad/s or m/s: a speed's range, and what is tried
+        of it, reach from a hundredth of that to that."""
+        if self.is_strength or self.unit not in SPEEDS or not self.grid or not fastest > 0.0:
+            return self
+        tried = (share * fastest for share in _SPEED_SHARES)
+        beyond = [v for v in tried if not min(self.grid) <= v <= max(self.grid)]
+        return replace(
+            self,
+            lower=min(self.lower, _SLOWEST * fastest),
+            upper=max(self.upper, fastest),
+            grid=tuple(sorted((*self.grid, *beyond))),
+        )
 
     @property
     def label(self) -> str:
@@ -119,12 +156,12 @@ class CatalogueEffect(Effect):
         return tuple(q for q in cls.quantities if not q.is_choice)
 
     @classmethod
-    def within(cls, travel: float) -> tuple[Quantity, ...] | None:
+    def within(cls, travel: float, spacing: float = math.inf) -> tuple[Quantity, ...] | None:
         """The quantities on logs that visit so much of the position (rad or m; infinite: unknown).
 
         None where no period of a wave fits (`Quantity.within`).
         """
-        found = [q.within(travel) for q in cls.quantities]
+        found = [q.within(travel, spacing) for q in cls.quantities]
         kept = tuple(q for q in found if q is not None)
         return kept if len(kept) == len(found) else None
 

@@ -29,7 +29,7 @@ _CONTACT_RATE = 2.0 * math.pi * 60.0
 _CONTACT_DAMPING = 0.5
 # Through these a flexible link acts where the encoder is behind its spring.
 _SENSOR_PORTS = ("measure", "unmeasured", "sense", "start_sensing")
-# Of the declared inertia: what a change of it leaves at least.
+# Share of the declared inertia that a change leaves at least.
 _LEAST_INERTIA = 0.02
 
 
@@ -115,7 +115,7 @@ class Backlash(CatalogueEffect):
         return xp.maximum(self.motor_share, _LEAST_SHARE) * whole
 
     def _contact_effort(self, point: Point) -> Array:
-        """What the flank that touches gives the shaft, Nm or N."""
+        """The effort of the touching flank on the shaft, Nm or N."""
         xp = array_namespace(point.position, self.gap_rad, point.extra["backlash_motor_rad"])
         ahead = point.extra["backlash_motor_rad"] - point.position
         faster = point.extra["backlash_motor_rad_per_s"] - point.velocity
@@ -358,7 +358,7 @@ class LinkFlexibility(CatalogueEffect):
         return found
 
     def _pole(self, xp: Any) -> tuple[Array, Array]:
-        """Of the free twist with the shaft held, 1/s: real and imaginary part."""
+        """Pole of the free twist with the shaft held, 1/s: real and imaginary part."""
         rate = 2.0 * math.pi * self.link_frequency_hz
         return -self.link_damping * rate, rate * xp.sqrt(1.0 - self.link_damping**2)
 

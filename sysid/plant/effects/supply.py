@@ -90,11 +90,11 @@ def _adapted(
     other = SIDES[1 - SIDES.index(side)]
     share = common_share * acts(other)
     own: Array = 0.0
-    beside: Array = 0.0
+    other_flow: Array = 0.0
     for _ in range(_SWEEPS):
-        beside = share * flow(other, own)
-        own = flow(side, beside)
-    return own + beside
+        other_flow = share * flow(other, own)
+        own = flow(side, other_flow)
+    return own + other_flow
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class SupplyDroop(CatalogueEffect):
 
     def supply_pressure(self, pressure: Array, side: str, point: Point) -> Array:
         flow = _adapted(
-            lambda s, beside: self._flow(s, pressure, beside, point),
+            lambda s, other_flow: self._flow(s, pressure, other_flow, point),
             side,
             self.common_share,
             point.is_open,
@@ -200,9 +200,9 @@ class SupplyDroop(CatalogueEffect):
         )
         return array_namespace(flow).where(flow == flow, flow, 0.0)
 
-    def _flow(self, side: str, supply: Array, beside: Array, point: Point) -> Array:
+    def _flow(self, side: str, supply: Array, other_flow: Array, point: Point) -> Array:
         p, droop = point.parameters, self.droop_pa_s_per_kg
-        left = supply - droop * beside
+        left = supply - droop * other_flow
         return drooped_filling_flow(
             point.pressure(side), left, p.valve(side), p.supply_reference, droop
         )
@@ -272,7 +272,7 @@ class ExhaustBackPressure(CatalogueEffect):
 
     def exhaust_pressure(self, pressure: Array, side: str, point: Point) -> Array:
         flow = _adapted(
-            lambda s, beside: self._flow(s, pressure, beside, point),
+            lambda s, other_flow: self._flow(s, pressure, other_flow, point),
             side,
             self.common_share,
             lambda other: 1.0 - point.is_open(other),
@@ -285,16 +285,16 @@ class ExhaustBackPressure(CatalogueEffect):
         return resistance * flow + curvature * flow * flow
 
     def _coefficients(self) -> tuple[Array, Array]:
-        """Of the flow, Pa s/kg, and of its square, Pa s2/kg2."""
+        """Coefficients of the flow, Pa s/kg, and of its square, Pa s2/kg2."""
         whole = self.back_pressure_pa_s_per_kg
         turbulent = whole * (1.0 - self.linear_share) / REFERENCE_FLOW_KG_PER_S
         return whole * self.linear_share, turbulent
 
-    def _flow(self, side: str, atmosphere: Array, beside: Array, point: Point) -> Array:
+    def _flow(self, side: str, atmosphere: Array, other_flow: Array, point: Point) -> Array:
         resistance, curvature = self._coefficients()
-        against = atmosphere + self._rise(beside)
+        against = atmosphere + self._rise(other_flow)
         # With the other chamber's flow the square has a different slope.
-        slope = resistance + 2.0 * curvature * beside
+        slope = resistance + 2.0 * curvature * other_flow
         valve = point.parameters.valve(side)
         return backed_exhaust_flow(point.pressure(side), against, valve, slope, curvature)
 

@@ -164,7 +164,7 @@ class ValveDelay(CatalogueEffect):
 
 
 def partly_lost(length: Array, dead_time: Array, whole_ratio: Array) -> Array:
-    """By how much later a valve moves that obeys a command of some length only partly, s.
+    """Delay, s, of a valve that obeys a command of some length only partly.
 
     A command as long as the dead time is lost, one `whole_ratio` times as long is not; in
     between the response grows linearly. `length` and `dead_time` in s.
@@ -291,7 +291,7 @@ class DutyDeadZone(CatalogueEffect):
         return found
 
     def _lost(self, length: Array, is_pulse: Array) -> Array:
-        """What a pulse, or a pause, of some length loses by its valve moving only partly, s."""
+        """Loss, s, of a pulse or a pause of some length whose valve moves only partly."""
         return partly_lost(length, self._dead(is_pulse), self.whole_ratio)
 
 

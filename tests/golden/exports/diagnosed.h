@@ -9,9 +9,9 @@
  *
  * On a microcontroller: include this file in one source file, compile it with -std=c99 -O2,
  * and -DSYSID_REAL=float where the unit for floating point is single. Nothing is allocated, and
- * nothing is global but constants. The folder ..._check beside this file replays numbers of the
- * Python package through it: cmake and ctest on a computer, or check.c with its vectors.h on
- * the target itself.
+ * nothing is global but constants. The folder ..._check next to this file replays numbers of
+ * the Python package through it: cmake and ctest on a computer, or check.c with its vectors.h
+ * on the target itself.
  * Controllers: each loop keeps its own structs. Each tick (1 ms) sense() turns readings into an
  * estimate; then pva_control() or backstepping_control(), at the start of each PWM period, or
  * dvmpc_control(), at each tick, gives the commands. For other gains copy ..._defaults and
@@ -2958,7 +2958,7 @@ static inline sysid_real sysid_payload_mass(sysid_real payload)
     return sysid_known((sysid_real)7.304601899196494*payload);
 }
 
-/* 1 where an estimate is a payload, 0 where it cannot be told from none. */
+/* 1 where an estimate is a payload, 0 where it is indistinguishable from none. */
 static inline int sysid_payload_detected(const sysid_payload_estimator *gains,
     sysid_real payload)
 {

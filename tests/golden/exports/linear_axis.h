@@ -9,9 +9,9 @@
  *
  * On a microcontroller: include this file in one source file, compile it with -std=c99 -O2,
  * and -DSYSID_REAL=float where the unit for floating point is single. Nothing is allocated, and
- * nothing is global but constants. The folder ..._check beside this file replays numbers of the
- * Python package through it: cmake and ctest on a computer, or check.c with its vectors.h on
- * the target itself.
+ * nothing is global but constants. The folder ..._check next to this file replays numbers of
+ * the Python package through it: cmake and ctest on a computer, or check.c with its vectors.h
+ * on the target itself.
  *
  * Numbers that are not finite (NaN, infinite): where an input is one, or what follows from it,
  * a law answers NaN and a duty is 0. -ffast-math drops these checks and is an error.

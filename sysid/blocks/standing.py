@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from sysid.blocks import svg
 from sysid.blocks.figures import Figure
 from sysid.blocks.sections import Block, FigureGroup, Fold, Section
-from sysid.document import svg
 from sysid.errors import Failure, on_its_own
 
 

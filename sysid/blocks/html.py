@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from sysid import __version__
-from sysid.document.standing import drawn
+from sysid.blocks.standing import drawn
 from sysid.errors import escaped
 
-_TEMPLATES = resources.files("sysid.document") / "templates"
+_TEMPLATES = resources.files("sysid.blocks") / "templates"
 
 
 def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:

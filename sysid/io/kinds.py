@@ -1,0 +1,125 @@
+"""The kinds of tests that a campaign's logs hold, each declared once.
+
+What follows of a kind, the template's entry, what its logs are known by, who fits it, is read off
+this table; how it is fitted is said in its own room (a part on a bench: `diagnosis/bench/`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Group = Literal["friction", "valve", "motion", "bench"]
+
+
+@dataclass(frozen=True)
+class TestKind:
+    """A kind of test: what a log of it holds (`docs/reference/log-format.md`), in a line.
+
+    `of_a_valve`: its logs name the valve that was tested; `balances`: force or torque are balanced
+    with the motion, row by row; `column`: one that logs of this kind alone have; `optional`: not
+    every rig has it.
+    """
+
+    # pytest must not take this for a test.
+    __test__ = False
+
+    name: str
+    group: Group
+    content: str
+    of_a_valve: bool = False
+    balances: bool = False
+    column: str | None = None
+    optional: bool = False
+
+
+FRICTION_POINTS = "friction-points"
+FRICTION_MOTION = "friction-motion"
+TEST_KINDS = (
+    TestKind(
+        "friction-static",
+        "friction",
+        "torque ramped slowly from zero until the shaft moves; several positions",
+    ),
+    TestKind(
+        "friction-sliding",
+        "friction",
+        "constant torque after a start; at least two levels, both directions",
+    ),
+    TestKind(
+        FRICTION_MOTION,
+        "friction",
+        "any motion with a known motor torque",
+        balances=True,
+        optional=True,
+    ),
+    TestKind(
+        "valve-discrete",
+        "valve",
+        "piston held at an end; valve off, on at about 1 s, off again at about 4 s",
+        of_a_valve=True,
+    ),
+    TestKind(
+        "valve-pwm",
+        "valve",
+        "piston held at an end; one test per duty, filling and discharging",
+        of_a_valve=True,
+    ),
+    TestKind(
+        "motion-motor",
+        "motion",
+        "valves off, chambers open; a clipped sine of motor torque",
+        balances=True,
+    ),
+    TestKind("motion-pwm", "motion", "clipped sines of both duties, with or without the motor"),
+    TestKind("motion-discrete", "motion", "on/off sequences of both valves"),
+    TestKind(
+        "tank",
+        "bench",
+        "a tank without a piston: how its pressure falls through a valve or a port",
+        column="pump_volts",
+        optional=True,
+    ),
+    TestKind(
+        "valve-flow",
+        "bench",
+        "a valve on a bench: settled flow over duty",
+        column="flow_a_kg_s",
+        optional=True,
+    ),
+    TestKind(
+        "valve-time",
+        "bench",
+        "a valve on a bench: time to a pressure over duty",
+        column="time_to_pressure_s",
+        optional=True,
+    ),
+    TestKind(FRICTION_POINTS, "bench", "single readings of friction", optional=True),
+)
+
+
+def _of(group: Group) -> tuple[str, ...]:
+    return tuple(kind.name for kind in TEST_KINDS if kind.group == group)
+
+
+KINDS = tuple(kind.name for kind in TEST_KINDS)
+FRICTION_KINDS, MOTION_KINDS, BENCH_KINDS = _of("friction"), _of("motion"), _of("bench")
+SIMULATED_KINDS = (*MOTION_KINDS, FRICTION_MOTION)
+"""Kinds of motion that a model can be simulated along."""
+BALANCED_KINDS = tuple(kind.name for kind in TEST_KINDS if kind.balances)
+KIND_BY_COLUMN = {kind.column: kind.name for kind in TEST_KINDS if kind.column is not None}
+"""Columns that logs of one kind alone have."""
+
+__all__ = [
+    "BALANCED_KINDS",
+    "BENCH_KINDS",
+    "FRICTION_KINDS",
+    "FRICTION_MOTION",
+    "FRICTION_POINTS",
+    "KINDS",
+    "KIND_BY_COLUMN",
+    "MOTION_KINDS",
+    "SIMULATED_KINDS",
+    "TEST_KINDS",
+    "TestKind",
+]
