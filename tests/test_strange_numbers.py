@@ -236,7 +236,7 @@ def test_an_inertia_that_may_be_zero_is_said() -> None:
 def test_an_impossible_inertia_gives_way_to_a_declared_one() -> None:
     bundle = Bundle.new(RIG, known(mass_kg=-3.0), [])
     assert fitted_inertia(bundle) is None
-    with pytest.raises(NotIdentifiedError, match="mass is -3 kg, which cannot be"):
+    with pytest.raises(NotIdentifiedError, match="mass is -3 kg, which is impossible"):
         parameters_from_bundle(bundle, RIG)
     assert parameters_from_bundle(bundle, DECLARED).inertia == 5.0
     (said,) = [n for n in assumed_parameters(bundle, DECLARED) if "mass_kg" in n]
