@@ -25,10 +25,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from sysid.plant import base
-from sysid.plant.base import Array, Parameters, array_namespace
+from sysid.plant.base import LEAST_DIVISOR, Array, Parameters, array_namespace
 
-# Keeps a quotient finite where filling and exhaust meet, which no real valve's do.
-_TINY_FLOW = 1e-12
 # Pa: a smaller ripple is neglected.
 _LEAST_RIPPLE = 1e-6
 # The ripple follows from the flows, and these from the ripple: each step leaves a tenth of the
@@ -182,7 +180,7 @@ class AveragedLaw:
         found = self._at_once(0.0 * pressure, pressure, lines)
         share = 0.0 * flow
         for _ in range(_DUTY_STEPS):
-            span = xp.maximum(found.open - found.closed, _TINY_FLOW)
+            span = xp.maximum(found.open - found.closed, LEAST_DIVISOR)
             share = xp.clip((flow - found.closed) / span, 0.0, 1.0)
             found = self.mean_pulse(share, pressure, lines, per_flow)
         return self.duty_of_share(share)
@@ -232,7 +230,7 @@ class AveragedLaw:
         """Duty, 0 to 1, for a wanted mean flow in kg/s; beyond what the valve can pass: 0 or 1."""
         xp = array_namespace(flow, pressure)
         closed = self.closed_flow(pressure)
-        span = xp.maximum(self.open_flow(pressure) - closed, _TINY_FLOW)
+        span = xp.maximum(self.open_flow(pressure) - closed, LEAST_DIVISOR)
         return self.duty_of_share(xp.clip((flow - closed) / span, 0.0, 1.0))
 
 
