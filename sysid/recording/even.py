@@ -13,10 +13,8 @@ from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
 from sysid.io.measured_speed import velocity_channel, with_position
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
-from sysid.recording.recording import MIN_SAMPLES, Recording
-
-# A shaft moves where it crosses this share of its travel.
-_MOVES = 0.02
+from sysid.recording.recording import Recording
+from sysid.signals import MIN_SAMPLES
 
 
 def on_even_grid(trial: Trial, rig: Rig, names: Iterable[str] | None = None) -> Trial:
@@ -80,7 +78,8 @@ def _check_pressures(trial: Trial, rig: Rig, notices: list[str]) -> None:
     if not present:
         return
     way = float(np.ptp(trial[rig.position_channel]))
-    moves = len(trial) >= MIN_SAMPLES and way > 0.0 and way >= _MOVES * (rig.travel or 0.0)
+    # A shaft moves where it crosses this share of its travel.
+    moves = len(trial) >= MIN_SAMPLES and way > 0.0 and way >= 0.02 * (rig.travel or 0.0)
     for name in present:
         if moves and np.ptp(trial[name]) == 0.0:
             _say(

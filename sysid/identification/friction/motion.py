@@ -51,7 +51,8 @@ from sysid.identification.friction.motion_regression import (
 )
 from sysid.io.motion import MotionUnits
 from sysid.recording.friction_kind import MOTION
-from sysid.recording.recording import MIN_SAMPLES, Recording
+from sysid.recording.recording import Recording
+from sysid.signals import MIN_SAMPLES
 from sysid.types import FloatArray
 
 MIN_TRIALS_APART = 3

@@ -24,6 +24,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from statistics import NormalDist
 
 import numpy as np
 
@@ -39,7 +40,7 @@ FLOW_NOISE_SHARE = 0.005
 # Phase by which a block of samples may miss whole PWM periods, as a share of a period.
 _PHASE_TOLERANCE = 0.01
 _LONGEST_BLOCK_S = 0.02
-_NORMAL_QUARTILE = 0.6744897501960817
+_NORMAL_QUARTILE = NormalDist().inv_cdf(0.75)
 
 
 @dataclass(frozen=True)

@@ -32,12 +32,6 @@ HELD_SHARE_OF_VOLUME = 0.005
 # Start of a test: within this share of the range from atmosphere to supply from either end.
 _START_TOLERANCE = 0.25
 _DUTY_TOLERANCE = 1e-6
-# Rows this many sampling periods apart have lost others. Where a PWM period has many rows, a gap
-# of less than half of it does not hide a pulse, if it is not so long that the spline through
-# the rows gives it up.
-_LOST_SAMPLES = 1.5
-_BRIDGED_SAMPLES = 3.0
-_BRIDGED_PERIODS = 0.5
 _FEWEST_PERIODS = 4
 _CLIPPED_START = 8
 # Change of pressure in one block next to a clipped interval, as a share of the limit.
@@ -159,15 +153,17 @@ def _on_grid(
     supply = trial.channels.get("supply_pressure_pa")
     steps = np.diff(time)
     median = float(np.median(steps))
-    if float(np.max(np.abs(steps - median))) < 1e-3 * median:
+    if float(np.max(np.abs(steps - median))) < signals.JITTER_IGNORED * median:
         period = float(time[-1] - time[0]) / (len(time) - 1)
         logged = np.full(len(time), declared) if supply is None else supply
         return period, pressure, np.ones(len(time), dtype=bool), logged
     count = max(1, round(float(time[-1] - time[0]) / median))
     grid = time[0] + median * np.arange(count + 1)
     row = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-    bridged = min(_BRIDGED_SAMPLES * median, _BRIDGED_PERIODS * pwm_period)
-    usable = steps[row - 1] < max(_LOST_SAMPLES * median, bridged)
+    # Where a PWM period has many rows, a gap of less than half of it does not hide a pulse, if it
+    # is not so long that the spline through the rows gives it up.
+    bridged = min(signals.PAUSE * median, 0.5 * pwm_period)
+    usable = steps[row - 1] < max(signals.SAMPLE_MISSING * median, bridged)
     level = signals.resample(time, pressure, grid)
     logged = np.full(len(grid), declared) if supply is None else np.interp(grid, time, supply)
     return median, level, usable, logged
