@@ -11,8 +11,9 @@ from sysid.io.logs import Trial, smallest_step
 from sysid.io.measured_speed import moves, velocity_channel
 from sysid.io.rig import Rig
 
-# A held piston moves by encoder counts and a little elasticity, not by a stroke.
-_HELD_SHARE_OF_STROKE = 0.005
+HELD_SHARE = 0.005
+"""Of the stroke, or of a chamber's volume: a held piston moves by encoder counts and a little
+elasticity. Flows out of the volume have the same relative error."""
 _HELD_STEPS = 20.0
 # Share of half a stroke: a piston held farther in is not at an end.
 _NEAR_AN_END = 0.9
@@ -27,7 +28,7 @@ def is_held(trial: Trial, rig: Rig) -> bool:
         return speed not in trial or not moves(trial[speed])
     moved = float(np.ptp(trial[name]))
     step = smallest_step(trial[name]) or 0.0
-    give = _HELD_SHARE_OF_STROKE * rig.travel if rig.travel is not None else 0.0
+    give = HELD_SHARE * rig.travel if rig.travel is not None else 0.0
     return moved <= max(give, _HELD_STEPS * step)
 
 

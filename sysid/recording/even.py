@@ -16,6 +16,9 @@ from sysid.io.samples import Trial
 from sysid.recording.recording import Recording
 from sysid.signals import MIN_SAMPLES
 
+# A shaft moves where it crosses this share of its travel.
+_MOVES = 0.02
+
 
 def on_even_grid(trial: Trial, rig: Rig, names: Iterable[str] | None = None) -> Trial:
     """A trial with its channels, those of `names` only where given, on an even grid."""
@@ -78,8 +81,7 @@ def _check_pressures(trial: Trial, rig: Rig, notices: list[str]) -> None:
     if not present:
         return
     way = float(np.ptp(trial[rig.position_channel]))
-    # A shaft moves where it crosses this share of its travel.
-    moves = len(trial) >= MIN_SAMPLES and way > 0.0 and way >= 0.02 * (rig.travel or 0.0)
+    moves = len(trial) >= MIN_SAMPLES and way > 0.0 and way >= _MOVES * (rig.travel or 0.0)
     for name in present:
         if moves and np.ptp(trial[name]) == 0.0:
             _say(

@@ -15,6 +15,8 @@ from sysid.io.trial_kind import rows_per_period
 from sysid.recording.recording import Recording
 
 MIN_ROWS = 20
+# Factor by which the efforts of cylinder and motor may exceed the log and the rig file.
+_EFFORT_MARGIN = 1.2
 
 
 def check_channels(trial: Trial, kind: str, rig: Rig) -> None:
@@ -93,8 +95,7 @@ def moves_at_start(
     rig = test.rig.carrying(test.trial.payload_kg)
     declared = rig.total_inertia()
     inertia = fitted_inertia if declared is None else declared
-    # The efforts of cylinder and motor may exceed the log and the rig file by a fifth.
-    rate = 1.2 * effort / (require_inertia(rig) if inertia is None else inertia)
+    rate = _EFFORT_MARGIN * effort / (require_inertia(rig) if inertia is None else inertia)
     # The greater of two neighbours: what happens between rows is unknown.
     rate = np.maximum(rate[:-1], rate[1:]) * np.diff(time)
     speed = np.cumsum(rate)

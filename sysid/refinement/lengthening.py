@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.errors import OutOfBudgetError
+from sysid.estimation.quality import DISAGREE
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import MotionTest, Segment
 from sysid.refinement.estimation import NO_INFORMATION, Estimated, followed, whitening_of
@@ -34,8 +35,6 @@ _JOINED = (3, 0)
 _TRIES = 4
 # Where the model follows the longer runs two or three evaluations do: they begin near the end.
 _EVALUATIONS, _CLOSELY, _UNDAMPED = 6, 0.05, 1e6
-# In standard errors of the shorter runs' estimate, of which the data are the same.
-_MOST_MOVED = 3.0
 # Whole tests may be simulated this many times worse (geometric mean over the channels).
 _WORSE = 1.02
 # A neighbour starts at most this share of a segment's length after the end of the one before, so
@@ -128,7 +127,7 @@ def _accepted(
     std = np.sqrt(np.diag(found.error_covariance())[:p])
     change = np.abs(solution.point.shared - found.solution.point.shared)
     known = std > NO_INFORMATION
-    if not solution.converged or np.any(change[known] > _MOST_MOVED * std[known]):
+    if not solution.converged or np.any(change[known] > DISAGREE * std[known]):
         return None
     evaluations = found.evaluations + solution.evaluations + 1
     return dataclasses.replace(

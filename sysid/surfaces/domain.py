@@ -27,6 +27,8 @@ from sysid.errors import NotIdentifiedError, input_error
 from sysid.surfaces.estimator import checked_samples
 from sysid.types import FloatArray, IntArray
 
+SAME_SUPPLY = 0.02
+"""Share by which supplies may differ and be one to a surface: choked flow has the same error."""
 PRESSURE_BINS = 64
 GRID_NODES = 25
 DUTY_RESOLUTION = 1e-4

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from sysid.identification.valve_pwm.samples import PwmTest
 from sysid.io.logs import Trial
 
-_SHOWN_LABELS = 8
-
 
 @dataclass
 class Remarks:
@@ -33,8 +31,8 @@ class Remarks:
             if labels == [""]:
                 lines.append(f"{place}: {what}")
                 continue
-            shown = ", ".join(labels[:_SHOWN_LABELS])
-            if len(labels) > _SHOWN_LABELS:
-                shown += f" and {len(labels) - _SHOWN_LABELS} more"
+            shown = ", ".join(labels[:8])
+            if len(labels) > 8:
+                shown += f" and {len(labels) - 8} more"
             lines.append(f"{place}, test{'s' if len(labels) > 1 else ''} {shown}: {what}")
         return (*lines, *self.lines)
