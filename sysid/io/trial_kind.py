@@ -17,8 +17,6 @@ elasticity. Flows out of the volume have the same relative error."""
 _HELD_STEPS = 20.0
 # Share of half a stroke: a piston held farther in is not at an end.
 _NEAR_AN_END = 0.9
-# Most PWM periods that are searched for a whole number of rows.
-_MAX_PERIODS = 4
 
 
 def is_held(trial: Trial, rig: Rig) -> bool:
@@ -59,7 +57,8 @@ def is_active(trial: Trial, *names: str) -> bool:
 
 def rows_per_period(pwm_period: float, sampling_period: float) -> Fraction:
     """Rows per PWM period (both in s), as a ratio of small numbers: 10/3 at 300 Hz and 1 kHz."""
-    return Fraction(pwm_period / sampling_period).limit_denominator(_MAX_PERIODS)
+    # At most so many PWM periods are searched for a whole number of rows.
+    return Fraction(pwm_period / sampling_period).limit_denominator(4)
 
 
 def rows_per_ripple(trial: Trial, rig: Rig) -> int:

@@ -44,7 +44,6 @@ from sysid.surfaces.hull import ValveLaw
 
 MEAN_FLOW_MODELS = (AVERAGED, *SURFACE_KINDS)
 VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
-_SAME_PERIOD = 1e-6
 
 _OTHER_REGIME = {
     "choked_fill": "c_fill",
@@ -325,7 +324,7 @@ def _surface(part: PwmSurfaces, kind: str, where: str) -> Any:
 
 def _check_conditions(part: PwmSurfaces, rig: Rig, where: str) -> None:
     fitted, period = part.pwm_period_s, rig.pwm.period_s if rig.pwm else None
-    if _differs(fitted, period, _SAME_PERIOD):
+    if _differs(fitted, period, 1e-6):
         raise input_error(
             where,
             f"was fitted at a PWM period of {fitted:g} s, but {rig.source} declares {period:g} s",

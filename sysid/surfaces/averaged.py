@@ -27,12 +27,9 @@ from typing import NamedTuple
 from sysid.plant import base
 from sysid.plant.base import LEAST_DIVISOR, Array, Parameters, array_namespace
 
-# Pa: a smaller ripple is neglected.
-_LEAST_RIPPLE = 1e-6
 # The ripple follows from the flows, and these from the ripple: each step leaves a tenth of the
 # error.
 _RIPPLE_STEPS = 4
-_DUTY_STEPS = 6
 
 
 class PulseFlows(NamedTuple):
@@ -179,7 +176,7 @@ class AveragedLaw:
         xp = array_namespace(flow, pressure)
         found = self._at_once(0.0 * pressure, pressure, lines)
         share = 0.0 * flow
-        for _ in range(_DUTY_STEPS):
+        for _ in range(6):
             span = xp.maximum(found.open - found.closed, LEAST_DIVISOR)
             share = xp.clip((flow - found.closed) / span, 0.0, 1.0)
             found = self.mean_pulse(share, pressure, lines, per_flow)
@@ -201,7 +198,8 @@ class AveragedLaw:
         """Peak to peak, Pa."""
         xp = array_namespace(share, per_flow)
         ripple = per_flow * self.period * share * (1.0 - share) * (flows.open - flows.closed)
-        return xp.maximum(ripple, _LEAST_RIPPLE)
+        # Pa: a smaller ripple is neglected.
+        return xp.maximum(ripple, 1e-6)
 
     def _over_ripple(
         self, troughs: tuple[Array, Array], ripple: Array, lines: tuple[Array, Array]

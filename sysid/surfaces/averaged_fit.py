@@ -30,10 +30,6 @@ N_PARAMETERS = 5
 # A sample's least standard error, as a share of the largest flow: what the mean over a
 # window, the ripple and the supply omit from the law.
 _LEAST_ERROR = 0.002
-# The most by which the delays may differ, as a share of the period.
-_LARGEST_OVERHANG = 0.9
-# And by which they usually do.
-_USUAL_OVERHANG = 0.05
 _UNITS = {
     "choked_flow_fill_kg_s": "kg/s",
     "choked_flow_dis_kg_s": "kg/s",
@@ -178,8 +174,9 @@ def _start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:
         "c_dis": out / (atmosphere / 0.53 - atmosphere),
     }
     parameters = [Parameter(n, v, _UNITS[n], 0.0, 30.0 * v) for n, v in values.items()]
-    widest = _LARGEST_OVERHANG * conditions.period
-    scale = _USUAL_OVERHANG * conditions.period
+    # The most by which the delays may differ, as a share of the period.
+    widest = 0.9 * conditions.period
+    scale = 0.05 * conditions.period
     name = "delay_difference_s"
     difference = Parameter(name, 0.0, _UNITS[name], -widest, widest, scale=scale)
     return [*parameters, difference]

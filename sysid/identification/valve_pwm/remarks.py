@@ -24,15 +24,15 @@ class Remarks:
         place = trial.source.removesuffix(f", test {trial.label}")
         self.tests.setdefault((place, what), []).append(trial.label)
 
-    def notices(self) -> tuple[str, ...]:
-        """One line per reason, with the tests that it applies to."""
+    def notices(self, most: int = 8) -> tuple[str, ...]:
+        """One line per reason, with `most` of the tests that it applies to."""
         lines = []
         for (place, what), labels in self.tests.items():
             if labels == [""]:
                 lines.append(f"{place}: {what}")
                 continue
-            shown = ", ".join(labels[:8])
-            if len(labels) > 8:
-                shown += f" and {len(labels) - 8} more"
+            shown = ", ".join(labels[:most])
+            if len(labels) > most:
+                shown += f" and {len(labels) - most} more"
             lines.append(f"{place}, test{'s' if len(labels) > 1 else ''} {shown}: {what}")
         return (*lines, *self.lines)
