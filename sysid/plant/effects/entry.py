@@ -85,10 +85,11 @@ class Quantity:
     @property
     def anywhere(self) -> tuple[float, float]:
         """Its bounds on a rig of any size: for a strength in units of effort, flow or heat, and for
-        a shape in units of speed, only those of sign; a sensor's delay or an exponent is the same
-        on any rig."""
+        a shape that is a speed or a wave, only those of sign; a sensor's delay or an exponent is
+        the same on any rig."""
         units = set(_UNIT_WORDS.findall(self.unit))
-        sized = bool(units & _SIZED) if self.is_strength else self.unit in SPEEDS
+        sized = self.unit in SPEEDS or self.is_wave
+        sized = bool(units & _SIZED) if self.is_strength else sized
         if not sized or self.is_choice:
             return self.lower, self.upper
         return (-math.inf if self.lower < 0.0 else 0.0), math.inf
