@@ -15,6 +15,9 @@ from typing import TypeVar
 
 Result = TypeVar("Result")
 
+FAULT = 1
+"""Exit code of what is no fault of the input: a worker that died, a fault of the program."""
+
 # Characters of a file's value, of a word, of a place and of a whole part that a line shows.
 _LONGEST_VALUE, _LONGEST_WORD, _LONGEST_PLACE, _LONGEST_PART = 60, 160, 300, 2000
 _QUOTED = re.compile(rf"""(?<![\w'"])(['"])((?:(?!\1).){{{_LONGEST_VALUE + 1},}}?)\1(?!\w)""")

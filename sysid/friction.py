@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.errors import Failure, NotIdentifiedError, error_of, input_error, on_its_own
 from sysid.estimation.linear import Estimate
-from sysid.estimation.quality import LEAST_EXPLAINED, SCATTER_TIMES
+from sysid.estimation.quality import DISAGREE, LEAST_EXPLAINED, SCATTER_TIMES
 from sysid.identification.friction.clusters import Clusters, cluster_test
 from sysid.identification.friction.combinations import (
     Combination,
@@ -79,7 +79,6 @@ __all__ = [
     "static_summary",
 ]
 
-DISAGREEMENT = 3.0  # standard errors between two estimates of one parameter
 
 _WANTED = {
     STATIC: "no friction-static test: give slow ramps of the motor's effort from zero",
@@ -604,7 +603,7 @@ def _compare(
         if not (mine.identified and check.identified):
             continue
         error = math.hypot(mine.std, check.std)
-        if abs(mine.value - check.value) > DISAGREEMENT * error:
+        if abs(mine.value - check.value) > DISAGREE * error:
             notices.append(
                 f"{u.key(name)}: constant-effort tests give {mine.value:.4g} {mine.unit}, motion "
                 f"{check.value:.4g}, apart by {abs(mine.value - check.value) / error:.1f} standard "

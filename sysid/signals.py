@@ -24,20 +24,16 @@ PER_LENGTH = 4
 FILTER_ORDER = 2
 # Below this share of the Nyquist frequency the filter cannot be computed.
 _LEAST_SHARE = 1e-7
+MIN_SAMPLES = 50
+"""A recording or a segment with fewer shows no motion: a filter and its ends leave too little."""
 # Jitter of time stamps from rounding, as a share of a period; it is ignored.
 JITTER_IGNORED = 1e-3
 # Multiple of the median step: half way to a step in which a sample is missing.
 SAMPLE_MISSING = 1.5
 # A gap of this many sampling periods is a pause in the recording.
-_PAUSE = 3.0
-# Factors of a recursion between 0 and 1 are equal within this: time stamps are rounded.
-_EQUAL_FACTORS = 1e-9
-_DIFFERENCE_ORDERS = (2, 3, 4, 5, 6)
-_LAGS = (2, 4, 8, 16, 32)
+PAUSE = 3.0
 # Fewest samples with which noise can be distinguished from motion.
 FEWEST_FOR_NOISE = 16
-_NOISE_BLOCKS = 16
-_MIN_BLOCK = 64
 
 
 def lowpass(values: FloatArray, period: float, cutoff_hz: float = DEFAULT_CUTOFF_HZ) -> FloatArray:
@@ -121,7 +117,8 @@ def recursion(factors: Any, inputs: Any) -> Any:
     Factors that differ by rounding only, as those of an even grid do, count as one: a filter.
     """
     spread = max(np.ptp(factors.real), np.ptp(factors.imag)) if len(factors) else np.inf
-    if spread <= _EQUAL_FACTORS:
+    # Between 0 and 1 they are equal within this: time stamps are rounded.
+    if spread <= 1e-9:
         from scipy.signal import lfilter
 
         return np.asarray(lfilter([1.0], [1.0, -np.mean(factors)], inputs))
@@ -150,7 +147,7 @@ def is_even(time: FloatArray, grid: FloatArray) -> bool:
 def pauses(time: FloatArray) -> NDArray[np.intp]:
     """Rows (k,) of times (n,) s after which the recording pauses: no sample for three periods."""
     steps = np.diff(time)
-    return np.flatnonzero(steps > _PAUSE * np.median(steps)) if len(steps) else np.zeros(0, int)
+    return np.flatnonzero(steps > PAUSE * np.median(steps)) if len(steps) else np.zeros(0, int)
 
 
 def in_pauses(time: FloatArray, grid: FloatArray) -> NDArray[np.bool_]:
@@ -325,7 +322,7 @@ def noise_floor(values: FloatArray, resolution: float | None = None, stride: int
 def _settled_variance(x: FloatArray, variance: float) -> float:
     """Variance of coloured noise: over the lag at which it has settled, before motion shows."""
     found = [variance]
-    for lag in _LAGS:
+    for lag in (2, 4, 8, 16, 32):
         if len(x) < FEWEST_FOR_NOISE * lag:
             break
         found.append(_noise_variance(x, lag))
@@ -341,7 +338,7 @@ def _settled_variance(x: FloatArray, variance: float) -> float:
 
 def _noise_variance(x: FloatArray, lag: int) -> float:
     """Smallest variance (of one sample) among the differences of all orders over this lag."""
-    orders = [k for k in _DIFFERENCE_ORDERS if len(x) >= 8 + k * lag]
+    orders = [k for k in (2, 3, 4, 5, 6) if len(x) >= 8 + k * lag]
     return min((_difference_variance(x, k, lag) for k in orders), default=0.0)
 
 
@@ -350,7 +347,8 @@ def _difference_variance(x: FloatArray, order: int, lag: int) -> float:
     for _ in range(order):
         x = x[lag:] - x[:-lag]
     squares = x**2 / math.comb(2 * order, order)
-    count = min(_NOISE_BLOCKS, len(squares) // _MIN_BLOCK)
+    # At most 16 blocks, of at least 64 samples.
+    count = min(16, len(squares) // 64)
     if count < 3:
         return float(squares.mean())
     return float(np.median([block.mean() for block in np.array_split(squares, count)]))

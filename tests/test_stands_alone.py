@@ -267,7 +267,7 @@ def test_an_inertia_that_cannot_be_is_named(bundled: Campaign, fitted: Bundle) -
     spoilt = fitted.replaced(friction=wrong)
     assert spoilt.model(bundled.rig).parameters.inertia == bundled.rig.total_inertia()
     assert any("inertia_kg_m2 is -0.5 (-0.95" in n for n in assumed_parameters(spoilt))
-    with pytest.raises(NotIdentifiedError, match=r"inertia is -0\.5 kg m2, which cannot be"):
+    with pytest.raises(NotIdentifiedError, match=r"inertia is -0\.5 kg m2, which is impossible"):
         spoilt.model(dataclasses.replace(bundled.rig, inertia=None))
 
 

@@ -20,7 +20,7 @@ from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.registry import AXIS as KIND
 from sysid.diagnosis.bench.selection import preferred, select
 from sysid.diagnosis.search import MOST_EFFECTS, full_sentence, limit_sentence
-from sysid.errors import NotIdentifiedError, SimulationError
+from sysid.errors import InputError, NotIdentifiedError, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.friction import fit_friction
 from sysid.io.logs import Trial
@@ -31,6 +31,7 @@ from sysid.parameters.assembled_model import (
     fitted_inertia,
     parameters_from_bundle,
 )
+from sysid.parameters.effects import effect_from_entry, entry_of
 from sysid.plant import simulator
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.linear import for_rig
@@ -236,7 +237,7 @@ def test_an_inertia_that_may_be_zero_is_said() -> None:
 def test_an_impossible_inertia_gives_way_to_a_declared_one() -> None:
     bundle = Bundle.new(RIG, known(mass_kg=-3.0), [])
     assert fitted_inertia(bundle) is None
-    with pytest.raises(NotIdentifiedError, match="mass is -3 kg, which cannot be"):
+    with pytest.raises(NotIdentifiedError, match="mass is -3 kg, which is impossible"):
         parameters_from_bundle(bundle, RIG)
     assert parameters_from_bundle(bundle, DECLARED).inertia == 5.0
     (said,) = [n for n in assumed_parameters(bundle, DECLARED) if "mass_kg" in n]
@@ -460,6 +461,19 @@ def test_the_limit_on_effects_is_said() -> None:
     steps: list[Any] = [object()] * MOST_EFFECTS
     assert full_sentence(steps[:-1]) == ""
     assert f"at most {MOST_EFFECTS} effects" in full_sentence(steps)
+
+
+def test_an_effect_beyond_the_reference_rigs_range_is_read_again() -> None:
+    """As a diagnosis of a larger axis, or of a finer ripple, writes it; an absurd one is not."""
+    mesh = catalogue()["gear-mesh-ripple"]
+    wave = next(q for q in mesh.shapes() if q.is_wave)
+    fine = mesh.typical(**{wave.name: 50.0 * wave.upper})
+    assert effect_from_entry(entry_of(fine), "e.json", catalogue()) == fine
+    strong = CATALOGUE["stribeck-friction"].typical(stribeck_torque_nm=500.0)
+    assert effect_from_entry(entry_of(strong), "e.json", CATALOGUE) == strong
+    absurd = mesh.typical(**{wave.name: 1e9 * wave.upper})
+    with pytest.raises(InputError, match="out of its bounds"):
+        effect_from_entry(entry_of(absurd), "e.json", catalogue())
 
 
 def test_a_speed_that_shapes_an_effect_is_one_of_the_axis() -> None:

@@ -25,7 +25,6 @@ from sysid.types import FloatArray, IntArray
 FASTEST_CUTOFF_HZ = 20.0
 # Kinematics that nonlinear laws see pass a wider filter than the balance.
 _WIDER = 3.0
-_SAMPLES_A_TEST = 4000
 _LEAST_SCALE = 1e-3
 
 
@@ -52,7 +51,7 @@ def imposed_motion(recording: Recording) -> ImposedMotion:
     seen = FilteredMotion(recording, default_cutoff(recording, _WIDER * FASTEST_CUTOFF_HZ))
     balanced = FilteredMotion(recording, seen.cutoff_hz / _WIDER)
     rows = np.flatnonzero(balanced.counts)
-    thin = max(1, balanced.length // 4, len(rows) // _SAMPLES_A_TEST)
+    thin = max(1, balanced.length // 4, len(rows) // 4000)
     bare = bare_parameters(recording.rig)
     point = Point(
         time=recording.since_start,

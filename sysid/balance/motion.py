@@ -17,7 +17,6 @@ from sysid.recording.recording import Recording
 from sysid.types import BoolArray, FloatArray, IntArray
 
 REST_NOISE_TIMES = 5.0
-_HALVINGS = 6
 _REST_SHARE = 0.5
 # What the default filter resolves, whatever the cut-off of a balance is; what is shorter is a turn.
 # With a quarter of its own filter, 12.5 ms at 20 Hz, a quadratic drag of an axis was missed.
@@ -125,7 +124,7 @@ def default_cutoff(recording: Recording, highest_hz: float) -> float:
     limit of rest is well below the speeds of the motion.
     """
     cutoff = min(highest_hz, fastest_cutoff(recording))
-    for _ in range(_HALVINGS):
+    for _ in range(6):
         motion = FilteredMotion(recording, cutoff)
         fast = float(np.quantile(np.abs(motion.speed), 0.5))
         if motion.rest_speed < _REST_SHARE * fast:

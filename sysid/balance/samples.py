@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from sysid import signals
 from sysid.balance.motion import FilteredMotion
-from sysid.recording.recording import MIN_SAMPLES, Recording
+from sysid.recording.recording import Recording
+from sysid.signals import MIN_SAMPLES
 from sysid.types import FloatArray
 
 COULOMB, VISCOUS, OFFSET, INERTIA = range(4)

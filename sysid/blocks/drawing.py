@@ -17,14 +17,12 @@ from numpy.typing import NDArray
 from sysid.blocks import figures
 from sysid.blocks.figures import Figure, Panel, Scale
 from sysid.blocks.numbers import number
-from sysid.blocks.plots import some_axes
+from sysid.blocks.plots import MOST_IN_LEGEND, some_axes
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# A legend with more lines than this hides the plot.
-_MOST_IN_LEGEND = 12
 # Of a legend above the data: a row's height, inches, and how many letters fit into a row.
 _LEGEND_ROW, _LEGEND_LETTERS = 0.17, 40
 # A bitmap's colour cannot follow a page's scheme: one that works on light and dark.
@@ -262,7 +260,7 @@ def _between_decades(value: float, low: float, high: float) -> str:
 
 def _legend(ax: Axes, panel: Panel) -> None:
     labels = ax.get_legend_handles_labels()[1]
-    if panel.legend == "none" or not 0 < len(labels) <= _MOST_IN_LEGEND:
+    if panel.legend == "none" or not 0 < len(labels) <= MOST_IN_LEGEND:
         return
     if panel.legend == "above":
         # A line's sample takes about five letters.

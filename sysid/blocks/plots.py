@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 _WIDTH, _HEIGHT = 7.0, 2.2
 # A legend with more lines than this hides the plot.
-_MOST_IN_LEGEND = 12
+MOST_IN_LEGEND = 12
 
 
 def some_axes(count: int, axes: Axes | Iterable[Axes] | None, share_x: bool = True) -> list[Axes]:
@@ -44,7 +44,7 @@ def flat(axes: Axes | Iterable[Axes]) -> list[Axes]:
 def legend(ax: Axes) -> None:
     """A legend, where there are several lines, but not too many."""
     labels = ax.get_legend_handles_labels()[1]
-    if 1 < len(labels) <= _MOST_IN_LEGEND:
+    if 1 < len(labels) <= MOST_IN_LEGEND:
         ax.legend(fontsize="small")
 
 

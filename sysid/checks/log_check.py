@@ -33,7 +33,6 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST_TESTS_FOR_NOISE = 9
 # A sensor is stuck from so many equal readings on, and from as many as a dithering one gives by
 # chance in one log of this many.
 _STUCK_RUN = 25
@@ -353,7 +352,8 @@ def _noise(parts: Sequence[FloatArray], quantum: float) -> float | None:
     In a file of many tests a sample of them, spread over the file, is used.
     """
     long = [p for p in parts if len(p) >= signals.FEWEST_FOR_NOISE]
-    some = long[:: -(-len(long) // _MOST_TESTS_FOR_NOISE)] if long else []
+    # Nine tests show the noise as well as all of them.
+    some = long[:: -(-len(long) // 9)] if long else []
     floors = [signals.noise_floor(p, quantum).noise for p in some]
     return float(np.median(floors)) if floors else None
 

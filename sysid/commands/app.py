@@ -21,7 +21,7 @@ import click
 
 from sysid import __version__, parallel
 from sysid.commands.help_pages import page_for
-from sysid.errors import SysidError, one_line, visible
+from sysid.errors import FAULT, SysidError, one_line, visible
 from sysid.io.files import inputs_kept
 
 # Small matrices are slower on several BLAS threads; read when numpy is first imported.
@@ -29,7 +29,6 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # jax's C++ parts print on their own
 
-_FAULT = 1
 _UNUSABLE = 2
 _INTERRUPTED = 130
 _NO_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
@@ -174,7 +173,7 @@ def _fault(error: Exception) -> int:
     if os.environ.get("SYSID_DEBUG"):
         raise error
     what = one_line(f"{type(error).__name__}: {error}")
-    return _report("fault", f"{what} (a fault in sysid itself; SYSID_DEBUG=1 shows where)", _FAULT)
+    return _report("fault", f"{what} (a fault in sysid itself; SYSID_DEBUG=1 shows where)", FAULT)
 
 
 def _open_closed() -> None:

@@ -19,13 +19,7 @@ from sysid.errors import SysidError
 from sysid.io.logs import Trial
 from sysid.types import FloatArray, IntArray
 
-# Residuals of all tests and outputs that are kept; rows between are simulated.
-_MOST_RESIDUALS = 12_000
 _FEWEST_ROWS = 4
-# Rows on each side through which the rate of a column is smoothed, as a regressor.
-_HALF_WINDOW = 15
-# Slopes beyond this are invalid: their squares would overflow.
-_STEEPEST = 1e100
 
 
 @dataclass(frozen=True)
@@ -41,7 +35,8 @@ class DynamicPart(OwnPart):
     def stride(self) -> int:
         """Rows from one residual to the next."""
         rows = sum(s.stop - s.start for s in self.stretches)
-        return max(1, -(-rows * len(self.made.outputs) // _MOST_RESIDUALS))
+        # Residuals of all tests and outputs that are kept; rows between are simulated.
+        return max(1, -(-rows * len(self.made.outputs) // 12_000))
 
     @cached_property
     def pieces(self) -> tuple[tuple[int, int, int], ...]:
@@ -216,12 +211,14 @@ class DynamicPart(OwnPart):
 
 
 def _none_if_steep(slopes: FloatArray) -> FloatArray:
-    return np.where(np.abs(slopes) < _STEEPEST, slopes, 0.0)
+    # Slopes beyond this are invalid: their squares would overflow.
+    return np.where(np.abs(slopes) < 1e100, slopes, 0.0)
 
 
 def _rate_of(trial: Trial, name: str) -> FloatArray:
     """A column's smoothed time derivative, (n,)."""
-    width = 2 * _HALF_WINDOW + 1
+    # Rows on each side through which the rate of a column is smoothed, as a regressor: 15.
+    width = 2 * 15 + 1
     if len(trial) < width:
         return np.gradient(trial[name], trial.time)
     from scipy.signal import savgol_filter

@@ -15,19 +15,16 @@ from sysid.components.loading import LoadedComponent
 from sysid.components.own_tests import loaded_in, missing_column, out_of_range, part_of
 from sysid.components.parts import OwnPart, scales_of
 from sysid.diagnosis.bench.component import Law
+from sysid.estimation.linear import NORMAL
 from sysid.estimation.nonlinear import Parameter, central_jacobian_of_all
 from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial
 from sysid.types import FloatArray
 
-_GAP_PERIODS = 1.5
-_FEWEST_SAMPLES = 16
 # Below this share of the most sensitive parameter's a parameter does not show.
 _SILENT = 1e-8
 # Smallest singular value of the Jacobian, columns of length one, at which none depends on others.
 _TIED = 1e-4
-# Standard errors to each side of a 95 % interval.
-_INTERVAL = 1.96
 
 
 def check_own(campaign: Campaign) -> CampaignCheck:
@@ -69,7 +66,7 @@ def _missing(log: Log, loaded: LoadedComponent) -> list[str]:
 def _check(log: Log, loaded: LoadedComponent) -> LogCheck:
     steps = np.concatenate([np.diff(t.time) for t in log.trials])
     period = float(np.median(steps))
-    late = steps > _GAP_PERIODS * period
+    late = steps > signals.SAMPLE_MISSING * period
     missing = _missing(log, loaded)
     strange = [] if missing else out_of_range(loaded, log.trials)
     names = [n for n in loaded.columns if n in log.trials[0]]
@@ -96,7 +93,7 @@ def _channel(log: Log, name: str, is_measured: bool) -> ChannelCheck:
     parts = [t[name] for t in log.trials]
     values = np.concatenate(parts)
     quantum = signals.quantum(values)
-    long = [p for p in parts if len(p) >= _FEWEST_SAMPLES]
+    long = [p for p in parts if len(p) >= signals.FEWEST_FOR_NOISE]
     floors = [signals.noise_floor(p, quantum).noise for p in long]
     noise = float(np.median(floors)) if floors and is_measured else None
     return ChannelCheck(name, float(values.min()), float(values.max()), quantum, noise, 0.0, 0.0)
@@ -196,7 +193,7 @@ def _by_error(p: Parameter, std: float | None) -> Identification:
     if std is None:
         return Identification(p.name, True, at)
     size = f"expected standard error {std:.2g} {p.unit}".rstrip()
-    return Identification(p.name, _INTERVAL * std < p.size, f"{size}, {at}")
+    return Identification(p.name, NORMAL * std < p.size, f"{size}, {at}")
 
 
 def _expected(weighted: FloatArray, places: Sequence[int]) -> dict[int, float]:

@@ -17,10 +17,8 @@ from sysid.diagnosis.bench.component import Law
 from sysid.errors import InputError, NotIdentifiedError, input_error
 from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial
+from sysid.io.plausibility import TYPED_TO
 from sysid.parameters import Bundle
-
-# Share of a bound: a factor typed with three digits is off by at most this much.
-_ROUNDING = 5e-3
 
 
 @dataclass(frozen=True)
@@ -103,7 +101,7 @@ def out_of_range(loaded: LoadedComponent, trials: Sequence[Trial]) -> list[str]:
     lines = []
     for name, column in loaded.definition.columns.items():
         sizes = [abs(b) for b in (column.lower, column.upper) if math.isfinite(b)]
-        slack = _ROUNDING * max(sizes, default=0.0)
+        slack = TYPED_TO * max(sizes, default=0.0)
         for trial in trials:
             low, high = float(np.min(trial[name])), float(np.max(trial[name]))
             if low < column.lower - slack or high > column.upper + slack:

@@ -19,7 +19,7 @@ from sysid.diagnosis.bench.component import Component, Law, rmse
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
-from sysid.estimation.quality import FitQuality
+from sysid.estimation.quality import FEWEST_REPEATS, FitQuality
 from sysid.io.logs import Trial
 from sysid.parameters import Bundle, ComponentRecord, EffectEntry, Parts
 from sysid.parameters.effects import effect_from_entry, entry_of
@@ -27,15 +27,7 @@ from sysid.parameters.quality import quality_field
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.types import FloatArray
 
-# Fewer tests than this are cut into stretches, so many in all.
-_FEWEST_TESTS = 3
-_STRETCHES = 6
-_FEWEST_ROWS = 8
 _TERM_MODULE = "sysid_user_terms"
-# Size of a residual, in spreads of its output, where a law gives no number.
-_DIVERGED = 1e3
-# Beyond this many times the largest measured value a prediction is invalid: its square overflows.
-_FAR = 1e12
 
 
 @dataclass(frozen=True)
@@ -128,7 +120,8 @@ class OwnPart(Component):
     def is_far(self, outputs: FloatArray) -> NDArray[np.bool_]:
         """Whether each of (..., outputs) is not finite, or far beyond the measured range."""
         largest = [np.max([np.max(np.abs(t[n])) for t in self.trials]) for n in self._outputs]
-        return ~(np.abs(outputs) <= _FAR * np.where(largest, largest, 1.0))
+        # Farther beyond the largest measured value a prediction is invalid: its square overflows.
+        return ~(np.abs(outputs) <= 1e12 * np.where(largest, largest, 1.0))
 
     def bounded(self, outputs: FloatArray) -> FloatArray:
         """(..., outputs) with what `is_far` set far off, so that a fit steps back from there."""
@@ -136,7 +129,8 @@ class OwnPart(Component):
         if not far.any():
             return outputs
         spread = [np.std(np.concatenate([t[n] for t in self.trials])) or 1.0 for n in self._outputs]
-        return np.where(far, _DIVERGED * np.array(spread), outputs)
+        # What a residual counts, in spreads of its output, where a law gives no number.
+        return np.where(far, 1e3 * np.array(spread), outputs)
 
     @property
     def _outputs(self) -> tuple[str, ...]:
@@ -317,10 +311,10 @@ def effects_in(bundle: Bundle, loaded: LoadedComponent) -> list[CatalogueEffect]
 
 def stretches_of(trials: Sequence[Trial]) -> tuple[Stretch, ...]:
     """Trials to exclude one at a time; fewer than three are cut into stretches."""
-    pieces = 1 if len(trials) >= _FEWEST_TESTS else math.ceil(_STRETCHES / max(len(trials), 1))
+    pieces = 1 if len(trials) >= FEWEST_REPEATS else math.ceil(6 / max(len(trials), 1))
     found = []
     for trial in trials:
-        count = max(1, min(pieces, len(trial) // _FEWEST_ROWS))
+        count = max(1, min(pieces, len(trial) // 8))
         edges = np.linspace(0, len(trial), count + 1).astype(int)
         for k in range(count):
             found.append(Stretch(trial.title, trial, int(edges[k]), int(edges[k + 1])))

@@ -24,9 +24,6 @@ from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle
 from sysid.types import FloatArray, Progress, no_progress
 
-_EVALUATIONS = 50
-_TOLERANCE = 1e-8
-
 
 @dataclass(frozen=True, repr=False)
 class OwnRefinement(Shown):
@@ -140,8 +137,8 @@ def _fit(part: DynamicPart, law: Law) -> LeastSquaresFit:
         lambda values: part.residuals_from(*split(values)),
         [*own, *starts],
         jacobian=lambda values: part.jacobian_from(*split(values)),
-        tolerance=_TOLERANCE,
-        max_evaluations=_EVALUATIONS,
+        tolerance=1e-8,
+        max_evaluations=50,
         polish=False,
     )
 

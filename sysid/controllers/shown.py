@@ -15,8 +15,6 @@ from sysid.controllers.modes import Mode
 from sysid.io.rig import Rig
 from sysid.types import FloatArray
 
-_WIDE = (8.6, 2.5)
-_TALL = (8.6, 3.9)
 _MEAN_S = 0.05
 _CLOSE_UP_S = (2.0, 2.2)
 _TIME = Scale("Time", "s")
@@ -92,7 +90,7 @@ class ShownLoop:
         )
         said = f"Largest error {number(float(np.max(np.abs(error))))} mrad."
         title, heading = "Position and reference", "Position and error"
-        return Figure("fig-position", title, said, panels, heading, _TALL)
+        return Figure("fig-position", title, said, panels, heading, (8.6, 3.9))
 
     def payload(self) -> Figure:
         """The payload that the controller estimates."""
@@ -159,7 +157,7 @@ class ShownLoop:
 
 def _wide(id: str, title: str, said: str, y: Scale, marks: Sequence[Mark]) -> Figure:
     panel = Panel(_TIME, y, tuple(marks), legend="over")
-    return Figure(id, title, said, (panel,), size=_WIDE)
+    return Figure(id, title, said, (panel,), size=(8.6, 2.5))
 
 
 def _pair(time: FloatArray, values: Sequence[FloatArray], of: str) -> list[Mark]:

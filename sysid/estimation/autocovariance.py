@@ -26,13 +26,8 @@ from sysid.estimation.autoregression import (
 from sysid.estimation.covariance import Covariance
 from sysid.types import FloatArray
 
-_SAMPLES_PER_ORDER = 4
-_CORRECTION_STEPS = 2
-_HALVINGS = 12
 # Below this share of the variance, what the fit took out is taken to be white.
 _NEGLIGIBLE = 3e-3
-# Entries of an orthonormal basis that are zero but for rounding.
-_ZERO = 1e-12
 
 
 def error_model(
@@ -45,7 +40,8 @@ def error_model(
     count, columns = regressors.shape
     runs = runs_of(count, groups)
     longest = max(run.stop - run.start for run in runs)
-    most = min(int(10.0 * math.log10(max(count, 1))), (count - columns) // _SAMPLES_PER_ORDER)
+    # At least four samples for each order.
+    most = min(int(10.0 * math.log10(max(count, 1))), (count - columns) // 4)
     model, variance = shown_by(residuals, runs, min(most, longest - 1))
     scale = count / max(count - columns, 1)
     cap = largest_reflection(count)
@@ -145,11 +141,11 @@ def _freed(
     largest part of it that does is applied.
     """
     found = model
-    for _ in range(_CORRECTION_STEPS):
+    for _ in range(2):
         expected = _residual_autocovariance(found, basis, runs)
         scale = shown[0] / expected[0]
         wanted = scale * found.start + (shown - scale * expected)
-        for halving in range(_HALVINGS):
+        for halving in range(12):
             trial = with_autocovariance(shown + (wanted - shown) * 0.5**halving, cap)
             if trial is not None:
                 found = trial
@@ -171,7 +167,8 @@ def _residual_autocovariance(
     inner = np.zeros((basis.shape[1], basis.shape[1]))
     for run, spectrum, size in spectra(model, runs):
         block = basis[run]
-        used = np.flatnonzero(np.abs(block).max(axis=0) > _ZERO)
+        # Smaller entries of an orthonormal basis are zero but for rounding.
+        used = np.flatnonzero(np.abs(block).max(axis=0) > 1e-12)
         wave = fft.rfft(np.ascontiguousarray(block[:, used].T), size)
         product = fft.irfft(wave * spectrum, size)[:, : len(block)]
         inner[np.ix_(used, used)] += block[:, used].T @ product.T

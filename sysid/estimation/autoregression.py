@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 # White noise added to the model, as a share of the variance: residuals that went through a
 # low-pass filter have an autocovariance that is singular but for rounding.
 _WHITE_SHARE = 1e-5
-# The first damping tried, as a share of the least distance from a unit root.
-_LEAST_DAMPING = 1.0 / 16.0
 
 
 @dataclass(frozen=True)
@@ -253,7 +251,8 @@ def damped(gamma: FloatArray, cap: float) -> Autoregression | None:
         model = with_autocovariance(gamma * (1.0 - damping) ** lags, cap)
         if model is not None:
             return model
-        damping = max(2.0 * damping, _LEAST_DAMPING * (1.0 - cap))
+        # The first damping tried, as a share of the least distance from a unit root.
+        damping = max(2.0 * damping, (1.0 / 16.0) * (1.0 - cap))
     return None
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -21,12 +22,12 @@ from sysid.estimation.covariance import Covariance
 from sysid.types import FloatArray
 
 LEVEL = 0.95
+NORMAL = NormalDist().inv_cdf(0.5 * (1.0 + LEVEL))
+"""Standard errors to each side of a 95 % interval of a normal estimate."""
 # Singular values below this share of the largest are linear dependence between columns: of any
 # columns, and of columns of equal length, whose dependence is not a matter of units.
-_RANK_TOLERANCE = 1e-9
+RANK_TOLERANCE = 1e-9
 _SCALED_RANK_TOLERANCE = 1e-11
-# An interval this little wider than the normal one is one: 1.96 for the quantile, for example.
-_NORMAL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,8 @@ class Estimate:
 
         low, high = self.interval
         quantile = 0.5 * (high - low) / self.std
-        if not math.isfinite(quantile) or quantile <= t_quantile(math.inf) * (1.0 + _NORMAL):
+        # So little wider than the normal one, it is that: 1.96 for the quantile, for example.
+        if not math.isfinite(quantile) or quantile <= NORMAL * (1.0 + 1e-3):
             return math.inf
         return float(stdtridf(0.5 * (1.0 + LEVEL), quantile))
 
@@ -325,7 +327,7 @@ def nested_f_test(full: FloatArray, reduced: FloatArray, target: FloatArray) -> 
 
 
 def _residual_sum(x: FloatArray, target: FloatArray) -> tuple[float, int]:
-    coefficients, _, rank, _ = np.linalg.lstsq(x, target, rcond=_RANK_TOLERANCE)
+    coefficients, _, rank, _ = np.linalg.lstsq(x, target, rcond=RANK_TOLERANCE)
     return float(np.sum((target - x @ coefficients) ** 2)), int(rank)
 
 

@@ -12,21 +12,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sysid.estimation.autocovariance import error_model, spectra
 from sysid.estimation.autoregression import Autoregression, runs_of, stationary
+from sysid.estimation.linear import LEVEL, RANK_TOLERANCE
 from sysid.types import FloatArray
-
-# Columns that the others explain but for this share of their length add nothing.
-_DEPENDENT = 1e-9
-# Step of a coefficient, as a share of the distance from a unit root.
-_STEP = 1e-7
-# One-sided limit of 95 %: the most persistence that the residuals do not exclude.
-_UPPER = 1.645
-_HALVINGS = 12
 
 
 @dataclass(frozen=True)
@@ -78,7 +72,7 @@ def _bases(jacobian: FloatArray, more: NDArray[np.bool_]) -> tuple[FloatArray, F
     ordered = np.argsort(more, kind="stable")
     acting = ordered[lengths[ordered] > 0.0]
     q, r = np.linalg.qr(jacobian[:, acting] / lengths[acting])
-    apart = np.abs(np.diag(r)) > _DEPENDENT
+    apart = np.abs(np.diag(r)) > RANK_TOLERANCE
     if not apart.all():
         # What stands for a tied column is any direction, and those behind it are orthogonal to it.
         acting = acting[apart]
@@ -117,7 +111,8 @@ def _variance_of_share(
     count = sum(run.stop - run.start for run in runs)
     gained, left = _pairs(added, runs), -_pairs(basis, runs)
     left[0] += count
-    step = _STEP * min(1.0, abs(1.0 - float(np.sum(model.coefficients))))
+    # As a share of the distance from a unit root.
+    step = 1e-7 * min(1.0, abs(1.0 - float(np.sum(model.coefficients))))
     around = stationary(model.coefficients, model.innovation)
     if around is None or not step > 0.0:
         return math.inf
@@ -148,9 +143,11 @@ def _upper(model: Autoregression, count: int) -> Autoregression:
     total = float(np.sum(model.coefficients))
     if not total > 0.0:
         return model
-    raised = _UPPER * math.sqrt(max(float(np.sum(_scatter(model, count))), 0.0)) / total
+    error = math.sqrt(max(float(np.sum(_scatter(model, count))), 0.0))
+    # One-sided: with this confidence the errors are no more persistent.
+    raised = NormalDist().inv_cdf(LEVEL) * error / total
     raised = min(raised, max(1.0 - 1.0 / count - total, 0.0) / total)
-    for halving in range(_HALVINGS):
+    for halving in range(12):
         raised_by = 1.0 + raised * 0.5**halving
         found = stationary(model.coefficients * raised_by, model.innovation)
         if found is not None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sysid.estimation.autocovariance import correlated_covariance
 from sysid.estimation.covariance import Covariance
 from sysid.estimation.jackknife import jackknife
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import RANK_TOLERANCE, Estimate
 from sysid.types import FloatArray, IntArray
 
 Residuals = Callable[[FloatArray], FloatArray]
@@ -27,18 +27,6 @@ Jacobian = Callable[[FloatArray], FloatArray]
 
 # Step of a central difference that balances rounding against curvature.
 _CENTRAL_STEP = float(np.finfo(float).eps) ** (1.0 / 3.0)
-# A parameter this near to a bound, as a share of its scale, is stuck there.
-_AT_BOUND = 1e-6
-# Singular values of the scaled Jacobian below this share of the largest are not identified.
-_RANK_TOLERANCE = 1e-10
-_TIED = 0.1
-# A group shows a parameter where it holds more than this of the length of its column, and a
-# direction that is lost without the group is one of those parameters that take part in it.
-_SHOWS = 1e-9
-_TAKES_PART = 1e-3
-_POLISH_STEPS = 20
-# A step that would lower the sum of squares by less than this share is rounding.
-_POLISHED = 1e-18
 
 
 @dataclass(frozen=True)
@@ -126,7 +114,7 @@ class LeastSquaresFit:
             return 0.0
         size[size == 0.0] = np.inf
         scaled = self.jacobian / size
-        step = -np.linalg.lstsq(scaled, self.residuals, rcond=_RANK_TOLERANCE)[0] / size
+        step = -np.linalg.lstsq(scaled, self.residuals, rcond=RANK_TOLERANCE)[0] / size
         bounds = np.array([(p.lower, p.upper) for p in self.parameters]).T
         inside = np.clip(self.values + step, *bounds) - self.values
         left = self.residuals + self.jacobian @ inside
@@ -141,14 +129,15 @@ class LeastSquaresFit:
     @cached_property
     def diagnosis(self) -> SolverDiagnosis:
         """Which parameters are stuck, silent or tied together."""
+        # So near to a bound, as a share of its scale, a parameter is stuck there.
         at_bound = [
             p.name
             for p, v in zip(self.parameters, self.values, strict=True)
-            if min(v - p.lower, p.upper - v) <= _AT_BOUND * p.size
+            if min(v - p.lower, p.upper - v) <= 1e-6 * p.size
         ]
         sizes = np.array([p.size for p in self.parameters])
         reach = np.sqrt(np.sum(self.jacobian**2, axis=0)) * sizes
-        silent = reach <= _RANK_TOLERANCE * max(float(reach.max(initial=0.0)), 1e-300)
+        silent = reach <= RANK_TOLERANCE * max(float(reach.max(initial=0.0)), 1e-300)
         keep = [i for i, n in enumerate(self.names) if not silent[i] and n not in at_bound]
         triangle = np.asarray(np.linalg.qr(self.jacobian[:, keep], mode="r"))
         tied, condition = _dependence(triangle)
@@ -221,7 +210,7 @@ class LeastSquaresFit:
 
         def move(i: int) -> FloatArray:
             left, found = _without(factors, i), np.zeros(len(self.values))
-            step, *_ = np.linalg.lstsq(left[:, :-1], -left[:, -1], rcond=_SHOWS)
+            step, *_ = np.linalg.lstsq(left[:, :-1], -left[:, -1], rcond=RANK_TOLERANCE)
             found[self._free] = step / scale
             return found
 
@@ -243,11 +232,12 @@ class LeastSquaresFit:
         free = np.flatnonzero(self._free)
         found = np.zeros(len(self.values), dtype=np.intp)
         for i, own in enumerate(factors):
-            found[free] += np.linalg.norm(own[:, :-1], axis=0) > _SHOWS
+            found[free] += np.linalg.norm(own[:, :-1], axis=0) > RANK_TOLERANCE
             left = np.linalg.qr(_without(factors, i)[:, :-1], mode="r")
             _, sizes, ways = np.linalg.svd(left)
-            lost = ways[len(sizes[sizes > _SHOWS]) :]
-            found[free[np.any(np.abs(lost) > _TAKES_PART, axis=0)]] = -len(factors)
+            lost = ways[len(sizes[sizes > RANK_TOLERANCE]) :]
+            # Of a direction that is lost without the group, the parameters that take part in it.
+            found[free[np.any(np.abs(lost) > 1e-3, axis=0)]] = -len(factors)
         return np.where(found < 0, 1, found)
 
     def _group_factors(self, groups: NDArray[np.intp]) -> list[FloatArray]:
@@ -375,14 +365,15 @@ def _polished(
 ) -> FloatArray:
     """Gauss-Newton steps inside the bounds for as long as the sum of squares falls."""
     r = residuals(x)
-    for _ in range(_POLISH_STEPS):
+    for _ in range(20):
         j = jacobian(x)
         norm = np.sqrt(np.sum(j**2, axis=0))
         if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
             return x
         q, triangle = np.linalg.qr(j / norm)
         along = -(q.T @ r)
-        if not along @ along > _POLISHED * (r @ r):
+        # A step that would lower the sum of squares by less than this share is rounding.
+        if not along @ along > 1e-18 * (r @ r):
             return x
         step, *_ = np.linalg.lstsq(triangle, along, rcond=1e-14)
         trial = x + step / norm
@@ -445,8 +436,8 @@ def _dependence(jacobian: FloatArray) -> tuple[list[int], float]:
         return list(range(jacobian.shape[1])), math.inf
     tied: set[int] = set()
     for value, vector in zip(s, vt, strict=True):
-        if value < _RANK_TOLERANCE * s[0]:
-            tied |= {int(i) for i in np.flatnonzero(np.abs(vector) > _TIED)}
+        if value < RANK_TOLERANCE * s[0]:
+            tied |= {int(i) for i in np.flatnonzero(np.abs(vector) > 0.1)}
     return sorted(tied), condition
 
 

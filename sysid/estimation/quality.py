@@ -48,6 +48,14 @@ SCATTER_TIMES = 1.3
 """Up to this many times the scatter, a residual is called scatter: the scatter is an estimate
 itself, and correlated noise hides part of it from a noise floor."""
 SIGNIFICANT = 0.01
+"""Chance of calling a fit contradicted by its own data where it is not: a lack of fit, a scatter
+between tests beyond their errors, two clusters in what should be one."""
+FEWEST_REPEATS = 3
+"""Tests with which their scatter shows, and a median that one of them does not move."""
+FEWEST_ROWS = 20
+"""Residuals that show their variance, to a sixth of their standard deviation."""
+DISAGREE = 3.0
+"""Standard errors between two estimates of one number that disagree; by chance one pair in 370."""
 
 FEW = 0.1
 """The share of the data that may be excluded without a remark in the verdict."""
@@ -350,10 +358,14 @@ def lack_of_fit_text(found: Mapping[str, Any]) -> str:
 
 __all__ = [
     "CONTRADICTED",
+    "DISAGREE",
+    "FEWEST_REPEATS",
+    "FEWEST_ROWS",
     "GOOD_SHARE",
     "LEAST_EXPLAINED",
     "NOT_TESTABLE",
     "SCATTER_TIMES",
+    "SIGNIFICANT",
     "USABLE_SHARE",
     "ExcludedData",
     "FitQuality",

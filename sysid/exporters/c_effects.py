@@ -26,9 +26,6 @@ from sysid.plant.effects.entry import CatalogueEffect
 if TYPE_CHECKING:  # sympy is loaded only for a bundle that has effects
     from sysid.exporters.effect_laws import EffectLaw, Laws
 
-# The steps in which a sensor that is not linear is solved: what it adds shrinks each time.
-_STEPS = 30
-
 
 class EffectsInC:
     """The effects' part of the header.
@@ -167,11 +164,12 @@ static inline {r} {whole}_with_effects({r} time_s)
         from sysid.exporters.c_printer import statements
 
         lines, result = statements(stage.law, self._n)
+        # The steps in which a sensor that is not linear is solved: what it adds shrinks each time.
         return [
             "{",
             f"    const {real(self._n)} shown = value;",
             "    int k;",
-            f"    for (k = 0; k < {_STEPS}; k++) {{",
+            "    for (k = 0; k < 30; k++) {",
             *(f"        {line}" for line in lines),
             f"        const {real(self._n)} missing = shown - ({result});",
             "        if (value + missing == value) {",

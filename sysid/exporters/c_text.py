@@ -12,7 +12,6 @@ from sysid.errors import input_error
 DEFAULT_PREFIX = "sysid_"
 _PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
 _UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;+=()@#%&<>/^_'-]")
-_LONGEST = 100
 KEPT = "\0"
 """A space at which no line breaks."""
 
@@ -39,9 +38,9 @@ def number(value: float) -> str:
     return repr(float(value))
 
 
-def comment_text(text: str) -> str:
+def comment_text(text: str, longest: int = 100) -> str:
     """Text for a comment: one line of ASCII that neither ends nor opens a comment."""
-    short = text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+    short = text if len(text) <= longest else text[: longest - 3] + "..."
     return re.sub(r"/(?=/)", "_", _UNSAFE.sub("_", short))
 
 

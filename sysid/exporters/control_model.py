@@ -28,7 +28,6 @@ from sysid.plant.base import PARAMETER_NAMES, Parameters
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
 
-_NO_LIMIT = 1e30
 """Stands for an infinite number in C; within the range of single precision."""
 
 
@@ -118,7 +117,7 @@ def _on_names(parameters: Parameters, flat: Flat, constants: NumberTable, n: Nam
         if value != 0.0 and held == value:
             found[key] = symbol(f"{n.lower}{name}")
         else:
-            found[key] = math.copysign(_NO_LIMIT, value) if math.isinf(value) else value
+            found[key] = math.copysign(1e30, value) if math.isinf(value) else value
     return Parameters(**found)
 
 

@@ -135,8 +135,6 @@ def _grouped(
     return list(found)
 
 
-# Costs that single precision may take for equal, as a share.
-_TIE = 1e-3
 _DVMPC_INPUTS = (*ESTIMATE, *REFERENCE, "payload", "effort", "switch", "switch", "variant")
 _DVMPC_START = """static @p@reference ahead[256];
     const @p@estimate e = estimate_of(v);
@@ -223,7 +221,8 @@ def _dvmpc(design: DesignModel) -> Replay:
         now, wanted = _signals(v)
         seen = PayloadEstimator().update(v[10], v[11], now, wanted, design)
         payload = np.where(v[15] > 0.0, seen, v[10])
-        return _grouped([*v, payload], v[14:15], gap, 1)[0] < _TIE
+        # Costs that single precision may take for equal, as a share.
+        return _grouped([*v, payload], v[14:15], gap, 1)[0] < 1e-3
 
     call = """
     {

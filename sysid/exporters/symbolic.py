@@ -30,9 +30,6 @@ from sysid.exporters.symbolic_names import (
     WHERE,
 )
 
-# A number that is whole and small is exact in sympy too: x + 0 is x, and 1 * x is x.
-_LARGEST_WHOLE = 1000.0
-
 
 def _function(name: str, *arguments: Any) -> Symbolic:
     return Symbolic(sympy.Function(name)(*arguments))
@@ -51,7 +48,8 @@ def expression(value: Any) -> Any:
     number = float(value)
     if not math.isfinite(number):
         raise TypeError(f"{number} has no C form")
-    is_whole = number.is_integer() and abs(number) <= _LARGEST_WHOLE
+    # A number that is whole and small is exact in sympy too: x + 0 is x, and 1 * x is x.
+    is_whole = number.is_integer() and abs(number) <= 1000.0
     return sympy.Integer(int(number)) if is_whole else sympy.Float(number)
 
 

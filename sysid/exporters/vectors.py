@@ -11,29 +11,15 @@ from sysid.exporters.replay import Replay
 from sysid.plant.base import Parameters, exhaust_boundary, filling_boundary
 from sysid.types import FloatArray
 
-# A share of the values are on edges, or within the last bit of one.
-_EDGES = 0.05
 # Rounding in single precision, of a value or its column's root mean square, and the change of an
 # output, of its bound of 1e-4, beyond which a row cannot test single precision.
 _ROUNDING, _MOST_CHANGE = 2.0**-21, 0.3
 SINGLE, DOUBLE = 1e-4, 1e-12
-# A larger relative change is a jump, which both take on the same side.
-_JUMP = 1e-6
-# Roundings within a function count as that many of an input.
-_ROUNDINGS = 4.0
-# Where squares overflow in single precision: the cost of a motion far beyond the travel.
-_SINGLE_RANGE = 1e18
-# A column's root mean square counts what is more than this many medians as that many.
-_OUTLIER = 10.0
-# Lanes that Python computes at once.
-_MOST_LANES = 40_000
 # Inputs that choose: nothing is between their values.
 CHOICES = ("switch", "variant", "type", "inverse")
 
 _BAD = (np.nan, np.inf, -np.inf)
 
-# An effect rounds the pressure at which a root ends otherwise in Python than in C.
-_LAST_BITS = 4.0
 
 Draw = Callable[[np.random.Generator, int], FloatArray]
 
@@ -129,11 +115,14 @@ def vectors(replay: Replay, p: Parameters, rows: int, seed: int) -> Vectors:
     coarse = _change(replay, inputs, outputs / size, size, is_single=True)
     fine = _change(replay, inputs, outputs / size, size, is_single=False)
     single = np.all(coarse <= _MOST_CHANGE * SINGLE, axis=(0, 1))
-    single &= np.all(~(np.abs(outputs) > _SINGLE_RANGE), axis=0)
+    # Where squares overflow in single precision: the cost of a motion far beyond the travel.
+    single &= np.all(~(np.abs(outputs) > 1e18), axis=0)
     if replay.is_tie is not None:
         single &= ~replay.is_tie(list(inputs))
-    room = np.max(np.where(fine < _JUMP, fine, 0.0), axis=(0, 1))
-    bounds = np.stack([np.maximum(DOUBLE, _ROUNDINGS * room), np.where(single, SINGLE, 0.0)])
+    # What is more, as a share, is a jump, which both take on the same side.
+    room = np.max(np.where(fine < 1e-6, fine, 0.0), axis=(0, 1))
+    # Roundings within a function count as that many of an input.
+    bounds = np.stack([np.maximum(DOUBLE, 4.0 * room), np.where(single, SINGLE, 0.0)])
     bad = _not_finite(replay, inputs, rng)
     answers = _evaluated(replay, bad)
     if replay.answer is not None:
@@ -166,7 +155,8 @@ def _scale(column: FloatArray) -> float:
     sizes = np.abs(column[np.isfinite(column)])
     if not np.any(sizes > 0.0):
         return 0.0
-    most = _OUTLIER * float(np.median(sizes[sizes > 0.0]))
+    # A column's root mean square counts what is more than this many medians as that many.
+    most = 10.0 * float(np.median(sizes[sizes > 0.0]))
     return float(np.sqrt(np.mean(np.minimum(sizes, most) ** 2)))
 
 
@@ -179,7 +169,8 @@ def _change(
     """
     rows = inputs.shape[1]
     nudges = list(_nudged(replay, inputs, is_single))
-    many, most = max(1, _MOST_LANES // rows), []
+    # Lanes that Python works out at once.
+    many, most = max(1, 40_000 // rows), []
     for k in range(0, len(nudges), many):
         moved = np.stack(nudges[k : k + many], axis=1)
         found = _evaluated(replay, moved.reshape(len(inputs), -1)).reshape(len(size), -1, rows)
@@ -192,7 +183,8 @@ def _column(draw: Draw, edges: Sequence[float], rng: np.random.Generator, n: int
     values = draw(rng, n).astype(np.float32).astype(float)
     if not len(edges):
         return values
-    return np.where(rng.random(n) < _EDGES, rng.choice(np.array(edges), n), values)
+    # A share of the values are on edges, or within the last bit of one.
+    return np.where(rng.random(n) < 0.05, rng.choice(np.array(edges), n), values)
 
 
 def _near(inputs: FloatArray, replay: Replay, rng: np.random.Generator) -> None:
@@ -217,10 +209,9 @@ def _nudged(replay: Replay, inputs: FloatArray, is_single: bool) -> Iterator[Flo
         column = inputs[k]
         known = np.isfinite(column)
         span = np.sqrt(np.mean(column[known] ** 2))
+        # An effect rounds the pressure at which a root ends otherwise in Python than in C.
         step = (
-            _ROUNDING * np.maximum(np.abs(column), span)
-            if is_single
-            else _LAST_BITS * np.spacing(column)
+            _ROUNDING * np.maximum(np.abs(column), span) if is_single else 4.0 * np.spacing(column)
         )
         for way in (-1.0, 1.0):
             moved = inputs.copy()

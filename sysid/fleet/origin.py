@@ -22,7 +22,6 @@ from sysid.io.campaign import Campaign
 _DATE = re.compile(r"(?<!\d)(?=(\d{4})-?(\d{2})-?(\d{2})(?!\d))")
 # An eight-digit number that is a serial number is not taken for a date of another century.
 _YEARS = range(1970, 2100)
-_FOLDERS = 4
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ def origin_of(campaign: Campaign) -> Origin:
 def _names(campaign: Campaign) -> Iterator[tuple[str, str]]:
     path = campaign.path.resolve()
     yield path.stem, "name of the campaign file"
-    for folder in list(path.parents)[:_FOLDERS]:
+    for folder in list(path.parents)[:4]:
         yield folder.name, f"name of the folder {folder.name}"
     yield campaign.name, "the campaign's name"
 

@@ -32,8 +32,6 @@ _BEAT_S = 15.0
 _SILENT_BEATS = 20
 # proc(5): the fields of /proc/PID/stat behind the name: state first, the start's time later.
 _BEGAN, _ENDED = 19, ("Z", "X")
-_TRIES = 100
-_WAIT_S = 0.05
 
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 
@@ -153,7 +151,7 @@ def _acquired(folder: Path) -> Holder | None:
     """This process as the one at work in the folder; None where nothing can be written there."""
     holder, path = Holder.this(), folder / LOCK_FILE
     try:
-        for _ in range(_TRIES):
+        for _ in range(100):
             if _made(path, json.dumps(asdict(holder))):
                 return holder
             if not _is_left(folder):
@@ -164,7 +162,7 @@ def _acquired(folder: Path) -> Holder | None:
                     if is_mine and _is_left(folder):
                         path.unlink(missing_ok=True)
                         continue
-            time.sleep(_WAIT_S)  # another process writes its file, or takes the folder over
+            time.sleep(0.05)  # another process writes its file, or takes the folder over
     except OSError as error:
         if error.errno in _READ_ONLY:
             return None

@@ -16,10 +16,9 @@ import numpy as np
 
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.declaration import range_of
-from sysid.io.responses import ROWS_OF_A_RECORDING
 from sysid.io.rig_sections import Air
 from sysid.io.samples import Log, Trial
-from sysid.signals import longest_run
+from sysid.signals import MIN_SAMPLES, longest_run
 from sysid.types import FloatArray
 
 # Probability that the ripple of a log without pulses is taken for a PWM period.
@@ -270,7 +269,7 @@ def _ripples(trial: Trial) -> Iterator[_Ripple]:
     """The ripple of each chamber whose valve is pulsed at a constant duty."""
     for side in SIDES:
         duty, pressure = f"duty_{side}", f"pressure_{side}_pa"
-        if duty not in trial or pressure not in trial or len(trial) < ROWS_OF_A_RECORDING:
+        if duty not in trial or pressure not in trial or len(trial) < MIN_SAMPLES:
             continue
         share = float(np.median(trial[duty]))
         if not 0.0 < share < 1.0:

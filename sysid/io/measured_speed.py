@@ -15,6 +15,7 @@ import numpy as np
 from sysid import signals
 from sysid.errors import input_error
 from sysid.io.channels import VALVE_COMMANDS, VELOCITY_CHANNELS
+from sysid.io.plausibility import SIZE_KNOWN_TO
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial, with_channels
 from sysid.io.unit_text import TAKEN_FOR_SI
@@ -25,8 +26,6 @@ _WINDOWS = 50
 _FEWEST = 10
 _ALIKE, _STRANGERS = 0.9, 0.5
 _STANDARD_ERRORS = 5.0
-# The size of a wheel or a gear is known to a few percent.
-_SAME_SCALE = 0.05
 _NOISE = 3.0
 # Declared sampling periods from which rows are no recording.
 _SAMPLED = 10.0
@@ -154,12 +153,12 @@ def contradiction(
     if share**2 < _STRANGERS:
         return f"{name} and {speed_name} do not belong to one motion ({name} is used)"
     error = math.sqrt(max(1.0 - share**2, 0.0) / len(way))
-    if share**2 < _ALIKE or abs(ratio - 1.0) <= max(_SAME_SCALE, _STANDARD_ERRORS * error):
+    if share**2 < _ALIKE or abs(ratio - 1.0) <= max(SIZE_KNOWN_TO, _STANDARD_ERRORS * error):
         return None
-    if abs(ratio + 1.0) <= max(_SAME_SCALE, _STANDARD_ERRORS * error):
+    if abs(ratio + 1.0) <= max(SIZE_KNOWN_TO, _STANDARD_ERRORS * error):
         return f"{speed_name} has the opposite sign of the motion of {name} ({name} is used)"
     units = TAKEN_FOR_SI[rig.units.speed]
-    unit = next((u for u, f in units.items() if abs(abs(ratio) / f - 1.0) < _SAME_SCALE), None)
+    unit = next((u for u, f in units.items() if abs(abs(ratio) / f - 1.0) < SIZE_KNOWN_TO), None)
     guess = f": is it in {unit}?" if unit else ""
     return f"{name} moves {ratio:.4g} times as far as {speed_name} says ({name} is used){guess}"
 

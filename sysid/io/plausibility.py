@@ -41,12 +41,12 @@ TWICE = 0.05
 """Pressures within this share of twice the atmosphere's: gauges and the weather differ by less."""
 _HIGH = 0.9
 # Share of the travel: a stop yields, and a pitch radius is known to a few percent.
-_BEYOND_THE_STOP = 0.05
+SIZE_KNOWN_TO = 0.05
 # Levels from which a channel's resolution shows, and how far it may be from the declared one.
 _LEAST_LEVELS = 100
 _SAME_STEP = 0.1
 # A factor typed with three digits is off by at most this much; so is a converter's zero.
-DUTY_ROUNDING = 5e-3
+TYPED_TO = 5e-3
 _NAMES = {
     "deg": "degrees",
     "rev": "revolutions",
@@ -166,7 +166,7 @@ def _beyond_stops(where: str, target: str, column: str, values: FloatArray, rig:
             _mapping(target, column, unit)
             + ", or correct stroke_m or pitch_radius_m in the rig file",
         )
-    if max(-low, high) <= (0.5 + _BEYOND_THE_STOP) * rig.travel:
+    if max(-low, high) <= (0.5 + SIZE_KNOWN_TO) * rig.travel:
         return None
     return (
         f"{where}: {target} runs from {low:.4g} to {high:.4g} {si}, beyond the end stops at "
@@ -177,7 +177,7 @@ def _beyond_stops(where: str, target: str, column: str, values: FloatArray, rig:
 
 def _from_an_end(low: float, high: float, travel: float, si: str) -> str:
     """How a position that counts from an end of the stroke is mapped; empty where it does not."""
-    if min(low, travel - high) < -_BEYOND_THE_STOP * travel:
+    if min(low, travel - high) < -SIZE_KNOWN_TO * travel:
         return ""
     return f"; readings from one end on are mapped as 0..{travel:.4g} {si} -> " + (
         f"-{0.5 * travel:.4g}..{0.5 * travel:.4g} {si}"
@@ -255,7 +255,7 @@ def check_effort(where: str, target: str, column: str, values: FloatArray, rig: 
 def check_fraction(where: str, target: str, column: str, values: FloatArray) -> SysidError | None:
     """Duty (n,): the error to raise where it leaves 0 to 1 by more than rounding."""
     low, high = float(np.min(values)), float(np.max(values))
-    if low >= -DUTY_ROUNDING and high <= 1.0 + DUTY_ROUNDING:
+    if low >= -TYPED_TO and high <= 1.0 + TYPED_TO:
         return None
     if low >= 0.0 and 1.5 < high <= 100.0:
         fix = _mapping(target, column, "percent")

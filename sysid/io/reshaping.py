@@ -16,6 +16,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import input_error
+from sysid.io.bounds import MOST_CELLS
 from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.exclusion import parse_span
 from sysid.io.units import TEST_COLUMN
@@ -28,7 +29,6 @@ HELD_COLUMNS = (*VALVE_COMMANDS, "motor_volts", "motor_torque_nm", "motor_force_
 # A log's comment that its samples lie between measured rows.
 _BETWEEN = "(measurements linear between rows every {:.6g} s, commands held)"
 _SAYS_BETWEEN = re.compile(r"map: (?:resampled|joined) .*rows every ([0-9.e+-]+) s,")
-_MOST_ROWS = 50_000_000
 _COUNTS = "encoder_counts"
 
 
@@ -151,7 +151,8 @@ def _resampled(frame: pd.DataFrame, how: Reshaping, period: float, where: str) -
     time: FloatArray = frame["time_s"].to_numpy(float)
     check_increasing(time, where)
     span = float(time[-1] - time[0])
-    if not period <= span < period * _MOST_ROWS:
+    # A log holds the time and one channel at least.
+    if not period <= span < period * (MOST_CELLS // 2):
         raise input_error(
             "--resample",
             f"{period:g} s does not suit the {span:g} s of {where}",

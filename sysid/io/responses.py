@@ -7,10 +7,9 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
+from sysid.signals import MIN_SAMPLES
 from sysid.types import FloatArray
 
-ROWS_OF_A_RECORDING = 50
-"""Fewer do not show how a signal usually moves."""
 # Standardized coefficients of a chamber's pressure on the valves' commands, over a log's rows.
 _FOLLOWS = 0.3
 _MORE = 1.5
@@ -78,7 +77,7 @@ def _shares(
     if not commands or pressure not in columns:
         return {}
     p = columns[pressure]
-    if len(p) < ROWS_OF_A_RECORDING or np.ptp(p) == 0.0:
+    if len(p) < MIN_SAMPLES or np.ptp(p) == 0.0:
         return {}
     x = np.column_stack([_standard(columns[c]) for c in commands])
     solution, *_ = np.linalg.lstsq(x, _standard(p), rcond=1e-6)
@@ -89,4 +88,4 @@ def _standard(values: FloatArray) -> FloatArray:
     return np.asarray((values - values.mean()) / values.std())
 
 
-__all__ = ["ROWS_OF_A_RECORDING", "response_notices"]
+__all__ = ["response_notices"]

@@ -24,8 +24,6 @@ _CLOCKS = (
     ),
     (86400.0, "the time of day"),
 )
-# The share of steps up to which a step over a wrap is an ordinary one.
-_ORDINARY_SHARE = 90.0
 # Share of the median step: decimals of seconds are rounded.
 _ROUNDED = 0.5
 
@@ -82,7 +80,8 @@ def _over(values: FloatArray, size: float, slack: float) -> IntArray:
     if not forward.size or np.max(forward) > size / 2:
         return np.zeros(0, dtype=np.intp)
     usual = float(np.median(forward))
-    most = max(LARGER * usual, float(np.percentile(forward, _ORDINARY_SHARE)))
+    # The share of steps up to which a step over a wrap is an ordinary one.
+    most = max(LARGER * usual, float(np.percentile(forward, 90.0)))
     over = steps + size
     return np.flatnonzero((steps < 0.0) & (over <= most) & (over > -slack * usual)) + 1
 

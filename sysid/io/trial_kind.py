@@ -11,13 +11,12 @@ from sysid.io.logs import Trial, smallest_step
 from sysid.io.measured_speed import moves, velocity_channel
 from sysid.io.rig import Rig
 
-# A held piston moves by encoder counts and a little elasticity, not by a stroke.
-_HELD_SHARE_OF_STROKE = 0.005
+HELD_SHARE = 0.005
+"""Of the stroke, or of a chamber's volume: a held piston moves by encoder counts and a little
+elasticity. Flows out of the volume have the same relative error."""
 _HELD_STEPS = 20.0
 # Share of half a stroke: a piston held farther in is not at an end.
 _NEAR_AN_END = 0.9
-# Most PWM periods that are searched for a whole number of rows.
-_MAX_PERIODS = 4
 
 
 def is_held(trial: Trial, rig: Rig) -> bool:
@@ -27,7 +26,7 @@ def is_held(trial: Trial, rig: Rig) -> bool:
         return speed not in trial or not moves(trial[speed])
     moved = float(np.ptp(trial[name]))
     step = smallest_step(trial[name]) or 0.0
-    give = _HELD_SHARE_OF_STROKE * rig.travel if rig.travel is not None else 0.0
+    give = HELD_SHARE * rig.travel if rig.travel is not None else 0.0
     return moved <= max(give, _HELD_STEPS * step)
 
 
@@ -58,7 +57,8 @@ def is_active(trial: Trial, *names: str) -> bool:
 
 def rows_per_period(pwm_period: float, sampling_period: float) -> Fraction:
     """Rows per PWM period (both in s), as a ratio of small numbers: 10/3 at 300 Hz and 1 kHz."""
-    return Fraction(pwm_period / sampling_period).limit_denominator(_MAX_PERIODS)
+    # At most so many PWM periods are searched for a whole number of rows.
+    return Fraction(pwm_period / sampling_period).limit_denominator(4)
 
 
 def rows_per_ripple(trial: Trial, rig: Rig) -> int:

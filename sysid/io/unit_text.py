@@ -211,7 +211,6 @@ _LACKING = {"rev": "turn", "revs": "turn", "kp": "kgf"}
 _LACKED = re.compile(rf"(?<![A-Za-z])({'|'.join(_LACKING)})(?![A-Za-z])")
 _PRODUCT = re.compile(r"(?<=[A-Za-z])[-.](?=[A-Za-z])")
 _COMMA = re.compile(r"[+-]?\d*,\d")
-_MAX_UNIT_LENGTH = 80
 LARGEST = 1e12
 """Upper limit in SI: no time, pressure, angle, force, voltage, flow or temperature of a log is
 larger."""
@@ -238,7 +237,7 @@ def parse_unit(text: str, si: str, where: str) -> Conversion:
     """
     si = _known(si) if si else "dimensionless"
     text = _stripped(text)
-    if len(text) > _MAX_UNIT_LENGTH:
+    if len(text) > 80:
         raise _unknown_unit(text[:20] + "...", si, where)
     if is_ratio(si) and (ratio := _RATIO.fullmatch(text)):
         return Conversion(None, _quotient(ratio, where), 0.0)

@@ -39,13 +39,11 @@ from sysid.plant.effects.linear import for_rig
 from sysid.plant.ports import Effect, Model, has_discrete_law
 from sysid.plant.trials import DISCRETE
 from sysid.surfaces.averaged import AveragedLaw
+from sysid.surfaces.domain import SAME_SUPPLY
 from sysid.surfaces.hull import ValveLaw
 
 MEAN_FLOW_MODELS = (AVERAGED, *SURFACE_KINDS)
 VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
-_SAME_PERIOD = 1e-6
-# Share within which the fit of a surface takes rows to be at one supply.
-_SAME_SUPPLY = 0.02
 
 _OTHER_REGIME = {
     "choked_fill": "c_fill",
@@ -326,14 +324,14 @@ def _surface(part: PwmSurfaces, kind: str, where: str) -> Any:
 
 def _check_conditions(part: PwmSurfaces, rig: Rig, where: str) -> None:
     fitted, period = part.pwm_period_s, rig.pwm.period_s if rig.pwm else None
-    if _differs(fitted, period, _SAME_PERIOD):
+    if _differs(fitted, period, 1e-6):
         raise input_error(
             where,
             f"was fitted at a PWM period of {fitted:g} s, but {rig.source} declares {period:g} s",
             "fit valve-pwm tests at the rig's period",
         )
     fitted, supply = part.supply_pressure_pa, rig.air.supply_pressure_pa if rig.air else None
-    if _differs(fitted, supply, _SAME_SUPPLY):
+    if _differs(fitted, supply, SAME_SUPPLY):
         raise input_error(
             where,
             f"was fitted at a supply of {fitted:g} Pa, but {rig.source} declares {supply:g} Pa",

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 
 from sysid.blocks.numbers import estimate_cells, number, unit
 from sysid.estimation.linear import Estimate
+from sysid.estimation.quality import DISAGREE
 from sysid.io.rig import Rig
 from sysid.parameters.refinement import RefinedValue
 from sysid.parameters.table import ParameterRow, Status
@@ -15,8 +16,6 @@ from sysid.plant.base import Parameters
 
 # Relative uncertainty of a declared constant, where the rig file gives none.
 _UNCERTAIN = 0.03
-# A constant that moved by more standard errors than this contradicts the rig file.
-_CONTRADICTED = 3.0
 _MASSES = "the masses and lengths under [inertia]"
 # What the plant's parameters call each, its key, its unit, and where the rig file says it.
 _MECHANICS = (
@@ -62,7 +61,7 @@ def contradictions(values: Iterable[RefinedValue], rig: Rig) -> list[str]:
 
 
 def _is_contradicted(value: RefinedValue) -> bool:
-    return abs(value.after.value - float(value.before)) > _CONTRADICTED * value.after.std
+    return abs(value.after.value - float(value.before)) > DISAGREE * value.after.std
 
 
 def _place(alias: str, rig: Rig) -> str:

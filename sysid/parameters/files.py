@@ -25,8 +25,6 @@ from sysid.parameters.bundle import Bundle
 from sysid.parameters.content import SCHEMA
 from sysid.parameters.valves import LAW_KEYS
 
-# Longest number that a message quotes.
-_LONGEST = 40
 SCHEMA_FILE = "bundle.schema.json"
 
 
@@ -124,7 +122,7 @@ class _NotFiniteError(ValueError):
 def _finite(text: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise _NotFiniteError(text if len(text) < _LONGEST else f"{text[:_LONGEST]}...")
+        raise _NotFiniteError(text if len(text) < 40 else f"{text[:40]}...")
     return value
 
 

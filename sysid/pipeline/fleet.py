@@ -13,7 +13,7 @@ from typing import Any
 
 from sysid import parallel
 from sysid.diagnosis import wording
-from sysid.errors import Failure, InputError, SysidError
+from sysid.errors import FAULT, Failure, InputError, SysidError
 from sysid.fleet.origin import Origin, origin_of, result_folder
 from sysid.fleet.rows import FleetRow, effects_of, readings_of
 from sysid.fleet.trends import Fleet, fleet_of
@@ -29,7 +29,6 @@ from sysid.types import Progress, no_progress
 PAGE_FILE = "fleet.html"
 CONTENT_FILE = "fleet.json"
 _ENDING_S = 3.0  # how long workers that are killed may take to be gone
-_FAULT = 1  # exit code of what is no fault of the input: a worker that died, a fault of the program
 
 
 def _silent(doing: str) -> Progress:
@@ -72,7 +71,7 @@ def _run_all(campaigns: Sequence[Path], folder: Path, options: FleetOptions) -> 
     with _cleaned_up(folder, campaigns), _workers(options.scheduler, options.tell):
         found = parallel.attempt_all(jobs)
     rows = [
-        _failed(FleetRow.failed(path, result_folder(path), None, row.reason, _FAULT), folder)
+        _failed(FleetRow.failed(path, result_folder(path), None, row.reason, FAULT), folder)
         if isinstance(row, Failure)
         else row
         for path, row in zip(campaigns, found, strict=True)

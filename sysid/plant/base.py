@@ -27,6 +27,13 @@ Array = Any
 CRITICAL_RATIO = 0.53
 """Downstream over upstream pressure below which flow is choked (3.5.1)."""
 
+MAX_STEP = 1e-3
+"""The simulator's longest step, s: samples further apart are split (accuracy:
+`benchmarks/simulation.py`). No rate or lag that its explicit steps integrate is faster."""
+
+LEAST_DIVISOR = 1e-12
+"""Keeps a quotient finite where what divides may be 0, in SI: its result is then not used, or 0."""
+
 
 def array_namespace(*values: Array) -> Any:
     """The module whose functions take these values: numpy unless one belongs to another library."""

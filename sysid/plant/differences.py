@@ -21,8 +21,6 @@ from sysid.types import FloatArray
 # Step as a share of a number's size, and the states' sizes (rad or m, rad/s or m/s, Pa).
 _STEP = 1e-7
 _SIZES = np.array([1.0, 1.0, 1e5, 1e5])
-# A change of more than this many sizes per size of a number is a jump.
-_JUMP = 3e3
 # Runs simulated at a time: their samples are all in memory.
 _MOST_ROWS = 4_000_000
 
@@ -97,7 +95,8 @@ def _simulated(lanes: Sequence[tuple[Inputs, Model]], max_step: float) -> list[T
 def _jumps(slopes: FloatArray, steps: FloatArray) -> FloatArray:
     """Which slopes (k, 4, n) change a state by far more than the change of its number."""
     change = np.maximum(slopes.max(axis=2), -slopes.min(axis=2)) / _SIZES
-    return np.asarray(change.max(axis=1) * np.abs(steps) > _JUMP * _STEP)
+    # So many sizes of the result per size of a number are a jump, no slope.
+    return np.asarray(change.max(axis=1) * np.abs(steps) > 3e3 * _STEP)
 
 
 def _with_start(inputs: Inputs, model: Model) -> tuple[Inputs, Model]:

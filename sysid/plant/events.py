@@ -10,7 +10,6 @@ from sysid.plant.base import Array
 from sysid.plant.jax_setup import jax, jnp
 
 _Result = TypeVar("_Result")
-_NEWTON_STEPS = 2
 # Keeps a quotient finite where its result is not used.
 _TINY = 1e-300
 
@@ -72,7 +71,7 @@ def _about(cubic: Cubic) -> Array:
 
 def _root(cubic: Cubic, s: Array) -> Array:
     """Root of a cubic in [0, 1] near s, by Newton's method."""
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(2):
         slope = cubic.c1 + s * (2.0 * cubic.c2 + s * 3.0 * cubic.c3)
         s = s - cubic(s) / (slope - _TINY)
         s = jnp.where(s > 0, jnp.where(s < 1, s, 1.0), 0.0)

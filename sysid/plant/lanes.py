@@ -15,9 +15,6 @@ from sysid.plant.valve_timing import TIME_TOLERANCE, WHOLE_STEP
 
 Rates = tuple[Array, ...]
 
-# Capacity for the steps that end at events; a call that exceeds it is continued.
-EVENT_ROOM = 512
-
 
 class Lanes(NamedTuple):
     """Where each run is; arrays (runs,), `extra` a tuple of them.
@@ -81,7 +78,8 @@ class EventTable(NamedTuple):
     @property
     def room(self) -> int:
         """Steps that a call has room for."""
-        return int(self.duration.shape[1]) + EVENT_ROOM
+        # For the steps that end at events; a call that needs more is continued.
+        return int(self.duration.shape[1]) + 512
 
     @property
     def calls(self) -> int:
@@ -217,4 +215,4 @@ def _look_up(table: Array, at: Array) -> Array:
     return table.at[run, at].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
-__all__ = ["EVENT_ROOM", "TIME_TOLERANCE", "EventTable", "Lanes", "Now", "SwitchedTable", "Table"]
+__all__ = ["TIME_TOLERANCE", "EventTable", "Lanes", "Now", "SwitchedTable", "Table"]

@@ -19,8 +19,6 @@ from sysid.plant.valve_timing import TIME_TOLERANCE
 
 # On-intervals that may still act: with delays shorter than the shortest command no more do.
 KEPT_INTERVALS = 4
-# No tick needs nearly as many steps for its events: more would be an endless loop.
-_MOST_STEPS = 5000
 
 
 class ValveIntervals(NamedTuple):
@@ -151,7 +149,8 @@ def advance_period(
         )
         lanes = advance(lanes._replace(index=jnp.zeros_like(lanes.index)), table, model, ())
         since = jnp.where(lanes.index > 0, until, since)
-        endless = (since < end - TIME_TOLERANCE) & (steps >= _MOST_STEPS)
+        # No tick needs nearly as many steps for its events: more would be an endless loop.
+        endless = (since < end - TIME_TOLERANCE) & (steps >= 5000)
         lanes = lanes._replace(velocity=jnp.where(endless, jnp.nan, lanes.velocity))
         return lanes, jnp.where(jnp.isnan(lanes.velocity), end, since), steps + 1
 

@@ -17,11 +17,6 @@ from sysid.plant import base
 from sysid.plant.base import Array, array_namespace
 from sysid.plant.ports import Model, Point
 
-# A chamber that exhausts choked whatever the back pressure.
-_FULL_PA = 1e9
-# Keeps a quotient finite where a valve is never open, or always.
-_LEAST_SHARE = 1e-6
-
 
 @dataclass(frozen=True)
 class Regime:
@@ -74,7 +69,8 @@ def exhaust_boundary(side: str, point: Point, model: Model) -> Array:
 
     By the exhaust pressure that choked flow leaves, as out of a chamber at any pressure.
     """
-    full: dict[str, Any] = {f"pressure_{side}": 0.0 * point.pressure(side) + _FULL_PA}
+    # A chamber that exhausts choked whatever the back pressure.
+    full: dict[str, Any] = {f"pressure_{side}": 0.0 * point.pressure(side) + 1e9}
     return base.exhaust_boundary(exhaust_pressure(side, dataclasses.replace(point, **full), model))
 
 
@@ -213,8 +209,8 @@ def _lines_in_phase(side: str, point: Point, model: Model) -> tuple[Array, Array
     other = SIDES[1 - SIDES.index(side)]
     own, other_open = point.is_open(side), point.is_open(other)
     xp = array_namespace(own, other_open)
-    during = xp.minimum(other_open / xp.maximum(own, _LEAST_SHARE), 1.0)
-    shut = xp.minimum((1.0 - other_open) / xp.maximum(1.0 - own, _LEAST_SHARE), 1.0)
+    during = xp.minimum(other_open / xp.maximum(own, base.LEAST_DIVISOR), 1.0)
+    shut = xp.minimum((1.0 - other_open) / xp.maximum(1.0 - own, base.LEAST_DIVISOR), 1.0)
     pulse: dict[str, Any] = {f"open_{other}": during}
     pause: dict[str, Any] = {f"open_{other}": 1.0 - shut}
     return (
@@ -264,7 +260,9 @@ def pulse_ripple(
     fill, exhaust = _pulse_parts(side, flows, mean, point, model)
     xp = array_namespace(rises)
     share = point.is_open(side)
-    span = fill / xp.maximum(share, _LEAST_SHARE) - exhaust / xp.maximum(1.0 - share, _LEAST_SHARE)
+    span = fill / xp.maximum(share, base.LEAST_DIVISOR) - exhaust / xp.maximum(
+        1.0 - share, base.LEAST_DIVISOR
+    )
     straight = xp.where(rises, flows.rise[0], 1.0 - flows.fall[0])
     true = xp.where(rises, flows.rise[1], 1.0 - flows.fall[1])
     return _swing(side, span, point, model), straight, true

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from sysid.io.channels import VELOCITY_CHANNELS
+from sysid.plant.base import MAX_STEP
 from sysid.plant.ports import Model
 from sysid.plant.preparation import History
 from sysid.types import FloatArray
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 
 _Value = TypeVar("_Value", bound=Any)
 _STATE = ("position", "velocity", "pressure_a", "pressure_b")
-_ROUNDS = 2
-_ROW_S = 1e-3
 # Longer than a run-up: after that a link at 25 Hz still rings at a fifth of its amplitude.
 _HISTORY_S = 0.5
 
@@ -47,7 +46,7 @@ def without_errors(
     the slope of the error, 1e-2 or less for a sensor.
     """
     true = dict(measured)
-    for _ in range(_ROUNDS):
+    for _ in range(2):
         found = error(true)
         true = {name: value - found[name] for name, value in measured.items()}
     return true
@@ -63,7 +62,7 @@ def before_sensors(
     """
     if not model.effects:
         return dict(channels)
-    time = elapsed + np.array([0.0, _ROW_S])
+    time = elapsed + np.array([0.0, MAX_STEP])
     measured = {name: np.full(2, value, dtype=float) for name, value in channels.items()}
 
     def error(true: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.channels import SIDES
 from sysid.plant import plant
+from sysid.plant.base import MAX_STEP
 from sysid.plant.jax_setup import jax, jnp, on_processor
 from sysid.plant.lanes import Lanes, Table
 from sysid.plant.ports import Model, Point, Structure, join, split, stack_models
@@ -31,9 +32,6 @@ from sysid.plant.preparation import (
 from sysid.plant.stepper import advance
 from sysid.plant.tables import Block, block_of
 from sysid.types import FloatArray, IntArray
-
-MAX_STEP = 1e-3
-"""Longest step, s: samples further apart are split (accuracy: `benchmarks/simulation.py`)."""
 
 # Runs simulated together in one compiled call. A batch is cut into blocks of these widths,
 # padded with idle runs, so that few shapes are ever compiled.

@@ -32,15 +32,6 @@ from sysid.plant.supply_approach import gap_change
 
 _Result = TypeVar("_Result")
 
-# A pressure this close to a boundary, as a share of it, is on it: an event left it there.
-_ON_BOUNDARY = 1e-10
-# One that moves with the other chamber's flow leaves a pressure behind within a step.
-_ON_MOVING_BOUNDARY = 1e-4
-# A cut step advances by at least this share, so that events cannot stall the time.
-_LEAST_SHARE = 1e-4
-# Implicit where sqrt(D) is below this many h K: the explicit method is exact enough above.
-_STIFF_STEPS = 1.0
-
 
 class Chamber(NamedTuple):
     """A chamber at the start of a step, and the regime of its valve during the step.
@@ -128,7 +119,9 @@ def _chamber(side: str, setting: Setting) -> Chamber:
     rate_above = jnp.where(higher, rate, rate + jump)
     rate_below = jnp.where(higher, rate - jump, rate)
     driven = jnp.where(rate_above > 0, 1.0, jnp.where(rate_below < 0, -1.0, 0.0))
-    near = jnp.where(boundary == fixed, _ON_BOUNDARY, _ON_MOVING_BOUNDARY)
+    # An event leaves a pressure on its boundary but for rounding; one that moves with the other
+    # chamber's flow leaves it behind within a step. Shares of the boundary.
+    near = jnp.where(boundary == fixed, 1e-10, 1e-4)
     on_boundary = jnp.abs(excess) <= near * boundary
     above = jnp.where(on_boundary, driven, jnp.where(higher, 1.0, -1.0))
     below = above < 0
@@ -298,7 +291,8 @@ def _supply_gap(
     gap = plant.supply_pressure(side, point, setting.model) - point.pressure(side)
     stiffness = step * chamber.per_flow * point.parameters.valve(side).c_fill
     other = stiffness * base.signed_sqrt(gap) - step * chamber.rate
-    reach = (_STIFF_STEPS * stiffness) * (_STIFF_STEPS * stiffness) + 2.0 * jnp.abs(other)
+    # Implicit where sqrt(D) is below h K: the explicit method is exact enough above.
+    reach = stiffness * stiffness + 2.0 * jnp.abs(other)
     filling = (point.is_open(side) > 0) & ~chamber.choked
     return filling & (jnp.abs(gap) < reach), gap, stiffness, other
 
@@ -365,7 +359,8 @@ def _cut(
     events = [turns, cubics[0].distance(-direction, end), *switches]
     at, (turned, hit, *switched) = first_event(events, setting.always)
     cut = at < 2.0
-    share = jnp.where(cut, jnp.where(at > _LEAST_SHARE, at, _LEAST_SHARE), 1.0)
+    # A cut step advances by at least this share, so that events cannot stall the time.
+    share = jnp.where(cut, jnp.where(at > 1e-4, at, 1e-4), 1.0)
     position, velocity, *rest = (cubic(share) for cubic in cubics)
     pressures = [
         jnp.where(switch, chamber.boundary, pressure)

@@ -10,8 +10,6 @@ from __future__ import annotations
 from sysid.plant.base import Array
 from sysid.plant.jax_setup import jax, jnp
 
-# Parts of a step that the method takes.
-_PARTS = 2
 # Alexander's gamma, and the third row, which is the weights.
 _GAMMA = 0.43586652150845899942
 _SECOND = (1.0 - _GAMMA) / 2.0
@@ -37,7 +35,7 @@ def gap_change(gap: Array, stiffness: tuple[Array, Array], other: tuple[Array, A
     `stiffness` is h K and `other` h g at the step's start and end; Pa^0.5 and Pa.
     """
 
-    part = 1.0 / _PARTS
+    part = 0.5  # the method takes a step in two halves
 
     def stage(start: Array, at: float) -> Array:
         k = part * (stiffness[0] + at * (stiffness[1] - stiffness[0]))
@@ -45,7 +43,7 @@ def gap_change(gap: Array, stiffness: tuple[Array, Array], other: tuple[Array, A
         return g - k * _implicit_root(start + _GAMMA * g, _GAMMA * k)
 
     now = gap
-    for begun in range(_PARTS):
+    for begun in range(2):
         first = stage(now, part * (begun + _GAMMA))
         second = stage(now + _SECOND * first, part * (begun + _GAMMA + _SECOND))
         third = stage(now + _THIRD[0] * first + _THIRD[1] * second, part * (begun + 1.0))

@@ -17,11 +17,6 @@ from sysid.types import FloatArray
 Timing = tuple[FloatArray, ...]
 """What moves with the delays of a run's valves: s, or s per unit of what moves it."""
 
-# Edges of a valve that a piece has room for, at least; more where there are more.
-_EDGES = 640
-# No two times count as one.
-_APART = -1.0
-
 
 class Block(ABC):
     """Prepared runs, padded to `width` with idle ones, in pieces of `rows` rows or sub-steps."""
@@ -63,11 +58,13 @@ class SwitchedBlock(Block):
     ) -> None:
         super().__init__(runs, width, rows)
         self.max_step = max_step
-        self.together = _APART if apart else TIME_TOLERANCE
+        # -1: no two times count as one.
+        self.together = -1.0 if apart else TIME_TOLERANCE
         # By run and valve: how many edges lie before each piece.
         self.bounds = [self._bounds(run) for run in runs]
         most = max(int((b[1:] - b[:-1]).max()) for of_run in self.bounds for b in of_run)
-        self.edges = _EDGES
+        # Room for so many edges of a valve in a piece; more where there are more.
+        self.edges = 640
         while self.edges <= most:  # the last place stays infinite
             self.edges *= 2
 

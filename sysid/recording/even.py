@@ -13,7 +13,8 @@ from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
 from sysid.io.measured_speed import velocity_channel, with_position
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
-from sysid.recording.recording import MIN_SAMPLES, Recording
+from sysid.recording.recording import Recording
+from sysid.signals import MIN_SAMPLES
 
 # A shaft moves where it crosses this share of its travel.
 _MOVES = 0.02

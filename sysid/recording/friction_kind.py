@@ -11,7 +11,8 @@ from sysid.io.measured_speed import place_needed, velocity_channel
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
 from sysid.recording.even import recorded
-from sysid.recording.recording import MIN_SAMPLES, Recording
+from sysid.recording.recording import Recording
+from sysid.signals import MIN_SAMPLES
 from sysid.types import FloatArray
 
 STATIC, SLIDING, MOTION = "friction-static", "friction-sliding", "friction-motion"

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from sysid import signals
 from sysid.errors import input_error
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
@@ -14,12 +15,6 @@ from sysid.io.trial_kind import rows_per_period
 from sysid.recording.recording import Recording
 
 MIN_ROWS = 20
-
-# A step this much longer than the median one is a gap.
-_GAP = 1.5
-# The PWM grid may wander by this share of a period against the rows, over a whole test.
-_PWM_WANDER = 0.5
-_START_S = 0.05
 # Factor by which the efforts of cylinder and motor may exceed the log and the rig file.
 _EFFORT_MARGIN = 1.2
 
@@ -44,7 +39,7 @@ def check_sampling(trial: Trial, kind: str, rig: Rig) -> None:
     steps = np.diff(trial.time)
     period = float(np.median(steps))
     gap = int(np.argmax(steps))
-    if steps[gap] > _GAP * period:
+    if steps[gap] > signals.SAMPLE_MISSING * period:
         raise input_error(
             f"{trial.source}, at {trial.time[gap]:.6g} s",
             f"no sample for {steps[gap]:.4g} s (elsewhere every {period:.4g} s), and the commands "
@@ -60,7 +55,8 @@ def check_sampling(trial: Trial, kind: str, rig: Rig) -> None:
     ratio = rows_per_period(pwm, mean)
     # The deviation from the nearest simple ratio adds up from period to period.
     wander = abs(pwm / mean / float(ratio) - 1.0) * span / pwm if ratio else math.inf
-    if mean > pwm * (1.0 + 1e-6) or wander > _PWM_WANDER:
+    # The PWM grid may wander by half a period against the rows, over a whole test.
+    if mean > pwm * (1.0 + 1e-6) or wander > 0.5:
         raise input_error(
             trial.source,
             f"a row every {mean:.6g} s cannot follow PWM periods of {pwm:.6g} s "
@@ -93,7 +89,7 @@ def moves_at_start(
     driven it: the double integral of |effort|/inertia. `tolerance` is what the encoder may show at
     rest, rad or m. `fitted_inertia` (kg m2 or kg) counts where the rig file declares none.
     """
-    rows = slice(0, int(np.count_nonzero(test.time <= _START_S)))
+    rows = slice(0, int(np.count_nonzero(test.time <= 0.05)))
     time, position = test.time[rows], test.position[rows]
     effort = np.abs(test.commanded + test.cylinder - test.gravity)[rows]
     rig = test.rig.carrying(test.trial.payload_kg)

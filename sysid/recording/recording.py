@@ -19,7 +19,6 @@ from sysid.io.samples import Trial
 from sysid.plant.base import cylinder_effort, gravity_effort
 from sysid.types import BoolArray, FloatArray
 
-MIN_SAMPLES = 50
 # Samples within this share of the stroke from an end are not part of the model (log-format.md).
 END_MARGIN = 0.01
 
@@ -195,4 +194,4 @@ class Recording:
         return any(name in self and bool(np.ptp(self[name]) > 0.0) for name in VALVE_COMMANDS)
 
 
-__all__ = ["END_MARGIN", "MIN_SAMPLES", "Recording"]
+__all__ = ["END_MARGIN", "Recording"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from sysid.types import FloatArray, IntArray
 _HALF_WINDOW_S = 0.010
 _HALF_WINDOW_RIPPLES = 4
 _LEAST_HALF = 4
-_TWO_SIDED = 1.96  # errors that are exceeded by chance in 5 %
+_TWO_SIDED = NormalDist().inv_cdf(0.975)  # errors that are exceeded by chance in 5 %
 _NO_TIMES: FloatArray = np.zeros(0)
 
 

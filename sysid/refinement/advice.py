@@ -41,10 +41,9 @@ from sysid.refinement.refine import bench_scatter, check_on_off_law, motion_test
 from sysid.refinement.unknowns import Unknown, chosen, unknowns_of, without_own_data
 from sysid.types import FloatArray, Progress, no_progress
 
-_TIED = 0.9
+HIGHLY_CORRELATED = 0.9
 # A test that lowers a pair's correlation by less is not reported as separating the pair.
 _BREAKS = 0.98
-_BEST = 3
 # A parameter is unknown from this standard error on, in its coordinate, which is of order one.
 _UNKNOWN = 1e3
 
@@ -100,7 +99,7 @@ def advise(
     p = len(unknowns)
     options.sort(key=lambda o: -_reduction(now, o, p))
     candidates = tuple(_candidate(now, o, unknowns, tests.motions) for o in options)
-    best = [i for i, o in enumerate(options) if o.motion is not None][:_BEST]
+    best = [i for i, o in enumerate(options) if o.motion is not None][:3]
     sizes, skipped = effect_sizes(
         tests, [options[i] for i in best], setting, known.values(), threshold, progress
     )
@@ -231,7 +230,7 @@ def _correlated(now: FloatArray, unknowns: Sequence[Unknown]) -> Iterator[_Pair]
     for i in range(p):
         for j in range(i):
             pair = _Pair(unknowns[j].name, unknowns[i].name, tuple(range(p)), j, i)
-            if abs(pair.correlation(now)) > _TIED:
+            if abs(pair.correlation(now)) > HIGHLY_CORRELATED:
                 yield pair
 
 

@@ -15,8 +15,6 @@ from sysid.refinement.candidates import CandidateMotion
 from sysid.refinement.unknowns import Unknown
 from sysid.types import FloatArray
 
-_SHOWN_TESTS = 3
-
 
 @dataclass(frozen=True)
 class CandidateTest:
@@ -154,7 +152,7 @@ class AdviceResult(Shown):
         return f"{self.parameters[at].name} by {100.0 * (1.0 - ratio[at]):.0f} %"
 
     def _parameters_table(self) -> Table:
-        shown = self.candidates[:_SHOWN_TESTS]
+        shown = self.candidates[:3]
         rows = []
         for i, p in enumerate(self.parameters):
             best = self.best_for(i)

@@ -13,25 +13,22 @@ from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs, ValveCommand
+from sysid.plant.simulator import MAX_STEP
 from sysid.refinement.information import ProbedProblem, information_of
 from sysid.refinement.problem import SLIDING
-from sysid.refinement.runs import Run
+from sysid.refinement.runs import LEAST_START_STD, Run
 from sysid.types import FloatArray
 
 _TESTS = (6, 12)
 # Sliding speeds, travels per second.
 _SPEEDS = (0.2, 0.5, 1.0)
 _SLIDING_S, _RAMP_S = 2.0, 5.0
-# A held piston: simulated by multiplying static friction by this factor.
-_CLAMP = 1e6
 _FILLING_S, _ON_S, _OFF_S = 6.0, 1.0, 4.0
 _FILLINGS = 3
-_ROW_S = 1e-3
 # Where the piston is held, of half the travel: the valve's chamber is large there.
 _HELD = 0.95
 # Share of the range from the atmosphere to the supply.
 _FULL = 0.97
-_LEAST_START_STD = 1e-9
 
 
 @dataclass(frozen=True)
@@ -95,10 +92,11 @@ def _static(problem: ProbedProblem) -> Iterator[BenchCandidate]:
 def _fillings(problem: ProbedProblem, rig: Rig, noise: FloatArray, side: str) -> BenchCandidate:
     """A chamber filled and emptied with the piston held, the start pressure unknown."""
     base = problem.model
-    clamped = base.parameters.replace(static_effort=_CLAMP * base.parameters.static_effort)
+    # A held piston: static friction times this factor is never overcome.
+    clamped = base.parameters.replace(static_effort=1e6 * base.parameters.static_effort)
     model = dataclasses.replace(base, parameters=clamped)
     inputs = _filling(rig, model, side)
-    start_std = np.array([_LEAST_START_STD, _LEAST_START_STD, noise[1], noise[2]])
+    start_std = np.array([*LEAST_START_STD[:2], noise[1], noise[2]])
     shown = np.zeros((3, len(inputs.time)))
     held = dataclasses.replace(
         problem,
@@ -116,7 +114,7 @@ def _filling(rig: Rig, model: Model, side: str) -> Inputs:
     """On until the chamber nears the supply, where the flow's derivative is infinite; then off."""
     from sysid.plant.simulator import simulate
 
-    row = rig.sampling.period_s if rig.sampling is not None else _ROW_S
+    row = rig.sampling.period_s if rig.sampling is not None else MAX_STEP
     time: FloatArray = np.asarray(np.arange(round(_FILLING_S / row)) * row, dtype=float)
     p = model.parameters
     atmosphere, supply = float(p.atmosphere), float(p.supply)

@@ -16,6 +16,7 @@ from sysid.io.samples import Trial
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs, ValveCommand
 from sysid.plant.sensors import measured_channels
+from sysid.plant.simulator import MAX_STEP
 from sysid.types import FloatArray
 
 DURATION_S = 10.0
@@ -23,16 +24,13 @@ DURATION_S = 10.0
 # enough.
 _LIMIT, _SWING = 0.9, 0.3
 _MOTOR_HZ = (0.5, 1.0, 2.0)
-_MOTOR_EFFORTS = 10
 _MOTOR_PHASES = (0.0, 0.5 * np.pi)
 _MOST_STATIC = 6.0
-_ROW_S = 1e-3
-_DRAWS, _ATTEMPTS = 24, 5
+_DRAWS = 24
 # Middle of both duties, by level; their amplitude follows.
 _DUTY_LEVELS = {"low": (0.12, 0.2), "high": (0.22, 0.34)}
 _PULSE_S, _PAUSE_S = (0.008, 0.15), (0.15, 0.5)
 _REDRAW_S = 0.6
-_SEQUENCES = 20
 
 
 @dataclass(frozen=True)
@@ -142,7 +140,7 @@ def candidate_motions(rig: Rig, model: Model) -> list[CandidateMotion]:
     arm that falls. Raises InputError without `[cylinder]`, whose stroke limits the motion.
     """
     rig.require("cylinder", "whose stroke limits a motion test")
-    row = rig.sampling.period_s if rig.sampling is not None else _ROW_S
+    row = rig.sampling.period_s if rig.sampling is not None else MAX_STEP
     time: FloatArray = np.asarray(np.arange(round(DURATION_S / row)) * row, dtype=float)
     stage = _Stage(rig, model, time)
     found = list(_motor_sweeps(stage))
@@ -161,7 +159,7 @@ def _motor_sweeps(stage: _Stage) -> Iterator[CandidateMotion]:
     static = float(stage.model.parameters.static_effort)
     if stage.most_effort <= 1.2 * static:
         return
-    efforts = np.geomspace(1.2 * static, stage.most_effort, _MOTOR_EFFORTS)
+    efforts = np.geomspace(1.2 * static, stage.most_effort, 10)
     plan = [(f, e, p) for f in _MOTOR_HZ for e in efforts for p in _MOTOR_PHASES]
     commands = [
         ("motion-motor", e * _clipped_sine(stage.time, f, p, 0.85), None) for f, e, p in plan
@@ -183,7 +181,7 @@ def _pwm_tests(stage: _Stage) -> Iterator[CandidateMotion]:
     """Both duties as clipped sines about in antiphase, low and high, without and with motor."""
     for level, span in _DUTY_LEVELS.items():
         for with_motor in (False, True):
-            for attempt in range(_ATTEMPTS):
+            for attempt in range(5):
                 rng = np.random.default_rng((attempt, with_motor, level == "high"))
                 drawn = [_duties(stage, span, with_motor, rng) for _ in range(_DRAWS)]
                 shown = stage.shown(drawn)
@@ -244,7 +242,7 @@ def _sequence(
     and drawn anew from there.
     """
     kept, rows = np.zeros((2, stage.rows)), 0
-    for _ in range(_SEQUENCES):
+    for _ in range(20):
         drawn = [_pulses(stage, kept, rows, rng) for _ in range(_DRAWS)]
         shown = stage.shown([("motion-discrete", motor, valves) for valves in drawn])
         swing = stage.swing(shown)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.estimation.autoregression import Autoregression, autoregression
+from sysid.plant.simulator import MAX_STEP
 from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.refinement.runs import Run
@@ -21,21 +22,16 @@ _ROUNDS = 5
 _ROUND_EVALUATIONS = 25
 _FINAL_EVALUATIONS = 30
 # Steps at which a descent ends, in standard errors.
-_ROUGHLY, _CLOSELY = 0.5, 0.05
+_ROUGHLY, CLOSELY = 0.5, 0.05
 # First step sizes, one over the damping: bench tests are near enough for long steps, which a
 # refusal shortens; the last descent begins near its end.
-_HARDLY_DAMPED, _UNDAMPED = 300.0, 1e6
+_HARDLY_DAMPED, UNDAMPED = 300.0, 1e6
 # A run whose largest RMSE over the noise is this many times the others' is not followed.
 NOT_FOLLOWED = 3.0
 # Friction that a scan moves by less (units of the scatter) counts as unchanged.
 _SAME = 0.15
-_MOST_ORDER = 4
 # Innovations below this share of the sensor's noise would get too much weight.
 _LEAST_SHARE = 0.3
-# An encoder resolves more than a simulation in steps of 1 ms does (`benchmarks/simulation.py`).
-_FINE_STEP = 5e-4
-# Flows are found to some 1e-6 of their values, and the simulation has to be as exact.
-_FINEST_STEP = 1.25e-4
 _LEAST_SCATTER = 1e-3
 # A standard error up to this is that of an unknown on which no residual depends.
 NO_INFORMATION = 1e-12
@@ -169,7 +165,7 @@ def estimate(
     final, start, left_out, scatter = _final(problem, solution, follows, scatter, robust)
     progress("the errors as they are")
     solution = solve(
-        final, start, _FINAL_EVALUATIONS, _CLOSELY, first_step=_UNDAMPED, chords=True, partly=True
+        final, start, _FINAL_EVALUATIONS, CLOSELY, first_step=UNDAMPED, chords=True, partly=True
     )
     evaluations += solution.evaluations
     return Estimated(final, solution, left_out, scatter, evaluations, cut_short=solution.cut_short)
@@ -224,8 +220,10 @@ def _final(
         whitening=(whitening_of(runs, own),) * len(runs),
         scatter=found.pair,
         robust=robust,
-        max_step=_FINE_STEP,
-        fine_step=_FINEST_STEP,
+        # An encoder resolves more than a simulation in the longest steps does, and flows, found to
+        # some 1e-6 of their values, take one as exact (`benchmarks/simulation.py`).
+        max_step=MAX_STEP / 2.0,
+        fine_step=MAX_STEP / 8.0,
     )
     # Friction keeps its size: its coordinates are in units of the scatter.
     friction = rough.point.friction * (np.array(problem.scatter) / np.array(found.pair))
@@ -246,7 +244,7 @@ def whitening_of(
             if not np.isnan(r[channel]).any()
         ]
         found.append(
-            autoregression(logged, _MOST_ORDER).with_innovation((_LEAST_SHARE * floor) ** 2)
+            autoregression(logged, 4).with_innovation((_LEAST_SHARE * floor) ** 2)
             if logged
             else Autoregression.white(float(floor) ** 2)
         )

@@ -36,11 +36,7 @@ LEAST_WRITTEN = 0.5
 """Correlations of this size and above are written into their cells."""
 _ROW = 0.32  # inches
 _FRAME = 0.83  # inches above and below the rows
-_MOST_NUMBERED = 16
-# Movements beyond this are drawn on an axis that is stretched about 0.
-_LARGE = 12.0
 _NAME = re.compile(r"[^A-Za-z0-9 ._+-]")
-_LONGEST_NAME = 40
 
 
 def movement(values: Sequence[RefinedValue]) -> Figure:
@@ -88,7 +84,8 @@ def _moved(value: RefinedValue) -> tuple[float | None, float]:
 
 def _stretched(axis: Scale, reach: float) -> Scale:
     """An axis that is linear near 0 and logarithmic far from it, where it reaches far."""
-    if reach <= _LARGE:
+    # Larger movements are drawn on an axis that is stretched about 0.
+    if reach <= 12.0:
         return axis
     decades = range(int(np.floor(np.log10(reach))) + 1)
     sizes = [3.0, *(f * 10.0**d for d in decades[1:] for f in (1.0, 3.0))]
@@ -115,7 +112,7 @@ def correlation(values: Sequence[RefinedValue], matrix: Sequence[Sequence[float]
         squares(~own & (found > 0.0), "second", strength),
         squares(~own & (found <= 0.0), "model", strength),
     ]
-    if count <= _MOST_NUMBERED:
+    if count <= 16:
         for i, j in np.argwhere(~own & (np.abs(found) >= LEAST_WRITTEN)):
             size = float(found[i, j])
             marks.append(
@@ -182,7 +179,7 @@ def _readable_scale(size: float) -> tuple[float, str]:
 
 
 def _drawable(name: str) -> str:
-    return _NAME.sub("?", name)[:_LONGEST_NAME]
+    return _NAME.sub("?", name)[:40]
 
 
 __all__ = ["LEAST_WRITTEN", "correlation", "movement", "profile"]

@@ -17,12 +17,11 @@ from sysid.plant.ports import Model
 from sysid.plant.tangents import Direction, Tangents
 from sysid.refinement.factors import triangular
 from sysid.refinement.problem import Iterate, Linearised, Problem, RunErrors
+from sysid.refinement.reduction import INFORMED
 from sysid.refinement.runs import STATES, Run
 from sysid.types import FloatArray
 
 _S = len(STATES)
-# As in `reduction`: below this slope a test carries no information on its static friction.
-_INFORMED = 5.0
 # A direction with less information than this, in coordinates of order one, is unidentified.
 _NOTHING = 1e-9
 _SENSOR_STEP = 1e-3
@@ -92,7 +91,7 @@ def information_of(problem: ProbedProblem, runs: Sequence[Linearised]) -> FloatA
     factor = triangular(rows)
     scatter = np.zeros((2, factor.shape[1]))
     scatter[:, :2] = np.eye(2)
-    if np.linalg.norm(factor[:, 1]) < _INFORMED:
+    if np.linalg.norm(factor[:, 1]) < INFORMED:
         factor[:, 1] = 0.0
     elif problem.static_number is not None:
         scatter[1, 2 + problem.static_number] = -1.0 / problem.scatter[1]

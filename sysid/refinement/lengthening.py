@@ -18,9 +18,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.errors import OutOfBudgetError
+from sysid.estimation.quality import DISAGREE
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import MotionTest, Segment
-from sysid.refinement.estimation import NO_INFORMATION, Estimated, followed, whitening_of
+from sysid.refinement.estimation import (
+    CLOSELY,
+    NO_INFORMATION,
+    UNDAMPED,
+    Estimated,
+    followed,
+    whitening_of,
+)
 from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.runs import Run, run_of
 from sysid.refinement.solver import Solution, solve
@@ -28,14 +36,6 @@ from sysid.refinement.unknowns import model_at
 from sysid.refinement.whole_tests import times_worse, whole_residuals
 from sysid.types import BoolArray, FloatArray, Progress, no_progress
 
-# Number of segments that are joined; 0: all of a test, from its first row.
-_JOINED = (3, 0)
-# Runs that the model does not follow in one stay as they were, and the others are tried again.
-_TRIES = 4
-# Where the model follows the longer runs two or three evaluations do: they begin near the end.
-_EVALUATIONS, _CLOSELY, _UNDAMPED = 6, 0.05, 1e6
-# In standard errors of the shorter runs' estimate, of which the data are the same.
-_MOST_MOVED = 3.0
 # Whole tests may be simulated this many times worse (geometric mean over the channels).
 _WORSE = 1.02
 # A neighbour starts at most this share of a segment's length after the end of the one before, so
@@ -61,7 +61,8 @@ def lengthened(
 ) -> Estimated:
     """The estimate from the longest runs of these tests that the data allow."""
     before = _residuals(found, tests)
-    for joined in _JOINED:
+    # Number of segments that are joined; 0: all of a test, from its first row.
+    for joined in (3, 0):
         progress(f"{joined} segments as one" if joined else "whole tests")
         try:
             longer = _longer(found, tests, joined)
@@ -97,7 +98,8 @@ def _residuals(found: Estimated, tests: Sequence[MotionTest]) -> list[FloatArray
 def _longer(found: Estimated, tests: Sequence[MotionTest], joined: int) -> Estimated | None:
     """The estimate from joined segments; None where the data reject it."""
     apart: set[tuple[int, int, int]] = set()
-    for _ in range(_TRIES):
+    # Runs that the model does not follow in one stay as they were, and the others are tried again.
+    for _ in range(4):
         pieces = _pieces(found.problem.runs, tests, joined, apart)
         if len(pieces) == len(found.problem.runs):
             return None
@@ -128,7 +130,7 @@ def _accepted(
     std = np.sqrt(np.diag(found.error_covariance())[:p])
     change = np.abs(solution.point.shared - found.solution.point.shared)
     known = std > NO_INFORMATION
-    if not solution.converged or np.any(change[known] > _MOST_MOVED * std[known]):
+    if not solution.converged or np.any(change[known] > DISAGREE * std[known]):
         return None
     evaluations = found.evaluations + solution.evaluations + 1
     return dataclasses.replace(
@@ -148,9 +150,8 @@ def _follows_at_once(problem: Problem, point: Iterate) -> BoolArray:
 
 def _solved(problem: Problem, point: Iterate) -> tuple[Problem, Solution]:
     """Solved with the shorter runs' whitening, then, if converged, with its own."""
-    near = functools.partial(
-        solve, most=_EVALUATIONS, near=_CLOSELY, first_step=_UNDAMPED, chords=True
-    )
+    # Where the model follows the longer runs two or three evaluations do: they begin near the end.
+    near = functools.partial(solve, most=6, near=CLOSELY, first_step=UNDAMPED, chords=True)
     first = near(problem, point)
     if not first.converged:
         return problem, first

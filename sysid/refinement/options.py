@@ -26,8 +26,6 @@ from sysid.refinement.runs import Run, runs_of
 from sysid.refinement.unknowns import Unknown
 from sysid.types import FloatArray
 
-_SHORT_S = 5.0
-
 
 @dataclass(frozen=True)
 class AdviceSetting:
@@ -116,7 +114,7 @@ def runs_of_tests(
     rig, noise, found = setting.rig, setting.noise, setting.refined
     first = found.problem.tests if found is not None and count_logs else 0
     runs = list(found.problem.runs) if found is not None and first else []
-    every = [m.first(length) for m in motions for length in (_SHORT_S, DURATION_S)]
+    every = [m.first(length) for m in motions for length in (0.5 * DURATION_S, DURATION_S)]
     made = [
         prepare(m.trial(rig, noise, seed), m.kind, rig, SEGMENT_S) for seed, m in enumerate(every)
     ]

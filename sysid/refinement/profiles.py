@@ -18,8 +18,6 @@ from sysid.types import FloatArray
 
 # Values on either side, in standard errors.
 _DISTANCES = (0.7, 1.4, 2.1, 2.8)
-# Start states and each test's friction have to follow, whatever the shared unknowns do.
-_LEAST, _MOST, _NEAR = 4, 8, 0.1
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,8 @@ def _cost_at(found: Estimated, number: int, coordinate: float, start: Iterate) -
     own = unknowns[number]
     unknowns[number] = dataclasses.replace(own, held_at=coordinate)
     problem = dataclasses.replace(found.problem, unknowns=tuple(unknowns))
-    solution = solve(problem, start, _MOST, _NEAR, least=_LEAST)
+    # Start states and each test's friction have to follow, whatever the shared unknowns do.
+    solution = solve(problem, start, most=8, near=0.1, least=4)
     # The same runs as in the smallest cost, whichever are set aside here.
     pairs = zip(solution.at.runs, found.solution.counted, strict=True)
     cost = sum(run.cost for run, counted in pairs if counted) + problem.prior_cost(solution.point)

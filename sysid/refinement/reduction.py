@@ -24,7 +24,7 @@ _S = len(STATES)
 # Rows that damp a start need some size even where nothing depends on it.
 _LEAST_COLUMN = 1e-6
 # Below this slope (errors per unit of scatter) a test's static friction moves by a scan only.
-_INFORMED = 5.0
+INFORMED = 5.0
 _NOTHING = 1e-12
 # Without the only run that informs an unknown, no information on it remains.
 _LEAST_LEFT = 1e-6
@@ -216,7 +216,7 @@ def reduced(
         if not own_tails:
             continue
         factor = triangular(own_tails)
-        if np.linalg.norm(factor[:, 1]) < _INFORMED:
+        if np.linalg.norm(factor[:, 1]) < INFORMED:
             held[test], factor[:, 1] = True, 0.0
         rows.append(_wide(factor, test, p, m))
     alone = [_wide(own, test, p, m) for test, many in enumerate(tails) for own in many]

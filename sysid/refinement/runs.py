@@ -20,11 +20,9 @@ from sysid.types import FloatArray, IntArray
 
 STATES = ("position", "velocity", "pressure_a", "pressure_b")
 LEAST_ROWS = 50
-# The samples that gave a start state are also the segment's: the prior has a tenth of the weight.
-_START_PRIOR = 10.0
+LEAST_START_STD = (1e-9, 1e-9, 1e-3, 1e-3)
 # A start that is known (a test at rest has no velocity) keeps its value.
 _KNOWN = 1e-8
-_LEAST_START_STD = (1e-9, 1e-9, 1e-3, 1e-3)
 _NOT_LOGGED = 1e3
 # A channel that shows no noise at all is not known exactly.
 _LEAST_NOISE = np.array([1e-7, 1.0, 1.0])
@@ -108,13 +106,14 @@ def run_of(number: int, test: MotionTest, segment: Segment, model: Model, positi
     unknown: dict[str, Any] = {n: atmosphere for n in STATES[2:] if getattr(inputs, n) is None}
     moves = np.array([True, segment.state.values[1] != 0.0, True, True])
     inputs = dataclasses.replace(inputs, **unknown)
-    std = np.maximum(np.nan_to_num(segment.state.std, nan=_NOT_LOGGED), _LEAST_START_STD)
+    std = np.maximum(np.nan_to_num(segment.state.std, nan=_NOT_LOGGED), LEAST_START_STD)
+    # The samples that gave a start state are also the segment's: a tenth of the weight.
     return Run(
         test=number,
         name=f"{PurePath(test.source).name} at {inputs.elapsed:.1f} s",
         inputs=inputs,
         measured=test.measured[:, segment.start : segment.start + rows],
-        start_std=np.where(moves & (std > _KNOWN), _START_PRIOR * std, std),
+        start_std=np.where(moves & (std > _KNOWN), 10.0 * std, std),
         noise=np.fmax(test.noise.total, _LEAST_NOISE),  # not NaN where it is not logged
         run_up=run_up_of(test, segment, position, model),
         as_measured=inputs,

@@ -22,8 +22,6 @@ from sysid.refinement.runs import STATES
 from sysid.types import FloatArray
 
 _S = len(STATES)
-# Points of a test whose starts and sliding friction are moved.
-_KEPT = 8
 _DIRECTIONS: tuple[Direction, ...] = tuple((0, n) for n in SLIDING)
 
 
@@ -89,7 +87,8 @@ def _kept(
     for test in range(problem.tests):
         own = np.sum(np.square(deviation[:, test]), axis=1)
         costs = own + by_run[:, problem.members(test)].sum(axis=1)
-        best = np.argsort(costs, kind="stable")[:_KEPT]
+        # Points of a test whose starts and sliding friction are moved.
+        best = np.argsort(costs, kind="stable")[:8]
         kept += [(int(j), test) for j in sorted({0, *best})]
     return kept
 

@@ -29,8 +29,6 @@ _MOST_CHORDS = 3
 _MOST_STEPS = 1.5
 # At most this share of the runs may be set aside.
 _MOST_ASIDE = 0.25
-# A run that was set aside this often stays so.
-_MOST_CHANGES = 2
 # The descent ends after this many steps that together lower the cost by less than this share.
 _STILL, _LEAST_LOWERING = 4, 3e-5
 # Steps of less than this, in standard errors, are negligible against the interval.
@@ -40,7 +38,6 @@ _FOLLOWED = 2.0
 # Damping of a start after its first refusal, its growth and its bounds.
 _FIRST, _GROWTH, _LARGEST = 1e-3, 10.0, 1e6
 _LOSS = 0.5
-_LEAST_NORM = 1e-12
 
 
 @dataclass(frozen=True)
@@ -128,7 +125,7 @@ def _directions(problem: Problem, base: ReducedEquations) -> FloatArray:
     stopped, unseen = base.stopped(problem), problem.unseen_friction(base.point)
     if unseen is not None and not (stopped & (unseen != 0.0)).any():
         found[:, int(np.argmax(unseen != 0.0))] = unseen
-    found /= np.maximum(np.linalg.norm(base.jacobian @ found, axis=0), _LEAST_NORM)
+    found /= np.maximum(np.linalg.norm(base.jacobian @ found, axis=0), 1e-12)
     found[:, stopped] = 0.0
     return found
 
@@ -217,7 +214,8 @@ def solve(
             accepted, step_size = _answer(comparable, trial, given, step_size)
             refused = 0 if accepted else refused + 1
             if accepted:
-                back = _followed(problem, trial, fewer) & (changes < _MOST_CHANGES)
+                # A run that was set aside this often stays so.
+                back = _followed(problem, trial, fewer) & (changes < 2)
                 costs = [] if (aside | back).any() else [*costs, trial.cost]
                 changes += aside
                 base, counted, chord = trial, fewer | back, chord + chords

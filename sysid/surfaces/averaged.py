@@ -25,16 +25,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from sysid.plant import base
-from sysid.plant.base import Array, Parameters, array_namespace
+from sysid.plant.base import LEAST_DIVISOR, Array, Parameters, array_namespace
 
-# Keeps a quotient finite where filling and exhaust meet, which no real valve's do.
-_TINY_FLOW = 1e-12
-# Pa: a smaller ripple is neglected.
-_LEAST_RIPPLE = 1e-6
 # The ripple follows from the flows, and these from the ripple: each step leaves a tenth of the
 # error.
 _RIPPLE_STEPS = 4
-_DUTY_STEPS = 6
 
 
 class PulseFlows(NamedTuple):
@@ -181,8 +176,8 @@ class AveragedLaw:
         xp = array_namespace(flow, pressure)
         found = self._at_once(0.0 * pressure, pressure, lines)
         share = 0.0 * flow
-        for _ in range(_DUTY_STEPS):
-            span = xp.maximum(found.open - found.closed, _TINY_FLOW)
+        for _ in range(6):
+            span = xp.maximum(found.open - found.closed, LEAST_DIVISOR)
             share = xp.clip((flow - found.closed) / span, 0.0, 1.0)
             found = self.mean_pulse(share, pressure, lines, per_flow)
         return self.duty_of_share(share)
@@ -203,7 +198,8 @@ class AveragedLaw:
         """Peak to peak, Pa."""
         xp = array_namespace(share, per_flow)
         ripple = per_flow * self.period * share * (1.0 - share) * (flows.open - flows.closed)
-        return xp.maximum(ripple, _LEAST_RIPPLE)
+        # Pa: a smaller ripple is neglected.
+        return xp.maximum(ripple, 1e-6)
 
     def _over_ripple(
         self, troughs: tuple[Array, Array], ripple: Array, lines: tuple[Array, Array]
@@ -232,7 +228,7 @@ class AveragedLaw:
         """Duty, 0 to 1, for a wanted mean flow in kg/s; beyond what the valve can pass: 0 or 1."""
         xp = array_namespace(flow, pressure)
         closed = self.closed_flow(pressure)
-        span = xp.maximum(self.open_flow(pressure) - closed, _TINY_FLOW)
+        span = xp.maximum(self.open_flow(pressure) - closed, LEAST_DIVISOR)
         return self.duty_of_share(xp.clip((flow - closed) / span, 0.0, 1.0))
 
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
+from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.surfaces.averaged import AveragedLaw
 from sysid.types import FloatArray
 
@@ -29,11 +30,6 @@ N_PARAMETERS = 5
 # A sample's least standard error, as a share of the largest flow: what the mean over a
 # window, the ripple and the supply omit from the law.
 _LEAST_ERROR = 0.002
-_FEWEST_TESTS = 3
-# The most by which the delays may differ, as a share of the period.
-_LARGEST_OVERHANG = 0.9
-# And by which they usually do.
-_USUAL_OVERHANG = 0.05
 _UNITS = {
     "choked_flow_fill_kg_s": "kg/s",
     "choked_flow_dis_kg_s": "kg/s",
@@ -140,10 +136,10 @@ def fit_averaged(flows: MeanFlows, conditions: Conditions) -> AveragedFit:
     one regime far enough to show any parameter.
     """
     n_tests = len(np.unique(flows.test))
-    if n_tests < _FEWEST_TESTS:
+    if n_tests < FEWEST_REPEATS:
         raise NotIdentifiedError(
             f"{n_tests} tests do not identify the averaged law; valve-pwm tests at "
-            f"{_FEWEST_TESTS} duties or more would"
+            f"{FEWEST_REPEATS} duties or more would"
         )
     scale = float(np.abs(flows.flow).max())
     known = np.where(np.isfinite(flows.std), flows.std, 0.0)
@@ -178,8 +174,9 @@ def _start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:
         "c_dis": out / (atmosphere / 0.53 - atmosphere),
     }
     parameters = [Parameter(n, v, _UNITS[n], 0.0, 30.0 * v) for n, v in values.items()]
-    widest = _LARGEST_OVERHANG * conditions.period
-    scale = _USUAL_OVERHANG * conditions.period
+    # The most by which the delays may differ, as a share of the period.
+    widest = 0.9 * conditions.period
+    scale = 0.05 * conditions.period
     name = "delay_difference_s"
     difference = Parameter(name, 0.0, _UNITS[name], -widest, widest, scale=scale)
     return [*parameters, difference]

@@ -24,11 +24,8 @@ from sysid.types import FloatArray
 N_TERMS = 9
 # Thesis 3.7.1: a1 to i1 multiply u^i P^j in this order.
 EXPONENTS = tuple((i, j) for i in range(3) for j in range(3))
-_CHUNK = 8192
-_MAX_CONDITION = 1e10
 # Slope that a monotone fit keeps, as a share of its median; pressures at which it is enforced.
 _LEAST_SLOPE = 0.05
-_SLOPE_NODES = 101
 # Rows: Chebyshev polynomials T0, T1, T2 in powers of their argument.
 _CHEBYSHEV = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 2.0]])
 
@@ -108,7 +105,7 @@ class Bipolynomial(Regressor):
             raise _not_enough_spread()
         correlation = gram / np.outer(size, size)
         self.condition_ = float(np.linalg.cond(correlation))
-        if not self.condition_ < _MAX_CONDITION:
+        if not self.condition_ < 1e10:
             raise _not_enough_spread()
         inverse = np.linalg.inv(correlation) / np.outer(size, size)
         c = np.linalg.solve(correlation, moment / size) / size
@@ -321,7 +318,7 @@ def _rising(scaling: FloatArray, domain: Domain, c: FloatArray, gram: FloatArray
     dm/du is linear in c and in u, so the two edges of the hull bound it. The nearest in the
     metric of `gram` is a least-distance problem (Lawson and Hanson 1974, chapter 23).
     """
-    pressure = np.linspace(*domain.pressure_range, _SLOPE_NODES)
+    pressure = np.linspace(*domain.pressure_range, 101)
     edges = np.concatenate(domain.duty_limits(pressure))
     slope = _slope_rows(scaling, edges, np.tile(pressure, 2))
     least = _LEAST_SLOPE * float(np.median(slope @ c))
@@ -356,7 +353,7 @@ def _slope_rows(scaling: FloatArray, duty: FloatArray, pressure: FloatArray) -> 
 
 def _chunks(n: int) -> list[slice]:
     # Few enough rows at a time that nine of them stay in the cache: 4 times faster.
-    return [slice(k, min(k + _CHUNK, n)) for k in range(0, n, _CHUNK)]
+    return [slice(k, min(k + 8192, n)) for k in range(0, n, 8192)]
 
 
 def _normal_equations(

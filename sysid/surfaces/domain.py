@@ -27,10 +27,10 @@ from sysid.errors import NotIdentifiedError, input_error
 from sysid.surfaces.estimator import checked_samples
 from sysid.types import FloatArray, IntArray
 
+SAME_SUPPLY = 0.02
+"""Share by which supplies may differ and be one to a surface: choked flow has the same error."""
 PRESSURE_BINS = 64
-GRID_NODES = 25
 DUTY_RESOLUTION = 1e-4
-MAX_LEVELS = 400
 PAIR_BINS = 12
 SLOPE_WINDOW = 0.02
 DEAD_FRACTION = 0.5
@@ -91,7 +91,7 @@ class Domain:
 
     @classmethod
     def _hull(cls, levels: LevelFlows, held: slice, low: float, high: float) -> Domain:
-        nodes = np.linspace(low, high, GRID_NODES)
+        nodes = np.linspace(low, high, 25)
         step = nodes[1] - nodes[0]
         reach = np.abs(levels.pressure[None, :] - nodes[:, None]) <= 1.01 * step
         duty, flow = levels.duty[held], levels.flow[held]
@@ -207,7 +207,7 @@ def duty_levels(duty: FloatArray) -> tuple[FloatArray, IntArray]:
         key = np.rint(duty / resolution).astype(np.intp)
         count = np.bincount(key)
         held = np.flatnonzero(count)
-        if len(held) <= MAX_LEVELS or resolution >= 0.01:
+        if len(held) <= 400 or resolution >= 0.01:
             break
         resolution = 0.01
     index = np.zeros(len(count), dtype=np.intp)

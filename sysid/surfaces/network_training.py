@@ -19,8 +19,6 @@ from sysid.types import FloatArray
 _CHUNK = 2048
 # Share of the restarts, of the samples and of the steps, by round of `train`.
 _ROUNDS = ((1.0, 0.125, 0.2), (0.25, 0.25, 0.35), (0.05, 1.0, 1.0))
-_STRIDE = 4
-_MAX_DAMPING = 1e12
 
 
 @dataclass(frozen=True)
@@ -152,7 +150,7 @@ class _State:
 
     def __init__(self, weights: Tensor, data: Samples, held_out: Samples) -> None:
         self.data, self.held_out = data, held_out
-        stride = max(1, min(_STRIDE, len(data.y) // (12 * weights.shape[1])))
+        stride = max(1, min(4, len(data.y) // (12 * weights.shape[1])))
         self.sparse = data.part(torch.arange(0, len(data.y), stride))
         self.inflation = float(data.w.square().sum() / self.sparse.w.square().sum())
         self.weights = weights
@@ -206,7 +204,7 @@ class _State:
     def run(self, iterations: int, patience: int) -> None:
         """Iterate until the held-out error of every restart has stopped falling."""
         for _ in range(iterations):
-            running = (self.stale < patience) & (self.damping < _MAX_DAMPING)
+            running = (self.stale < patience) & (self.damping < 1e12)
             if not running.any():
                 return
             self.step(torch.nonzero(running).squeeze(1))

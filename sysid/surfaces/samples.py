@@ -14,8 +14,6 @@ from sysid.surfaces.domain import PRESSURE_BINS, duty_levels, pressure_bins
 from sysid.surfaces.estimator import checked_samples
 from sysid.types import FloatArray, IntArray
 
-SURFACE_BINS = 32
-
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
@@ -62,7 +60,7 @@ def surface_points(
     flow: ArrayLike,
     test: ArrayLike | None = None,
     std: ArrayLike | None = None,
-    bins: int = SURFACE_BINS,
+    bins: int = 32,
     boundaries: Sequence[float] = (),
 ) -> SurfacePoints:
     """Reduce samples (n,) to the even surface that both fits and their comparison use.

@@ -16,18 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.estimation.autoregression import Autoregression, burg
+from sysid.estimation.linear import RANK_TOLERANCE
+from sysid.estimation.multiple_tests import SIGNIFICANCE
+from sysid.signals import MIN_SAMPLES
 from sysid.types import FloatArray, IntArray
 
-ALARM_RATE = 0.05
-WHITENESS_LAGS = 25
+ALARM_RATE = SIGNIFICANCE
 MAX_AR_ORDER = 30
-MIN_SAMPLES = 50
-_CROSS_LAGS = 24
 _DRAWS = 20_000
-# A lagged input with no more than this share of its squares about its mean is constant.
-_RANK_TOLERANCE = 1e-9
-# Directions with less than this share of the largest one's variance do not affect the maximum.
-_SMALL_DIRECTION = 1e-7
 _CHUNK_ROWS = 32_768
 
 
@@ -118,7 +114,7 @@ def whiteness_test(
     errs in 6.5 % of the cases at n = 200.) None below 50 samples or for a constant.
     """
     n = len(residual)
-    lags = np.arange(1, min(max_lag or WHITENESS_LAGS, n // 5) + 1)
+    lags = np.arange(1, min(max_lag or 25, n // 5) + 1)
     if n < MIN_SAMPLES:
         return None
     covariance = autocovariance(residual, len(lags))
@@ -217,7 +213,7 @@ def cross_correlation_test(
 
 def spread_lags(n: int) -> IntArray:
     """Lag 0, and up to 24 from 1 to n/10 samples in geometric steps."""
-    return np.unique(np.round(np.geomspace(1, n // 10, _CROSS_LAGS)).astype(np.intp) - 1)
+    return np.unique(np.round(np.geomspace(1, n // 10, 24)).astype(np.intp) - 1)
 
 
 def prewhitened(
@@ -262,14 +258,15 @@ class _Family:
         gram -= np.outer(sums, sums) / samples
         size = np.sqrt(np.maximum(np.diag(gram), 0.0))
         # An input that moves only where a lag does not reach is constant at that lag.
-        size[np.diag(gram) <= _RANK_TOLERANCE * before] = np.inf
+        size[np.diag(gram) <= RANK_TOLERANCE * before] = np.inf
         scaled = gram / np.outer(size, size)
         return cls(scaled[-1, :-1], scaled[:-1, :-1], samples)
 
     def largest_of_noise(self, seed: int) -> FloatArray:
         """Largest absolute correlation of white noise with the lagged inputs, (draws,)."""
         values, vectors = np.linalg.eigh(self.between)
-        kept = values > _SMALL_DIRECTION * values[-1]
+        # Directions with less variance than this share of the largest do not affect the maximum.
+        kept = values > 1e-7 * values[-1]
         rank = int(kept.sum())
         directions = (vectors[:, kept] * np.sqrt(values[kept])).astype(np.float32)
         inside = _standard_normal(-(-rank // 16) * 16, seed)[:rank]

@@ -12,9 +12,6 @@ from sysid.io.campaign import Campaign
 from sysid.parameters import ComponentRecord
 from sysid.validation.results import TestResult, ValidationResult
 
-# Tests whose curves are drawn.
-_MOST_TESTS = 4
-
 
 def own_section(
     part: ComponentRecord, campaign: Campaign, validation: ValidationResult | None
@@ -67,7 +64,7 @@ def _errors(validation: ValidationResult) -> Block:
 
 def _shown(validation: ValidationResult) -> Sequence[TestResult]:
     logs = validation.select("holdout") or validation.logs
-    return [test for log in logs for test in log.tests][:_MOST_TESTS]
+    return [test for log in logs for test in log.tests][:4]
 
 
 def _group(name: str, tests: Sequence[TestResult], unit: str, used: str) -> FigureGroup:

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 
 _BINS = 28
-_FEWEST = 20
-_CLOUD = 3000
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,7 @@ def _panel(
     channel: Channel, regressor: _Regressor, x: FloatArray, y: FloatArray, noise: float
 ) -> Figure:
     heading = f"{channel.title} over {regressor.title}"
-    shown = np.random.default_rng(0).permutation(len(x))[:_CLOUD]
+    shown = np.random.default_rng(0).permutation(len(x))[:3000]
     centre, low, middle, high = _binned(x, y)
     marks = (
         Points(x[shown], y[shown], "measured", marker=".", size=1.6, alpha=0.35, is_cloud=True),
@@ -141,7 +139,7 @@ def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
     rows = []
     for i in range(_BINS):
         values = y[order[bounds[i] : bounds[i + 1]]]
-        if len(values) >= _FEWEST:
+        if len(values) >= 20:
             rows.append((0.5 * (edges[i] + edges[i + 1]), *np.percentile(values, [5, 50, 95])))
     if not rows:
         rows = [(float(np.median(x)), *np.percentile(y, [5, 50, 95]))]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.blocks.channels import ACTUATOR_CHANNELS, Channel
+from sysid.estimation.linear import NORMAL
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -21,9 +22,8 @@ MODEL_NAMES = {
     "bipolynomial": "bipolynomial",
     "ann": "network",
 }
-MAX_SHOWN = 8
 """Tests that are drawn; the tables hold all of them."""
-NOISE_BAND = 1.96
+NOISE_BAND = NORMAL
 """Half-width of the noise band in standard deviations: 95 % of pure noise lies inside."""
 
 
@@ -83,7 +83,7 @@ def tests_of(validation: ValidationResult) -> list[ShownTest]:
 def tests_to_show(tests: Sequence[ShownTest]) -> list[ShownTest]:
     """Held-out tests, and of each kind without held-out tests the one with the worst fit.
 
-    At most `MAX_SHOWN`; if there are more, those with the worst fit in each kind.
+    At most `8`; if there are more, those with the worst fit in each kind.
     """
     held = {test.kind for test in tests if test.use == "holdout"}
     ranked: dict[tuple[str, str], list[ShownTest]] = {}
@@ -98,7 +98,7 @@ def tests_to_show(tests: Sequence[ShownTest]) -> list[ShownTest]:
         ),
         key=lambda item: item[:2],
     )
-    kept = [id(test) for *_, test in order[:MAX_SHOWN]]
+    kept = [id(test) for *_, test in order[:8]]
     chosen = [test for test in tests if id(test) in kept]
     return sorted(chosen, key=lambda t: t.use != "holdout")
 

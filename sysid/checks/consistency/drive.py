@@ -17,7 +17,8 @@ from sysid import signals
 from sysid.balance.motion import FilteredMotion, default_cutoff, fastest_cutoff
 from sysid.estimation.jackknife import jackknife
 from sysid.estimation.linear import t_quantile
-from sysid.recording.recording import MIN_SAMPLES, Recording
+from sysid.recording.recording import Recording
+from sysid.signals import MIN_SAMPLES
 from sysid.types import FloatArray
 
 # Blocks of consecutive rows, deleted one at a time (jackknife).

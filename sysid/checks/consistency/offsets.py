@@ -13,6 +13,7 @@ import numpy as np
 
 from sysid.checks.consistency.levels import sliding_fit
 from sysid.estimation.linear import Estimate
+from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.identification.friction.result import FrictionResult
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
@@ -22,8 +23,6 @@ from sysid.io.rig import Rig
 _LARGE = 2.0
 # Share of an offset that may remain after exchanging the chambers back.
 _LEFT = 0.2
-# Fewer logs than this have no common offset that one of them could lack.
-_FEWEST = 3
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ def offset_lines(readings: Sequence[OffsetReading], rig: Rig) -> Iterator[tuple[
     usual = 0.0
     if rig.is_vertical:
         # A weight that the rig file lacks is an offset in every log.
-        if len(readings) < _FEWEST:
+        if len(readings) < FEWEST_REPEATS:
             return
         usual = float(np.median([one.offset.value for one in readings]))
     coulomb = float(np.median([one.coulomb for one in readings])) if readings else 0.0

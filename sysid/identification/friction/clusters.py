@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.estimation.quality import SIGNIFICANT
 from sysid.types import FloatArray
 
-FALSE_ALARM_RATE = 0.01  # over all levels of one fit together
 MIN_TRIALS = 5
-SEED = 20231
-DRAWS = 20_000
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ def gap_statistic(sorted_values: FloatArray) -> tuple[FloatArray, NDArray[np.int
 @lru_cache(maxsize=64)
 def _null(n: int) -> FloatArray:
     """Sorted statistics of `n` normal values, by simulation with a fixed seed."""
-    draws = np.random.default_rng([SEED, n]).standard_normal((DRAWS, n))
+    draws = np.random.default_rng([20231, n]).standard_normal((20_000, n))
     return np.sort(gap_statistic(np.sort(draws, axis=1))[0])
 
 
@@ -100,7 +98,7 @@ def find_clusters(
         if not float(np.std(inside)) > 1e-12 * max(1.0, float(np.max(np.abs(inside)))):
             continue
         statistic, p_value, split = cluster_test(inside)
-        if math.isfinite(statistic) and p_value < FALSE_ALARM_RATE / len(tested):
+        if math.isfinite(statistic) and p_value < SIGNIFICANT / len(tested):
             order = rows[np.argsort(inside)]
             parts = (sorted(order[:split]), sorted(order[split:]))
             first, second = (tuple(labels[i] for i in part) for part in parts)

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from sysid.balance.samples import COULOMB, MotionSamples
 from sysid.estimation.linear import t_quantile
+from sysid.estimation.quality import SIGNIFICANT
 from sysid.types import FloatArray
 
 BINS = 20
@@ -37,13 +38,8 @@ BINS = 20
 _SMALL = 0.25
 # The law has to hold for most of the samples; otherwise none is excluded for its speed.
 _MOST_OUT = 0.5
-# A deviation of the lowest bin alone is not excluded: it may come from the filter.
-_FEWEST_OUT = 2
-# Number of consecutive predicted bins that ends the search.
-_SETTLED = 2
 # Share of the friction by which a bin may deviate from the law of the others.
 _TOLERATED = 0.03
-_LEVEL = 0.99
 _STRETCHES = 8
 
 RULE = (
@@ -152,7 +148,8 @@ class _Search:
         edges = np.quantile(values, np.arange(BINS) / BINS)
         limit, ended = 0.0, 0
         for low, high in pairwise(edges):
-            if ended == _SETTLED:
+            # So many bins in a row that are predicted end the search.
+            if ended == 2:
                 break
             rest = self._above(samples, high)
             if rest is None:
@@ -165,7 +162,8 @@ class _Search:
                 return 0.0, samples
             else:
                 ended, limit = 0, float(high)
-        if limit <= edges[_FEWEST_OUT - 1]:
+        # A deviation of the lowest bin alone is left to the interval: it may be the filter's.
+        if limit <= edges[1]:
             return 0.0, samples
         return limit, [s.kept(self.order(s) >= limit) for s in samples]
 
@@ -186,7 +184,9 @@ def _falls_short(
     before = _mean_along([s.kept((s.until >= low) & (s.until < high)) for s in samples], law)
     if after is None or before is None:
         return False
-    scatter = t_quantile(min(after.dof, before.dof), _LEVEL) * math.hypot(after.std, before.std)
+    scatter = t_quantile(min(after.dof, before.dof), 1.0 - SIGNIFICANT) * math.hypot(
+        after.std, before.std
+    )
     return -after.mean - abs(before.mean) > max(_tolerated(law), scatter)
 
 
@@ -196,7 +196,7 @@ def _exceeds(samples: Sequence[MotionSamples], low: float, high: float, law: Flo
     found = _mean_along(slow, law)
     if found is None:
         return False
-    return found.mean > max(_tolerated(law), t_quantile(found.dof, _LEVEL) * found.std)
+    return found.mean > max(_tolerated(law), t_quantile(found.dof, 1.0 - SIGNIFICANT) * found.std)
 
 
 def _tolerated(law: FloatArray) -> float:

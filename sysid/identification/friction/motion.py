@@ -32,7 +32,14 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.covariance import JointCovariance, shrunk
 from sysid.estimation.jackknife import jackknife
 from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
-from sysid.estimation.quality import ExcludedData, FitQuality, runs_test, spread
+from sysid.estimation.quality import (
+    FEWEST_REPEATS,
+    FEWEST_ROWS,
+    ExcludedData,
+    FitQuality,
+    runs_test,
+    spread,
+)
 from sysid.identification.friction.combinations import (
     Combination,
     Separation,
@@ -51,15 +58,13 @@ from sysid.identification.friction.motion_regression import (
 )
 from sysid.io.motion import MotionUnits
 from sysid.recording.friction_kind import MOTION
-from sysid.recording.recording import MIN_SAMPLES, Recording
+from sysid.recording.recording import Recording
+from sysid.signals import MIN_SAMPLES
 from sysid.types import FloatArray
 
-MIN_TRIALS_APART = 3
 # A trial's variance inflation beyond which its parameters cannot be distinguished in practice.
 _MOST_INFLATION = 100.0
 HARDLY_MOVES = "it hardly moves"
-# Fewest samples of a trial that may remain.
-_FEWEST_SAMPLES = 20
 _BINS = 10
 _NAMES = ("Coulomb friction", "viscous friction", "offset", "inertia")
 
@@ -192,7 +197,7 @@ def fit_motion(
 
 def _long_enough(samples: Sequence[MotionSamples]) -> list[MotionSamples]:
     """Trials with enough samples for their own residual variance."""
-    return [s for s in samples if len(s.effort) >= _FEWEST_SAMPLES]
+    return [s for s in samples if len(s.effort) >= FEWEST_ROWS]
 
 
 def separation(samples: Sequence[MotionSamples]) -> Separation:
@@ -260,7 +265,7 @@ class _Model:
 
     def apart(self, samples: Sequence[MotionSamples]) -> list[LinearFit] | None:
         """One fit per trial, where there are enough trials and each identifies everything."""
-        if len(samples) < MIN_TRIALS_APART:
+        if len(samples) < FEWEST_REPEATS:
             return None
         try:
             fits = [self.regression([chosen]) for chosen in samples]
@@ -462,7 +467,7 @@ def _notices(
     if not apart:
         found.append(
             "friction from motion: the intervals hold for these tests; variation from one "
-            f"test to the next shows only in at least {MIN_TRIALS_APART} tests"
+            f"test to the next shows only in at least {FEWEST_REPEATS} tests"
         )
     if model.unmoved:
         found.append("friction from motion: the inertia's share of the effort is neglected")

@@ -34,15 +34,19 @@ from sysid.estimation.linear import (
     satterthwaite,
     t_p_value,
 )
-from sysid.estimation.quality import FitQuality, repeated_scatter, repeats_lack_of_fit
+from sysid.estimation.quality import (
+    FEWEST_REPEATS,
+    SIGNIFICANT,
+    FitQuality,
+    repeated_scatter,
+    repeats_lack_of_fit,
+)
 from sysid.identification.friction.clusters import Clusters, find_clusters
 from sysid.identification.friction.effort import TrialUse
 from sysid.io.motion import MotionUnits
 from sysid.types import FloatArray
 
 LEVEL_GAP = 0.03  # relative: set efforts closer than this are one level
-MIN_PER_GROUP = 3
-CURVED = 0.01  # p-value of the lack of fit below which it is reported
 
 LEVELS, WITHIN = "levels", "within trials"
 
@@ -305,7 +309,7 @@ def _notices(
     units: MotionUnits,
 ) -> tuple[str, ...]:
     notices = [cluster.text for cluster in clusters]
-    if curved is not None and curved.p_value < CURVED:
+    if curved is not None and curved.p_value < SIGNIFICANT:
         notices.append(
             "Coulomb and viscous friction alone do not describe the sliding tests: the levels "
             f"deviate from it by more than the scatter of the trials (F = {curved.statistic:.3g}, "
@@ -333,7 +337,7 @@ class _Ratios:
         self._force, self._speed = force.coefficients, speed.coefficients
         level = levels_of(points.set_effort)
         counts = np.bincount(level)
-        self.grouped = bool(np.all(counts >= MIN_PER_GROUP))
+        self.grouped = bool(np.all(counts >= FEWEST_REPEATS))
         groups = level if self.grouped else np.zeros(len(points), dtype=np.intp)
         size = len(self._force)
         influence = np.vstack([force.influence, speed.influence])

@@ -24,6 +24,7 @@ from sysid.estimation.linear import (
     nested_f_test,
     t_quantile,
 )
+from sysid.estimation.multiple_tests import SIGNIFICANCE
 from sysid.estimation.quality import FitQuality, repeats_lack_of_fit
 from sysid.identification.friction.effort import TrialUse, titles
 from sysid.io.motion import MotionUnits
@@ -40,7 +41,6 @@ SUSTAINED_SHARE = 1e-2  # of the stroke: a movement that ends within it was a sl
 NOISE_TIMES, QUANTUM_TIMES = 8.0, 4.0
 AVERAGE_S = 0.2  # of the efforts before the onset
 POSITION_GAP = 0.05  # of the stroke, between one start position and the next
-SIGNIFICANT = 0.05
 # In a motion that grows as the cube of time the first pause between counts is up to four times the
 # second.
 _REST_TO_COUNT, _LEAST_COUNTS = 5.0, 8
@@ -118,7 +118,7 @@ class StaticFriction:
 
     def matters(self, factor: str) -> bool:
         test = self.tests.get(factor)
-        return test is not None and test.p_value < SIGNIFICANT
+        return test is not None and test.p_value < SIGNIFICANCE
 
 
 def fit_static(

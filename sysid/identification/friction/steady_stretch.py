@@ -23,8 +23,8 @@ from sysid.types import FloatArray
 STEADY = 0.05  # an interval is steady while its blocks stay within this share of its speed
 STALL = 0.02  # of the fastest block: slower is a stall
 COAST = 0.2  # of the fastest block: a trial that comes to rest counts while it is faster
-MIN_STRETCH_S = 0.2
-SETTLE_S = 0.1
+MIN_STRETCH_S = 4.0 * BLOCK_S
+SETTLE_S = 2.0 * BLOCK_S
 STALLED = "it stalls: the shaft comes to rest under the constant effort"
 
 

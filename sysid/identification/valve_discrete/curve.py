@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sysid.estimation.covariance import Covariance, JointCovariance, shrunk
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian, minimise
+from sysid.estimation.quality import SIGNIFICANT
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
 from sysid.identification.valve_discrete.trials import Piece
 from sysid.types import FloatArray
@@ -31,14 +32,6 @@ UNITS = {
     "on_delay_s": "s",
     "off_delay_s": "s",
 }
-_DELAY_BOUNDS_S = (-0.02, 0.3)
-_DELAY_SIZE_S = 0.002
-_FLOW_RANGE = 1e3
-# Relative decrease of the sum of squares that ends the fit: over 10^4 rows, far below the noise.
-_TOLERANCE = 1e-8
-_MOST_EVALUATIONS = 100
-# Probability of calling equal tests different.
-_SCATTER_LEVEL = 0.01
 
 
 @dataclass(frozen=True)
@@ -141,7 +134,7 @@ class CurveFit:
         weights = 1.0 / np.array(variances)
         mean = float(weights @ values / weights.sum())
         statistic = float(weights @ (np.array(values) - mean) ** 2)
-        return bool(chdtrc(len(values) - 1, statistic) < _SCATTER_LEVEL)
+        return bool(chdtrc(len(values) - 1, statistic) < SIGNIFICANT)
 
 
 @dataclass(frozen=True)
@@ -225,11 +218,10 @@ class CurveProblem:
 def _shared_parameter(name: str, value: float) -> Parameter:
     unit = UNITS[name]
     if name in DELAYS:
-        low, high = _DELAY_BOUNDS_S
-        return Parameter(
-            name, min(max(value, 0.9 * low), 0.9 * high), unit, low, high, _DELAY_SIZE_S
-        )
-    return Parameter(name, value, unit, value / _FLOW_RANGE, value * _FLOW_RANGE)
+        # A command's time stamp may be late; no valve takes as long as the upper bound. Seconds.
+        low, high = -0.02, 0.3
+        return Parameter(name, min(max(value, 0.9 * low), 0.9 * high), unit, low, high, 0.002)
+    return Parameter(name, value, unit, value / 1e3, value * 1e3)
 
 
 def _own_parameters(index: int, piece: Piece) -> list[Parameter]:
@@ -249,16 +241,20 @@ def fit_curves(
     pieces: Sequence[Piece],
     start: DiscreteValve,
     free: Sequence[str],
-    tolerance: float = _TOLERANCE,
+    tolerance: float = 1e-8,
 ) -> CurveFit:
-    """Fit the free shared parameters and the pieces' own."""
+    """Fit the free shared parameters and the pieces' own.
+
+    `tolerance`: relative decrease of the sum of squares that ends the fit; over 10^4 rows, the
+    default is far below the noise.
+    """
     problem = CurveProblem(tuple(pieces), start, tuple(free))
     fit = minimise(
         problem.residuals,
         problem.parameters,
         jacobian=problem.jacobian,
         tolerance=tolerance,
-        max_evaluations=_MOST_EVALUATIONS,
+        max_evaluations=100,
         polish=False,
     )
     return CurveFit(problem, fit)

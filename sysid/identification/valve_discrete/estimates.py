@@ -19,9 +19,6 @@ from sysid.identification.valve_discrete.result import DiscreteFit, PressureCurv
 from sysid.io.rig import Air
 from sysid.plant.base import exhaust_jump, filling_jump
 
-# With a standard error above this share, a flow is not identified.
-_LARGEST_ERROR = 0.3
-
 
 def flows_and_delays(
     curves: CurveFit, reasons: Mapping[str, str], title: str, notices: list[str]
@@ -35,7 +32,8 @@ def flows_and_delays(
             found[name] = Estimate.unidentified(UNITS[name], reasons[name])
             continue
         estimate, scatters = curves.estimate(name)
-        if estimate.identified and name in FLOWS and estimate.std > _LARGEST_ERROR * estimate.value:
+        # With a standard error above this share, a flow is not identified.
+        if estimate.identified and name in FLOWS and estimate.std > 0.3 * estimate.value:
             share = 100.0 * estimate.std / estimate.value
             estimate = Estimate.unidentified(
                 UNITS[name],

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sysid.estimation.linear import Estimate
-from sysid.estimation.quality import root_mean_square
+from sysid.estimation.quality import FEWEST_ROWS, SCATTER_TIMES, root_mean_square
 from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, CurveFit
 from sysid.identification.valve_discrete.trials import SUPPLY_TOLERANCE, Piece
 from sysid.io.rig import Air, Rig
@@ -16,11 +16,7 @@ from sysid.types import BoolArray, FloatArray
 
 RATIOS = ("critical_ratio_fill", "critical_ratio_dis")
 JUMPS = ("jump_fill_percent", "jump_dis_percent")
-_ATMOSPHERE_TOLERANCE = 0.005
 _DELAY_TOLERANCE_S = 0.0003
-_MISFIT = 1.3
-# Fewest rows in motion with which a lack of fit is distinguished from the noise.
-_FEWEST_ROWS = 20
 _RATIO_TOLERANCE = 0.02
 
 
@@ -51,7 +47,7 @@ def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
                 f"rig file's {declared:.6g} Pa; {title}'s c_fill depends on that"
             )
         rest = curves.value("atmosphere", i)
-        if abs(rest - air.atmospheric_pressure_pa) > _ATMOSPHERE_TOLERANCE * rest:
+        if abs(rest - air.atmospheric_pressure_pa) > SUPPLY_TOLERANCE * rest:
             lines.append(
                 f"{piece.source}: the open chamber rests at {rest:.6g} Pa, the rig file's "
                 f"atmospheric_pressure_pa is {air.atmospheric_pressure_pa:.6g} Pa: {title}'s c_dis "
@@ -73,11 +69,11 @@ def lack_of_fit_notices(curves: CurveFit, title: str) -> list[str]:
         short = []
         for i, piece in enumerate(curves.problem.pieces):
             residuals = curves.residuals(i)[_in_motion(curves, i, rises)]
-            if len(residuals) >= _FEWEST_ROWS:
+            if len(residuals) >= FEWEST_ROWS:
                 lines += _lack_of_fit([(piece, residuals)], piece.source, what, names, title)
             elif len(residuals):
                 short.append((piece, residuals))
-        if sum(len(residuals) for _, residuals in short) >= _FEWEST_ROWS:
+        if sum(len(residuals) for _, residuals in short) >= FEWEST_ROWS:
             together = f"{len({piece.source for piece, _ in short})} tests together"
             lines += _lack_of_fit(short, together, what, names, title)
     return lines
@@ -103,7 +99,7 @@ def _lack_of_fit(
     """A line where the residuals of the pieces, Pa, are more than their noise."""
     rms = root_mean_square(np.concatenate([residuals for _, residuals in judged]))
     noise = root_mean_square(np.repeat([p.noise for p, _ in judged], [len(r) for _, r in judged]))
-    if rms <= _MISFIT * noise:
+    if rms <= SCATTER_TIMES * noise:
         return []
     return [
         f"{source}: the two-regime law misses the {what} by {rms:.3g} Pa rms "

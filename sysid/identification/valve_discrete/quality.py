@@ -9,10 +9,9 @@ import numpy as np
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.quality import FitQuality, root_mean_square, scatter_test
 from sysid.identification.valve_discrete.curve import FLOWS, CurveFit
-from sysid.identification.valve_discrete.trials import Piece
+from sysid.identification.valve_discrete.trials import FEWEST_ROWS, Piece
 from sysid.types import BoolArray
 
-_FEWEST_ROWS = 10
 # From either end of the pressure, in standard deviations of the noise.
 _AWAY = 5.0
 
@@ -37,7 +36,7 @@ def qualities(curves: CurveFit) -> dict[str, FitQuality]:
             left.append(-curves.residuals(i)[rows])
             noise.append(np.full(int(rows.sum()), piece.noise))
         residuals = np.concatenate(left)
-        if len(residuals) < _FEWEST_ROWS or not set(names) & set(free):
+        if len(residuals) < FEWEST_ROWS or not set(names) & set(free):
             continue
         scatter = root_mean_square(np.concatenate(noise))
         test = scatter_test(root_mean_square(residuals), scatter)

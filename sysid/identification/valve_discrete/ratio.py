@@ -19,15 +19,13 @@ from numpy.typing import NDArray
 
 from sysid.estimation.linear import Estimate, t_quantile
 from sysid.identification.valve_discrete.curve import CurveFit, fit_curves, fitted_valve
-from sysid.identification.valve_discrete.trials import Piece
+from sysid.identification.valve_discrete.trials import EDGE_GUARD_S, FEWEST_ROWS, Piece
 
 # The plausible range, in steps finer than the valleys of the profile: a law that jumps has two or
 # three of them, 0.03 and more apart, each about as wide.
 _GRID = tuple(float(r) for r in np.linspace(0.30, 0.80, 51))
-_TOLERANCE = 1e-5
 _RESOLUTION = 5e-4
 _BEFORE_S = 0.03
-_AFTER_S = 0.05
 _WIDEST = 0.4
 
 
@@ -94,7 +92,7 @@ def _profile(
     def sums(ratio: float) -> float:
         near = known[min(known, key=lambda r: abs(r - ratio))]
         start = dataclasses.replace(near, **{direction.ratio: float(ratio)})
-        refit = fit_curves(pieces, start, direction.free, _TOLERANCE)
+        refit = fit_curves(pieces, start, direction.free, 1e-5)
         known[float(ratio)] = fitted_valve(refit)
         return refit.fit.sum_of_squares
 
@@ -161,9 +159,9 @@ def _transients(curves: CurveFit, direction: Direction) -> list[Piece]:
         )
         inside = (c.time >= edge) & (c.time < end)
         moving = np.flatnonzero(inside & (np.abs(fitted - rest) > piece.noise))
-        if len(moving) < 10:
+        if len(moving) < FEWEST_ROWS:
             continue
-        until = min(c.time[moving[-1]] + _AFTER_S, end)
+        until = min(c.time[moving[-1]] + EDGE_GUARD_S, end)
         rows = (c.time >= edge - _BEFORE_S) & (c.time < until)
         pieces.append(_known(curves, i, rows, float(fitted[np.argmax(rows)])))
     return pieces
@@ -173,7 +171,7 @@ def _known(curves: CurveFit, index: int, rows: NDArray[np.bool_], initial: float
     piece = curves.problem.pieces[index]
     c = piece.chamber
     time = c.time[rows]
-    later = c.closes > time[0] - _AFTER_S
+    later = c.closes > time[0] - EDGE_GUARD_S
     opens = np.where(c.opens[later] < time[0], -np.inf, c.opens[later])
     return dataclasses.replace(
         piece,

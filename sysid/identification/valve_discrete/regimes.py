@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.identification.valve_discrete.trials import Piece
+from sysid.identification.valve_discrete.trials import EDGE_GUARD_S, Piece
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import FloatArray
 
@@ -21,7 +21,6 @@ from sysid.types import FloatArray
 FEWEST_ROWS = 3
 # Distance from a regime's ends, in standard deviations of the noise.
 _MARGIN = 4.0
-_BEFORE_S = 0.05
 
 
 @dataclass
@@ -88,7 +87,7 @@ def _filling(piece: Piece, opened: float, closed: float, found: Stretches) -> No
         _no_filling(found, "fewer than 3 samples lie between on and off: hold the valve on longer")
         return
     boundary = CRITICAL_RATIO * supply
-    before = piece.pressure[(c.time <= opened) & (c.time > opened - _BEFORE_S)]
+    before = piece.pressure[(c.time <= opened) & (c.time > opened - EDGE_GUARD_S)]
     level = float(np.median(before)) if len(before) else float(p[0])
     top = float(np.max(_smooth(p)))
     if top - level < 10.0 * piece.noise and level < boundary:
@@ -155,7 +154,7 @@ def _discharge(piece: Piece, closed: float, following: float, found: Stretches) 
         _no_discharge(found, "fewer than 3 samples lie after switching off: record longer")
         return
     boundary = p0 / CRITICAL_RATIO
-    before = piece.pressure[(c.time < closed) & (c.time > closed - _BEFORE_S)]
+    before = piece.pressure[(c.time < closed) & (c.time > closed - EDGE_GUARD_S)]
     if not len(before):
         found.miss("off_delay_s", "no usable row lies before the valve is switched off")
         before = p[:3]

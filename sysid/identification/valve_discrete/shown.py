@@ -23,7 +23,6 @@ from sysid.types import FloatArray
 
 _FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
 _DELAYS = ("on_delay_s", "off_delay_s")
-_CLOSE_UP_S = (-0.02, 0.6)
 
 
 @dataclass(frozen=True)
@@ -153,7 +152,7 @@ def _figures(side: str, curves: Sequence[PressureCurve]) -> FigureGroup:
 def _panel(side: str, curve: PressureCurve, what: str, edge: float | None, tag: str) -> Figure:
     rows = slice(None)
     if edge is not None:
-        first, last = (edge + d for d in _CLOSE_UP_S)
+        first, last = (edge + d for d in (-0.02, 0.6))
         near = np.flatnonzero((curve.time >= first) & (curve.time <= last))
         rows = slice(int(near[0]), int(near[-1]) + 1)
     time, measured, fitted = curve.time[rows], curve.measured[rows], curve.simulated[rows]

@@ -14,31 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
+from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.identification.valve_discrete.held_chamber import HeldChamber
 from sysid.io.logs import Trial
 from sysid.io.rig import Air, Cylinder, Rig
+from sysid.io.trial_kind import HELD_SHARE
 from sysid.plant.base import CRITICAL_RATIO, chamber_volume_a, chamber_volume_b
 from sysid.plant.valve_timing import switched_intervals
 from sysid.types import BoolArray, FloatArray
 
 FILLING = ("choked_flow_fill_kg_s", "c_fill", "on_delay_s")
-# The chamber's volume may change by this share; the flows have the same relative error.
-_VOLUME_TOLERANCE = 0.005
 # A supply that differs by this share from the assumed one changes the flows visibly.
 SUPPLY_TOLERANCE = 0.005
 _BLOCK_S = 0.02
-_FLAT_S = 0.2
-_SETTLED_SHARE = 0.2
 _SUPPLY_BLOCK_S = 0.01
 _SUPPLY_STEP_PA = 100.0
 # Share of the way to the minimum of an unsteady supply; a rise up to there hardly depends on it.
 _RISE_SHARE = 0.9
 # After a command's edge the valve's state is known once the slowest valve has switched.
-_EDGE_GUARD_S = 0.05
+EDGE_GUARD_S = 0.05
 _CLIPPED_RUN = 30
-_FEWEST_ROWS = 10
-# Tests from which the scatter may represent a supply that no test shows at rest.
-_FEWEST_RISES = 3
+FEWEST_ROWS = 10
 # Smallest noise assumed, Pa: below it, rounding in the file dominates.
 _LEAST_NOISE_PA = 5.0
 
@@ -93,7 +89,7 @@ def is_switched(trial: Trial, valve: str) -> bool:
 def screened_tests(used: Sequence[Trial], valve: str, rig: Rig) -> list[Screened]:
     """Each test of valve "a" or "b" in pieces; a supply that rises in every test is kept."""
     screened = [screen(t, valve, rig) for t in used]
-    if len(used) >= _FEWEST_RISES and all(s.never_still for s in screened):
+    if len(used) >= FEWEST_REPEATS and all(s.never_still for s in screened):
         # A supply that is never steady is part of the rig: the tests' scatter shows its influence.
         screened = [screen(t, valve, rig, keep_rise=True) for t in used]
     return screened
@@ -110,7 +106,7 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
     trial.require([rig.position_channel], "which gives the chamber's volume")
     air = rig.require("air", "which the chamber equations need")
     volume, change = _volume(trial, valve, rig)
-    if change > _VOLUME_TOLERANCE:
+    if change > HELD_SHARE:
         moved = (
             f"the piston moved and changed chamber {valve.upper()} by {100 * change:.2g} %; "
             "hold it at an end"
@@ -199,7 +195,7 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
     reasons: list[tuple[str, str]] = []
     time = whole.chamber.time
     # Which edges an excluded start left under way is unknown.
-    bad = ~np.array(trial.has_its_start) & (time < time[0] + _EDGE_GUARD_S)
+    bad = ~np.array(trial.has_its_start) & (time < time[0] + EDGE_GUARD_S)
     clipped, lines = _clipped(whole)
     if lines:
         bad |= clipped
@@ -216,14 +212,14 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
         if unsteady is not None:
             wandering += 1
             risen = _risen(whole, bad, opened, closed) if keep_rise else opened
-            bad |= (time >= risen) & (time < closed - _EDGE_GUARD_S)
+            bad |= (time >= risen) & (time < closed - EDGE_GUARD_S)
             why = f"{unsteady} while valve {valve.upper()} was on: the supply was unsteady"
             fix = "steady the supply, or log supply_pressure_pa"
             used = "fitted to its rise, at the declared supply" if keep_rise else "excluded"
             notices.append(f"{trial.source}: {why}; its filling is {used}; {fix}")
             reasons += [(name, f"{why}; {fix}") for name in FILLING if not keep_rise]
         # In an unsteady filling only the last rows, after the cut, are at a constant level.
-        last = closed - _EDGE_GUARD_S
+        last = closed - EDGE_GUARD_S
         plateaus.append(
             (opened, closed, _settled(whole, bad, opened, closed))
             if unsteady is None
@@ -289,14 +285,14 @@ def _unsteady(piece: Piece, bad: BoolArray, opened: float, closed: float) -> str
     fall, nor rest at one level and then move to another.
     """
     rows = _on_rows(piece, bad, opened, closed)
-    if len(rows) < 4 * _FEWEST_ROWS:
+    if len(rows) < 4 * FEWEST_ROWS:
         return None
     time = piece.chamber.time[rows]
     _, means = _blocks(time, piece.pressure[rows], _BLOCK_S)
     means = means[:-1]
     per_block = max(1, len(rows) // max(len(means), 1))
     wobble = 6.0 * piece.noise / np.sqrt(per_block) + 20.0
-    flat = round(_FLAT_S / _BLOCK_S)
+    flat = 10  # blocks
     if len(means) < 2 * flat:
         return None
     last = float(np.mean(means[-flat // 2 :]))
@@ -330,8 +326,8 @@ def _mean_level(piece: Piece, bad: BoolArray, begin: float, end: float) -> float
 
 def _resting_level(pressure: FloatArray, noise: float) -> float | None:
     """Mean of the last fifth, where it equals that of the fifth before."""
-    size = int(_SETTLED_SHARE * len(pressure))
-    if size < _FEWEST_ROWS:
+    size = int(0.2 * len(pressure))
+    if size < FEWEST_ROWS:
         return None
     last, before = float(np.mean(pressure[-size:])), float(np.mean(pressure[-2 * size : -size]))
     # Sensor noise may be coloured: twice the white standard error, at three of them.
@@ -346,7 +342,7 @@ def _segments(piece: Piece, bad: BoolArray) -> list[slice]:
     return [
         run
         for run in runs
-        if run.stop - run.start >= 2 * _FEWEST_ROWS
+        if run.stop - run.start >= 2 * FEWEST_ROWS
         and np.ptp(piece.pressure[run]) > 20.0 * piece.noise
     ]
 
@@ -357,8 +353,8 @@ def _after_guard(piece: Piece, run: slice) -> slice:
         return run
     time, start = piece.chamber.time, run.start
     for edge in (*piece.chamber.opens, *piece.chamber.closes):
-        if edge <= time[start] < edge + _EDGE_GUARD_S:
-            start = int(np.searchsorted(time, edge + _EDGE_GUARD_S))
+        if edge <= time[start] < edge + EDGE_GUARD_S:
+            start = int(np.searchsorted(time, edge + EDGE_GUARD_S))
     return slice(min(start, run.stop), run.stop)
 
 
@@ -371,7 +367,7 @@ def _piece(
     """
     c, p = whole.chamber, whole.pressure[rows]
     time = c.time[rows]
-    later = c.closes > time[0] - 0.5 * _EDGE_GUARD_S
+    later = c.closes > time[0] - 0.5 * EDGE_GUARD_S
     opens, closes = c.opens[later].copy(), c.closes[later]
     begun = opens < time[0]
     high = float(np.median(p[:5])) > air.atmospheric_pressure_pa + 8.0 * whole.noise

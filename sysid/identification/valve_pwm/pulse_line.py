@@ -11,26 +11,16 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import median_filter
 
+from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.identification.valve_pwm.samples import PwmTest
 from sysid.types import BoolArray, FloatArray
 
 # Deviation of the period that is said, as a share of the declared one.
 _SAID_DEVIATION = 0.02
-# Duties whose pulses and pauses are long enough to ripple, and which hardly do.
-_RIPPLING = (0.2, 0.8)
-_QUIET = (0.05, 0.95)
-# Rows per declared period: with fewer, what shows may be an alias.
-_FEWEST_ROWS = 3.0
-_FEWEST_TESTS = 3
 # Power of a line above the median of that about it. The noise of three tests exceeds 10 times
 # its median once in 10^9 frequencies; what else a log holds is seldom as narrow as a line.
 _LINE_POWER = 20.0
 _NOISE_BINS = 41
-# Power of the strongest line above that at the declared period: a harmonic of ramps has a
-# quarter of the fundamental's, or less.
-_HARMONIC_POWER = 4.0
-# Bins by which a line may miss its place; a Hann window widens it by two to either side.
-_LINE_WIDTH = 3
 
 
 def deviating_period(tests: Sequence[PwmTest], declared: float) -> list[str]:
@@ -39,25 +29,28 @@ def deviating_period(tests: Sequence[PwmTest], declared: float) -> list[str]:
     None where the sampling or the noise hides the ripple.
     """
     whole = [t for t in tests if t.usable.all()]
-    rippling = [t for t in whole if _RIPPLING[0] <= t.duty <= _RIPPLING[1]]
-    if len(rippling) < _FEWEST_TESTS:
+    # Duties whose pulses and pauses are long enough to ripple.
+    rippling = [t for t in whole if 0.2 <= t.duty <= 0.8]
+    if len(rippling) < FEWEST_REPEATS:
         return []
     sampling = float(np.median([t.period for t in rippling]))
     rows = int(np.median([len(t.pressure) for t in rippling]))
     rippling = _alike(rippling, sampling, rows)
-    short = rows < 4 * _NOISE_BINS or declared < _FEWEST_ROWS * sampling
-    if short or len(rippling) < _FEWEST_TESTS:
+    # With fewer rows in a declared period, what shows may be an alias.
+    short = rows < 4 * _NOISE_BINS or declared < 3.0 * sampling
+    if short or len(rippling) < FEWEST_REPEATS:
         return []
     power = _spectrum(rippling, rows)
     strongest = _strongest_line(power)
     expected = _around(rows * sampling / declared, len(power))
-    if strongest is None or power[strongest] < _HARMONIC_POWER * power[expected].max(initial=0.0):
+    # A harmonic of ramps has a quarter of the fundamental's power, or less.
+    if strongest is None or power[strongest] < 4.0 * power[expected].max(initial=0.0):
         return []
     seen = rows * sampling / _peak(power, strongest)
     if abs(seen / declared - 1.0) < _SAID_DEVIATION:
         return []
     # A line that tests without pulses also show is mains hum, or comes from the supply.
-    quiet = _alike([t for t in whole if not _QUIET[0] < t.duty < _QUIET[1]], sampling, rows)
+    quiet = _alike([t for t in whole if not 0.05 < t.duty < 0.95], sampling, rows)
     if quiet and _spectrum(quiet, rows)[strongest] > 0.5 * power[strongest]:
         return []
     place = rippling[0].source.removesuffix(f", test {rippling[0].label}")
@@ -95,7 +88,8 @@ def _strongest_line(power: FloatArray) -> int | None:
 
 def _around(place: float, bins: int) -> BoolArray:
     """Which bins (mask) a line at a place between them may fill."""
-    width = max(_LINE_WIDTH, _SAID_DEVIATION * place)
+    # Bins by which a line may miss its place; a Hann window widens it by two to either side.
+    width = max(3, _SAID_DEVIATION * place)
     return np.asarray(np.abs(np.arange(bins) - place) <= width)
 
 

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from sysid.identification.valve_pwm.samples import PwmTest
 from sysid.io.logs import Trial
 
-_SHOWN_LABELS = 8
-
 
 @dataclass
 class Remarks:
@@ -26,15 +24,15 @@ class Remarks:
         place = trial.source.removesuffix(f", test {trial.label}")
         self.tests.setdefault((place, what), []).append(trial.label)
 
-    def notices(self) -> tuple[str, ...]:
-        """One line per reason, with the tests that it applies to."""
+    def notices(self, most: int = 8) -> tuple[str, ...]:
+        """One line per reason, with `most` of the tests that it applies to."""
         lines = []
         for (place, what), labels in self.tests.items():
             if labels == [""]:
                 lines.append(f"{place}: {what}")
                 continue
-            shown = ", ".join(labels[:_SHOWN_LABELS])
-            if len(labels) > _SHOWN_LABELS:
-                shown += f" and {len(labels) - _SHOWN_LABELS} more"
+            shown = ", ".join(labels[:most])
+            if len(labels) > most:
+                shown += f" and {len(labels) - most} more"
             lines.append(f"{place}, test{'s' if len(labels) > 1 else ''} {shown}: {what}")
         return (*lines, *self.lines)

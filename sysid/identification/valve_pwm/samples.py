@@ -24,6 +24,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from statistics import NormalDist
 
 import numpy as np
 
@@ -36,10 +37,7 @@ LONGEST_WINDOW_S = 0.2
 # Largest noise of a sample's flow, as a share of the flow of the fully open valve; windows are
 # made long enough for it.
 FLOW_NOISE_SHARE = 0.005
-# Phase by which a block of samples may miss whole PWM periods, as a share of a period.
-_PHASE_TOLERANCE = 0.01
-_LONGEST_BLOCK_S = 0.02
-_NORMAL_QUARTILE = 0.6744897501960817
+_NORMAL_QUARTILE = NormalDist().inv_cdf(0.75)
 
 
 @dataclass(frozen=True)
@@ -117,7 +115,7 @@ def pulse_block(pwm_period: float, period: float) -> int:
     less than 1 % of one; else the one with the smallest error.
     """
     ratio = pwm_period / period
-    longest = max(_LONGEST_BLOCK_S, 4.0 * pwm_period)
+    longest = max(0.02, 4.0 * pwm_period)
     if period >= longest:
         return 1
     best, least = 1, math.inf
@@ -127,7 +125,7 @@ def pulse_block(pwm_period: float, period: float) -> int:
         missed = abs(samples - periods * ratio) / ratio
         if missed < least - 1e-9:
             best, least = samples, missed
-        if least < _PHASE_TOLERANCE:
+        if least < 0.01:
             break
         periods += 1
     return best

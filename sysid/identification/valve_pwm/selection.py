@@ -16,7 +16,6 @@ from sysid.identification.valve_pwm.pulse_line import deviating_period
 from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.samples import PwmTest, pulse_block, settled_after
 from sysid.identification.valve_pwm.supply import (
-    SUPPLY_TOLERANCE,
     consistent_supply,
     start_pressure,
     with_seen_supply,
@@ -24,22 +23,14 @@ from sysid.identification.valve_pwm.supply import (
 from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
+from sysid.io.trial_kind import HELD_SHARE
 from sysid.plant.base import chamber_volume_a, chamber_volume_b
+from sysid.surfaces.domain import SAME_SUPPLY
 from sysid.types import BoolArray, FloatArray
 
-# Change of the chamber's volume that still counts as a held piston, as a share of it.
-HELD_SHARE_OF_VOLUME = 0.005
 # Start of a test: within this share of the range from atmosphere to supply from either end.
 _START_TOLERANCE = 0.25
-_DUTY_TOLERANCE = 1e-6
-# Rows this many sampling periods apart have lost others. Where a PWM period has many rows, a gap
-# of less than half of it does not hide a pulse, if it is not so long that the spline through
-# the rows gives it up.
-_LOST_SAMPLES = 1.5
-_BRIDGED_SAMPLES = 3.0
-_BRIDGED_PERIODS = 0.5
 _FEWEST_PERIODS = 4
-_CLIPPED_START = 8
 # Change of pressure in one block next to a clipped interval, as a share of the limit.
 _CLIP_TRAVEL = 2e-3
 
@@ -91,19 +82,19 @@ def _prepared(
     start = start_pressure(pressure, float(duty[0]), period, rig)
     share = (start - air.atmospheric_pressure_pa) / (declared - air.atmospheric_pressure_pa)
     # A clipping sensor shows the supply too low, but as its highest value.
-    clipped = bool(np.all(pressure[:_CLIPPED_START] == pressure.max()))
+    clipped = bool(np.all(pressure[:8] == pressure.max()))
     if min(abs(share), abs(share - 1.0)) > _START_TOLERANCE and not clipped:
         remarks.exclude(
             trial,
             f"{name} starts neither at the atmosphere (filling) nor at the supply (discharging)",
         )
         return None
-    sagged = np.abs(supply - declared) > SUPPLY_TOLERANCE * declared
+    sagged = np.abs(supply - declared) > SAME_SUPPLY * declared
     if sagged.any():
         remarks.about(
             trial,
             "rows excluded: supply_pressure_pa deviates by more than "
-            f"{100 * SUPPLY_TOLERANCE:.0f} % from the rig file's {declared:.0f} Pa, the only "
+            f"{100 * SAME_SUPPLY:.0f} % from the rig file's {declared:.0f} Pa, the only "
             "supply that the surface is valid for",
         )
     kept = usable & ~sagged
@@ -131,9 +122,9 @@ def _unusable(
     """Why the trial is not a constant-duty test with the piston held; None where it is one."""
     if not trial.has_its_start:
         return "its start is excluded, which shows whether it fills or discharges, and from where"
-    if float(np.ptp(duty)) > _DUTY_TOLERANCE:
+    if float(np.ptp(duty)) > 1e-6:
         return f"duty_{valve} is not constant, but a sample has only one duty"
-    if float(np.ptp(volume)) > HELD_SHARE_OF_VOLUME * float(volume.mean()):
+    if float(np.ptp(volume)) > HELD_SHARE * float(volume.mean()):
         return "the piston moved, but the flow is identified only with the piston held"
     least = settled_after(rig) + _FEWEST_PERIODS * _pwm_period(rig)
     if trial.time[-1] - trial.time[0] < least:
@@ -159,15 +150,17 @@ def _on_grid(
     supply = trial.channels.get("supply_pressure_pa")
     steps = np.diff(time)
     median = float(np.median(steps))
-    if float(np.max(np.abs(steps - median))) < 1e-3 * median:
+    if float(np.max(np.abs(steps - median))) < signals.JITTER_IGNORED * median:
         period = float(time[-1] - time[0]) / (len(time) - 1)
         logged = np.full(len(time), declared) if supply is None else supply
         return period, pressure, np.ones(len(time), dtype=bool), logged
     count = max(1, round(float(time[-1] - time[0]) / median))
     grid = time[0] + median * np.arange(count + 1)
     row = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-    bridged = min(_BRIDGED_SAMPLES * median, _BRIDGED_PERIODS * pwm_period)
-    usable = steps[row - 1] < max(_LOST_SAMPLES * median, bridged)
+    # Where a PWM period has many rows, a gap of less than half of it does not hide a pulse, if it
+    # is not so long that the spline through the rows gives it up.
+    bridged = min(signals.PAUSE * median, 0.5 * pwm_period)
+    usable = steps[row - 1] < max(signals.SAMPLE_MISSING * median, bridged)
     level = signals.resample(time, pressure, grid)
     logged = np.full(len(grid), declared) if supply is None else np.interp(grid, time, supply)
     return median, level, usable, logged

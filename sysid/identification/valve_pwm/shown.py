@@ -33,8 +33,6 @@ _LAW_NAMES = {
     "c_dis": "Coefficient, discharging",
     "delay_difference_s": "Closing delay less opening delay",
 }
-_GRID = 72
-_CUTS = 5
 
 
 @dataclass(frozen=True)
@@ -316,8 +314,8 @@ def _figures(part: _Measured) -> list[Figure]:
 def _fitted(surface: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Duties (n,), pressures (m,) kPa and flow (n, m) g/s; NaN outside the domain."""
     domain = surface.domain_
-    duty = np.linspace(domain.duty_range[0], domain.duty_range[1], _GRID)
-    pressure = np.linspace(domain.pressure_range[0], domain.pressure_range[1], _GRID)
+    duty = np.linspace(domain.duty_range[0], domain.duty_range[1], 72)
+    pressure = np.linspace(domain.pressure_range[0], domain.pressure_range[1], 72)
     flow = surface.flow(duty[:, None], pressure[None, :])[0]
     low, high = domain.duty_limits(pressure)
     outside = (duty[:, None] < low[None, :]) | (duty[:, None] > high[None, :])
@@ -375,7 +373,7 @@ def flow_figure(title: str, tag: str, levels: LevelFlows, surfaces: Mapping[str,
     """Flow over pressure at a few duties: measured points, fitted lines by the surface's kind."""
     domain = next(iter(surfaces.values())).domain_
     inside = np.flatnonzero(domain.holds_duty(levels.duty))
-    chosen = inside[np.linspace(0, len(inside) - 1, min(_CUTS, len(inside))).astype(int)]
+    chosen = inside[np.linspace(0, len(inside) - 1, min(5, len(inside))).astype(int)]
     marks: list[Mark] = []
     for row in chosen:
         seen = levels.count[row] > 0

@@ -8,27 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.estimation.quality import DISAGREE, FEWEST_REPEATS
 from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.samples import PwmTest, open_share
 from sysid.io.rig import Rig
+from sysid.surfaces.domain import SAME_SUPPLY
 from sysid.types import FloatArray
 
-# Deviation from the rig file's supply pressure above which rows are excluded, as a share of
-# it. Choked flow is proportional to the supply and has the same relative error.
-SUPPLY_TOLERANCE = 0.02
 # Deviation of the supply that the tests were run with above which it is said, as a share of
 # the rig file's. Smaller ones are taken into account alike; gauges do not show them.
 _SAID_DEVIATION = 0.003
-# Discharging tests that must agree on the supply, and by how many standard errors of their
-# median it must differ from the one that is logged or declared: fewer show only their noise.
-_FEWEST_STARTS = 3
-_FEWEST_RESTS = 2
-_STANDARD_ERRORS = 3.0
 _SAME_DUTY = 1e-3
-# Share of the supply by which a settled pressure may still change.
-_REST_SHARE = 0.01
-# Stretches of a test, over whose means its pressure settles, and the fewest rows of one.
-_STRETCHES, _FEWEST_ROWS = 20, 8
 
 
 def start_pressure(pressure: FloatArray, duty: float, period: float, rig: Rig) -> float:
@@ -53,11 +43,12 @@ def rest_pressure(test: PwmTest) -> float | None:
     before, last = float(middle - early), float(late - middle)
     ratio = min(max(last / before, 0.0), 0.9) if before != 0.0 else 0.0
     left = last * ratio / (1.0 - ratio)
-    return float(late) + left if abs(left) < _REST_SHARE * test.supply else None
+    return float(late) + left if abs(left) < 0.01 * test.supply else None
 
 
 def _stretch(test: PwmTest) -> int:
-    return max(_FEWEST_ROWS, len(test.pressure) // _STRETCHES)
+    """Rows of one of the stretches over whose means a test's pressure settles."""
+    return max(8, len(test.pressure) // 20)
 
 
 def consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> list[PwmTest]:
@@ -69,7 +60,7 @@ def consistent_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> l
     tests without evidence are treated as the majority of those with evidence.
     """
     declared = float(rig.require("air", "which the supply is taken from").supply_pressure_pa)
-    tolerance = SUPPLY_TOLERANCE * declared
+    tolerance = SAME_SUPPLY * declared
     rests = [rest_pressure(t) for t in tests]
     seen = [_supply_seen(t, r, rig) for t, r in zip(tests, rests, strict=True)]
     wrong = [s is not None and abs(s - declared) > tolerance for s in seen]
@@ -148,7 +139,7 @@ def with_seen_supply(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> li
     Where logs or directions disagree, each takes its own; where the starts of one log do, too.
     """
     declared = float(rig.require("air", "which the supply is taken from").supply_pressure_pa)
-    apart = max(_SAID_DEVIATION * declared, _STANDARD_ERRORS * _sensor_noise(tests))
+    apart = max(_SAID_DEVIATION * declared, DISAGREE * _sensor_noise(tests))
     found = list(tests)
     for logged in (True, False):
         own = [i for i, t in enumerate(tests) if t.supply_logged == logged]
@@ -202,10 +193,10 @@ def _shift_of(
     held = [tests[i] for i in own if _log_of(tests[i]) == log]
     rests = [_rest_shift(t, rig) for t in held if t.filling] if filling else []
     seen = np.array([r for r in rests if r is not None])
-    if len(seen) >= _FEWEST_RESTS and np.ptp(seen) < _SAID_DEVIATION * held[0].supply_at_start:
+    if len(seen) >= 2 and np.ptp(seen) < _SAID_DEVIATION * held[0].supply_at_start:
         return float(np.median(seen))
     starts = _starts(held, rig)
-    return _beyond_noise(starts) if len(starts) >= _FEWEST_STARTS else pooled
+    return _beyond_noise(starts) if len(starts) >= FEWEST_REPEATS else pooled
 
 
 def _rest_shift(test: PwmTest, rig: Rig) -> float | None:
@@ -239,9 +230,9 @@ def _with_own_starts(
     """Give one log's discharging tests (`rows`) their own starts where these disagree."""
     known = [i for i in rows if tests[i].usable[0]]
     starts = _starts([tests[i] for i in known], rig)
-    if len(starts) < _FEWEST_STARTS:
+    if len(starts) < FEWEST_REPEATS:
         return
-    if np.count_nonzero(np.abs(starts - np.median(starts)) > apart) < _FEWEST_STARTS:
+    if np.count_nonzero(np.abs(starts - np.median(starts)) > apart) < FEWEST_REPEATS:
         return
     for i, shift in zip(known, starts, strict=True):
         found[i] = replace(tests[i], supply=tests[i].supply + float(shift))
@@ -262,12 +253,12 @@ def supply_of_surfaces(seen: float, declared: float) -> float:
 
 def _beyond_noise(differences: FloatArray) -> float:
     """The median of the differences (n,), 0 where it is within their noise."""
-    if len(differences) < _FEWEST_STARTS:
+    if len(differences) < FEWEST_REPEATS:
         return 0.0
     middle = float(np.median(differences))
     scatter = 1.4826 * float(np.median(np.abs(differences - middle)))
     error = math.sqrt(0.5 * math.pi / len(differences)) * scatter
-    return middle if abs(middle) > _STANDARD_ERRORS * error else 0.0
+    return middle if abs(middle) > DISAGREE * error else 0.0
 
 
 def _deviating_supply(tests: Sequence[PwmTest], shift: float, logged: bool, rig: Rig) -> list[str]:

@@ -18,8 +18,6 @@ Lines = Sequence[tuple[int, str]]
 
 STAMP = re.compile(r"\d{1,2}:\d{2}|\b\d{4}-\d{2}-\d{2}\b|\b\d{1,2}[./]\d{1,2}[./]\d{2,4}\b")
 _COMMENT_COLUMN = re.compile(r"(?i)comments?|remarks?|notes?|kommentar|bemerkung")
-# Number of lines whose first cells are searched for signals in rows.
-_SIGNALS = 1000
 _WORD = re.compile(r"[^\W\d_]{2,}")
 
 
@@ -231,7 +229,7 @@ class _HeadingSearch:
     def check_rows_are_no_signals(self) -> None:
         """InputError where all names that are asked for are the first cells of lines."""
         asked = {name for name in self.options.names if not name.startswith("#")}
-        first = [(self.cells(i) or [""])[0] for i in range(min(_SIGNALS, len(self.lines)))]
+        first = [(self.cells(i) or [""])[0] for i in range(min(1000, len(self.lines)))]
         if len(asked) < 2 or not asked <= set(first):
             return
         index = next(i for i, cell in enumerate(first) if cell in asked)

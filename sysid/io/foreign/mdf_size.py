@@ -20,7 +20,6 @@ from sysid.io.foreign.unpacking import unpacked
 
 _FILE_HEAD = struct.Struct("<8s8s8sHHHH28sHH")  # ID; HD follows it
 _BLOCK_HEAD = struct.Struct("<4sxxxxQQ")  # kind, length, number of links
-_MOST_LINKS = 1 << 20
 # DZ: type of the packed block, how, and the two lengths.
 _PACKED = struct.Struct("<2sBBIQQ")
 _HOW = {0: "zlib", 1: "zlib", 2: "zstd", 3: "zstd", 4: "lz4", 5: "lz4"}
@@ -125,7 +124,7 @@ class _Four:
         number = struct.unpack_from("<Q", head, 16)[0]
         if not head.startswith(kind):
             raise blocks.damage(f"a block {head[:4]!r} where {kind.decode()} is due")
-        if number > _MOST_LINKS:
+        if number > (1 << 20):
             raise blocks.damage("a block has too many links")
         body = blocks.at(place + _BLOCK_HEAD.size, 8 * number + count)
         links = struct.unpack_from(f"<{number}Q", body)

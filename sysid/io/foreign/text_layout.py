@@ -39,9 +39,6 @@ _CANDIDATES = (
     (BLANK, ","),
     (",", ","),  # cells in quotes
 )
-_SAMPLE_LINES = 100
-_FEWEST_LINES = 40
-_MANY = 20
 _WORDS = re.compile(r"\S+")
 
 
@@ -126,9 +123,9 @@ def find_layout(path: Path, lines: Sequence[str], options: ReadOptions) -> Layou
     Where only another delimiter cuts out the names asked for, it is that one.
     """
     # Headings and preambles come first, so the last lines decide.
-    late = lines[-max(_FEWEST_LINES, len(lines) // 10) :]
+    late = lines[-max(40, len(lines) // 10) :]
     late = late[len(late) // 2 :] if len(late) == len(lines) else late
-    late = late[:: max(1, len(late) // _SAMPLE_LINES)]
+    late = late[:: max(1, len(late) // 100)]
     tried = [
         _scored(late, Layout(delimiter, decimal, 0, options.thousands))
         for delimiter, decimal in _candidates(path, options)
@@ -150,7 +147,7 @@ def _scored(lines: Sequence[str], layout: Layout) -> tuple[tuple[float, bool], L
     usual = [(row, is_n) for row, is_n in zip(rows, numbers, strict=True) if len(row) == width]
     # A damaged row may have a cell where all others have none.
     last = sum(bool(row[-1]) for row, _ in usual)
-    ends_empty = width > 1 and last <= (len(usual) >= _MANY)
+    ends_empty = width > 1 and last <= (len(usual) >= 20)
     fields = width - ends_empty
     numeric = frozenset(
         column

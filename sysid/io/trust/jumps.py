@@ -36,8 +36,6 @@ _BLOCK = 32
 _FEWEST_STEPS = 10
 # Jumps in a test that moves by nothing else.
 _FEW = 3
-# Jumps in a test; a recording with more of them is no recording of a motion.
-_MOST = 50
 
 
 def _line(back: int) -> FloatArray:
@@ -98,7 +96,8 @@ def without_jumps(
     """
     found: list[Jump] = []
     joined = position
-    for _ in range(_MOST):
+    # Jumps in a test; a recording with more of them is no recording of a motion.
+    for _ in range(50):
         jumps = _largest(time, joined, resolution)
         if not jumps or jumps[0].size == 0.0:
             break

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.io.responses import ROWS_OF_A_RECORDING
+from sysid.signals import MIN_SAMPLES
 from sysid.types import FloatArray
 
 # Most outliers on one side of a test, and their distance from the range of the others, as a share
@@ -27,7 +27,7 @@ _STRAIGHT = 0.7
 def folds(values: FloatArray) -> bool:
     """Whether a position (n,) of one test turns round at zero at full speed, as its size does."""
     low, step = float(np.min(values)), float(np.max(np.abs(np.diff(values)), initial=0.0))
-    if low < 0.0 or low > step or len(values) < ROWS_OF_A_RECORDING:
+    if low < 0.0 or low > step or len(values) < MIN_SAMPLES:
         return False
     n = _FOLD_ROWS
     inner = values[2 * n : -2 * n]
@@ -51,7 +51,7 @@ def spikes(values: FloatArray) -> NDArray[np.intp]:
     found: list[int] = []
     steps = np.abs(np.diff(values))
     moves = steps[steps > 0.0]
-    if len(values) < ROWS_OF_A_RECORDING or moves.size == 0:
+    if len(values) < MIN_SAMPLES or moves.size == 0:
         return np.array(found, dtype=np.intp)
     least = _STEPS_APART * float(np.median(moves))
     for side in (1.0, -1.0):

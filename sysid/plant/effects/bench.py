@@ -8,16 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sysid.plant.base import Array, array_namespace
+from sysid.plant.base import LEAST_DIVISOR, Array, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Point
 
 DUTY_DIRECTION = "duty_direction_"
 """With the side appended, the key in `Point.extra` of where a duty came from: 1 if it rose
 to its value, -1 if it fell, 0 if neither. Absent if it is not tracked."""
-
-# Share of the time that a passage is open: below it powers of the pulse length are undefined.
-_LEAST_SHARE = 1e-9
 
 
 def _between(share: Array) -> Array:
@@ -104,7 +101,7 @@ class PartialOpening(CatalogueEffect):
         self, flow: Array, full: Array, share: Array, steepness: Array, point: Point
     ) -> Array:
         xp = array_namespace(flow, share, steepness, self.opening_time_s)
-        pulse = xp.maximum(share, _LEAST_SHARE) * point.parameters.pwm_period
+        pulse = xp.maximum(share, LEAST_DIVISOR) * point.parameters.pwm_period
         partly = flow * xp.minimum(pulse / self.opening_time_s, 1.0) ** steepness
         passed = partly * _line_factor(partly, full, self.log_conductance_ratio)
         return xp.where(_between(share), passed, flow)
@@ -152,11 +149,11 @@ class ValveDeadBand(CatalogueEffect):
 
     def _factor(self, share: Array) -> Array:
         xp = array_namespace(share, self.dead_duty, self.curvature)
-        share = xp.maximum(share, _LEAST_SHARE)
+        share = xp.maximum(share, LEAST_DIVISOR)
         # A fit may try d beyond 1; it finds a valve that never opens.
         dead = xp.minimum(self.dead_duty, 1.0 - 1e-6)
         opening = (share - dead) / (1.0 - dead)
-        curved = xp.maximum(opening, _LEAST_SHARE) ** self.curvature
+        curved = xp.maximum(opening, LEAST_DIVISOR) ** self.curvature
         factor = xp.where(opening > 0.0, opening * curved / share, 0.0)
         # Neutral to the last bit; division by the share would not be.
         moved = (self.dead_duty != 0.0) | (self.curvature != 0.0)

@@ -32,9 +32,6 @@ _VALVE_A = ValveParameters(7.8e-4, 3.5e-4, 1.5e-6, 3.7e-9)
 _VALVE_B = ValveParameters(1.3e-3, 3.9e-4, 1.5e-6, 3.7e-9)
 
 
-_ROUNDING = 1e-9
-
-
 @dataclass(frozen=True)
 class Demonstration:
     """Measured channels, (n,) each, of one test without and with an effect; time in s.
@@ -167,7 +164,7 @@ def demonstrate_own(
         )
     for channel, _ in shown.channels:
         # Neutral ports give the same bits, but the compiler may round differently between them.
-        if not np.allclose(shown.base[channel], bare[channel], rtol=_ROUNDING, atol=_ROUNDING):
+        if not np.allclose(shown.base[channel], bare[channel], rtol=1e-9, atol=1e-9):
             fix = "make every port return the value it is given at strength 0"
             raise input_error(where, f"at neutral strength it changes {channel}", fix)
     return shown

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
-from sysid.plant.base import Array, array_namespace
+from sysid.plant.base import MAX_STEP, Array, array_namespace
 from sysid.plant.ports import Effect
 
 Subsystem = Literal["friction", "mechanics", "motor", "chamber", "valve", "supply", "sensor"]
@@ -19,8 +19,6 @@ _SIZED = {"N", "Nm", "kg", "W"}
 _UNIT_WORDS = re.compile(r"[A-Za-z]+")
 # Shares of a rig's fastest speed that are tried of a speed, and its least.
 _SPEED_SHARES, _SLOWEST = (0.05, 0.1, 0.2, 0.4), 0.01
-# The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
-_SHORTEST_LAG_S = 1e-3
 
 
 def state_lag(lag: Array) -> Array:
@@ -28,7 +26,7 @@ def state_lag(lag: Array) -> Array:
 
     A shorter lag counts by the share lag / state_lag(lag) of what the state is behind.
     """
-    return array_namespace(lag).maximum(lag, _SHORTEST_LAG_S)
+    return array_namespace(lag).maximum(lag, MAX_STEP)
 
 
 @dataclass(frozen=True)
@@ -87,10 +85,11 @@ class Quantity:
     @property
     def anywhere(self) -> tuple[float, float]:
         """Its bounds on a rig of any size: for a strength in units of effort, flow or heat, and for
-        a shape in units of speed, only those of sign; a sensor's delay or an exponent is the same
-        on any rig."""
+        a shape that is a speed or a wave, only those of sign; a sensor's delay or an exponent is
+        the same on any rig."""
         units = set(_UNIT_WORDS.findall(self.unit))
-        sized = bool(units & _SIZED) if self.is_strength else self.unit in SPEEDS
+        sized = self.unit in SPEEDS or self.is_wave
+        sized = bool(units & _SIZED) if self.is_strength else sized
         if not sized or self.is_choice:
             return self.lower, self.upper
         return (-math.inf if self.lower < 0.0 else 0.0), math.inf

@@ -6,18 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sysid.plant import plant
-from sysid.plant.base import Array, array_namespace
+from sysid.plant.base import LEAST_DIVISOR, MAX_STEP, Array, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, Point
 
 # The presliding state relaxes no faster than the simulator's explicit steps can follow, 1/s.
-_FASTEST_RATE = 1200.0
+_FASTEST_RATE = 1.2 / MAX_STEP
 # Speed within one step of standstill, rad/s: bristles stiffer than a step resolves fade there.
 _LEAST_SPEED = 1e-2
-# Motion of some 10 ms makes a contact anew, 1/s.
-_RENEWED = 100.0
-# Smallest divisor: rad, Nm.
-_LEAST_SPAN = 1e-12
 
 
 @dataclass(frozen=True)
@@ -214,9 +210,9 @@ class Presliding(CatalogueEffect):
         xp = array_namespace(point.velocity, self.bristle_compliance_rad_per_nm)
         span, share = self._span(point), point.extra["presliding_share"]
         speed = xp.abs(point.velocity)
-        sliding = xp.minimum(speed / xp.maximum(span, _LEAST_SPAN), _FASTEST_RATE)
+        sliding = xp.minimum(speed / xp.maximum(span, LEAST_DIVISOR), _FASTEST_RATE)
         p = point.parameters
-        held = plant.applied_effort(point, Model(p)) / xp.maximum(p.static_effort, _LEAST_SPAN)
+        held = plant.applied_effort(point, Model(p)) / xp.maximum(p.static_effort, LEAST_DIVISOR)
         at_rest = point.direction == 0
         target = xp.where(at_rest, xp.clip(held, -1.0, 1.0), point.direction)
         return {"presliding_share": xp.where(at_rest, _FASTEST_RATE, sliding) * (target - share)}
@@ -354,7 +350,8 @@ class StictionAfterRest(CatalogueEffect):
         xp = array_namespace(point.velocity, self.recovery_time_s)
         share = point.extra["fresh_share"]
         at_rest = -share * share / self.recovery_time_s
-        return {"fresh_share": xp.where(point.direction == 0, at_rest, _RENEWED * (1.0 - share))}
+        # Motion of some 10 ms makes a contact anew, 1/s.
+        return {"fresh_share": xp.where(point.direction == 0, at_rest, 100.0 * (1.0 - share))}
 
 
 EFFECTS = (

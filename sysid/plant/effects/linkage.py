@@ -11,15 +11,18 @@ import numpy as np
 
 from sysid import signals
 from sysid.io.channels import VELOCITY_CHANNELS
-from sysid.plant.base import Array, Parameters, array_namespace, limit_effort
+from sysid.plant.base import (
+    LEAST_DIVISOR,
+    MAX_STEP,
+    Array,
+    Parameters,
+    array_namespace,
+    limit_effort,
+)
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.effects.sensor import lagged, position_channels
 from sysid.plant.ports import Point
 
-# The shortest time constant that the simulator's explicit steps of 1 ms follow, s.
-_SHORTEST_S = 1e-3
-# Smallest divisor: rad, rad/s, kg m2.
-_LEAST = 1e-12
 # Backlash: the least inertia behind it (share), the gap from which on it is all the motor's, rad;
 # a flank's stiffness, as the rate at which the motor oscillates on it, rad/s, and damping ratio: as
 # stiff as steps of 1 ms follow, and as a measured position, differentiated, lets it be.
@@ -29,8 +32,6 @@ _CONTACT_RATE = 2.0 * math.pi * 60.0
 _CONTACT_DAMPING = 0.5
 # Through these a flexible link acts where the encoder is behind its spring.
 _SENSOR_PORTS = ("measure", "unmeasured", "sense", "start_sensing")
-# Share of the declared inertia that a change leaves at least.
-_LEAST_INERTIA = 0.02
 
 
 @dataclass(frozen=True)
@@ -135,8 +136,8 @@ class Backlash(CatalogueEffect):
         towards = xp.sign(effort)
         place = point.extra.get("backlash_place", towards)
         lost = xp.clip(10.0 * 0.5 * (1.0 - place * towards), 0.0, 1.0)
-        fastest = self.gap_rad / _SHORTEST_S
-        weight = xp.minimum(fastest / xp.maximum(self._push(point), _LEAST), 1.0)
+        fastest = self.gap_rad / MAX_STEP
+        weight = xp.minimum(fastest / xp.maximum(self._push(point), LEAST_DIVISOR), 1.0)
         without = effort - effort * (weight * lost)
         if "backlash_motor_rad" not in point.extra:
             return without
@@ -154,7 +155,9 @@ class Backlash(CatalogueEffect):
 
     def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
         xp = array_namespace(point.motor, self.gap_rad)
-        rate = xp.minimum(self._push(point) / xp.maximum(self.gap_rad, _LEAST), 1.0 / _SHORTEST_S)
+        rate = xp.minimum(
+            self._push(point) / xp.maximum(self.gap_rad, LEAST_DIVISOR), 1.0 / MAX_STEP
+        )
         towards = xp.sign(point.motor)
         effort = limit_effort(point.motor, point.parameters.max_effort)
         pushed = (effort - self._contact_effort(point)) / self._motor_inertia(point)
@@ -491,9 +494,10 @@ class InertiaMismatch(CatalogueEffect):
         xp = array_namespace(self.inertia_change_kg_m2, parameters.inertia)
         declared = parameters.inertia
         # A fit may try a change that takes away more than there is: acceleration divides by it.
-        share = self.inertia_change_kg_m2 / xp.maximum(declared, _LEAST)
+        share = self.inertia_change_kg_m2 / xp.maximum(declared, LEAST_DIVISOR)
+        # What a change leaves of the declared inertia at least.
         return parameters.replace(
-            inertia=xp.maximum(declared + self.inertia_change_kg_m2, _LEAST_INERTIA * declared),
+            inertia=xp.maximum(declared + self.inertia_change_kg_m2, 0.02 * declared),
             gravity_moment=parameters.gravity_moment + parameters.gravity_moment * share,
             weight=parameters.weight + parameters.weight * share,
         )

@@ -10,9 +10,6 @@ from sysid.plant.base import Array, array_namespace, limit_effort
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, state_lag
 from sysid.plant.ports import Point
 
-# A saturation that is harder is clipped, but for 0.1 % at the limit itself.
-_LEAST_SOFTNESS = 1e-3
-
 
 def _command(point: Point) -> Array:
     """Commanded effort within the declared limit, Nm or N."""
@@ -103,7 +100,8 @@ class TorqueSaturation(CatalogueEffect):
         used = xp.abs(effort) * self.inverse_limit_per_nm
         clipped = 1.0 / xp.maximum(used, 1.0)
         if not base.is_zero(self.saturation_softness):
-            softness = xp.maximum(self.saturation_softness, _LEAST_SOFTNESS)
+            # A saturation that is harder is clipped, but for 0.1 % at the limit itself.
+            softness = xp.maximum(self.saturation_softness, 1e-3)
             # (1 + used^n)^-s, with no power of what is above 1. Never zero: its logarithm counts.
             ratio = xp.maximum(xp.minimum(used, 1.0) * clipped, 1e-12)
             bent = clipped * (1.0 + ratio ** (1.0 / softness)) ** -softness

@@ -16,12 +16,9 @@ import numpy as np
 
 from sysid import signals
 from sysid.io.channels import SIDES, VELOCITY_CHANNELS
-from sysid.plant.base import Array, Parameters, array_namespace
+from sysid.plant.base import LEAST_DIVISOR, Array, Parameters, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, of_side
 from sysid.types import FloatArray
-
-# Keeps a quotient finite without a lag, s.
-_LEAST_LAG_S = 1e-9
 
 
 def lagged(values: Array, time: Array, lag: float) -> FloatArray:
@@ -161,7 +158,7 @@ class PressureLag(CatalogueEffect):
     ) -> tuple[dict[str, Array], tuple[Array, ...]]:
         """See `Effect`: the recursion of `lagged`."""
         xp = array_namespace(time, self.pressure_lag_s)
-        lag = xp.maximum(self.pressure_lag_s, _LEAST_LAG_S)
+        lag = xp.maximum(self.pressure_lag_s, LEAST_DIVISOR)
         forgets = xp.where(self.pressure_lag_s > 0.0, -xp.expm1(-step / lag), 1.0)
         shown, kept = [], []
         for p, last, behind in zip(

@@ -18,8 +18,6 @@ from sysid.plant.base import Array, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, state_lag
 from sysid.plant.ports import Point
 
-# Iterations that adapt the flows of both chambers to each other.
-_SWEEPS = 2
 # Below it strokes are those to first order: a sine at 0, which has a slope there.
 _LEAST_STROKE = 1e-6
 # A resistance that grows with the flow is given at this one, kg/s.
@@ -91,7 +89,8 @@ def _adapted(
     share = common_share * acts(other)
     own: Array = 0.0
     other_flow: Array = 0.0
-    for _ in range(_SWEEPS):
+    # Iterations that adapt the flows of both chambers to each other.
+    for _ in range(2):
         other_flow = share * flow(other, own)
         own = flow(side, other_flow)
     return own + other_flow

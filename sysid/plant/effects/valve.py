@@ -10,13 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.plant import base
-from sysid.plant.base import Array, array_namespace
+from sysid.plant.base import LEAST_DIVISOR, Array, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, of_side
 from sysid.plant.ports import Point
 from sysid.plant.valve_timing import TIME_TOLERANCE
-
-# Keeps a quotient finite where a valve opens at once or not at all.
-_LEAST_RANGE = 1e-9
 
 
 def iso6358_share(ratio: Array, critical_ratio: Array, exponent: Array) -> Array:
@@ -170,7 +167,7 @@ def partly_lost(length: Array, dead_time: Array, whole_ratio: Array) -> Array:
     between the response grows linearly. `length` and `dead_time` in s.
     """
     xp = array_namespace(length, dead_time, whole_ratio)
-    short_of = (whole_ratio * dead_time - length) / xp.maximum(whole_ratio - 1.0, _LEAST_RANGE)
+    short_of = (whole_ratio * dead_time - length) / xp.maximum(whole_ratio - 1.0, LEAST_DIVISOR)
     lost = xp.minimum(xp.maximum(short_of, 0.0), dead_time)
     return xp.where(whole_ratio > 1.0, lost, 0.0)
 
