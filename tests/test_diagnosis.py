@@ -950,7 +950,7 @@ def test_a_rival_that_the_balances_do_not_tell_apart_is_found_too() -> None:
 
 @pytest.mark.parametrize(
     ("size", "rises", "count"),
-    [(0.04, 0.0, 0), (0.04, -100.0, 0), (1.0, 0.0, 1), (1.0, 100.0, 1)],
+    [(0.005, 0.0, 0), (0.005, -100.0, 0), (1.0, 0.0, 1), (1.0, 100.0, 1)],
 )
 def test_motion_adds_no_effect_that_the_balances_do_not_show(
     size: float, rises: float, count: int

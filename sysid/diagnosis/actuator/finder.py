@@ -130,13 +130,23 @@ class Finder:
         found = self.sets.get(names)
         if found is None:
             return -math.inf
-        by_chance = sum(self._by_chance(name, found) for name in names)
-        return found.evidence(self.channels, self.none) - by_chance
+        return found.evidence(self.channels, self.none) - self._by_chance(names, found)
 
-    def _by_chance(self, name: str, found: FittedSet) -> float:
-        some, form = self._proposed[name]
-        gained = self.bias.gain(some, form, weights_of(self.channels, found.squares))
-        return float(some.columns.penalty[form] - some.columns.chance[form]) + gained
+    def _by_chance(self, names: Collection[str], found: FittedSet) -> float:
+        """What effects may gain where nothing is missing, and the best of so many by chance.
+
+        Those that were proposed together gain together: one may make up for the other's bias.
+        """
+        weights = weights_of(self.channels, found.squares)
+        tried, together = 0.0, list[tuple[Screening, list[int]]]()
+        for some, form in (self._proposed[name] for name in names):
+            tried += float(some.columns.penalty[form] - some.columns.chance[form])
+            forms = next((own for of, own in together if of is some), None)
+            if forms is None:
+                together.append((some, [form]))
+            else:
+                forms.append(form)
+        return tried + sum(self.bias.gain(some, forms, weights) for some, forms in together)
 
     def best(self) -> frozenset[str]:
         """The effects of the set with most evidence."""
@@ -146,6 +156,7 @@ class Finder:
         """Screen, propose and fit until no set is better; the best set's effects."""
         best: frozenset[str] = frozenset()
         for number in range(1, _MOST_ROUNDS + 1):
+            self.book.enter(SearchStage.SCREENING, number)
             with limited() if number == 1 else nullcontext():
                 tried = attempt(lambda: self._proposals(best, number))  # noqa: B023
             if isinstance(tried, Failure):
@@ -168,7 +179,7 @@ class Finder:
         was = self.sets[fewer].squares if fewer else self.none
         found = self.sets[names]
         gain = cost(self.channels, was) - cost(self.channels, found.squares)
-        twins = self.bias.gain(some, form, weights_of(self.channels, found.squares))
+        twins = self.bias.gain(some, (form,), weights_of(self.channels, found.squares))
         return self.by_chance(gain, twins, name)
 
     def by_chance(self, gain: float, twins: float, name: str) -> float:
@@ -178,8 +189,8 @@ class Finder:
         return min(1.0, max(len(self.forms) * float(chdtrc(strengths, beyond)), _SMALLEST_P))
 
     def ambiguous(self, names: frozenset[str], name: str, doubt: float) -> tuple[str, ...]:
-        """Effects that may be there in the place of one of a set: of its class, or with as much
-        evidence, to within `doubt`."""
+        """Effects that may be there in the place of one of a set: of its class, with as much
+        evidence, to within `doubt`, or such as could not be fitted."""
         others, least = names - {name}, self.evidence(names) - doubt
         rivals = {
             next(iter(some - others))
@@ -187,7 +198,8 @@ class Finder:
             if some != names and others < some and len(some) == len(names)
             if self.evidence(some) > least
         }
-        return tuple(sorted((rivals | set(class_of(name))) - {name}))
+        unfitted = {m.subject for m in self.book.missed if m.stage is SearchStage.SUSPECTS}
+        return tuple(sorted((rivals | unfitted | set(class_of(name))) - {*names, ""}))
 
     def round_of(self, names: frozenset[str]) -> int:
         """The number, from 0, of the round that first fitted a set of these effects."""
@@ -250,7 +262,6 @@ class Finder:
 
         Raises OutOfBudgetError.
         """
-        self.book.enter(SearchStage.SCREENING, number)
         base = self._beside(names)
         some = self._screened.get(names)
         if some is None:
@@ -259,23 +270,25 @@ class Finder:
             forms = [
                 f for f in self.forms if f.id not in gone and not states & set(f.neutral().states)
             ]
+            if not forms:
+                return ()
             some = screened(base, forms, self.channels, self.book)
             if not names:
                 self._directions = some.columns.directions()
                 self.channels = self._channels_of(base)
+        if not some.forms:
+            return ()
         some = self._screened[names] = some.without(self.barred).among(self.channels)
         some, by_size = self._counted(some, self._most - len(names))
         self.book.enter(SearchStage.SUSPECTS, number)
         before, least = self.sets.get(names), 0.0
         for ranked in by_size:
-            # A shape between two that were screened may gain more than either.
-            worth = [
-                p
-                for p in ranked[:_FITTED]
-                if p.evidence + float(some.columns.penalty[p.forms[-1]]) > least
-            ]
-            for proposal in worth:
-                self._fit(before, some, proposal)
+            for place, proposal in enumerate(ranked[:_FITTED]):
+                # A shape between two that were screened may gain more than either.
+                by_chance = float(some.columns.penalty[proposal.forms[-1]])
+                is_first = place == 0 and ranked is by_size[0]
+                if is_first or proposal.evidence + by_chance > least:
+                    self._fit(before, some, proposal)
             least = max([least, *(p.evidence for p in ranked[:1])])
         self._without_hum(base, names)
         alone = by_size[0] if by_size else []

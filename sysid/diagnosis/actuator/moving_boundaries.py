@@ -39,6 +39,8 @@ def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[Cata
         return ()
     least = max(_CLEAR_GAIN, _CLEAR_SHARE * sum(float(np.sum(own)) for own in squares))
     moving = [form for form in forms if _moves(form.neutral())]
+    if not moving:
+        return ()
     none = np.array([float(np.sum(bare.rest[frame.rows(name)] ** 2)) for name in CHANNELS])
     white = tuple(ResidualChannel.of_noise(len(frame.windows[name])) for name in CHANNELS)
     # Not in the search's book: what cannot be screened here it comes to itself.

@@ -215,23 +215,27 @@ class Bias:
         known = [f for f, form in enumerate(some.forms) if form.id in self._known]
         chance = np.zeros(len(some.forms))
         for f, alone in zip(known, columns.proposals([(f,) for f in known]), strict=True):
-            chance[f] = self.gain(some, f, columns.weights(alone.squares))
+            chance[f] = self.gain(some, (f,), columns.weights(alone.squares))
         return replace(some, columns=columns.with_chance(chance))
 
-    def gain(self, some: Screening, form: int, weights: FloatArray) -> float:
-        """What a form may gain where nothing is missing, with the channels at weights (channels,).
+    def gain(self, some: Screening, forms: Sequence[int], weights: FloatArray) -> float:
+        """What forms may gain together where nothing is missing, with the channels at weights
+        (channels,).
 
         As much as on the twins, in the mean, whose gain's root a rig's own numerics may exceed; 0
-        where it was not asked for.
+        of those that were not asked for.
         """
-        block = some.columns.blocks[form]
-        shown = self._known.get(block.name)
-        every = _columns_of(some.columns, block.name)
-        if shown is None or len(every) != shown.shape[2]:
+        own: list[int] = []
+        parts = []
+        for block in (some.columns.blocks[form] for form in forms):
+            every = _columns_of(some.columns, block.name)
+            shown = self._known.get(block.name)
+            if shown is not None and len(every) == shown.shape[2]:
+                own += block.columns
+                parts.append(shown[:, :, [every.index(i) for i in block.columns]])
+        if not own:
             return 0.0
-        own = list(block.columns)
-        place = [every.index(i) for i in own]
-        gradients = shown[:, :, place] * _lengths(some.columns, own)
+        gradients = np.concatenate(parts, axis=2) * _lengths(some.columns, own)
         gram = np.einsum("c,cij->ij", weights, some.columns.gram[:, own][:, :, own])
         slopes = np.einsum("c,tci->it", weights, gradients)
         found = np.linalg.solve(gram + np.eye(len(own)), slopes)

@@ -148,10 +148,11 @@ def _judged(
         return best, []
     evidence = {names: finder.evidence(names) for names in near}
     for names in near:
-        try:
-            evidence[names] -= simulated(_with_base(finder, names))
-        except SimulationError:
-            evidence[names] = -math.inf
+        own = attempt(lambda: _simulated(finder, names, simulated))  # noqa: B023
+        if isinstance(own, Failure):
+            finder.book.miss(own, decides=False)
+            return best, []
+        evidence[names] -= own
     winner = max(near, key=lambda names: evidence[names])
     if winner != best:
         better, worse = (" and ".join(sorted(n)) or "no effect" for n in (winner, best))
@@ -159,6 +160,17 @@ def _judged(
     doubtful = [n for n in near if n not in (winner, none)]
     doubtful = [n for n in doubtful if evidence[winner] - evidence[n] < ODDS]
     return winner, doubtful[:_MOST_RIVALS]
+
+
+def _simulated(finder: Finder, names: frozenset[str], simulated: Simulated) -> float:
+    """Minus twice the log likelihood of motion with a set; infinite where it cannot be simulated.
+
+    Raises OutOfBudgetError.
+    """
+    try:
+        return simulated(_with_base(finder, names))
+    except SimulationError:
+        return math.inf
 
 
 def _with_base(finder: Finder, names: frozenset[str]) -> Model:
