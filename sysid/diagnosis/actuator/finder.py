@@ -32,6 +32,7 @@ from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS
 from sysid.errors import Failure
+from sysid.io.channels import SIDES
 from sysid.parallel import attempt, limited
 from sysid.plant.effects.catalogue import class_of
 from sysid.plant.ports import Model
@@ -162,6 +163,7 @@ class Finder:
             if isinstance(tried, Failure):
                 self.book.miss(tried)
                 return best
+            self._on_both_sides(self.best())
             better = self._without_superfluous(self.best())
             self.rounds.append(FinderRound(tried, best, better))
             if better == best or self.book.quick:
@@ -253,9 +255,13 @@ class Finder:
             if left > _FAR_LESS * frame.scatter:
                 return
             self.progress(f"friction scatters by {100 * left:.1f} % beside the effects")
-            found = self.sets[names]
+            # What is in doubt stays so.
+            ranked = sorted(self.sets, key=self.evidence, reverse=True)[:_FITTED]
+            kept = {own: self.sets[own] for own in {names, *ranked}}
             self._take(projected(replace(frame, scatter=left), self.first.model))
-            self.sets[names] = fit_set(self.first, self.channels, found.effects, found.squares)
+            for own, found in kept.items():
+                again = fit_set(self.first, self.channels, found.effects, found.squares)
+                self.sets[own] = again
 
     def _proposals(self, names: frozenset[str], number: int) -> tuple[Contender, ...]:
         """Fit the sets that are worth it beside a set's effects; what was screened.
@@ -282,12 +288,14 @@ class Finder:
         some, by_size = self._counted(some, self._most - len(names))
         self.book.enter(SearchStage.SUSPECTS, number)
         before, least = self.sets.get(names), 0.0
+        # A shape between two that were screened may gain more than either.
+        if by_size and by_size[0]:
+            most = min(by_size[0], key=lambda p: float(some.columns.cost(p.squares[None])[0]))
+            self._fit(before, some, most)
         for ranked in by_size:
-            for place, proposal in enumerate(ranked[:_FITTED]):
-                # A shape between two that were screened may gain more than either.
+            for proposal in ranked[:_FITTED]:
                 by_chance = float(some.columns.penalty[proposal.forms[-1]])
-                is_first = place == 0 and ranked is by_size[0]
-                if is_first or proposal.evidence + by_chance > least:
+                if proposal.evidence + by_chance > least:
                     self._fit(before, some, proposal)
             least = max([least, *(p.evidence for p in ranked[:1])])
         self._without_hum(base, names)
@@ -348,6 +356,31 @@ class Finder:
         self.sets[names] = found
         self.book.fitted += [e.id for e in starts]
         self.progress(f"{' and '.join(e.id for e in effects)}: {self.evidence(names):.0f}")
+
+    def _on_both_sides(self, names: frozenset[str]) -> None:
+        """Fit a set with its effects of one side on both, where the other's balance holds a misfit.
+
+        A form of both sides that is far off explains less than one of either.
+        """
+        found = self.sets.get(names)
+        if found is None:
+            return
+        excess = [float(c.excess(s)) for c, s in zip(self.channels, found.squares, strict=True)]
+        left = {side for side in SIDES if excess[CHANNELS.index(f"rate_{side}")] > 0.0}
+        for place, effect in enumerate(found.effects):
+            side = getattr(effect, "side", "both")
+            if side == "both" or not left - {side}:
+                continue
+            both = replace(effect, side="both")  # type: ignore[type-var]
+            starts = [*found.effects[:place], both, *found.effects[place + 1 :]]
+            own = attempt(lambda: fit_set(self.first, self.channels, starts, found.squares))  # noqa: B023
+            if isinstance(own, Failure):
+                self.book.miss(own, effect.id, decides=False)
+                continue
+            before = self.evidence(names)
+            self.sets[names] = own
+            if self.evidence(names) < before:
+                self.sets[names] = found
 
     def _without_superfluous(self, names: frozenset[str]) -> frozenset[str]:
         """The best of a set and of those without one of its effects."""

@@ -24,6 +24,9 @@ from sysid.types import FloatArray
 _OWN_SHARE = 1e-3
 # A form with a state takes as long as so many without.
 _OF_A_STATE = 10
+# A few effects span fewer directions than what a model may lack: the whole catalogue spans 13 to 15
+# in a chamber's balance, and 25 in the torque's (`Columns.directions`).
+_DIRECTIONS = 12.0
 
 
 def usual_size(quantity: Quantity) -> float:
@@ -76,7 +79,7 @@ def noise_channels(
         rows = frame.rows(name)
         tests = len(np.unique(frame.windows[name].run))
         square = float(np.mean(expected[rows])) if tests else 1.0
-        draws = max(min(float(tests), float(most)), 1.0)
+        draws = max(min(float(tests), max(float(most), _DIRECTIONS)), 1.0)
         found.append(ResidualChannel(rows.stop - rows.start, draws, square, float(origin)))
     return tuple(found)
 
