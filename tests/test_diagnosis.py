@@ -516,7 +516,8 @@ def test_a_threshold_explains_many_tests_alike(
     found = refit(base, [DutyDeadZone(7e-4)])
     gains = np.bincount(base.frame.tests, weights=base.rest**2 - found.rest**2)
     assert found.fit["duty-dead-zone/dead_time_s"] == pytest.approx(8e-4, rel=0.1)
-    assert np.all(gains > -20.0)
+    # A test in which its form is a little off loses next to nothing.
+    assert np.all(gains > -1e-3 * gains.max())
     assert np.count_nonzero(gains > 20.0) > 16
 
 

@@ -156,6 +156,8 @@ class Finder:
     def run(self) -> frozenset[str]:
         """Screen, propose and fit until no set is better; the best set's effects."""
         best: frozenset[str] = frozenset()
+        if not self.null.is_of_twins:  # nothing says what is noise
+            return best
         for number in range(1, _MOST_ROUNDS + 1):
             self.book.enter(SearchStage.SCREENING, number)
             with limited() if number == 1 else nullcontext():
@@ -256,8 +258,8 @@ class Finder:
                 return
             self.progress(f"friction scatters by {100 * left:.1f} % beside the effects")
             # What is in doubt stays so.
-            ranked = sorted(self.sets, key=self.evidence, reverse=True)[:_FITTED]
-            kept = {own: self.sets[own] for own in {names, *ranked}}
+            others = sorted(self.sets.keys() - {names}, key=self.evidence, reverse=True)
+            kept = {own: self.sets[own] for own in (names, *others[:_FITTED])}
             self._take(projected(replace(frame, scatter=left), self.first.model))
             for own, found in kept.items():
                 again = fit_set(self.first, self.channels, found.effects, found.squares)

@@ -165,7 +165,12 @@ def begin(
         ended = attempt(judge)
         if isinstance(ended, Failure):
             book.miss(ended, decides=False)
-        null = Null(judged or [twin_frame(pilot)], sensors, twins_beside)
+        null = Null(
+            judged or [twin_frame(pilot)],
+            sensors,
+            twins_beside,
+            is_of_twins=bool(judged) or pilot is not traces,
+        )
     return Start(traces, model, noise, scatter, colour, forms, moving, null)
 
 

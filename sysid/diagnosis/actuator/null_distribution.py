@@ -27,7 +27,8 @@ class Null:
 
     `sums` maps a channel to the twins' whitened sums of squares a row, (twins,), `sensors` to
     that of the sensors' noise along the logs' own motion. `twins_of`: twins of a model with further
-    effects, next to its residual.
+    effects, next to its residual. `is_of_twins` false where none could be simulated: the twins are
+    the logs then.
     """
 
     def __init__(
@@ -35,7 +36,10 @@ class Null:
         twins: Sequence[Projected],
         sensors: Mapping[str, float],
         twins_of: Callable[[Projected], Sequence[Projected]] | None = None,
+        *,
+        is_of_twins: bool = True,
     ) -> None:
+        self.is_of_twins = is_of_twins
         self.sensors = dict(sensors)
         self._twins_of = twins_of
         self._twins = tuple(twins)
