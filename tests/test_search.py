@@ -10,10 +10,9 @@ import pytest
 from test_components_repeats import KINDS, Curved, line
 
 from sysid.diagnosis.bench.selection import select
-from sysid.diagnosis.looked import QUICK, Book, SearchStage
+from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Rounds, Step, Tried, mark_removed, run
 from sysid.errors import OutOfBudgetError
-from sysid.parallel import LATE
 from sysid.plant.base import Array
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Point
@@ -136,16 +135,3 @@ def test_an_imitation_goes_when_what_it_imitates_is_found(bent: float) -> None:
     for place, addition in enumerate(found.additions):
         assert addition.fitted.law.effects[place].id == addition.id
         assert len(addition.fitted.law.effects) == place + 1
-
-
-def test_what_a_search_aside_missed_counts_only_where_it_is_taken() -> None:
-    book = Book()
-    book.enter(SearchStage.SUSPECTS, 1)
-    book.miss(QUICK, "one")
-    aside = book.aside()
-    aside.enter(SearchStage.SUSPECTS, 2)
-    aside.miss(LATE, "two")
-    aside.note("noted")
-    assert [m.subject for m in book.missed] == ["one"] and book.notes == []
-    book.take(aside)
-    assert [m.subject for m in book.missed] == ["one", "two"] and book.notes == ["noted"]

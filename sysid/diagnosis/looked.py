@@ -37,10 +37,7 @@ class SearchStage(StrEnum):
     TWINS = "simulation of twins"
     SCREENING = "screening"
     FORMS = "screening of further forms"
-    COMPARISON = "comparison with twins"
     SUSPECTS = "fit of suspects"
-    TOGETHER = "fit with the effects added before"
-    EXCHANGE = "search with a rival of the first effect"
     RIVALS = "fit of rivals that the balances do not tell apart"
     EFFECTS = "fit of effects"
     REMOVAL = "removal of superfluous effects"
@@ -143,9 +140,6 @@ def stage_text(stage: str, number: int | None) -> str:
     return f"{stage}, round {number}" if number else stage
 
 
-_ENTRIES = ("screened", "fitted", "missed", "notes")
-
-
 @dataclass
 class Book:
     """A `Looked` under construction; `quick`: only a quick search was requested (`QUICK`)."""
@@ -167,24 +161,10 @@ class Book:
         if sentence not in self.notes:
             self.notes.append(sentence)
 
-    def aside(self) -> Book:
-        """A copy for a trial that may be discarded, with this one's entries."""
-        own = {name: list(getattr(self, name)) for name in _ENTRIES}
-        return Book(self.stage, self.round, **own, quick=self.quick)
-
-    def take(self, other: Book) -> None:
-        """Take over the entries of a copy made by `aside`."""
-        for name in _ENTRIES:
-            getattr(self, name)[:] = getattr(other, name)
-
     def left_out(self, stage: SearchStage, number: int = 0, *, decides: bool = False) -> None:
         """Note that a quick search skips a stage."""
         self.enter(stage, number)
         self.miss(QUICK, decides=decides)
-
-    def unfinished(self, stage: SearchStage, number: int) -> set[str]:
-        """The effects that a stage of a round did not come to."""
-        return {m.subject for m in self.missed if (m.stage, m.round) == (stage, number)} - {""}
 
     def miss(self, failure: Failure, *subjects: str, decides: bool = True) -> None:
         """Note that the present stage failed, as a whole or for these effects."""
