@@ -380,7 +380,7 @@ def test_a_closed_chamber_may_be_pulled_far_below_the_atmosphere(
     assert "it looks like a gauge pressure in Pa" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("reading", "mend"), [(21.0, "degC"), (0.0, "degC"), (65535.0, "leave")])
+@pytest.mark.parametrize(("reading", "mend"), [(21.0, "degC"), (0.0, "degC"), (65535.0, "omit")])
 def test_an_impossible_temperature(
     reading: float,
     mend: str,
@@ -438,7 +438,7 @@ def test_a_few_readings_out_of_range_are_to_be_excluded(
     path = pressure_log(tmp_path, rig_text, pressure_a_pa=pressure)
     assert main(["check", str(path)]) == 2
     said = capsys.readouterr().err
-    assert "21 of 400 readings" in said and "from 0.1 to 0.12 s: leave out" in said
+    assert "21 of 400 readings" in said and "from 0.1 to 0.12 s: exclude" in said
     assert "--exclude" in said and "kPa" not in said
     assert main(["check", str(path), "--exclude", "@0.09:0.13"]) == 0
 

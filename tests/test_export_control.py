@@ -235,7 +235,7 @@ def test_an_effect_without_a_form_in_c_is_named(tmp_path: Path) -> None:
     effects = [kinds[name].typical() for name in ("quadratic-drag", "branching")]
     bundle = upright_bundle().with_effects(entry_of(e) for e in effects)
     _, notices = header(bundle, tmp_path, catalogue=kinds)
-    assert any("leave out branching; their code" in line for line in notices)
+    assert any("omit branching, whose code" in line for line in notices)
 
 
 # --- over many ticks -------------------------------------------------------------------------

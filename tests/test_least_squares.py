@@ -313,7 +313,7 @@ def test_parameters_that_only_act_together_are_named() -> None:
     extra = (*STARTS, Parameter("second_offset", 0.1))
     fit = minimise(lambda b: response(b[:3]) + b[3] - y, extra)
     assert set(fit.diagnosis.tied) == {"offset", "second_offset"}
-    assert "cannot tell offset from second_offset" in str(fit.estimate("offset").reason)
+    assert "cannot distinguish offset from second_offset" in str(fit.estimate("offset").reason)
 
 
 def test_a_parameter_that_is_held_adds_no_uncertainty() -> None:

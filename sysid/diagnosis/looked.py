@@ -166,6 +166,10 @@ class Book:
         self.enter(stage, number)
         self.miss(QUICK, decides=decides)
 
+    def unfinished(self, stage: SearchStage, number: int) -> set[str]:
+        """The effects that a stage of a round did not come to."""
+        return {m.subject for m in self.missed if (m.stage, m.round) == (stage, number)} - {""}
+
     def miss(self, failure: Failure, *subjects: str, decides: bool = True) -> None:
         """Note that the present stage failed, as a whole or for these effects."""
         for subject in subjects or ("",):

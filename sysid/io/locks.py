@@ -30,6 +30,8 @@ _TAKEOVER = ".sysid-lock-takeover"
 # A machine that does not touch its file so many times over is taken to be down.
 _BEAT_S = 15.0
 _SILENT_BEATS = 20
+# Another process writes its file, or takes the folder over.
+_WAIT_S = 0.05
 # proc(5): the fields of /proc/PID/stat behind the name: state first, the start's time later.
 _BEGAN, _ENDED = 19, ("Z", "X")
 
@@ -162,7 +164,7 @@ def _acquired(folder: Path) -> Holder | None:
                     if is_mine and _is_left(folder):
                         path.unlink(missing_ok=True)
                         continue
-            time.sleep(0.05)  # another process writes its file, or takes the folder over
+            time.sleep(_WAIT_S)
     except OSError as error:
         if error.errno in _READ_ONLY:
             return None

@@ -17,6 +17,9 @@ from sysid.types import FloatArray
 Timing = tuple[FloatArray, ...]
 """What moves with the delays of a run's valves: s, or s per unit of what moves it."""
 
+# Edges of a valve that a piece has room for, at least; more where there are more.
+_EDGES = 640
+
 
 class Block(ABC):
     """Prepared runs, padded to `width` with idle ones, in pieces of `rows` rows or sub-steps."""
@@ -63,8 +66,7 @@ class SwitchedBlock(Block):
         # By run and valve: how many edges lie before each piece.
         self.bounds = [self._bounds(run) for run in runs]
         most = max(int((b[1:] - b[:-1]).max()) for of_run in self.bounds for b in of_run)
-        # Room for so many edges of a valve in a piece; more where there are more.
-        self.edges = 640
+        self.edges = _EDGES
         while self.edges <= most:  # the last place stays infinite
             self.edges *= 2
 

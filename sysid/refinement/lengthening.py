@@ -41,6 +41,8 @@ _WORSE = 1.02
 # A neighbour starts at most this share of a segment's length after the end of the one before, so
 # that runs are not joined across a segment that was excluded.
 _GAP = 0.5
+# Number of segments that are joined; 0: all of a test, from its first row.
+_JOINED = (3, 0)
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,7 @@ def lengthened(
 ) -> Estimated:
     """The estimate from the longest runs of these tests that the data allow."""
     before = _residuals(found, tests)
-    # Number of segments that are joined; 0: all of a test, from its first row.
-    for joined in (3, 0):
+    for joined in _JOINED:
         progress(f"{joined} segments as one" if joined else "whole tests")
         try:
             longer = _longer(found, tests, joined)
