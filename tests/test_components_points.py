@@ -273,8 +273,8 @@ def test_static_friction_depends_on_the_place(tables: Path) -> None:
     assert [e.effect.id for e in result.effects] == ["position-dependent-friction"]
     error = result.residual[TORQUE]
     assert error.after < 0.7 * error.before
-    # The pooled spread at one place, which a mean for each place leaves.
-    assert error.noise_floor == pytest.approx(static_friction().repeatability)
+    # The pooled spread at one place, which a mean for each place leaves, and the numbers' errors.
+    assert 1.0 < error.noise_floor / static_friction().repeatability < 1.3
 
 
 def test_one_line_describes_the_two_torques(tables: Path) -> None:

@@ -262,7 +262,7 @@ def test_a_run_without_an_end_is_not_known_from_there_on(monkeypatch: pytest.Mon
     alone = one(quick, held())
     models = [Model(held())] * 2
     monkeypatch.setattr(simulator, "MOST_CALLS", -3)
-    with pytest.raises(SimulationError, match="switches without end"):
+    with pytest.raises(SimulationError, match="switches endlessly"):
         simulate([slow, quick], models)
     endless, beside = simulate([slow, quick], models, nan_if_endless=True)
     assert np.isfinite(endless.states[:, 0]).all() and np.isnan(endless.states[:, 1]).all()

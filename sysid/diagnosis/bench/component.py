@@ -235,7 +235,7 @@ def usable(trials: Sequence[Given], read: Callable[[Given], Read]) -> tuple[list
             left_out.append(str(error))
     if not found:
         raise NotIdentifiedError(left_out[0])
-    return found, [f"left out: {line}" for line in left_out]
+    return found, [f"excluded: {line}" for line in left_out]
 
 
 PROBE = 0.3
