@@ -414,7 +414,7 @@ def test_a_users_own_effect_is_exported(tmp_path: Path) -> None:
     write_bundle(bundle_with(effects), tmp_path / "bundle.json")
     source, header_file = tmp_path / "bundle.json", tmp_path / "controller.h"
     notices = export_file(source, header_file, format="c", effects=own)
-    assert [line for line in notices if "branching;" in line] == list(notices)
+    assert notices and all("branching" in line for line in notices)
     assert "a branch on a value has no C form" in (tmp_path / "controller.h").read_text()
     theta, zero = np.linspace(-1.6, 1.6, N), np.zeros(N)
     c = Compiled(tmp_path, {"external_with_effects": 3}, ())
