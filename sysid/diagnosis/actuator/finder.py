@@ -11,6 +11,7 @@ import math
 from collections.abc import Collection, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtrc
@@ -33,10 +34,11 @@ from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS
 from sysid.errors import Failure
 from sysid.io.channels import SIDES
-from sysid.parallel import attempt, limited
+from sysid.parallel import attempt, attempt_in_threads, limited
 from sysid.plant.effects.catalogue import class_of
+from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
-from sysid.search.columns import Proposal
+from sysid.search.columns import Columns, Proposal
 from sysid.search.misfit import ResidualChannel
 from sysid.search.sets import best_sets, names_of
 from sysid.types import Progress
@@ -287,19 +289,10 @@ class Finder:
         if not some.forms:
             return ()
         some = self._screened[names] = some.without(self.barred).among(self.channels)
-        some, by_size = self._counted(some, self._most - len(names))
+        # Two that hide each other do so without any other.
+        some, by_size = self._counted(some, 1 if names else self._most)
         self.book.enter(SearchStage.SUSPECTS, number)
-        before, least = self.sets.get(names), 0.0
-        # A shape between two that were screened may gain more than either.
-        if by_size and by_size[0]:
-            most = min(by_size[0], key=lambda p: float(some.columns.cost(p.squares[None])[0]))
-            self._fit(before, some, most)
-        for ranked in by_size:
-            for proposal in ranked[:_FITTED]:
-                by_chance = float(some.columns.penalty[proposal.forms[-1]])
-                if proposal.evidence + by_chance > least:
-                    self._fit(before, some, proposal)
-            least = max([least, *(p.evidence for p in ranked[:1])])
+        self._fit(self.sets.get(names), some, _worth_fitting(some.columns, by_size))
         self._without_hum(base, names)
         alone = by_size[0] if by_size else []
         return tuple(self._contender(some, p) for p in alone)
@@ -342,22 +335,30 @@ class Finder:
             if not unknown & set(self.bias.known):
                 return some, by_size
 
-    def _fit(self, before: FittedSet | None, some: Screening, proposal: Proposal) -> None:
-        """Fit a proposed set together with the effects before it."""
-        starts = some.effects(proposal)
-        effects = (*(before.effects if before is not None else ()), *starts)
-        names = frozenset(e.id for e in effects)
-        if names in self.sets:
-            return
-        for f in proposal.forms:
-            self._proposed.setdefault(some.forms[f].id, (some, f))
-        found = attempt(lambda: fit_set(self.first, self.channels, effects, proposal.squares))
-        if isinstance(found, Failure):
-            self.book.miss(found, *(e.id for e in starts))
-            return
-        self.sets[names] = found
-        self.book.fitted += [e.id for e in starts]
-        self.progress(f"{' and '.join(e.id for e in effects)}: {self.evidence(names):.0f}")
+    def _fit(
+        self, before: FittedSet | None, some: Screening, proposals: Sequence[Proposal]
+    ) -> None:
+        """Fit proposed sets, each together with the effects before it. Raises OutOfBudgetError."""
+        given = before.effects if before is not None else ()
+        found: dict[frozenset[str], tuple[CatalogueEffect, ...]] = {}
+        jobs = []
+        for proposal in proposals:
+            starts = tuple(some.effects(proposal))
+            names = frozenset(e.id for e in (*given, *starts))
+            if names in self.sets or names in found:
+                continue
+            for f in proposal.forms:
+                self._proposed.setdefault(some.forms[f].id, (some, f))
+            found[names] = starts
+            effects = (*given, *starts)
+            jobs.append(partial(fit_set, self.first, self.channels, effects, proposal.squares))
+        for (names, starts), own in zip(found.items(), attempt_in_threads(jobs), strict=True):
+            if isinstance(own, Failure):
+                self.book.miss(own, *(e.id for e in starts))
+                continue
+            self.sets[names] = own
+            self.book.fitted += [e.id for e in starts]
+            self.progress(f"{' and '.join(sorted(names))}: {self.evidence(names):.0f}")
 
     def _on_both_sides(self, names: frozenset[str]) -> None:
         """Fit a set with its effects of one side on both, where the other's balance holds a misfit.
@@ -402,6 +403,24 @@ class Finder:
         (form,), columns = one.forms, some.columns
         gain = cost(columns.channels, columns.squares) - cost(columns.channels, one.squares)
         return Contender(some.forms[form].id, one.evidence, gain, float(columns.chance[form]))
+
+
+def _worth_fitting(columns: Columns, by_size: Sequence[Sequence[Proposal]]) -> list[Proposal]:
+    """Of each size the best sets for which there is more evidence than for smaller ones.
+
+    And the effect that gains most: a shape between two that were screened may gain more.
+    """
+    if not (by_size and by_size[0]):
+        return []
+    found = [min(by_size[0], key=lambda p: float(columns.cost(p.squares[None])[0]))]
+    least = 0.0
+    for ranked in by_size:
+        for proposal in ranked[:_FITTED]:
+            by_chance = float(columns.penalty[proposal.forms[-1]])
+            if proposal.evidence + by_chance > least:
+                found.append(proposal)
+        least = max([least, *(p.evidence for p in ranked[:1])])
+    return found
 
 
 __all__ = ["Contender", "Finder", "FinderRound"]

@@ -18,7 +18,7 @@ from sysid.plant.ports import Model, overrides
 from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
-_PASSES = 3
+_PASSES = 2
 # Weights that change by less than this factor move no number by much of its error.
 _SAME_WEIGHT = 1.3
 # A strength below this share of its usual size is absent: its bound is next to it.
