@@ -57,15 +57,10 @@ from benchmarks.attribution import (  # noqa: E402
 from benchmarks.true_model import SAME_LAW, true_effects  # noqa: E402
 from datasets.generator.campaign import drawn_effects  # noqa: E402
 from sysid.diagnosis.actuator.equation_error import CHANNELS  # noqa: E402
-from sysid.diagnosis.actuator.fitted_set import (  # noqa: E402
-    channel_squares,
-    cost,
-    fit_set,
-    weights_of,
-)
+from sysid.diagnosis.actuator.fitted_set import fit_set  # noqa: E402
 from sysid.diagnosis.actuator.loop import Start, begin  # noqa: E402
 from sysid.diagnosis.actuator.null_distribution import Null  # noqa: E402
-from sysid.diagnosis.actuator.projection import Projected, projected  # noqa: E402
+from sysid.diagnosis.actuator.projection import Projected, channel_squares, projected  # noqa: E402
 from sysid.diagnosis.actuator.screened import (  # noqa: E402
     Bias,
     Screening,
@@ -79,7 +74,7 @@ from sysid.io.campaign import KINDS, read_campaign  # noqa: E402
 from sysid.parameters import read_bundle  # noqa: E402
 from sysid.plant.effects import catalogue  # noqa: E402
 from sysid.plant.effects.entry import CatalogueEffect  # noqa: E402
-from sysid.search.misfit import ResidualChannel  # noqa: E402
+from sysid.search.misfit import ResidualChannel, cost, weights_of  # noqa: E402
 from sysid.types import FloatArray  # noqa: E402
 
 EFFECTS = {name: effect for name, effect in catalogue().items() if not effect.averaged_only}
@@ -144,7 +139,7 @@ class Standard:
         size = float(np.linalg.slogdet(np.eye(len(own)) + information)[1])
         twins = self.bias.gain(self.some, form, weights)
         price = size + float(columns.penalty[form]) + twins
-        return cost(channels, origin) - cost(channels, self.none), price
+        return float(cost(channels, origin) - cost(channels, self.none)), price
 
 
 class CommandFailedError(Exception):

@@ -14,6 +14,7 @@ from scipy.stats import multivariate_normal
 
 from sysid.search.columns import ODDS, Columns, FormColumns, Proposal
 from sysid.search.misfit import FORM, ResidualChannel
+from sysid.search.misfit import cost as cost_of
 from sysid.search.sets import best_sets, names_of
 from sysid.types import FloatArray
 
@@ -193,13 +194,13 @@ def test_where_there_is_a_misfit_the_strengths_are_those_of_least_cost(draws: fl
             return np.array([np.sum((r + x[:, own] @ strengths) ** 2) for x, r in pairs])
 
         def cost(strengths: FloatArray, left=left) -> float:  # type: ignore[no-untyped-def]
-            return float(columns.cost(left(strengths)[None])[0] + strengths @ strengths)
+            return float(cost_of(columns.channels, left(strengths)) + strengths @ strengths)
 
         best = minimize(cost, np.concatenate(proposal.strengths), method="BFGS")
         weights = [float(c.weight(s)) for c, s in zip(columns.channels, left(best.x), strict=True)]
         curvature = sum(w * x[:, own].T @ x[:, own] for w, x in zip(weights, parts, strict=True))
         size = np.linalg.slogdet(np.eye(len(own)) + curvature)[1]
-        none = float(columns.cost(columns.squares[None])[0])
+        none = float(cost_of(columns.channels, columns.squares))
         expected = none - float(best.fun) - size - sum(columns.penalty[list(proposal.forms)])
         # As close as no decision depends on: the weights are those of the last pass but one.
         assert cost(np.concatenate(proposal.strengths)) == pytest.approx(best.fun, abs=0.05)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.search.misfit import ResidualChannel
+from sysid.search.misfit import ResidualChannel, cost, weights_of
 from sysid.types import BoolArray, FloatArray, IntArray
 
 ODDS = 2.0 * math.log(20.0)
@@ -104,15 +104,20 @@ class Columns:
         return np.array([_directions(gram, share) for gram in self.gram])
 
     @functools.cached_property
-    def penalty(self) -> FloatArray:
-        """(blocks,): what evidence for a block has to exceed.
+    def tried(self) -> FloatArray:
+        """(blocks,): what evidence for a block has to exceed whatever it gains on twins.
 
-        Odds of 20 to 1; twice the log of how many effects, and forms of the effect, were tried, as
-        the best of so many gains by chance; and its `chance`.
+        Odds of 20 to 1, and twice the log of how many effects, and forms of the effect, were tried:
+        the best of so many gains as much by chance.
         """
         forms = Counter(block.name for block in self.blocks)
-        tried = [2.0 * math.log(len(forms) * forms[block.name]) for block in self.blocks]
-        return ODDS + np.array(tried) + self.chance
+        counts = [2.0 * math.log(len(forms) * forms[block.name]) for block in self.blocks]
+        return ODDS + np.array(counts)
+
+    @functools.cached_property
+    def penalty(self) -> FloatArray:
+        """(blocks,): what evidence for a block has to exceed, its `chance` with it."""
+        return np.asarray(self.tried + self.chance)
 
     @functools.cached_property
     def lower(self) -> FloatArray:
@@ -123,16 +128,6 @@ class Columns:
     def upper(self) -> FloatArray:
         """(m,)."""
         return np.concatenate([block.upper for block in self.blocks])
-
-    def cost(self, squares: FloatArray) -> FloatArray:
-        """Minus twice the log likelihood (k,) of what is left, (k, channels)."""
-        costs = [c.cost(own) for c, own in zip(self.channels, squares.T, strict=True)]
-        return np.asarray(np.sum(costs, axis=0))
-
-    def weights(self, squares: FloatArray) -> FloatArray:
-        """How much a square of each channel counts for where so many are left, (channels,)."""
-        pairs = zip(self.channels, squares, strict=True)
-        return np.array([float(channel.weight(own)) for channel, own in pairs])
 
     def proposals(self, sets: Sequence[tuple[int, ...]]) -> list[Proposal]:
         """Each set of forms, at its strengths; -inf where one of its forms has none."""
@@ -155,24 +150,22 @@ class Columns:
         strengths, log_det = np.zeros(index.shape), np.zeros(len(index))
         left, present = np.array(none), np.zeros(index.shape, dtype=bool)
         for _ in range(_PASSES):
-            weights = np.stack(
-                [c.weight(own) for c, own in zip(self.channels, squares.T, strict=True)]
-            )
-            curvature = np.einsum("ck,ckij->kij", weights, gram)
-            slope = np.einsum("ck,cki->ki", weights, gradient)
+            weights = weights_of(self.channels, squares)
+            curvature = np.einsum("kc,ckij->kij", weights, gram)
+            slope = np.einsum("kc,cki->ki", weights, gradient)
             moved, free, size = self._bounded(curvature, slope, index)
             squares = none + np.einsum(
                 "ki,cki->kc", moved, 2.0 * gradient + np.einsum("ckij,kj->cki", gram, moved)
             )
             squares = np.maximum(squares, 0.0)
-            cost = self.cost(squares) + np.sum(moved**2, axis=1)
-            better = cost < best - _SETTLED
-            best = np.where(better, cost, best)
+            total = cost(self.channels, squares) + np.sum(moved**2, axis=1)
+            better = total < best - _SETTLED
+            best = np.where(better, total, best)
             strengths[better], log_det[better] = moved[better], size[better]
             left[better], present[better] = squares[better], free[better]
             if not better.any():
                 break
-        evidence = float(self.cost(none[:1])[0]) - best - log_det
+        evidence = float(cost(self.channels, self.squares)) - best - log_det
         return [
             self._proposal(forms, strengths[k], present[k], float(evidence[k]), left[k])
             for k, forms in enumerate(sets)

@@ -15,6 +15,7 @@ explained is misfit, even where less seems to be left.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,4 +70,16 @@ class ResidualChannel:
         return np.asarray(1.0 / (self.square * (1.0 + beyond / self.draws)))
 
 
-__all__ = ["FORM", "ResidualChannel"]
+def cost(channels: Sequence[ResidualChannel], squares: FloatArray) -> FloatArray:
+    """Minus twice the log likelihood (...,) of what is left of all channels, (..., channels)."""
+    costs = [c.cost(own) for c, own in zip(channels, np.moveaxis(squares, -1, 0), strict=True)]
+    return np.asarray(np.sum(costs, axis=0))
+
+
+def weights_of(channels: Sequence[ResidualChannel], squares: FloatArray) -> FloatArray:
+    """How much a square of each channel counts for where so many are left, (..., channels)."""
+    pairs = zip(channels, np.moveaxis(squares, -1, 0), strict=True)
+    return np.stack([channel.weight(own) for channel, own in pairs], axis=-1)
+
+
+__all__ = ["FORM", "ResidualChannel", "cost", "weights_of"]

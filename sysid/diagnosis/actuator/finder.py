@@ -17,16 +17,15 @@ import numpy as np
 from scipy.special import chdtrc
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, forget
-from sysid.diagnosis.actuator.fitted_set import (
-    FittedSet,
-    channel_squares,
-    cost,
-    fit_set,
-    weights_of,
-)
+from sysid.diagnosis.actuator.fitted_set import FittedSet, fit_set
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.oscillation import steady_oscillation
-from sysid.diagnosis.actuator.projection import Projected, projected, scatter_beside
+from sysid.diagnosis.actuator.projection import (
+    Projected,
+    channel_squares,
+    projected,
+    scatter_beside,
+)
 from sysid.diagnosis.actuator.refit import own_columns
 from sysid.diagnosis.actuator.screened import Bias, Screening, noise_channels, screened
 from sysid.diagnosis.actuator.signatures import Candidate
@@ -39,9 +38,9 @@ from sysid.plant.effects.catalogue import class_of
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
 from sysid.search.columns import Columns, Proposal
-from sysid.search.misfit import ResidualChannel
+from sysid.search.misfit import ResidualChannel, cost, weights_of
 from sysid.search.sets import best_sets, names_of
-from sysid.types import Progress
+from sysid.types import FloatArray, Progress
 
 # Sets of each size that are fitted a round.
 _FITTED = 3
@@ -143,7 +142,7 @@ class Finder:
         weights = weights_of(self.channels, found.squares)
         tried, together = 0.0, list[tuple[Screening, list[int]]]()
         for some, form in (self._proposed[name] for name in names):
-            tried += float(some.columns.penalty[form] - some.columns.chance[form])
+            tried += float(some.columns.tried[form])
             forms = next((own for of, own in together if of is some), None)
             if forms is None:
                 together.append((some, [form]))
@@ -181,12 +180,8 @@ class Finder:
     def p_value(self, names: frozenset[str], name: str) -> float:
         """Probability that any form gains as much as this effect of a set where it is missing."""
         some, form = self._proposed[name]
-        fewer = names - {name}
-        was = self.sets[fewer].squares if fewer else self.none
-        found = self.sets[names]
-        gain = cost(self.channels, was) - cost(self.channels, found.squares)
-        twins = self.bias.gain(some, (form,), weights_of(self.channels, found.squares))
-        return self.by_chance(gain, twins, name)
+        twins = self.bias.gain(some, (form,), weights_of(self.channels, self.squares(names)))
+        return self.by_chance(self._fall(names - {name}, names), twins, name)
 
     def by_chance(self, gain: float, twins: float, name: str) -> float:
         """Probability that any form gains as much by noise, beyond what twins gain: Bonferroni."""
@@ -216,11 +211,18 @@ class Finder:
 
     def gained(self, before: frozenset[str], name: str) -> float | None:
         """By how much an effect lowers minus twice the log likelihood; None if not fitted."""
-        found = self.sets.get(before | {name})
-        if found is None:
-            return None
-        was = self.sets[before].squares if before in self.sets else self.none
-        return cost(self.channels, was) - cost(self.channels, found.squares)
+        after = before | {name}
+        return self._fall(before, after) if after in self.sets else None
+
+    def squares(self, names: frozenset[str]) -> FloatArray:
+        """What a fitted set leaves, (channels,); of a set that is not, what is left without any."""
+        return self.sets[names].squares if names in self.sets else self.none
+
+    def _fall(self, before: frozenset[str], after: frozenset[str]) -> float:
+        """By how much minus twice the log likelihood falls from one set to another."""
+        return float(
+            cost(self.channels, self.squares(before)) - cost(self.channels, self.squares(after))
+        )
 
     def model(self, names: frozenset[str]) -> Model:
         """The model with a set's effects."""
@@ -300,7 +302,7 @@ class Finder:
     def _without_hum(self, base: Projected, names: frozenset[str]) -> None:
         """Drop sets with an effect whose place an oscillation takes that goes on whatever the
         motion does."""
-        before = self.sets[names].squares if names in self.sets else self.none
+        before = self.squares(names)
         effort = CHANNELS.index(EFFORT)
         channel = self.channels[effort]
         for other in [own for own in self.sets if names < own and len(own) == len(names) + 1]:
@@ -401,7 +403,7 @@ class Finder:
 
     def _contender(self, some: Screening, one: Proposal) -> Contender:
         (form,), columns = one.forms, some.columns
-        gain = cost(columns.channels, columns.squares) - cost(columns.channels, one.squares)
+        gain = float(cost(columns.channels, columns.squares) - cost(columns.channels, one.squares))
         return Contender(some.forms[form].id, one.evidence, gain, float(columns.chance[form]))
 
 
@@ -412,7 +414,7 @@ def _worth_fitting(columns: Columns, by_size: Sequence[Sequence[Proposal]]) -> l
     """
     if not (by_size and by_size[0]):
         return []
-    found = [min(by_size[0], key=lambda p: float(columns.cost(p.squares[None])[0]))]
+    found = [min(by_size[0], key=lambda p: float(cost(columns.channels, p.squares)))]
     least = 0.0
     for ranked in by_size:
         for proposal in ranked[:_FITTED]:

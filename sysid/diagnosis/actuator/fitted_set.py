@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS
-from sysid.diagnosis.actuator.projection import Projected
+from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
 from sysid.diagnosis.actuator.screened import usual_size
 from sysid.diagnosis.actuator.threshold_steps import best_near
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, overrides
-from sysid.search.misfit import ResidualChannel
+from sysid.search.misfit import ResidualChannel, cost, weights_of
 from sysid.types import FloatArray
 
 _PASSES = 2
@@ -56,7 +56,8 @@ class FittedSet:
         `none` (channels,); -inf where one of the effects is absent."""
         if not self.is_whole:
             return -math.inf
-        return cost(channels, none) - cost(channels, self.squares) - self.complexity
+        fall = cost(channels, none) - cost(channels, self.squares)
+        return float(fall) - self.complexity
 
 
 def fit_set(
@@ -100,21 +101,6 @@ def weighed(base: Projected, weights: FloatArray) -> Projected:
         rows[base.frame.rows(name)] = scales[name]
     frame = replace(base.frame, whitening=white)
     return replace(base, frame=frame, residual=rows * base.residual, rest=rows * base.rest)
-
-
-def channel_squares(base: Projected, rest: FloatArray) -> FloatArray:
-    """The sum of squares of each channel, (channels,)."""
-    return np.array([float(np.sum(rest[base.frame.rows(name)] ** 2)) for name in CHANNELS])
-
-
-def weights_of(channels: Sequence[ResidualChannel], squares: FloatArray) -> FloatArray:
-    """How much a square of each channel counts for, (channels,), where so many are left."""
-    return np.array([float(c.weight(s)) for c, s in zip(channels, squares, strict=True)])
-
-
-def cost(channels: Sequence[ResidualChannel], squares: FloatArray) -> float:
-    """Minus twice the log likelihood of what is left, (channels,)."""
-    return float(sum(c.cost(s) for c, s in zip(channels, squares, strict=True)))
 
 
 def _prior_cost(effects: Sequence[CatalogueEffect]) -> float:
@@ -164,4 +150,4 @@ def _with_steps(
     return best_near(effect, replace(first, model=model))
 
 
-__all__ = ["FittedSet", "channel_squares", "cost", "fit_set", "weighed", "weights_of"]
+__all__ = ["FittedSet", "fit_set", "weighed"]

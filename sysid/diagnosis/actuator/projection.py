@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.signatures import base_jacobian, base_parameters
 from sysid.diagnosis.actuator.whitening import Frame, friction_scatter
 from sysid.plant.ports import Model
@@ -68,4 +69,9 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
     return np.asarray(u[:, s > 1e-9 * s[0]])
 
 
-__all__ = ["Projected", "projected", "scatter_beside"]
+def channel_squares(base: Projected, rest: FloatArray) -> FloatArray:
+    """The sum of squares of each channel, (channels,)."""
+    return np.array([float(np.sum(rest[base.frame.rows(name)] ** 2)) for name in CHANNELS])
+
+
+__all__ = ["Projected", "channel_squares", "projected", "scatter_beside"]

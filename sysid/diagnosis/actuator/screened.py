@@ -11,13 +11,13 @@ import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
-from sysid.diagnosis.actuator.projection import Projected
+from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures
 from sysid.diagnosis.looked import Book
 from sysid.parallel import attempt_in_threads, spend
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.search.columns import Columns, FormColumns, Proposal
-from sysid.search.misfit import ResidualChannel
+from sysid.search.misfit import ResidualChannel, weights_of
 from sysid.types import FloatArray
 
 # Below this remaining share of its length a column is one that the base parameters imitate.
@@ -96,7 +96,7 @@ def screened(
     parts = list(found.values())
     size = sum(part.gradient.shape[1] for part in parts)
     book.screened += list(found)
-    squares = np.array([_power(base.rest[base.frame.rows(name)]) for name in CHANNELS])
+    squares = channel_squares(base, base.rest)
     gram, gradient = np.zeros((len(CHANNELS), size, size)), np.zeros((len(CHANNELS), size))
     for place, name in enumerate(CHANNELS):
         rows = base.frame.rows(name)
@@ -166,7 +166,8 @@ def _blocks(forms: Sequence[Candidate]) -> Iterator[FormColumns]:
     for form in forms:
         strengths = form.effect.strengths()
         sizes = np.array([usual_size(q) for q in strengths])
-        lower, upper = (np.array([getattr(q, name) for q in strengths]) for name in _BOUNDS)
+        lower = np.array([q.lower for q in strengths])
+        upper = np.array([q.upper for q in strengths])
         yield FormColumns(
             form.id,
             range(first, first + len(strengths)),
@@ -175,13 +176,6 @@ def _blocks(forms: Sequence[Candidate]) -> Iterator[FormColumns]:
             frozenset(form.neutral().states),
         )
         first += len(strengths)
-
-
-_BOUNDS = ("lower", "upper")
-
-
-def _power(values: FloatArray) -> float:
-    return float(values @ values)
 
 
 class Bias:
@@ -218,7 +212,7 @@ class Bias:
         known = [f for f, form in enumerate(some.forms) if form.id in self._known]
         chance = np.zeros(len(some.forms))
         for f, alone in zip(known, columns.proposals([(f,) for f in known]), strict=True):
-            chance[f] = self.gain(some, (f,), columns.weights(alone.squares))
+            chance[f] = self.gain(some, (f,), weights_of(columns.channels, alone.squares))
         return replace(some, columns=columns.with_chance(chance))
 
     def gain(self, some: Screening, forms: Sequence[int], weights: FloatArray) -> float:

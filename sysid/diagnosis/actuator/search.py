@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.finder import Contender, Finder
-from sysid.diagnosis.actuator.fitted_set import FittedSet, fit_set, weighed, weights_of
+from sysid.diagnosis.actuator.fitted_set import FittedSet, fit_set, weighed
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected, projected
 from sysid.diagnosis.actuator.refit import (
@@ -31,6 +31,7 @@ from sysid.estimation.linear import Estimate
 from sysid.parallel import attempt, limited
 from sysid.plant.ports import Model
 from sysid.search.columns import ODDS
+from sysid.search.misfit import weights_of
 from sysid.types import FloatArray
 
 # Where the balances' odds are less than this, twice their log, motion decides as well.
@@ -261,7 +262,7 @@ def _fitted_with(
 
 def _share(finder: Finder, after: FittedSet, before: frozenset[str]) -> float:
     """What an effect explained of the squares beyond noise, in the balances that it changed."""
-    was = finder.sets[before].squares if before else finder.none
+    was = finder.squares(before)
     excess = np.array([float(c.excess(s)) for c, s in zip(finder.channels, was, strict=True)])
     left = np.array(
         [float(c.excess(s)) for c, s in zip(finder.channels, after.squares, strict=True)]
