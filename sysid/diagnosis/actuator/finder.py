@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, forget
-from sysid.diagnosis.actuator.fitted_set import FittedSet, fit_set
+from sysid.diagnosis.actuator.fitted_set import FittedSet, fit_set, gain_on_twins
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.oscillation import steady_oscillation
 from sysid.diagnosis.actuator.projection import (
@@ -98,6 +98,8 @@ class Finder:
         self._proposed: dict[str, tuple[Screening, int]] = {}
         # Beside each set what was screened.
         self._screened: dict[frozenset[str], Screening] = {}
+        # What sets gain, fitted, on twins of the model without them.
+        self._on_twins: dict[frozenset[str], float] = {}
         self._most = 1 if self.book.quick else MOST_EFFECTS
         # In how many directions the forms show in each channel: known once they are screened.
         self._directions = np.full(len(CHANNELS), math.inf)
@@ -115,7 +117,7 @@ class Finder:
 
     def _take(self, first: Projected) -> None:
         """A residual without effects, and its noise."""
-        self.first, self.sets, self._screened = first, {}, {}
+        self.first, self.sets, self._screened, self._on_twins = first, {}, {}, {}
         self.none = channel_squares(first, first.rest)
         self.channels = self._channels_of(first)
 
@@ -148,7 +150,8 @@ class Finder:
                 together.append((some, [form]))
             else:
                 forms.append(form)
-        return tried + sum(self.bias.gain(some, forms, weights) for some, forms in together)
+        linear = sum(self.bias.gain(some, forms, weights) for some, forms in together)
+        return tried + max(linear, self._on_twins.get(frozenset(names), 0.0))
 
     def best(self) -> frozenset[str]:
         """The effects of the set with most evidence."""
@@ -167,7 +170,8 @@ class Finder:
                 self.book.miss(tried)
                 return best
             self._on_both_sides(self.best())
-            better = self._without_superfluous(self.best())
+            self._without_superfluous(self.best())
+            better = self._beyond_twins()
             self.rounds.append(FinderRound(tried, best, better))
             if better == best or self.book.quick:
                 return better
@@ -387,10 +391,10 @@ class Finder:
             if self.evidence(names) < before:
                 self.sets[names] = found
 
-    def _without_superfluous(self, names: frozenset[str]) -> frozenset[str]:
-        """The best of a set and of those without one of its effects."""
+    def _without_superfluous(self, names: frozenset[str]) -> None:
+        """Fit a set without each of its effects in turn."""
         if len(names) < 2:
-            return names
+            return
         found = self.sets[names]
         for effect in found.effects:
             fewer = names - {effect.id}
@@ -399,7 +403,17 @@ class Finder:
                 own = attempt(lambda: fit_set(self.first, self.channels, others, found.squares))  # noqa: B023
                 if not isinstance(own, Failure):
                     self.sets[fewer] = own
-        return self.best()
+
+    def _beyond_twins(self) -> frozenset[str]:
+        """The best set, by what it gains beyond the same fit on twins."""
+        while True:
+            best = self.best()
+            if not best or best in self._on_twins or self.book.quick:
+                return best
+            found, twins = self.sets[best], self.null.twins[:_BIAS_TWINS]
+            weights, scatter = weights_of(self.channels, found.squares), self.first.frame.scatter
+            self._on_twins[best] = gain_on_twins(twins, scatter, weights, found.effects)
+            self.progress(f"{' and '.join(sorted(best))}: {self.evidence(best):.0f} beyond twins")
 
     def _contender(self, some: Screening, one: Proposal) -> Contender:
         (form,), columns = one.forms, some.columns

@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS
-from sysid.diagnosis.actuator.projection import Projected, channel_squares
+from sysid.diagnosis.actuator.null_distribution import MARGIN
+from sysid.diagnosis.actuator.projection import Projected, channel_squares, projected
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
 from sysid.diagnosis.actuator.screened import usual_size
 from sysid.diagnosis.actuator.threshold_steps import best_near
+from sysid.errors import Failure
+from sysid.parallel import attempt_in_threads
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, overrides
 from sysid.search.misfit import ResidualChannel, cost, weights_of
@@ -89,6 +93,32 @@ def fit_set(
     return best
 
 
+def gain_on_twins(
+    twins: Sequence[Projected],
+    scatter: float,
+    weights: FloatArray,
+    starts: Sequence[CatalogueEffect],
+) -> float:
+    """What effects gain, fitted from these numbers, where nothing is missing: as `Bias.gain`.
+
+    With the channels at weights (channels,), and friction that scatters as much. A shape may follow
+    the noise of an encoder, which shows only once it is fitted; 0 where no fit succeeds. Raises
+    OutOfBudgetError.
+    """
+    fits = attempt_in_threads(partial(_fall, twin, scatter, weights, starts) for twin in twins)
+    falls = [fall for fall in fits if not isinstance(fall, Failure)]
+    return MARGIN**2 * float(np.mean(falls)) if falls else 0.0
+
+
+def _fall(
+    twin: Projected, scatter: float, weights: FloatArray, starts: Sequence[CatalogueEffect]
+) -> float:
+    """By how much effects lower the weighted squares of a twin."""
+    own = projected(replace(twin.frame, scatter=scatter), twin.model)
+    left = channel_squares(own, refit(weighed(own, weights), starts).rest)
+    return float(weights @ channel_squares(own, own.rest) - np.sum(left))
+
+
 def weighed(base: Projected, weights: FloatArray) -> Projected:
     """A residual with the squares of its channels times weights (channels,).
 
@@ -150,4 +180,4 @@ def _with_steps(
     return best_near(effect, replace(first, model=model))
 
 
-__all__ = ["FittedSet", "fit_set", "weighed"]
+__all__ = ["FittedSet", "fit_set", "gain_on_twins", "weighed"]

@@ -124,7 +124,7 @@ def begin(
             book.left_out(SearchStage.FORMS, decides=True)
         pilot = _pilot(traces, model, noise, rig, seed + 1, book)
         # The noise's colour in the residuals comes from a twin; scatter does not affect it.
-        colour = noise_of(pilot, model)
+        colour = noise_of(pilot, model, noise, seed + 3)
         bare = projected(build_frame(traces, model, colour, 0.0), model)
         moving = moving_boundaries(bare, forms)
         if moving:

@@ -9,6 +9,7 @@ from test to test into the covariance, so that sums of squares can be compared.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,7 @@ import numpy as np
 from sysid.diagnosis.actuator.breakaways import breakaways
 from sysid.diagnosis.actuator.choked_boundaries import near_boundaries
 from sysid.diagnosis.actuator.equation_error import (
+    BALANCES,
     BREAKAWAY,
     CHANNELS,
     EFFORT,
@@ -25,6 +27,7 @@ from sysid.diagnosis.actuator.equation_error import (
     equation_error,
 )
 from sysid.diagnosis.actuator.samples import Rows, Traces, Windows, windows
+from sysid.diagnosis.actuator.twins import SensorNoise, retraced
 from sysid.estimation.autoregression import (
     Autoregression,
     damped,
@@ -58,10 +61,21 @@ class ResidualNoise:
     """Autocovariance of each channel's windows over lags 0 to ORDER.
 
     `late`: by test, how much more effort a reading of a breakaway shows than it took, Nm or N.
+    `sensors`: what the channels' samples err by, drawn from `seed`.
     """
 
     covariance: dict[str, FloatArray]
     late: dict[int, float]
+    sensors: SensorNoise
+    seed: int
+
+    def of_sensors(
+        self, traces: Traces, model: Model, views: dict[str, Windows]
+    ) -> dict[str, FloatArray]:
+        """What the sensors' noise, along the traces' own motion, does to each balance's windows."""
+        path, shown = retraced(traces, self.sensors, self.seed)
+        noisy, true = equation_error(shown, model), equation_error(path, model)
+        return {name: views[name].average(noisy[name] - true[name]) for name in BALANCES}
 
 
 @dataclass(frozen=True)
@@ -197,7 +211,7 @@ def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
     return np.asarray(((share > 0.0) & to_supply) | ((share < 1.0) & to_atmosphere))
 
 
-def noise_of(traces: Traces, model: Model) -> ResidualNoise:
+def noise_of(traces: Traces, model: Model, sensors: SensorNoise, seed: int) -> ResidualNoise:
     """The noise's autocovariance in each channel, from a twin's traces.
 
     The median over the tests: edges and breakaways, which bias a few windows, do not count.
@@ -210,7 +224,7 @@ def noise_of(traces: Traces, model: Model) -> ResidualNoise:
     found = {name: _autocovariance(values[name], view) for name, view in views.items()}
     least = _READ * float(model.parameters.static_effort)
     found[BREAKAWAY][0] = max(found[BREAKAWAY][0], least**2)
-    return ResidualNoise(found, late)
+    return ResidualNoise(found, late, sensors, seed)
 
 
 def _of_tests(late: dict[int, float], view: Windows) -> FloatArray:
@@ -228,7 +242,11 @@ def build_frame(
 ) -> Frame:
     """The frame of some traces: windows, whitening and friction of its own."""
     views = build_windows(traces, model, moving)
-    whitening = {name: _whitening(noise.covariance[name], view) for name, view in views.items()}
+    own = noise.of_sensors(traces, model, views)
+    whitening = {
+        name: _whitening(noise.covariance[name], view, own.get(name))
+        for name, view in views.items()
+    }
     p = model.parameters
     friction = p.coulomb_effort * traces.direction + p.viscous * traces.velocity
     shown = {
@@ -242,20 +260,28 @@ def build_frame(
 
 def _autocovariance(values: FloatArray, view: Windows) -> FloatArray:
     """Autocovariance over lags 0 to ORDER, the median over stretches."""
-    found, weights = [], []
-    edges = np.concatenate(([0], np.flatnonzero(np.diff(view.stretch)) + 1, [len(view)]))
-    for first, last in itertools.pairwise(edges):
-        if last - first < 4 * ORDER:
-            continue
-        own = values[first:last] - values[first:last].mean()
-        found.append(
-            [float(own[: len(own) - k] @ own[k:]) / (len(own) - k) for k in range(ORDER + 1)]
-        )
-        weights.append(last - first)
-    if not found:
+    lengths = [own.stop - own.start for own in _stretches(view)]
+    found = [_of_stretch(values[own]) for own in _stretches(view)]
+    known = [i for i, gamma in enumerate(found) if gamma is not None]
+    if not known:
         spread = float(np.var(values)) if len(values) else 1.0
         return np.concatenate(([max(spread, 1e-300)], np.zeros(ORDER)))
-    return _weighted_median(np.array(found), np.array(weights, dtype=float))
+    weights = np.array([lengths[i] for i in known], dtype=float)
+    return _weighted_median(np.array([found[i] for i in known]), weights)
+
+
+def _stretches(view: Windows) -> list[slice]:
+    """The unbroken rows of windows."""
+    return runs_of(len(view), view.stretch) if len(view) else []
+
+
+def _of_stretch(values: FloatArray) -> FloatArray | None:
+    """Autocovariance (ORDER + 1,) of a stretch (n,); None of one too short to tell."""
+    n = len(values)
+    if n < 4 * ORDER:
+        return None
+    own = values - values.mean()
+    return np.array([float(own[: n - k] @ own[k:]) / (n - k) for k in range(ORDER + 1)])
 
 
 def _weighted_median(rows: FloatArray, weights: FloatArray) -> FloatArray:
@@ -267,12 +293,36 @@ def _weighted_median(rows: FloatArray, weights: FloatArray) -> FloatArray:
     return np.asarray(np.average(rows[near], axis=0, weights=weights[near]))
 
 
-def _whitening(covariance: FloatArray, view: Windows) -> Any:
-    """Sparse (rows, rows): each stretch's one-step prediction errors over their spread."""
+def _model(covariance: FloatArray, count: int) -> Autoregression:
+    """Of noise with an autocovariance (ORDER + 1,), fitted on so many rows."""
     shown = covariance.copy()
     shown[0] *= 1.0 + _RIDGE
-    model = damped(shown, largest_reflection(len(view))) or Autoregression.white(shown[0])
-    return model.whitening_matrix(runs_of(len(view), view.stretch) if len(view) else [])
+    return damped(shown, largest_reflection(count)) or Autoregression.white(shown[0])
+
+
+def _whitening(covariance: FloatArray, view: Windows, sensors: FloatArray | None) -> Any:
+    """Sparse (rows, rows): each stretch's one-step prediction errors over their spread.
+
+    `sensors` (rows,): the sensors' noise along the motion. Where a stretch holds more of it than
+    most, as where an encoder's counts beat against the sampling, its noise is that much more.
+    """
+    from scipy.sparse import block_diag
+
+    plain, stretches = _model(covariance, len(view)), _stretches(view)
+    models = [plain] * len(stretches)
+    if sensors is not None:
+        usual, own = _autocovariance(sensors, view), [_of_stretch(sensors[s]) for s in stretches]
+        for i, more in enumerate(own):
+            if more is not None and more[0] > usual[0]:
+                models[i] = _model(covariance + more - usual, len(view))
+    matrices = []
+    for _, group in itertools.groupby(zip(models, stretches, strict=True), lambda p: id(p[0])):
+        of_group, runs = zip(*group, strict=True)
+        model, first = of_group[0], runs[0].start
+        matrix = model.whitening_matrix([slice(r.start - first, r.stop - first) for r in runs])
+        # A tone can be predicted, but what does not belong to it is no more certain for that.
+        matrices.append(math.sqrt(min(1.0, model.innovation / plain.innovation)) * matrix)
+    return block_diag(matrices, format="csr") if matrices else np.zeros((0, 0))
 
 
 def friction_scatter(frame: Frame, rest: FloatArray) -> float:
