@@ -35,7 +35,8 @@ def rows(name: str) -> slice:
 def residual(rest: FloatArray, basis: FloatArray | None = None) -> Projected:
     nothing = np.zeros((ROWS, 0))
     missing: Any = None
-    frame: Any = SimpleNamespace(rows=rows)
+    bare = SimpleNamespace(residual=lambda _: rest)
+    frame: Any = SimpleNamespace(rows=rows, bare=bare, scattered=lambda values: values)
     basis = nothing if basis is None else basis
     return Projected(frame, missing, rest, basis, rest, nothing, np.zeros(0))
 

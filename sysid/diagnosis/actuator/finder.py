@@ -2,7 +2,7 @@
 
 What is linear proposes: every form of every effect, alone, in pairs and in threes. The sets that
 are worth it are fitted with their shapes, channel by channel as much as it can be trusted. Beside
-the best of them everything is screened again, as its effects change what the others would do.
+the best of them everything is proposed again, against what they leave.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from sysid.diagnosis.actuator.projection import (
     scatter_beside,
 )
 from sysid.diagnosis.actuator.refit import own_columns
-from sysid.diagnosis.actuator.screened import Bias, Screening, noise_channels, screened
+from sysid.diagnosis.actuator.screened import Bias, Screening, Signed, noise_channels, screened
 from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS
@@ -96,6 +96,7 @@ class Finder:
         self.bias = Bias(self.null.twins[:_BIAS_TWINS])
         # Of each effect the form that was proposed, with the columns that it was proposed from.
         self._proposed: dict[str, tuple[Screening, int]] = {}
+        self._signed: dict[str, Signed] = {}
         # Beside each set what was screened.
         self._screened: dict[frozenset[str], Screening] = {}
         # What sets gain, fitted, on twins of the model without them.
@@ -288,7 +289,7 @@ class Finder:
             ]
             if not forms:
                 return ()
-            some = screened(base, forms, self.channels, self.book)
+            some = screened(base, forms, self.channels, self.book, self._signed)
             if not names:
                 self._directions = some.columns.directions()
                 self.channels = self._channels_of(base)

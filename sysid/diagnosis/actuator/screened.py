@@ -13,9 +13,11 @@ from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures
+from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.looked import Book
 from sysid.parallel import attempt_in_threads, spend
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.ports import Model
 from sysid.search.columns import Columns, FormColumns, Proposal
 from sysid.search.misfit import ResidualChannel, weights_of
 from sysid.types import FloatArray
@@ -85,13 +87,21 @@ def noise_channels(
 
 
 def screened(
-    base: Projected, forms: Sequence[Candidate], channels: tuple[ResidualChannel, ...], book: Book
+    base: Projected,
+    forms: Sequence[Candidate],
+    channels: tuple[ResidualChannel, ...],
+    book: Book,
+    known: dict[str, Signed] | None = None,
 ) -> Screening:
     """Every form's columns against a residual. Raises OutOfBudgetError.
 
-    Effects that cannot be screened are noted.
+    `known`: signatures of effects without any other beside them, which serve again beside a set,
+    and to which what is computed here is added. Effects that cannot be screened are noted.
     """
-    found = _gradients(base, forms, book)
+    signed = {} if known is None else known
+    names = list(dict.fromkeys(form.id for form in forms))
+    signed |= _signatures(base, [form for form in forms if form.id not in signed], book)
+    found = {name: _projections(base, signed[name]) for name in names if name in signed}
     kept = tuple(form for name in found for form in found[name].forms)
     parts = list(found.values())
     size = sum(part.gradient.shape[1] for part in parts)
@@ -111,6 +121,17 @@ def screened(
 
 
 @dataclass(frozen=True)
+class Signed:
+    """An effect's forms with their signatures (rows, m) of one usual size.
+
+    Whitened, but friction's scatter is not weighed yet, nor anything projected out.
+    """
+
+    forms: tuple[Candidate, ...]
+    columns: FloatArray
+
+
+@dataclass(frozen=True)
 class _Projections:
     """An effect's forms with their columns (rows, m) of one usual size, projected; gradients and
     lengths by channel (channels, m)."""
@@ -122,11 +143,22 @@ class _Projections:
 
 
 def _gradients(base: Projected, forms: Sequence[Candidate], book: Book) -> dict[str, _Projections]:
+    signed = _signatures(base, forms, book)
+    return {name: _projections(base, own) for name, own in signed.items()}
+
+
+def _signatures(base: Projected, forms: Sequence[Candidate], book: Book) -> dict[str, Signed]:
+    if not forms:
+        return {}
     # The forms of one effect stay together: those on both sides build on those on either.
     groups = [list(group) for _, group in itertools.groupby(forms, key=lambda f: f.id)]
     # What takes long begins first, so that no core waits for the last of them.
     order = sorted(range(len(groups)), key=lambda i: -_duration(groups[i]))
-    done = attempt_in_threads(partial(_part, base, groups[i]) for i in order)
+    bare = base.frame.bare
+    residual = bare.residual(base.model)
+    done = attempt_in_threads(
+        partial(_signed, bare, base.model, residual, groups[i]) for i in order
+    )
     tried = [one for _, one in sorted(zip(order, done, strict=True), key=lambda pair: pair[0])]
     found = book.results([group[0].id for group in groups], tried)
     spend(0)
@@ -137,20 +169,21 @@ def _duration(forms: Sequence[Candidate]) -> int:
     return len(forms) * (_OF_A_STATE if forms[0].effect.states else 1)
 
 
-def _part(base: Projected, forms: Sequence[Candidate]) -> _Projections:
-    signatures = Signatures(base.frame, base.model, base.residual)
-    found = []
-    for form in forms:
-        plain = signatures(form)
-        own = base.project(plain)
-        imitated = np.linalg.norm(own, axis=0) <= _OWN_SHARE * np.linalg.norm(plain, axis=0)
-        own[:, imitated] = 0.0
-        found.append(own / _steps_in_usual_sizes(form))
-    columns = np.hstack(found)
+def _signed(frame: Frame, model: Model, residual: FloatArray, forms: Sequence[Candidate]) -> Signed:
+    signatures = Signatures(frame, model, residual)
+    columns = [signatures(form) / _steps_in_usual_sizes(form) for form in forms]
+    return Signed(tuple(forms), np.hstack(columns).astype(np.float32))
+
+
+def _projections(base: Projected, signed: Signed) -> _Projections:
+    plain = base.frame.scattered(signed.columns.astype(float))
+    columns = base.project(plain)
+    imitated = np.linalg.norm(columns, axis=0) <= _OWN_SHARE * np.linalg.norm(plain, axis=0)
+    columns[:, imitated] = 0.0
     rows = [base.frame.rows(name) for name in CHANNELS]
     gradient = np.array([columns[own].T @ base.rest[own] for own in rows])
     length = np.array([np.linalg.norm(columns[own], axis=0) for own in rows])
-    return _Projections(tuple(forms), columns.astype(np.float32), gradient, length)
+    return _Projections(signed.forms, columns.astype(np.float32), gradient, length)
 
 
 def _steps_in_usual_sizes(form: Candidate) -> FloatArray:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -61,18 +61,21 @@ class ResidualNoise:
     """Autocovariance of each channel's windows over lags 0 to ORDER.
 
     `late`: by test, how much more effort a reading of a breakaway shows than it took, Nm or N.
-    `sensors`: what the channels' samples err by, drawn from `seed`.
+    `sensors`: what the channels' samples err by, drawn from `seed`; where it is not known, the
+    noise of all stretches is taken to be alike.
     """
 
     covariance: dict[str, FloatArray]
     late: dict[int, float]
-    sensors: SensorNoise
-    seed: int
+    sensors: SensorNoise | None = None
+    seed: int = 0
 
     def of_sensors(
         self, traces: Traces, model: Model, views: dict[str, Windows]
     ) -> dict[str, FloatArray]:
         """What the sensors' noise, along the traces' own motion, does to each balance's windows."""
+        if self.sensors is None:
+            return {}
         path, shown = retraced(traces, self.sensors, self.seed)
         noisy, true = equation_error(shown, model), equation_error(path, model)
         return {name: views[name].average(noisy[name] - true[name]) for name in BALANCES}
@@ -126,8 +129,21 @@ class Frame:
         white = self.whitening[name] @ (values - self.late if name == BREAKAWAY else values)
         return self._without_scatter(name, white) if name in self.friction else white
 
+    @property
+    def bare(self) -> Frame:
+        """The same without friction's scatter, which `scattered` then takes into account."""
+        return replace(self, friction={})
+
+    def scattered(self, values: FloatArray) -> FloatArray:
+        """Vectors (rows, k) of the `bare` frame as they are in this one."""
+        parts = (self._without_scatter(name, values[self.rows(name)]) for name in self.friction)
+        found = values.copy()
+        for name, part in zip(self.friction, parts, strict=True):
+            found[self.rows(name)] = part
+        return found
+
     def _without_scatter(self, name: str, values: FloatArray) -> FloatArray:
-        """(I + s2 f f')^-1/2 of every test: its friction's scatter counts as noise.
+        """(I + s2 f f')^-1/2 of every test, (n,) or (n, k): its friction's scatter counts as noise.
 
         So does, of all breakaways, what is not known of the bench's static friction.
         """
@@ -160,12 +176,12 @@ class Frame:
 
 
 def _less(spread: float, direction: FloatArray, values: FloatArray) -> FloatArray:
-    """(I + s2 f f')^-1/2 of values (n,), for a spread s along a direction f (n,)."""
+    """(I + s2 f f')^-1/2 of values (n,) or (n, k), for a spread s along a direction f (n,)."""
     power = float(direction @ direction)
     if power == 0.0 or spread == 0.0:
         return values
     share = 1.0 - 1.0 / np.sqrt(1.0 + spread**2 * power)
-    return np.asarray(values - (share * float(direction @ values) / power) * direction)
+    return np.asarray(values - np.multiply.outer(direction, share / power * (direction @ values)))
 
 
 def build_windows(
@@ -211,7 +227,9 @@ def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
     return np.asarray(((share > 0.0) & to_supply) | ((share < 1.0) & to_atmosphere))
 
 
-def noise_of(traces: Traces, model: Model, sensors: SensorNoise, seed: int) -> ResidualNoise:
+def noise_of(
+    traces: Traces, model: Model, sensors: SensorNoise | None = None, seed: int = 0
+) -> ResidualNoise:
     """The noise's autocovariance in each channel, from a twin's traces.
 
     The median over the tests: edges and breakaways, which bias a few windows, do not count.
