@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from small_campaign import write_small
 from test_components_points import AXIS, KIND, breakaway_log, breakaways
 from test_diagnosis import loop, made
 from test_parallel import is_alive
@@ -299,7 +300,7 @@ def two_processes(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("two_processes")
 def test_the_bundled_campaign_is_not_called_unexplained(tmp_path: Path, capsys: Any) -> None:
-    printed = diagnosed(BUNDLED, tmp_path, "0.1", capsys)
+    printed = diagnosed(write_small(tmp_path / "given"), tmp_path, "0.1", capsys)
     assert printed["verdict"] == "incomplete" and printed["because"] is None
     assert [effect["id"] for effect in printed["effects"]] == ["seal-friction"]
     assert {"stage": "screening", "round": 2, "effect": None} in printed["not_done"]

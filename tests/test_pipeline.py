@@ -15,12 +15,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from small_campaign import write_small
 
 from sysid.commands.app import main
 from sysid.commands.printing import grouped_notices
 from sysid.commands.run import show_run
 from sysid.errors import NotIdentifiedError
-from sysid.io.bundled import bundled_campaign
 from sysid.io.campaign import read_campaign
 from sysid.parameters import Bundle, EffectEntry, read_bundle, write_bundle
 from sysid.pipeline.run import (
@@ -43,13 +43,8 @@ STAGES = ("check", "fit", "diagnose", "validate", "report", "export")
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the bundled campaign that a test may change, without its long PWM logs."""
-    folder = tmp_path_factory.mktemp("campaign")
-    shutil.copytree(bundled_campaign().parent, folder, dirs_exist_ok=True)
-    path = folder / "campaign.toml"
-    blocks = path.read_text().split("[[log]]")
-    path.write_text("[[log]]".join(b for b in blocks if "valve-pwm" not in b))
-    return path
+    """One that a test may change."""
+    return write_small(tmp_path_factory.mktemp("campaign"))
 
 
 @pytest.fixture(scope="module")
@@ -183,8 +178,8 @@ def test_a_first_run_does_every_stage(first: RunReport) -> None:
         assert (first.folder / name).stat().st_size > 1000
     assert first.bundle.validation is not None
     uses = {log.file: log.use for log in first.bundle.validation.validated()}
-    assert uses["motion_pwm_2.parquet"] == "holdout"
-    assert uses["motion_pwm.parquet"] == "fit"
+    assert uses["motion_discrete_2.csv"] == "holdout"
+    assert uses["motion_discrete.parquet"] == "fit"
 
 
 def test_held_out_logs_are_only_validated_on(first: RunReport) -> None:
@@ -194,7 +189,7 @@ def test_held_out_logs_are_only_validated_on(first: RunReport) -> None:
     listed = {e.sha256 for e in first.bundle.provenance.logs}
     assert {e.sha256 for e in fitted} < listed
     held_out = {e.sha256 for e in fitted if e.use == "holdout"}
-    assert len(held_out) == 3
+    assert len(held_out) == 1
     assert not held_out & {e.sha256 for e in fitted if e.use == "fit"}
 
 
@@ -344,14 +339,14 @@ def test_a_changed_log_makes_the_run_stale(
             run.path(name).write_text(text)
 
     monkeypatch.setattr(stages, "_diagnose", diagnosed_again)
-    path = campaign.parent / "motion_motor_2.csv"
+    path = campaign.parent / "motion_discrete_2.csv"
     path.write_text("# a remark that changes nothing but the file\n" + path.read_text())
     arguments = ["run", str(campaign), "-o", str(first.folder)]
     assert main([*arguments, "--no-refine", "--json"]) == 0
     captured = capsys.readouterr()
     stages = json.loads(captured.out)["stages"]
-    assert all("motion_motor_2.csv" in (stage["why"] or "") for stage in stages)
-    assert "sysid: check: stale, changed: motion_motor_2.csv; starts again\n" in captured.err
+    assert all("motion_discrete_2.csv" in (stage["why"] or "") for stage in stages)
+    assert "sysid: check: stale, changed: motion_discrete_2.csv; starts again\n" in captured.err
 
 
 def test_a_file_of_another_layout_is_made_anew(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ import doctest
 import importlib
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -19,16 +18,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from small_campaign import write_small
 
 import sysid as si
 from sysid.blocks.numbers import ascii_text
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import plain_text
-from sysid.io.bundled import bundled_campaign
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-# What the example needs of the bundled campaign; less is diagnosed sooner.
-KINDS = ("friction-static", "friction-sliding", "valve-discrete", "motion-motor")
 BENCH_RIG = """\
 [rig]
 name = "valve"
@@ -86,11 +83,7 @@ def readme_block() -> str:
 def namespace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
     """The names that README's example leaves, in a folder with its files."""
     folder = tmp_path_factory.mktemp("notebook")
-    shutil.copytree(bundled_campaign().parent, folder, dirs_exist_ok=True)
-    path = folder / "campaign.toml"
-    head, *entries = path.read_text().split("[[log]]")
-    kept = [entry for entry in entries if any(f'"{kind}"' in entry for kind in KINDS)]
-    path.write_text("[[log]]".join([head, *kept]))
+    write_small(folder)
     write_friction_log(folder)
     write_bench(folder / "bench")
     before = Path.cwd()
