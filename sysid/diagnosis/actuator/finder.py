@@ -44,7 +44,8 @@ from sysid.types import FloatArray, Progress
 
 # Sets of each size that are fitted a round.
 _FITTED = 3
-_BIAS_TWINS = 2
+# Twins on which sets are fitted.
+_FITTED_TWINS = 2
 _MOST_ROUNDS = 5
 _SMALLEST_P = 1e-300
 # Friction is weighed anew where it scatters by more than this, and beside the effects by less than
@@ -93,7 +94,7 @@ class Finder:
 
     def __post_init__(self) -> None:
         self.expected = self.null
-        self.bias = Bias(self.null.twins[:_BIAS_TWINS])
+        self.bias = Bias(self.null.twins)
         # Of each effect the form that was proposed, with the columns that it was proposed from.
         self._proposed: dict[str, tuple[Screening, int]] = {}
         self._signed: dict[str, Signed] = {}
@@ -411,7 +412,10 @@ class Finder:
             best = self.best()
             if not best or best in self._on_twins or self.book.quick:
                 return best
-            found, twins = self.sets[best], self.null.twins[:_BIAS_TWINS]
+            found, twins = self.sets[best], self.null.twins[:_FITTED_TWINS]
+            if not any(q for e in found.effects for q in type(e).shapes() if not q.is_choice):
+                self._on_twins[best] = 0.0  # what is linear gains as much as it was screened to
+                continue
             weights, scatter = weights_of(self.channels, found.squares), self.first.frame.scatter
             self._on_twins[best] = gain_on_twins(twins, scatter, weights, found.effects)
             self.progress(f"{' and '.join(sorted(best))}: {self.evidence(best):.0f} beyond twins")
