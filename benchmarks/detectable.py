@@ -172,7 +172,7 @@ def all_forms(base: Projected, null: Null, forms: Iterable[Candidate], book: Boo
     unknown = noise_channels(base, null, none, np.full(len(CHANNELS), math.inf))
     some = screened(base, list(forms), unknown, book)
     known = noise_channels(base, null, none, some.columns.directions())
-    return Screening(some.forms, replace(some.columns, channels=known))
+    return Screening(some.forms, some.columns.among(known))
 
 
 def started(seed: int, *options: str, quick: bool = False) -> Start:

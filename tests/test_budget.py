@@ -38,9 +38,7 @@ from sysid.plant.effects import catalogue
 
 BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled" / "campaign.toml"
 SIZE = Size(2, 0, 2, 0.04, (2, 1), (1, 1), (1, 1), slidings=8)
-KINDS = (
-    "friction-static", "friction-sliding", "valve-discrete", "motion-motor", "motion-discrete",
-)  # fmt: skip
+KINDS = ("friction-static", "friction-sliding", "valve-discrete", "motion-discrete")
 SEAL = ("seal-friction", "sum", 1.0)
 
 

@@ -11,8 +11,8 @@ import functools
 import itertools
 import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -60,7 +60,7 @@ class Columns:
 
     Of a residual r and columns X of one usual size each: X'X, X'r and r'r, channel by channel. The
     residual of strengths s is r + X s. `chance` (blocks,): twice the log of what each gains where
-    nothing is missing.
+    nothing is missing. `solved`: sets of forms with their evidence but for that, as they come.
     """
 
     channels: tuple[ResidualChannel, ...]
@@ -69,6 +69,7 @@ class Columns:
     gradient: FloatArray
     squares: FloatArray
     chance: FloatArray
+    solved: dict[tuple[int, ...], Proposal] = field(default_factory=dict, repr=False)
 
     def of(self, blocks: Sequence[int]) -> Columns:
         """The columns of some blocks alone."""
@@ -87,6 +88,10 @@ class Columns:
             self.squares,
             self.chance[list(blocks)],
         )
+
+    def among(self, channels: tuple[ResidualChannel, ...]) -> Columns:
+        """The same with what is known of the channels' noise."""
+        return replace(self, channels=channels, solved={})
 
     def with_chance(self, chance: FloatArray) -> Columns:
         """The same with what each block (blocks,) gains where nothing is missing."""
@@ -131,18 +136,21 @@ class Columns:
 
     def proposals(self, sets: Sequence[tuple[int, ...]]) -> list[Proposal]:
         """Each set of forms, at its strengths; -inf where one of its forms has none."""
-        found: list[Proposal | None] = [None] * len(sets)
-        columns = [tuple(i for f in forms for i in self.blocks[f].columns) for forms in sets]
-        by_size = sorted(range(len(sets)), key=lambda k: len(columns[k]))
-        for _, group in itertools.groupby(by_size, key=lambda k: len(columns[k])):
-            places = list(group)
-            some = self._solved([sets[k] for k in places], np.array([columns[k] for k in places]))
-            for k, proposal in zip(places, some, strict=True):
-                found[k] = proposal
-        return [p for p in found if p is not None]
+        unknown = [forms for forms in sets if forms not in self.solved]
+        columns = {f: tuple(i for b in f for i in self.blocks[b].columns) for f in unknown}
+        for _, group in itertools.groupby(
+            sorted(columns, key=lambda f: len(columns[f])), key=lambda f: len(columns[f])
+        ):
+            own = list(group)
+            self.solved.update(self._solved(own, np.array([columns[f] for f in own])))
+        penalty = self.penalty.tolist()
+        found = [(self.solved[forms], sum(penalty[f] for f in forms)) for forms in sets]
+        return [Proposal(p.forms, p.strengths, p.evidence - less, p.squares) for p, less in found]
 
-    def _solved(self, sets: Sequence[tuple[int, ...]], index: IntArray) -> list[Proposal]:
-        """Sets with as many columns each, (k, size)."""
+    def _solved(
+        self, sets: Sequence[tuple[int, ...]], index: IntArray
+    ) -> Iterator[tuple[tuple[int, ...], Proposal]]:
+        """Sets with as many columns each, (k, size); what twins gain is not subtracted."""
         gram = self.gram[:, index[:, :, None], index[:, None, :]]
         gradient = self.gradient[:, index]
         none = np.broadcast_to(self.squares, (len(index), len(self.squares)))
@@ -165,11 +173,9 @@ class Columns:
             left[better], present[better] = squares[better], free[better]
             if not better.any():
                 break
-        evidence = float(cost(self.channels, self.squares)) - best - log_det
-        return [
-            self._proposal(forms, strengths[k], present[k], float(evidence[k]), left[k])
-            for k, forms in enumerate(sets)
-        ]
+        evidence = (float(cost(self.channels, self.squares)) - best - log_det).tolist()
+        for k, forms in enumerate(sets):
+            yield forms, self._proposal(forms, strengths[k], present[k], evidence[k], left[k])
 
     def _bounded(
         self, curvature: FloatArray, slope: FloatArray, index: IntArray
@@ -204,7 +210,6 @@ class Columns:
         own = [slice(*pair) for pair in itertools.pairwise(edges)]
         if not all(present[part].any() for part in own):
             evidence = -math.inf
-        evidence -= float(sum(self.penalty[f] for f in forms))
         parts = tuple(strengths[part] for part in own)
         return Proposal(forms, parts, evidence, squares)
 

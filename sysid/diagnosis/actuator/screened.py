@@ -52,7 +52,7 @@ class Screening:
 
     def among(self, channels: tuple[ResidualChannel, ...]) -> Screening:
         """The same with what is known of the channels' noise."""
-        return replace(self, columns=replace(self.columns, channels=channels))
+        return replace(self, columns=self.columns.among(channels))
 
     def effects(self, proposal: Proposal) -> list[CatalogueEffect]:
         """The effects of a proposed set: a threshold is where it was screened."""
