@@ -31,7 +31,7 @@ from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.registry import part_tested
 from sysid.diagnosis.bench.valve_time import valve_time
 from sysid.io.bundled import bundled_campaign
-from sysid.io.campaign import MOTION_KINDS, read_campaign
+from sysid.io.campaign import read_campaign
 from sysid.parameters import Bundle, Parts
 from sysid.plant.effects.catalogue import catalogue
 
@@ -259,7 +259,7 @@ def test_of_a_component_as_it_is_delivered(which: Path, tmp_path: Path) -> None:
 def test_of_an_actuator(tmp_path: Path) -> None:
     """A small one by a first look, its numbers refined apart from that."""
     size = Size(2, 0, 2, 0.04, (1, 1), (1, 1), (1, 1))
-    kinds = ("friction-static", "friction-sliding", "valve-discrete", *MOTION_KINDS)
+    kinds = ("friction-static", "friction-sliding", "valve-discrete", "motion-discrete")
     effects = drawn_effects(SEED, [("seal-friction", "sum", 3.0)])
     made = make_campaign(SEED, size=size, kinds=kinds, effects=effects)
     (tmp_path / "given").mkdir()
