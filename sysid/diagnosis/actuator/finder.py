@@ -416,8 +416,8 @@ class Finder:
             if not any(q for e in found.effects for q in type(e).shapes() if not q.is_choice):
                 self._on_twins[best] = 0.0  # what is linear gains as much as it was screened to
                 continue
-            weights, scatter = weights_of(self.channels, found.squares), self.first.frame.scatter
-            self._on_twins[best] = gain_on_twins(twins, scatter, weights, found.effects)
+            weights = weights_of(self.channels, found.squares)
+            self._on_twins[best] = gain_on_twins(twins, weights, found.effects)
             self.progress(f"{' and '.join(sorted(best))}: {self.evidence(best):.0f} beyond twins")
 
     def _contender(self, some: Screening, one: Proposal) -> Contender:
@@ -436,10 +436,7 @@ def _worth_fitting(columns: Columns, by_size: Sequence[Sequence[Proposal]]) -> l
     found = [min(by_size[0], key=lambda p: float(cost(columns.channels, p.squares)))]
     least = 0.0
     for ranked in by_size:
-        for proposal in ranked[:_FITTED]:
-            by_chance = float(columns.penalty[proposal.forms[-1]])
-            if proposal.evidence + by_chance > least:
-                found.append(proposal)
+        found += [p for p in ranked[:_FITTED] if p.evidence > least]
         least = max([least, *(p.evidence for p in ranked[:1])])
     return found
 

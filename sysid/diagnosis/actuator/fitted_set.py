@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.null_distribution import MARGIN
-from sysid.diagnosis.actuator.projection import Projected, channel_squares, projected
+from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
 from sysid.diagnosis.actuator.screened import usual_size
 from sysid.diagnosis.actuator.threshold_steps import best_near
@@ -94,29 +94,22 @@ def fit_set(
 
 
 def gain_on_twins(
-    twins: Sequence[Projected],
-    scatter: float,
-    weights: FloatArray,
-    starts: Sequence[CatalogueEffect],
+    twins: Sequence[Projected], weights: FloatArray, starts: Sequence[CatalogueEffect]
 ) -> float:
     """What effects gain, fitted from these numbers, where nothing is missing: as `Bias.gain`.
 
-    With the channels at weights (channels,), and friction that scatters as much. A shape may follow
-    the noise of an encoder, which shows only once it is fitted; 0 where no fit succeeds. Raises
-    OutOfBudgetError.
+    With the channels at weights (channels,). A shape may follow the noise of an encoder, which
+    shows only once it is fitted; 0 where no fit succeeds. Raises OutOfBudgetError.
     """
-    fits = attempt_in_threads(partial(_fall, twin, scatter, weights, starts) for twin in twins)
+    fits = attempt_in_threads(partial(_fall, twin, weights, starts) for twin in twins)
     falls = [fall for fall in fits if not isinstance(fall, Failure)]
     return MARGIN**2 * float(np.mean(falls)) if falls else 0.0
 
 
-def _fall(
-    twin: Projected, scatter: float, weights: FloatArray, starts: Sequence[CatalogueEffect]
-) -> float:
+def _fall(twin: Projected, weights: FloatArray, starts: Sequence[CatalogueEffect]) -> float:
     """By how much effects lower the weighted squares of a twin."""
-    own = projected(replace(twin.frame, scatter=scatter), twin.model)
-    left = channel_squares(own, refit(weighed(own, weights), starts).rest)
-    return float(weights @ channel_squares(own, own.rest) - np.sum(left))
+    left = channel_squares(twin, refit(weighed(twin, weights), starts).rest)
+    return float(weights @ channel_squares(twin, twin.rest) - np.sum(left))
 
 
 def weighed(base: Projected, weights: FloatArray) -> Projected:

@@ -318,7 +318,7 @@ def _model(covariance: FloatArray, count: int) -> Autoregression:
     return damped(shown, largest_reflection(count)) or Autoregression.white(shown[0])
 
 
-def _whitening(covariance: FloatArray, view: Windows, sensors: FloatArray | None) -> Any:
+def _whitening(covariance: FloatArray, view: Windows, sensors: FloatArray | None = None) -> Any:
     """Sparse (rows, rows): each stretch's one-step prediction errors over their spread.
 
     `sensors` (rows,): the sensors' noise along the motion. Where a stretch holds more of it than
