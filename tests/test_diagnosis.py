@@ -266,6 +266,31 @@ def test_whitening_takes_the_colour_out(frame: Frame) -> None:
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.04
 
 
+def test_a_tone_of_the_sensors_is_noise_in_the_stretch_that_has_it(frame: Frame) -> None:
+    """Counts of an encoder that beat against the sampling at one test's steady speed."""
+    from sysid.diagnosis.actuator.whitening import _whitening
+
+    rng, view = np.random.default_rng(3), frame.windows[EFFORT]
+    counts = np.bincount(view.stretch)
+    toned = view.stretch == int(np.argmax(counts))
+    assert toned.sum() > 100
+
+    def noise() -> FloatArray:
+        """White, of unit variance, beside a tone of ten times its power in one stretch."""
+        phase = 2.0 * np.pi * rng.uniform() + 2.1 * np.arange(len(view))
+        return rng.standard_normal(len(view)) + np.where(toned, np.sqrt(20.0) * np.cos(phase), 0.0)
+
+    covariance, left = np.eye(7)[0], noise()
+    white = _whitening(covariance, view, noise()) @ left
+    assert np.mean((_whitening(covariance, view) @ left)[toned] ** 2) > 8.0
+    assert np.mean(white[toned] ** 2) < 2.0
+    # What another stretch weighs does not depend on it, nor is any weighed more for a tone.
+    assert np.mean(white[~toned] ** 2) == pytest.approx(1.0, abs=0.15)
+    step = np.where(toned, 1.0, 0.0)
+    plain = np.linalg.norm(_whitening(covariance, view) @ step)
+    assert np.linalg.norm(_whitening(covariance, view, noise()) @ step) < 1.1 * plain
+
+
 def test_windows_never_span_two_tests(traces: Traces, healthy: Any) -> None:
     for view in build_windows(traces, healthy[2]).values():
         first = np.array([run.rows.start for run in traces.runs])[view.run]

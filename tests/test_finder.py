@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from test_diagnosis import OTHERS, Tests, finder_of, made, null_of, seen_in
 
+from sysid.diagnosis.actuator import finder as finder_module
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT
 from sysid.diagnosis.actuator.finder import Finder
 from sysid.diagnosis.actuator.fitted_set import fit_set, weighed
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.samples import Traces, prepare
-from sysid.diagnosis.actuator.screened import Bias, screened, usual_size
+from sysid.diagnosis.actuator.screened import Bias, Signed, screened, usual_size
 from sysid.diagnosis.looked import Book
 from sysid.io.rig import Rig
 from sysid.plant.effects.chamber import AtmosphereLeakage
 from sysid.plant.effects.entry import CatalogueEffect
-from sysid.plant.effects.friction import QuadraticDrag, SealFriction
+from sysid.plant.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
 from sysid.plant.effects.linkage import LinkFlexibility
 from sysid.plant.effects.motor import TorqueOffset
 from sysid.plant.effects.sensor import PressureLag, TimeSkew
@@ -90,6 +92,41 @@ def test_where_nothing_is_missing_there_is_no_evidence_for_anything(
     # Every effect was tried, and those that bias alone explains were asked of the twins.
     some = finder._screened[frozenset()]
     assert {form.id for form in some.forms} == {kind.id for kind in kinds} | set(OTHERS)
+
+
+def test_a_shape_that_gains_on_twins_once_it_is_fitted_is_no_evidence(
+    rig: tuple[Traces, Model, Rig], null: Null, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A set is judged by what it gains beyond its own fit on twins, not beyond the forms alone."""
+    finder = finder_of(lacking(rig, StribeckFriction(0.1, 0.1)), null, (*KINDS, StribeckFriction))
+    stribeck = frozenset({"stribeck-friction"})
+    assert finder.run() == stribeck
+    assert finder._on_twins[stribeck] < 0.1 * finder.evidence(stribeck)
+    as_much = 2.0 * finder.evidence(stribeck)
+    monkeypatch.setattr(finder_module, "fall_on_twin", lambda *_: as_much)
+    finder._on_twins.clear()
+    assert not stribeck <= finder._beyond_twins()
+    # What is linear gains on twins what its forms show: it is not fitted there.
+    drag = finder_of(lacking(rig, QuadraticDrag(0.01)), null, KINDS)
+    monkeypatch.setattr(finder_module, "fall_on_twin", lambda *_: pytest.fail("fitted"))
+    assert drag.run() == {"quadratic-drag"}
+
+
+def test_signatures_serve_again_beside_a_set(rig: tuple[Traces, Model, Rig], null: Null) -> None:
+    """What they are projected on and compared with is the residual's own."""
+    base = lacking(rig, QuadraticDrag(0.01))
+    finder = finder_of(base, null, KINDS)
+    own: dict[str, Signed] = {}
+    first = screened(base, finder.forms, finder.channels, Book(), own)
+    assert set(own) == {form.id for form in finder.forms}
+    again = screened(base, finder.forms, finder.channels, Book(), own)
+    np.testing.assert_array_equal(again.columns.gram, first.columns.gram)
+    # The scatter of friction is weighed by the frame that is given.
+    more = replace(base, frame=replace(base.frame, scatter=0.1))
+    fresh = screened(more, finder.forms, finder.channels, Book())
+    served = screened(more, finder.forms, finder.channels, Book(), own)
+    np.testing.assert_allclose(served.columns.gram, fresh.columns.gram, rtol=1e-5, atol=1e-6)
+    assert not np.allclose(served.columns.gram, first.columns.gram)
 
 
 def test_what_a_pair_gains_where_nothing_is_missing_is_no_evidence(

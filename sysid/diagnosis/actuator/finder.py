@@ -17,8 +17,8 @@ import numpy as np
 from scipy.special import chdtrc
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, forget
-from sysid.diagnosis.actuator.fitted_set import FittedSet, fit_set, gain_on_twins
-from sysid.diagnosis.actuator.null_distribution import Null
+from sysid.diagnosis.actuator.fitted_set import FittedSet, fall_on_twin, fit_set
+from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
 from sysid.diagnosis.actuator.oscillation import steady_oscillation
 from sysid.diagnosis.actuator.projection import (
     Projected,
@@ -412,13 +412,27 @@ class Finder:
             best = self.best()
             if not best or best in self._on_twins or self.book.quick:
                 return best
-            found, twins = self.sets[best], self.null.twins[:_FITTED_TWINS]
-            if not any(q for e in found.effects for q in type(e).shapes() if not q.is_choice):
-                self._on_twins[best] = 0.0  # what is linear gains as much as it was screened to
-                continue
-            weights = weights_of(self.channels, found.squares)
-            self._on_twins[best] = gain_on_twins(twins, weights, found.effects)
+            self._on_twins[best] = self._gain_on_twins(self.sets[best])
             self.progress(f"{' and '.join(sorted(best))}: {self.evidence(best):.0f} beyond twins")
+
+    def _gain_on_twins(self, found: FittedSet) -> float:
+        """What a set gains, fitted from its numbers, where nothing is missing: as `Bias.gain`.
+
+        A shape may follow the noise of an encoder, which shows only once it is fitted; what is
+        linear gains as much as it was screened to. 0 where it cannot be fitted.
+        """
+        if not any(q for e in found.effects for q in type(e).shapes() if not q.is_choice):
+            return 0.0
+        weights, twins = weights_of(self.channels, found.squares), self.null.twins[:_FITTED_TWINS]
+        falls = []
+        for fall in attempt_in_threads(
+            partial(fall_on_twin, twin, weights, found.effects) for twin in twins
+        ):
+            if isinstance(fall, Failure):
+                self.book.miss(fall, *found.names, decides=False)
+            else:
+                falls.append(fall)
+        return MARGIN**2 * float(np.mean(falls)) if falls else 0.0
 
     def _contender(self, some: Screening, one: Proposal) -> Contender:
         (form,), columns = one.forms, some.columns

@@ -5,18 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS
-from sysid.diagnosis.actuator.null_distribution import MARGIN
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
 from sysid.diagnosis.actuator.screened import usual_size
 from sysid.diagnosis.actuator.threshold_steps import best_near
-from sysid.errors import Failure
-from sysid.parallel import attempt_in_threads
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, overrides
 from sysid.search.misfit import ResidualChannel, cost, weights_of
@@ -93,21 +89,11 @@ def fit_set(
     return best
 
 
-def gain_on_twins(
-    twins: Sequence[Projected], weights: FloatArray, starts: Sequence[CatalogueEffect]
-) -> float:
-    """What effects gain, fitted from these numbers, where nothing is missing: as `Bias.gain`.
+def fall_on_twin(twin: Projected, weights: FloatArray, starts: Sequence[CatalogueEffect]) -> float:
+    """By how much effects, fitted from these numbers, lower the weighted squares of a twin.
 
-    With the channels at weights (channels,). A shape may follow the noise of an encoder, which
-    shows only once it is fitted; 0 where no fit succeeds. Raises OutOfBudgetError.
+    `weights` (channels,). Raises OutOfBudgetError.
     """
-    fits = attempt_in_threads(partial(_fall, twin, weights, starts) for twin in twins)
-    falls = [fall for fall in fits if not isinstance(fall, Failure)]
-    return MARGIN**2 * float(np.mean(falls)) if falls else 0.0
-
-
-def _fall(twin: Projected, weights: FloatArray, starts: Sequence[CatalogueEffect]) -> float:
-    """By how much effects lower the weighted squares of a twin."""
     left = channel_squares(twin, refit(weighed(twin, weights), starts).rest)
     return float(weights @ channel_squares(twin, twin.rest) - np.sum(left))
 
@@ -173,4 +159,4 @@ def _with_steps(
     return best_near(effect, replace(first, model=model))
 
 
-__all__ = ["FittedSet", "fit_set", "gain_on_twins", "weighed"]
+__all__ = ["FittedSet", "fall_on_twin", "fit_set", "weighed"]
