@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,7 +65,6 @@ def fit_set(
     channels: Sequence[ResidualChannel],
     starts: Sequence[CatalogueEffect],
     squares: FloatArray,
-    held: Collection[str] = (),
 ) -> FittedSet:
     """Fit effects together in addition to a model's; `squares` (channels,): what they may leave.
 
@@ -76,7 +75,7 @@ def fit_set(
     for number in range(_PASSES):
         if number == 0:
             effects = tuple(_with_steps(first, effects, i) for i in range(len(effects)))
-        found = refit(weighed(first, weights), effects, held)
+        found = refit(weighed(first, weights), effects)
         left = channel_squares(first, found.rest) / weights
         own = FittedSet(found, left, _prior_cost(found.effects) + _log_volume(found))
         if best is not None and own.evidence(channels, left) < best.evidence(channels, left):

@@ -6,7 +6,7 @@ The base parameters are fitted along, each in the balance that it belongs to.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,13 +53,13 @@ class Refit:
     fit: LeastSquaresFit
 
 
-def refit(base: Projected, starts: Sequence[CatalogueEffect], held: Collection[str] = ()) -> Refit:
+def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
     """Fit the effects' strengths and shapes from a start, in addition to the model's effects.
 
-    Those `held`, by "id/name", stay where they start. The base parameters of the balances that the
-    effects reach are fitted along: an effect that replaces a law changes their role.
+    The base parameters of the balances that the effects reach are fitted along: an effect that
+    replaces a law changes their role.
     """
-    equations = _Equations(base, starts, held)
+    equations = _Equations(base, starts)
     parameters, left = equations.parameters, _EVALUATIONS
     while True:
         fit = minimise(
@@ -87,14 +87,12 @@ class _Equations:
     `parameters` (k + p): the effects' numbers, then factors of the base parameters.
     """
 
-    def __init__(
-        self, base: Projected, starts: Sequence[CatalogueEffect], held: Collection[str]
-    ) -> None:
+    def __init__(self, base: Projected, starts: Sequence[CatalogueEffect]) -> None:
         others = (*base.model.effects, *starts)
         self._base, self._starts = base, starts
-        self._held = frozenset(held) | {
+        self._held = frozenset(
             f"{e.id}/{q.name}" for e in starts for q in type(e).quantities if q.is_choice
-        }
+        )
         self._channels = tuple(
             c for c in CHANNELS if any(c in channels_of(e, others) for e in starts)
         )
