@@ -388,23 +388,6 @@ def test_a_refit_finds_the_number(traces: Traces, healthy: tuple[Tests, Rig, Mod
     assert explained(base, found) > 100.0
 
 
-def test_a_shape_that_is_held_stays(traces: Traces, healthy: tuple[Tests, Rig, Model]) -> None:
-    """And the others are fitted to it."""
-    _, rig, model = healthy
-    twin = twin_of(model + StribeckFriction(0.12, 0.06, 1.0), traces, rig)
-    base = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
-    start = StribeckFriction(0.1, 0.1, 2.0)
-    free, held = (
-        refit(base, [start], names)
-        for names in (frozenset(), frozenset({"stribeck-friction/stribeck_exponent"}))
-    )
-    (shape,) = held.effects
-    assert isinstance(shape, StribeckFriction)
-    assert held.fit["stribeck-friction/stribeck_exponent"] == shape.stribeck_exponent == 2.0
-    assert shape.stribeck_torque_nm != pytest.approx(0.1, rel=1e-3)
-    assert 0.0 < explained(base, held) < explained(base, free)
-
-
 def test_an_encoder_behind_the_link_is_told_from_one_on_the_shaft(
     traces: Traces, healthy: tuple[Tests, Rig, Model]
 ) -> None:

@@ -168,12 +168,12 @@ class Finder:
             self.book.enter(SearchStage.SCREENING, number)
             with limited() if number == 1 else nullcontext():
                 tried = attempt(lambda: self._proposals(best, number))  # noqa: B023
-            if isinstance(tried, Failure):
-                self.book.miss(tried)
-                return best
-            self._on_both_sides(self.best())
-            self._without_superfluous(self.best())
-            better = self._beyond_twins()
+                if isinstance(tried, Failure):
+                    self.book.miss(tried)
+                    return best
+                self._on_both_sides(self.best())
+                self._without_superfluous(self.best())
+                better = self._beyond_twins()
             self.rounds.append(FinderRound(tried, best, better))
             if better == best or self.book.quick:
                 return better
