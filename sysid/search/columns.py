@@ -60,7 +60,7 @@ class Columns:
 
     Of a residual r and columns X of one usual size each: X'X, X'r and r'r, channel by channel. The
     residual of strengths s is r + X s. `chance` (blocks,): twice the log of what each gains where
-    nothing is missing. `solved`: sets of forms with their evidence but for that, as they come.
+    nothing is missing. `solved` keeps every set that was asked for, its evidence without `penalty`.
     """
 
     channels: tuple[ResidualChannel, ...]

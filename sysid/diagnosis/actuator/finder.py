@@ -97,6 +97,7 @@ class Finder:
         self.bias = Bias(self.null.twins)
         # Of each effect the form that was proposed, with the columns that it was proposed from.
         self._proposed: dict[str, tuple[Screening, int]] = {}
+        # Of each effect the signatures without another one beside it.
         self._signed: dict[str, Signed] = {}
         # Beside each set what was screened.
         self._screened: dict[frozenset[str], Screening] = {}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.diagnosis.actuator.bias_correction import corrected
-from sysid.diagnosis.actuator.equation_error import BALANCES, forget
+from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.finder import Finder
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
@@ -21,7 +21,6 @@ from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
 from sysid.diagnosis.actuator.twins import (
     Scatter,
     SensorNoise,
-    retraced,
     sensor_noise,
     simulate_twins,
 )
@@ -130,7 +129,7 @@ def begin(
         if moving:
             bare = projected(build_frame(traces, model, colour, 0.0, moving), model)
         spread = min(friction_scatter(bare.frame, bare.rest), MOST_SCATTER)
-        sensors = _sensor_squares(replace(bare.frame, scatter=spread), model, noise, seed + 3)
+        sensors = _sensor_squares(replace(bare.frame, scatter=spread), model, colour)
     scatter = Scatter(spread, spread)
     progress(f"friction scatters by {100 * spread:.1f} % from test to test")
 
@@ -233,13 +232,11 @@ def close_loop(
     )
 
 
-def _sensor_squares(frame: Frame, model: Model, noise: SensorNoise, seed: int) -> dict[str, float]:
+def _sensor_squares(frame: Frame, model: Model, colour: ResidualNoise) -> dict[str, float]:
     """Mean whitened square of the sensors' noise along the logs' own motion, by balance."""
-    path, shown = retraced(frame.traces, noise, seed)
-    left = replace(frame, traces=shown).residual(model)
-    left -= replace(frame, traces=path).residual(model)
-    squares = {name: left[frame.rows(name)] ** 2 for name in BALANCES}
-    return {name: float(np.mean(own)) for name, own in squares.items() if len(own)}
+    own = colour.of_sensors(frame.traces, model, frame.windows)
+    squares = {name: frame.whitened(name, values) ** 2 for name, values in own.items()}
+    return {name: float(np.mean(rows)) for name, rows in squares.items() if len(rows)}
 
 
 def _pilot(

@@ -126,7 +126,11 @@ class Frame:
     def channel(self, name: str, error: EquationError) -> FloatArray:
         """The whitened residual of one channel."""
         values = self.windows[name].matrix @ error[name]
-        white = self.whitening[name] @ (values - self.late if name == BREAKAWAY else values)
+        return self.whitened(name, values - self.late if name == BREAKAWAY else values)
+
+    def whitened(self, name: str, values: FloatArray) -> FloatArray:
+        """Windows' means (n,) of one channel, whitened."""
+        white = np.asarray(self.whitening[name] @ values)
         return self._without_scatter(name, white) if name in self.friction else white
 
     @property
