@@ -157,7 +157,7 @@ def command(*words: str) -> str:
 def standard(seed: int, *options: str, names: Iterable[str] = EFFECTS) -> Standard:
     """The campaign of a seed, generated, fitted and looked at; `names` are asked for then."""
     start = started(seed, *options)
-    base, book = projected(start.frame(start.traces), start.model), Book()
+    base, book = projected(start.logged, start.model), Book()
     some = all_forms(base, start.null, start.forms, book)
     bias = Bias(start.null.twins[:_TWINS])
     bias.ask(set(names), start.forms, book)
@@ -335,7 +335,7 @@ def sizes_of(pair: dict[str, Any]) -> list[float]:
 
 def times_the_smallest(seen: Standard, start: Start, name: str) -> float:
     """How many times as large an effect, alone on a rig, is as it must be to be detected."""
-    base = projected(start.frame(start.traces), start.model)
+    base = projected(start.logged, start.model)
     forms = [form for form in start.forms if form.id == name]
     some = screened(base, forms, seen.some.columns.channels, Book())
     alone = some.columns.proposals([(f,) for f in range(len(forms))])

@@ -75,11 +75,11 @@ class Loop:
 class Start:
     """What a search begins with: the tests, the noise in each balance, and what the twins show.
 
-    `forms`: those of the catalogue that are tried; `moving`: effects that may move a choked
-    boundary.
+    `logged`: the weighted balances of the logs themselves; `forms`: those of the catalogue that
+    are tried; `moving`: effects that may move a choked boundary.
     """
 
-    traces: Traces
+    logged: Frame
     model: Model
     noise: SensorNoise
     scatter: Scatter
@@ -88,8 +88,13 @@ class Start:
     moving: tuple[CatalogueEffect, ...]
     null: Null
 
+    @property
+    def traces(self) -> Traces:
+        """The logs."""
+        return self.logged.traces
+
     def frame(self, traces: Traces) -> Frame:
-        """The weighted balances of these tests, or of twins of them."""
+        """The weighted balances of twins of the logs."""
         return build_frame(traces, self.model, self.colour, self.scatter.sliding, self.moving)
 
 
@@ -129,7 +134,8 @@ def begin(
         if moving:
             bare = projected(build_frame(traces, model, colour, 0.0, moving), model)
         spread = min(friction_scatter(bare.frame, bare.rest), MOST_SCATTER)
-        sensors = _sensor_squares(replace(bare.frame, scatter=spread), model, colour)
+        logged = replace(bare.frame, scatter=spread)
+        sensors = _sensor_squares(logged, model, colour)
     scatter = Scatter(spread, spread)
     progress(f"friction scatters by {100 * spread:.1f} % from test to test")
 
@@ -170,7 +176,7 @@ def begin(
             twins_beside,
             is_of_twins=bool(judged) or pilot is not traces,
         )
-    return Start(traces, model, noise, scatter, colour, forms, moving, null)
+    return Start(logged, model, noise, scatter, colour, forms, moving, null)
 
 
 def close_loop(
@@ -198,7 +204,7 @@ def close_loop(
     if memory.start is None or memory.finder is None:
         start = begin(tests, rig, model, catalogue, book, seed=seed, progress=progress)
         with limited():
-            first = projected(start.frame(start.traces), start.model)
+            first = projected(start.logged, start.model)
         finder = Finder(first, start.forms, start.null, book, progress)
         memory.start, memory.finder = start, finder
     else:
