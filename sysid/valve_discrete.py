@@ -16,12 +16,14 @@ from dataclasses import replace
 from functools import partial
 
 from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
+from sysid.identification.held_volume import VolumeError, position_count
 from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, fit_curves
 from sysid.identification.valve_discrete.estimates import (
     boundary_jumps,
     critical_ratios,
     fit_of,
     flows_and_delays,
+    with_volume_error,
 )
 from sysid.identification.valve_discrete.notices import (
     delay_notices,
@@ -137,6 +139,9 @@ def _fit_valve(
     estimates = flows_and_delays(curves, reasons, title, notices)
     estimates |= critical_ratios(curves, estimates) if find_ratio else {}
     estimates |= boundary_jumps(curves, estimates, air)
+    volumes = {p.source: p.volume for p in pieces}
+    error = VolumeError.of(list(volumes.values()), valve, rig, position_count(trials, rig))
+    estimates, joint = with_volume_error(curves, estimates, error)
     notices += [
         f"{title}: {name} is not identified: {estimates[name].reason}"
         for name in (*FLOWS, *DELAYS)
@@ -146,7 +151,7 @@ def _fit_valve(
     notices += lack_of_fit_notices(curves, title)
     notices += delay_notices(estimates, title, rig)
     remarks += verdicts(estimates, title)
-    return fit_of(valve, curves, estimates, read, air, quality)
+    return fit_of(valve, curves, estimates, read, air, quality, joint)
 
 
 def _joined(reasons: Mapping[str, str]) -> str:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
+from sysid.identification.held_volume import position_count
 from sysid.identification.valve_pwm.averaged import average_of
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
 from sysid.identification.valve_pwm.quality import CHECK, fails, require_sign
@@ -137,7 +138,7 @@ def fit_valve_pwm(
         raise _nothing(failed, remarks)
     contradicted = any_contradiction(trials)
     fits = {key: replace(one, contradicted=contradicted) for key, one in fits.items()}
-    averaged, unknown = _averaged(fits, rig, seed, remarks)
+    averaged, unknown = _averaged(fits, rig, seed, position_count(trials, rig), remarks)
     unidentified = (*missing.values(), *unknown)
     away = away_from_ends([t for t in trials if any(f"duty_{v}" in t for v in SIDES)], rig)
     notices = (*remarks.notices(), *(f"not identified: {r}" for r in unidentified))
@@ -182,13 +183,20 @@ def _no_duty(trials: Sequence[Trial], names: Sequence[str], rig: Rig) -> InputEr
 
 
 def _averaged(
-    fits: Mapping[tuple[str, str], DirectionFit], rig: Rig, seed: int, remarks: Remarks
+    fits: Mapping[tuple[str, str], DirectionFit],
+    rig: Rig,
+    seed: int,
+    count: float,
+    remarks: Remarks,
 ) -> tuple[dict[str, ValveAverage], list[str]]:
-    """Each valve's averaged law, and why those that are not identified are not."""
+    """Each valve's averaged law, and why those that are not identified are not.
+
+    `count`: the encoder's, rad or m.
+    """
     found, unknown = {}, []
     for valve in dict.fromkeys(v for v, _ in fits):
         own = {direction: fit for (v, direction), fit in fits.items() if v == valve}
-        average = on_its_own(partial(average_of, own, rig, FOLDS, seed))
+        average = on_its_own(partial(average_of, own, rig, FOLDS, seed, count))
         if isinstance(average, Failure):
             unknown.append(f"valve {valve.upper()}: {average.reason}")
             continue

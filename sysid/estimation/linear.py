@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 from typing import Any
 
@@ -123,6 +123,28 @@ class Estimate:
         low, high = (min(max(limit, lower), upper) for limit in self.interval)
         return Estimate(self.value, self.std, self.unit, (low, high), self.reason)
 
+    def with_error(self, std: float) -> Estimate:
+        """The estimate with a further, normal error of this standard deviation."""
+        if not (std > 0.0 and self.has_error):
+            return self
+        total = math.hypot(self.std, std)
+        dof = self.degrees_of_freedom * (total / self.std) ** 4
+        return replace(self.symmetric(self.value, total, self.unit, dof), reason=self.reason)
+
+    def with_uniform_error(self, reach: float) -> Estimate:
+        """The estimate with a further error, uniform within +- `reach`: that of half a count.
+
+        Half the interval is the quantile of the sum of a Student's and a uniform error; with the
+        normal quantile, the interval would be wider than all values that a count allows.
+        """
+        if not (reach > 0.0 and self.identified and math.isfinite(self.std)):
+            return self
+        total = math.hypot(self.std, reach / math.sqrt(3.0))
+        dof = self.degrees_of_freedom if self.std > 0.0 else math.inf
+        half = _with_uniform(self.std, dof, reach)
+        limits = (self.value - half, self.value + half)
+        return Estimate(self.value, total, self.unit, limits, self.reason)
+
     def holds(self, value: float) -> bool:
         """Whether the interval holds `value`."""
         return self.interval[0] <= value <= self.interval[1]
@@ -178,6 +200,35 @@ def t_quantile(dof: float, level: float = LEVEL) -> float:
         return math.inf
     share = 0.5 * (1.0 + level)
     return float(ndtri(share) if math.isinf(dof) else stdtrit(dof, share))
+
+
+def _with_uniform(std: float, dof: float, reach: float, level: float = LEVEL) -> float:
+    """What |e + u| stays below in this share: e Student's of scale `std`, u uniform in +- reach."""
+    from scipy.optimize import brentq
+    from scipy.special import ndtr, stdtr
+
+    if not std > 0.0:
+        return level * reach
+    widest = t_quantile(dof, level) * std + reach
+    # Student's distribution of one degree of freedom has no mean, which the integral below needs;
+    # next to an error of a million times the reach, the integral's difference is lost in rounding.
+    if dof <= 1.0 or reach < 1e-6 * std:
+        return widest
+
+    def integral(z: float) -> float:
+        """Of Student's distribution function up to z."""
+        if math.isinf(dof):
+            return float(z * ndtr(z)) + math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+        log = math.lgamma(0.5 * (dof + 1.0)) - math.lgamma(0.5 * dof)
+        log -= 0.5 * math.log(dof * math.pi) + 0.5 * (dof - 1.0) * math.log1p(z * z / dof)
+        return z * float(stdtr(dof, z)) + dof / (dof - 1.0) * math.exp(log)
+
+    def short(x: float) -> float:
+        """By how much less than the level lies within x."""
+        above = integral((x + reach) / std) - integral((x - reach) / std)
+        return above * std / reach - 1.0 - level
+
+    return float(brentq(short, 0.0, widest, xtol=1e-9 * widest))
 
 
 def chi_squared_quantile(dof: FloatArray | float, level: float) -> FloatArray:

@@ -9,8 +9,10 @@ from functools import partial
 import numpy as np
 
 from sysid.errors import Failure, on_its_own
+from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import FitQuality
+from sysid.identification.held_volume import VolumeError
 from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, UNITS, CurveFit
 from sysid.identification.valve_discrete.notices import JUMPS
 from sysid.identification.valve_discrete.ratio import DISCHARGE, FILL, critical_ratio
@@ -66,6 +68,22 @@ def _why_early(delay: Estimate, curves: CurveFit) -> str:
     )
 
 
+def with_volume_error(
+    curves: CurveFit, estimates: Mapping[str, Estimate], volume: VolumeError
+) -> tuple[dict[str, Estimate], JointCovariance]:
+    """The estimates, and the joint covariance, with the held position's error in every flow.
+
+    It is in no delay, no critical ratio and no jump.
+    """
+    flows = {name: estimates[name] for name in FLOWS if estimates[name].identified}
+    wider = {
+        name: volume.in_estimate(flow, shows_scatter=name in curves.scattering)
+        for name, flow in flows.items()
+    }
+    values = {name: flow.value for name, flow in flows.items()}
+    return {**estimates, **wider}, volume.in_joint(curves.joint, values)
+
+
 def critical_ratios(curves: CurveFit, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
     """The critical ratios with the boundary left free."""
     found = {}
@@ -115,8 +133,10 @@ def fit_of(
     read: Sequence[Stretches],
     air: Air,
     judged: Mapping[str, FitQuality],
+    joint: JointCovariance,
 ) -> DiscreteFit:
-    """A valve's fit with its curves; `read` are the start values of each test."""
+    """A valve's fit with its curves; `read` are the start values of each test, `joint` the
+    covariance of flows, coefficients and delays."""
     pieces = curves.problem.pieces
     measured = np.concatenate([p.pressure for p in pieces])
     residuals = curves.fit.residuals
@@ -139,8 +159,8 @@ def fit_of(
             for i, p in enumerate(pieces)
         ),
         quality=judged,
-        joint=curves.joint,
+        joint=joint,
     )
 
 
-__all__ = ["boundary_jumps", "critical_ratios", "fit_of", "flows_and_delays"]
+__all__ = ["boundary_jumps", "critical_ratios", "fit_of", "flows_and_delays", "with_volume_error"]

@@ -45,7 +45,7 @@ class Piece:
 
     `pressure` (n,) Pa at `chamber.time`; `initial`, `atmosphere` Pa are start values of the fit;
     `supply_shift` Pa is added to the chamber's supply. `fits_supply` and `fits_atmosphere`:
-    the piece shows the settled pressure, so that the fit estimates it. `noise` Pa.
+    the piece shows the settled pressure, so that the fit estimates it. `noise` Pa; `volume` m3.
     """
 
     label: str
@@ -59,6 +59,7 @@ class Piece:
     atmosphere: float
     fits_atmosphere: bool
     supply_logged: bool
+    volume: float
     fits_initial: bool = True
 
     @property
@@ -114,7 +115,7 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
         return Screened((), (f"{trial.source}: excluded: {moved}",), _all_reasons(moved))
     pressure = trial[channel]
     noise = max(signals.noise_floor(pressure).total, _LEAST_NOISE_PA)
-    whole = _whole(trial, pressure, noise, valve, air, air_gain(air, trial, volume))
+    whole = _whole(trial, pressure, noise, valve, air, volume)
     return _cut(trial, whole, valve, air, keep_rise)
 
 
@@ -143,7 +144,7 @@ def _volume(trial: Trial, valve: str, rig: Rig) -> tuple[float, float]:
 
 
 def _whole(
-    trial: Trial, pressure: FloatArray, noise: float, valve: str, air: Air, gain: float
+    trial: Trial, pressure: FloatArray, noise: float, valve: str, air: Air, volume: float
 ) -> Piece:
     """The test as one piece, before anything is cut."""
     time = trial.time
@@ -152,12 +153,12 @@ def _whole(
     supply_from, supply = time[:1], np.array([air.supply_pressure_pa])
     if logged:
         supply_from, supply = _logged_supply(time, trial["supply_pressure_pa"])
-    supply_reference = air.supply_pressure_pa
+    supply_reference, gain = air.supply_pressure_pa, air_gain(air, trial, volume)
     chamber = HeldChamber(time, opens, closes, gain, supply_from, supply, supply_reference)
     p0 = air.atmospheric_pressure_pa
     return Piece(
         trial.label, trial.source, chamber, pressure, noise, float(pressure[0]), 0.0, False, p0,
-        False, logged,
+        False, logged, volume,
     )  # fmt: skip
 
 

@@ -9,9 +9,11 @@ from functools import partial
 import numpy as np
 
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
+from sysid.identification.held_volume import VolumeError
 from sysid.identification.valve_pwm.quality import CHECK, duty_quality, fails
 from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValveAverage
 from sysid.io.rig import Rig
+from sysid.parameters.valves import LAW_KEYS
 from sysid.surfaces.averaged_fit import (
     N_PARAMETERS,
     AveragedFit,
@@ -26,11 +28,12 @@ from sysid.types import BoolArray, FloatArray
 
 
 def average_of(
-    directions: Mapping[str, DirectionFit], rig: Rig, folds: int, seed: int
+    directions: Mapping[str, DirectionFit], rig: Rig, folds: int, seed: int, count: float
 ) -> ValveAverage:
     """The averaged law of one valve, whose tests are given by direction.
 
-    `folds`, `seed`: of the held-out tests, which are those of the surfaces' comparison.
+    `folds`, `seed`: of the held-out tests, which are those of the surfaces' comparison; `count`:
+    the encoder's, rad or m, whose half every flow may be wrong by.
     Raises NotIdentifiedError where the tests do not identify it.
     """
     air = rig.require("air", "which the averaged law needs")
@@ -65,7 +68,18 @@ def average_of(
         if short is not None:
             raise NotIdentifiedError(f"the averaged law: {DIRECTIONS[direction]}: {short}; {CHECK}")
         quality[direction] = duty_quality(errors[direction], points.duty, found.noise_rmse)
-    return ValveAverage(fit, errors, quality, tuple(notices))
+    volumes = [v for found in directions.values() for v in _volumes(found)]
+    position = VolumeError.of(volumes, first.valve, rig, count)
+    estimates = {
+        name: position.in_estimate(e, shows_scatter=True) if name in LAW_KEYS.values() else e
+        for name, e in fit.estimates.items()
+    }
+    return ValveAverage(fit, estimates, errors, quality, tuple(notices))
+
+
+def _volumes(found: DirectionFit) -> list[float]:
+    """The chamber's volume, m3, in each test of a direction that gives samples."""
+    return [found.samples.volumes[test] for test in np.unique(found.samples.test)]
 
 
 def _together(found: Sequence[DirectionFit]) -> tuple[MeanFlows, list[int]]:

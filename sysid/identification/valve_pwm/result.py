@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from sysid.blocks.plots import some_axes
 from sysid.blocks.quality import quality_table
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table
+from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import FitQuality
 from sysid.identification.valve_pwm.quality import duty_quality
 from sysid.identification.valve_pwm.samples import FlowSamples
@@ -156,11 +157,13 @@ class DirectionFit(Shown):
 class ValveAverage:
     """A valve's averaged law, and its errors in duty by direction and use.
 
+    `estimates`: the law's parameters by name, with the error of the held position in every flow.
     Use is "fitted" or "held_out": the latter on the tests that the surfaces' comparison
     holds out, fold by fold. `quality` by direction. `notices`: why it is not judged on those.
     """
 
     fit: AveragedFit
+    estimates: Mapping[str, Estimate]
     errors: dict[str, dict[str, SurfaceError]]
     quality: dict[str, FitQuality]
     notices: tuple[str, ...] = ()
@@ -173,7 +176,7 @@ class ValveAverage:
             for direction, found in self.errors.items()
         }
         return AveragedRecord(
-            **self.fit.estimates,
+            **self.estimates,
             supply_pressure_pa=conditions.supply,
             pwm_period_s=conditions.period,
             rmse_flow_kg_s=self.fit.rmse_flow,

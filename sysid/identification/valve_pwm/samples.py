@@ -70,8 +70,8 @@ class PwmTest:
 class FlowSamples:
     """Samples of mean flow: `duty`, `pressure` [Pa], `flow` [kg/s], `std` [kg/s], all (n,).
 
-    `test` (n,) is the number of the sample's test, an index into `labels`, `supplies` [Pa] and
-    `per_flow` (tests,), k R T / V of each test's chamber, Pa/kg.
+    `test` (n,) is the number of the sample's test, an index into `labels`, `supplies` [Pa],
+    `volumes` [m3] and `per_flow` (tests,), k R T / V of each test's chamber, Pa/kg.
     """
 
     duty: FloatArray
@@ -81,6 +81,7 @@ class FlowSamples:
     test: IntArray
     labels: tuple[str, ...]
     supplies: tuple[float, ...]
+    volumes: tuple[float, ...]
     per_flow: tuple[float, ...]
 
     def __len__(self) -> int:
@@ -104,6 +105,7 @@ class FlowSamples:
             self.test[rows],
             self.labels,
             self.supplies,
+            self.volumes,
             self.per_flow,
         )
 
@@ -197,6 +199,7 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
     of_tests = (
         labels,
         tuple(t.supply for t in tests),
+        tuple(t.volume for t in tests),
         tuple(heat * t.temperature / t.volume for t in tests),
     )
     if not parts:
