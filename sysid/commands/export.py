@@ -1,4 +1,4 @@
-"""`sysid export`: a bundle in, files for a controller out."""
+"""`sysid export`: a bundle in, files for a controller or a simulator out."""
 
 from __future__ import annotations
 
@@ -14,7 +14,13 @@ from sysid.commands.options import (
     json_option,
 )
 from sysid.commands.printing import notices, print_blocks, print_json, written_lines
-from sysid.pipeline.export import ExportOptions, check_folder, export_file
+from sysid.pipeline.export import (
+    FMI_VERSIONS,
+    FORMATS,
+    ExportOptions,
+    check_folder,
+    export_file,
+)
 
 
 @click.command()
@@ -22,17 +28,25 @@ from sysid.pipeline.export import ExportOptions, check_folder, export_file
 @click.option(
     "--format",
     required=True,
-    type=click.Choice(["c", "mat", "json"]),
+    type=click.Choice(FORMATS),
     help="Format of the file.",
+)
+@click.option(
+    "--fmi",
+    type=click.Choice(FMI_VERSIONS),
+    default=FMI_VERSIONS[0],
+    show_default=True,
+    help="Version of FMI, for an FMU.",
 )
 @click.option("-o", "output", required=True, type=PathArgument, help="File to write.")
 @effects_option
 @accept_assumed_option
 @json_option
 def export(bundle: Path, output: Path, as_json: bool, **options: Any) -> None:
-    """Files for a controller: a C header, a MATLAB file or flat JSON.
+    """Files for a controller (a C header, MATLAB, flat JSON) or a simulator (an FMU).
 
-    Next to the header a folder is written that replays Python's numbers through it.
+    Next to the header a folder is written that replays Python's numbers through it. An FMU is the
+    plant for co-simulation, with a library for this machine where a C compiler is there.
     """
     asked = ExportOptions(**options)
     said = export_file(bundle, output, asked)

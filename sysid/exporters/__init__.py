@@ -1,6 +1,6 @@
-"""A bundle for a controller: as a C header, a MAT file or flat JSON.
+"""A bundle for a controller: as a C header, a MAT file or flat JSON; its plant as an FMU.
 
-All three hold the same content, computed once in `flat.py`. MAT and JSON list the effects as
+The first three hold the same content, computed once in `flat.py`. MAT and JSON list the effects as
 data; the C header holds their laws, and its constants include the effects that change them.
 """
 
@@ -12,6 +12,7 @@ from pathlib import Path
 from sysid.errors import InputError, input_error
 from sysid.exporters.c_text import DEFAULT_PREFIX
 from sysid.exporters.flat import Flat, flatten
+from sysid.exporters.simulators import FMI_VERSIONS, write_fmu
 from sysid.io.files import write_atomic
 from sysid.parameters import Bundle, EffectEntry, bundle_text
 from sysid.parameters.effects import effect_from_entry
@@ -19,10 +20,11 @@ from sysid.plant.effects.catalogue import catalogue_with
 from sysid.plant.effects.entry import SIDE_CHOICES, Catalogue, CatalogueEffect
 from sysid.plant.effects.linear import for_rig
 
-FORMATS = ("c", "mat", "json")
+FORMATS = ("c", "mat", "json", "fmu")
 
 __all__ = [
     "DEFAULT_PREFIX",
+    "FMI_VERSIONS",
     "FORMATS",
     "Flat",
     "check_folder",
@@ -47,21 +49,26 @@ def export_bundle(
     catalogue: Catalogue | None = None,
     check: bool = True,
     accept_assumed: bool = False,
+    fmi: str = FMI_VERSIONS[0],
 ) -> list[str]:
-    """Write a checked bundle for a controller, whole or not at all; returns notices.
+    """Write a checked bundle for a controller or a simulator, whole or not at all; returns notices.
 
     fmt: "c" (one C99 header whose names begin with `prefix`, and with `check` a folder next to it
     that replays Python's numbers through it: `check_folder`), "mat" (MAT 5, a struct
-    `sysid`) or "json". `sha256` is the bundle file's, by default that of the file which
-    `sysid.parameters.write_bundle` makes of it. `catalogue` maps ids to the effects' classes, whose
-    laws the C header holds; None is the project's own. Controllers that use an assumed constant are
-    in it only with `accept_assumed`. Notices name every parameter that is
-    absent, and effects whose laws the C header does not hold.
+    `sysid`), "json", or "fmu" (the plant for co-simulation, by FMI's version `fmi`). `sha256` is
+    the bundle file's, by default that of the file which `sysid.parameters.write_bundle` makes of
+    it. `catalogue` maps ids to the effects' classes, whose laws the C header and the FMU hold;
+    None is the project's own. Controllers that use an assumed constant are in the header only with
+    `accept_assumed`, and without it no plant that does is written. Notices name every parameter
+    that is absent, and effects whose laws the C header does not hold.
     Raises InputError for an unknown format or prefix, for content that contradicts itself
-    (units, PWM period), and where `path` cannot be written.
+    (units, PWM period), for an effect that an FMU cannot hold, and where `path` cannot be written;
+    NotIdentifiedError where a plant lacks what its simulation needs.
     """
     if fmt not in FORMATS:
         raise input_error("--format", f"{fmt!r} is unknown", f"use one of {', '.join(FORMATS)}")
+    if fmt == "fmu":
+        return write_fmu(bundle, path, catalogue, fmi, accept_assumed)
     if sha256 is None:
         sha256 = _digest(bundle)
     flat = flatten(bundle, sha256)

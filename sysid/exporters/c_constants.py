@@ -23,7 +23,7 @@ GAS = ("gas_constant", "heat_capacity_ratio", "temperature")
 
 K_R_T = "k_r_t_j_per_kg"
 
-_SAME = {
+SAME_NAMES = {
     "area_a": "area_a_m2",
     "area_b": "area_b_m2",
     "offset_a": "offset_a_m",
@@ -56,7 +56,7 @@ def header_constants(flat: Flat) -> NumberTable:
 
 def own_constants(flat: Flat) -> dict[str, str]:
     """Parameter of the model -> the constant that is it alone, which an effect may change."""
-    found = dict(_SAME)
+    found = dict(SAME_NAMES)
     found |= {field_of(name): f"friction_{flat.rig.units.key(name)}" for name in FRICTION}
     found["inertia"] = inertia_name(flat.rig)[0]
     found["weight" if flat.rig.is_linear else "gravity_moment"] = gravity_name(flat.rig)[0]
@@ -97,6 +97,7 @@ def with_parameters(flat: Flat, table: NumberTable, changed: dict[str, float]) -
 __all__ = [
     "GAS",
     "K_R_T",
+    "SAME_NAMES",
     "header_constants",
     "own_constants",
     "parameter_values",

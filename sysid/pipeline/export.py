@@ -1,4 +1,4 @@
-"""Files for a controller."""
+"""Files for a controller or another simulator."""
 
 from __future__ import annotations
 
@@ -7,33 +7,35 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sysid.errors import input_error
-from sysid.exporters import DEFAULT_PREFIX, FORMATS, check_folder, export_bundle
+from sysid.exporters import DEFAULT_PREFIX, FMI_VERSIONS, FORMATS, check_folder, export_bundle
 from sysid.io.tables import read_bytes
 from sysid.parameters import Bundle, read_bundle
 from sysid.parameters.assembled_model import effects_from_bundle
 from sysid.pipeline.request import Options, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 
-_FORMAT_OF = {".h": "c", ".mat": "mat", ".json": "json"}
+_FORMAT_OF = {".h": "c", ".mat": "mat", ".json": "json", ".fmu": "fmu"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExportOptions(Options):
-    """The files' format (None: by the path's suffix) and names, and what they may hold."""
+    """The files' format (None: by the path's suffix), names and content, and FMI's version."""
 
     format: str | None = None
     prefix: str = DEFAULT_PREFIX
     effects: EffectSource = None
     accept_assumed: bool = False
+    fmi: str = FMI_VERSIONS[0]
 
 
 @takes(ExportOptions)
 def export(bundle: Bundle, path: str | Path, options: ExportOptions) -> tuple[str, ...]:
-    """Write files for a controller: a C header, a MATLAB file or flat JSON.
+    """Write files for a controller (a C header, a MATLAB file, flat JSON) or a simulator (an FMU).
 
-    `format` "c", "mat" or "json"; None: by the suffix of `path` (.h, .mat, .json). Names in the
-    header begin with `prefix`; `effects` are those of the bundle that the catalogue lacks.
-    Controllers that use an assumed constant are written only with `accept_assumed`.
+    `format` "c", "mat", "json" or "fmu"; None: by the suffix of `path` (.h, .mat, .json, .fmu).
+    Names in the header begin with `prefix`; `effects` are those of the bundle that the catalogue
+    lacks; `fmi` is the FMU's version, "3" or "2". Controllers, and a plant, that use an assumed
+    constant are written only with `accept_assumed`.
     Returns notices: missing parameters, effects whose law the header does not contain. Raises
     InputError for an unknown format or a file that cannot be written.
 
@@ -72,8 +74,9 @@ def _exported(
             sha256=sha256,
             catalogue=catalogue,
             accept_assumed=options.accept_assumed,
+            fmi=options.fmi,
         )
     )
 
 
-__all__ = ["ExportOptions", "check_folder", "export", "export_file"]
+__all__ = ["FMI_VERSIONS", "FORMATS", "ExportOptions", "check_folder", "export", "export_file"]

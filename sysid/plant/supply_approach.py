@@ -11,11 +11,11 @@ from sysid.plant.base import Array
 from sysid.plant.jax_setup import jax, jnp
 
 # Alexander's gamma, and the third row, which is the weights.
-_GAMMA = 0.43586652150845899942
-_SECOND = (1.0 - _GAMMA) / 2.0
-_THIRD = (
-    (-6.0 * _GAMMA**2 + 16.0 * _GAMMA - 1.0) / 4.0,
-    (6.0 * _GAMMA**2 - 20.0 * _GAMMA + 5.0) / 4.0,
+GAMMA = 0.43586652150845899942
+SECOND = (1.0 - GAMMA) / 2.0
+THIRD = (
+    (-6.0 * GAMMA**2 + 16.0 * GAMMA - 1.0) / 4.0,
+    (6.0 * GAMMA**2 - 20.0 * GAMMA + 5.0) / 4.0,
 )
 
 
@@ -40,15 +40,15 @@ def gap_change(gap: Array, stiffness: tuple[Array, Array], other: tuple[Array, A
     def stage(start: Array, at: float) -> Array:
         k = part * (stiffness[0] + at * (stiffness[1] - stiffness[0]))
         g = part * (other[0] + at * (other[1] - other[0]))
-        return g - k * _implicit_root(start + _GAMMA * g, _GAMMA * k)
+        return g - k * _implicit_root(start + GAMMA * g, GAMMA * k)
 
     now = gap
     for begun in range(2):
-        first = stage(now, part * (begun + _GAMMA))
-        second = stage(now + _SECOND * first, part * (begun + _GAMMA + _SECOND))
-        third = stage(now + _THIRD[0] * first + _THIRD[1] * second, part * (begun + 1.0))
-        now = now + _THIRD[0] * first + _THIRD[1] * second + _GAMMA * third
+        first = stage(now, part * (begun + GAMMA))
+        second = stage(now + SECOND * first, part * (begun + GAMMA + SECOND))
+        third = stage(now + THIRD[0] * first + THIRD[1] * second, part * (begun + 1.0))
+        now = now + THIRD[0] * first + THIRD[1] * second + GAMMA * third
     return now - gap
 
 
-__all__ = ["gap_change"]
+__all__ = ["GAMMA", "SECOND", "THIRD", "gap_change"]

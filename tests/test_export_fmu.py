@@ -1,0 +1,226 @@
+"""The plant as an FMU: its C against the simulator, the standard's rules, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from export_bundles import LINEAR_RIG, as_bundle, estimate, upright, whole_content
+
+from benchmarks.rigs import pwm_run
+from sysid.commands.app import main
+from sysid.errors import InputError
+from sysid.exporters import export_bundle
+from sysid.io.rig import Rig
+from sysid.parameters import Bundle
+from sysid.plant.ports import Model
+from sysid.plant.sensors import measured_channels, true_start
+from sysid.plant.simulator import Inputs, ValveCommand, simulate
+from tests.conftest import RIG_TEXT
+from tests.export_compiler import compiler
+from tests.plant_library import PlantLibrary, strictly, unpacked
+
+POSITION, PRESSURE = 1e-6, 1.0  # rad or m, Pa: what the simulator and the C may differ by
+# States, delays, parameters that drift, sensors that remember and sensors that do not.
+EFFECTS = {
+    "stribeck-friction": {
+        "stribeck_torque_nm": (0.1, "Nm"),
+        "stribeck_velocity_rad_per_s": (0.07, "rad/s"),
+        "stribeck_exponent": (2.0, "-"),
+    },
+    "amplifier-lag": {"amplifier_lag_s": (0.003, "s")},
+    "temperature-drift": {"temperature_drift_k": (9.0, "K"), "drift_time_s": (20.0, "s")},
+    "coil-heating": {
+        "on_delay_drift_s": (6e-4, "s"),
+        "off_delay_drift_s": (-4e-4, "s"),
+        "heating_time_s": (5.0, "s"),
+    },
+    "atmosphere-leakage": {},
+    "pressure-offset": {"pressure_offset_pa": (700.0, "Pa")},
+    "pressure-lag": {"pressure_lag_s": (0.004, "s")},
+    "encoder-eccentricity": {
+        "encoder_sine_rad": (0.004, "rad"),
+        "encoder_cosine_rad": (-0.003, "rad"),
+    },
+}
+
+
+def with_effects(content: dict[str, Any]) -> dict[str, Any]:
+    from sysid.plant.effects.catalogue import catalogue
+
+    entries = []
+    for name, given in EFFECTS.items():
+        kind = catalogue()[name]
+        numbers = {
+            q.label: estimate(*given.get(q.label, (q.typical, q.unit))) for q in kind.quantities
+        }
+        side = {"side": "both"} if kind.has_side() else {}
+        entries.append({"id": name, "parameters": {**numbers, **side}})
+    return content | {"effects": entries}
+
+
+@pytest.fixture
+def sources_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No library is built into an FMU, which takes most of an export's time."""
+    monkeypatch.setattr("sysid.exporters.fmu.c_compiler", lambda: None)
+
+
+@pytest.fixture(scope="module")
+def upright_fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """FMUs of an upright rig with effects, by FMI's version."""
+    bundle = as_bundle(with_effects(whole_content(upright(RIG_TEXT))))
+    folder = tmp_path_factory.mktemp("fmu")
+    return {fmi: exported(bundle, folder / fmi, fmi=fmi) for fmi in ("3", "2")}
+
+
+def exported(bundle: Bundle, folder: Path, **options: Any) -> Path:
+    folder.mkdir(exist_ok=True)
+    path = folder / "plant.fmu"
+    export_bundle(bundle, path, "fmu", **options)
+    return path
+
+
+def switched_run(rng: np.random.Generator, seconds: float, motor: float) -> Inputs:
+    """Both valves on and off at random moments, under a sine of the motor."""
+    time = np.arange(round(seconds / 1e-3) + 1) * 1e-3
+    levels = rng.uniform(size=(2, len(time) // 90 + 1)) > 0.5
+    valves = [ValveCommand(np.repeat(row, 90)[: len(time)].astype(float)) for row in levels]
+    return Inputs(time, motor * np.sin(9.0 * time), valves[0], valves[1], position=0.01)
+
+
+def differences(
+    library: PlantLibrary, runs: Sequence[Inputs], model: Model, rig: Rig
+) -> tuple[float, float]:
+    """Largest differences of what is shown, in position and pressures."""
+    position = rig.position_channel
+    began = [true_start(one, position, model) for one in runs]
+    payload = 0.0 if rig.inertia is None else rig.inertia.payload_mass_kg
+    found: list[tuple[float, float]] = []
+    for one, run in zip(runs, simulate(began, [model] * len(runs)), strict=True):
+        shown = np.array(list(measured_channels(run, position, model).values())).T
+        start = one.position, one.velocity, one.pressure_a, one.pressure_b
+        reached, rows = library(one, start, payload)
+        assert reached == len(one.time)
+        assert np.ptp(shown[:, 0]) > 1e-3
+        errors = np.abs(rows - shown).max(axis=0)
+        found.append((errors[0], errors[2:].max()))
+    return max(f[0] for f in found), max(f[1] for f in found)
+
+
+@pytest.mark.parametrize("kind", ["base", "effects", "linear"])
+@pytest.mark.usefixtures("sources_only")
+def test_the_plant_in_c_moves_as_the_simulator(kind: str, rig_text: str, tmp_path: Path) -> None:
+    content = whole_content(LINEAR_RIG if kind == "linear" else upright(rig_text))
+    bundle = as_bundle(with_effects(content) if kind == "effects" else content)
+    rng = np.random.default_rng(7)
+    motor = 15.0 if kind == "linear" else 0.6
+    runs = [
+        replace(run, pressure_a=130e3, pressure_b=180e3)
+        for run in (pwm_run(rng, 1.0, motor=False), switched_run(rng, 1.0, motor))
+    ]
+    library = PlantLibrary(unpacked(exported(bundle, tmp_path), tmp_path))
+    position, pressure = differences(library, runs, bundle.model(), bundle.rig)
+    assert position < POSITION
+    assert pressure < PRESSURE
+
+
+@pytest.mark.parametrize(("own", "fmi"), [("gcc", "3"), ("clang", "2")])
+def test_sessions_are_clean(
+    own: str, fmi: str, upright_fmus: dict[str, Path], tmp_path: Path
+) -> None:
+    """No warning, nothing undefined, NaN refused, and a kept state goes on to the same bits."""
+    sources = unpacked(upright_fmus[fmi], tmp_path)
+    other = "clang" if own == "gcc" else "gcc"
+    strictly(sources, f"fmi{fmi}.c", other)
+    shutil.copy(Path(__file__).parent / "fmi_session.c", sources)
+    sanitizers = "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
+    program = strictly(
+        sources, "fmi_session.c", own, *sanitizers, f"-DFMI_VERSION={fmi}", output="session"
+    )
+    run = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert (run.stdout, run.returncode) == ("ok\n", 0), run.stderr[:3000]
+
+
+@pytest.mark.parametrize("fmi", ["3", "2"])
+def test_fmpy_accepts_and_simulates(
+    fmi: str, upright_fmus: dict[str, Path], tmp_path: Path
+) -> None:
+    fmpy = pytest.importorskip("fmpy", reason="no FMPy: the FMU is not validated")
+    from fmpy.validation import validate_fmu
+
+    path = upright_fmus[fmi]
+    assert validate_fmu(str(path)) == []
+    described = fmpy.read_model_description(path)
+    numbers = {v.name: v for v in described.modelVariables}
+    tuned = numbers["effects.stribeck_friction.stribeck_torque_nm"]
+    assert (tuned.causality, tuned.variability, float(tuned.start)) == ("parameter", "tunable", 0.1)
+    headers = Path(fmpy.__file__).parent / "c-code"
+    checked = tmp_path / "sources" / "checked.c"
+    unpacked(path, tmp_path)
+    checked.write_text(f'#include "fmi{fmi}Functions.h"\n#include "fmi{fmi}.c"\n')
+    flags = ("-fsyntax-only", "-Wall", "-Wextra", "-Werror", f"-I{headers}", "-std=c99")
+    subprocess.run([compiler("gcc"), *flags, checked.name], cwd=checked.parent, check=True)
+    falls = fmpy.simulate_fmu(
+        str(path),
+        stop_time=0.2,
+        step_size=1e-3,
+        output_interval=1e-3,
+        start_values={"start.theta_rad": 1.0},
+        output=["theta_rad", "gravity_torque_nm"],
+    )
+    rig = as_bundle(whole_content(upright(RIG_TEXT))).rig
+    gravity = rig.gravity_moment() * np.sin(falls["theta_rad"])
+    assert falls["theta_rad"][-1] < 0.99
+    assert falls["gravity_torque_nm"] == pytest.approx(gravity, rel=0.02)  # an eccentric encoder
+
+
+@pytest.mark.usefixtures("sources_only")
+def test_bounds_are_the_intervals(rig_text: str, tmp_path: Path) -> None:
+    pytest.importorskip("fmpy", reason="no FMPy: the FMU is not read")
+    from fmpy import read_model_description
+
+    content = whole_content(rig_text)
+    content["friction"]["coulomb_nm"] |= {"interval": [0.2, 0.22]}
+    described = read_model_description(exported(as_bundle(content), tmp_path))
+    found = {v.name: v for v in described.modelVariables}["friction.coulomb_nm"]
+    assert (float(found.min), float(found.start), float(found.max)) == (0.2, 0.208, 0.22)
+
+
+@pytest.mark.usefixtures("sources_only")
+def test_the_same_bundle_gives_the_same_file(rig_text: str, tmp_path: Path) -> None:
+    bundle = as_bundle(whole_content(rig_text))
+    one, two = (exported(bundle, tmp_path / name).read_bytes() for name in "ab")
+    assert one == two
+
+
+@pytest.mark.usefixtures("sources_only")
+def test_what_cannot_be_held_is_refused(
+    rig_text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = whole_content(rig_text)
+    content["effects"] = [
+        {"id": "time-skew", "parameters": {"time_skew_s": estimate(2e-3, "s"), "side": "a"}}
+    ]
+    with pytest.raises(InputError, match="effect time-skew: cannot be part of a plant in C"):
+        exported(as_bundle(content), tmp_path)
+    content = whole_content(rig_text)
+    content["rig"] |= {"assumed": ["cylinder.area_a_m2"]}
+    path = tmp_path / "bundle.json"
+    path.write_text(json.dumps(content))
+    out = tmp_path / "out.fmu"
+    asked = ["export", str(path), "--format", "fmu", "-o", str(out)]
+    assert main([*asked]) == 2
+    assert "cylinder.area_a_m2" in capsys.readouterr().err and not out.exists()
+    assert main([*asked, "--accept-assumed", "--fmi", "2"]) == 0
+    assert out.exists()
+    content = whole_content(rig_text)
+    del content["valves"]["a"]["discrete"]
+    path.write_text(json.dumps(content))
+    assert main([*asked, "--accept-assumed"]) == 3
