@@ -68,7 +68,7 @@ def fit_valve_discrete(
     remarks: list[str] = []
     notices: list[str] = []
     failed: list[Failure] = []
-    for side in _valves(trials, valve):
+    for side in _valves(trials, valve, rig):
         fit = partial(_fit_valve, trials, side, rig, air, find_ratio, remarks, notices)
         found = on_its_own(fit)
         if isinstance(found, Failure):
@@ -81,28 +81,35 @@ def fit_valve_discrete(
     return ValveDiscreteResult(fits, tuple(remarks), (*notices, *reasons))
 
 
-def _valves(trials: Sequence[Trial], valve: str | None) -> list[str]:
-    """The valves that are switched, in order; `valve` where it is given."""
+def _valves(trials: Sequence[Trial], valve: str | None, rig: Rig) -> list[str]:
+    """The rig's valves that are switched, in order; `valve` where it is given."""
     if not trials:
         raise NotIdentifiedError("no test given: give a valve-discrete log")
     if valve is not None:
         if valve not in SIDES:
             raise input_error("valve", f"{valve!r} is neither a nor b", "write a or b")
+        rig.require_side(valve, trials[0].source)
         return [valve]
-    if not any(f"valve_{v}" in t for v in "ab" for t in trials):
-        raise _no_command(trials[0])
-    switched = [v for v in "ab" if any(is_switched(t, v) for t in trials)]
+    names = [f"valve_{v}" for v in rig.sides]
+    if not any(name in t for name in names for t in trials):
+        raise _no_command(trials[0], names)
+    switched = [v for v in rig.sides if any(is_switched(t, v) for t in trials)]
     if not switched:
+        verb = "stay" if len(names) > 1 else "stays"
         raise NotIdentifiedError(
-            f"{trials[0].source}: no test switches a valve on (valve_a and valve_b stay 0): no "
+            f"{trials[0].source}: no test switches a valve on ({' and '.join(names)} {verb} 0): no "
             "flow is identified; a valve-discrete test (off, on for 3 s, off, piston held) would"
         )
     return switched
 
 
-def _no_command(trial: Trial) -> InputError:
-    fix = 'add them, or map them with --map "valve_a=COLUMN"'
-    return input_error(trial.source, "columns valve_a and valve_b are missing", fix)
+def _no_command(trial: Trial, names: Sequence[str]) -> InputError:
+    if len(names) > 1:
+        what, them = f"columns {' and '.join(names)} are missing", "them"
+    else:
+        what, them = f"column {names[0]} is missing", "it"
+    fix = f'add {them}, or map {them} with --map "{names[0]}=COLUMN"'
+    return input_error(trial.source, what, fix)
 
 
 def _fit_valve(

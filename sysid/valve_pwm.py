@@ -91,10 +91,12 @@ def fit_valve_pwm(
         raise input_error("surface", f"{surface!r} is unknown", f"use {', '.join(SURFACES)}")
     if valve not in (None, "a", "b"):
         raise input_error("valve", f"{valve!r} is unknown", "use a or b")
-    moved = moved_valves(trials)
+    if valve is not None:
+        rig.require_side(valve, _place(trials))
+    moved = [v for v in moved_valves(trials) if v in rig.sides]
     valves = moved if valve is None else [v for v in moved if v == valve]
     if not valves:
-        names = [f"duty_{v}" for v in (SIDES if valve is None else (valve,))]
+        names = [f"duty_{v}" for v in (rig.sides if valve is None else (valve,))]
         if trials and not any(name in t for name in names for t in trials):
             raise _no_duty(trials, names, rig)
         verb = "never leave zero" if len(names) > 1 else "never leaves zero"

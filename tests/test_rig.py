@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from sysid.commands.app import main
 from sysid.errors import InputError
-from sysid.io.declaration import ChoiceKey, Motion, NumberKey, TextKey, declared_keys
+from sysid.io.declaration import ChoiceKey, ListKey, Motion, NumberKey, TextKey, declared_keys
 from sysid.io.rig import Air, Inertia, RigFile, find_rig_file, read_rig, rig_from_content
 from sysid.io.rig_file import RIG_TABLES
 from sysid.io.rig_template import rig_template
@@ -39,13 +39,23 @@ ENDINGS = {
     "s": "_s",
     "Nm/V": "_per_volt_nm",
     "N/V": "_per_volt_n",
+    "Nm/rad": "_nm_per_rad",
+    "N/m": "_n_per_m",
     "count/rev": "_counts_per_rev",
     "count/m": "_counts_per_m",
     "count": "_counts",
     "1": "",
 }
-# Keys of benches that are no actuator: an actuator's template does without them.
-NOT_IN_TEMPLATE = {("tank", "volume_m3")}
+# Keys of benches that are no actuator, and of rigs with one chamber or a spring: the template of
+# the usual actuator does without them.
+NOT_IN_TEMPLATE = {
+    ("tank", "volume_m3"),
+    ("cylinder", "chambers"),
+    ("spring", "stiffness_nm_per_rad"),
+    ("spring", "preload_nm"),
+    ("spring", "stiffness_n_per_m"),
+    ("spring", "preload_n"),
+}
 
 
 def content(**sections: dict[str, float]) -> dict[str, dict[str, object]]:
@@ -141,7 +151,7 @@ def test_every_key_of_every_section_is_declared_once() -> None:
         assert list(declared_keys(model)) == list(model.model_fields), table
         for name, field in model.model_fields.items():
             assert len(field.metadata) == 1, f"[{table}] {name}"
-    assert {type(key) for _, _, key in KEYS} == {NumberKey, ChoiceKey, TextKey}
+    assert {type(key) for _, _, key in KEYS} == {NumberKey, ChoiceKey, ListKey, TextKey}
 
 
 @pytest.mark.parametrize(("table", "name", "key"), NUMBERS)

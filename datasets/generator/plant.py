@@ -83,14 +83,17 @@ class Plant(NamedTuple):
     declared_supply: float
     a: Chamber
     b: Chamber
+    spring_stiffness: float = 0.0  # of a return spring
+    spring_effort: float = 0.0  # its effort against positive motion at position 0
 
 
 @compiled
-def gravity_effort(position: float, p: Plant) -> float:
-    """Gravity's load (3.3.8-3.3.10); position 0 hangs down."""
+def static_load(position: float, p: Plant) -> float:
+    """Gravity's load (3.3.8-3.3.10); position 0 hangs down. And a return spring's."""
+    spring = p.spring_stiffness * position + p.spring_effort
     if p.rotary > 0.0:
-        return float(p.gravity * np.sin(position))
-    return p.gravity
+        return float(p.gravity * np.sin(position) + spring)
+    return p.gravity + spring
 
 
 @compiled
@@ -110,7 +113,7 @@ def motor_effort(command: float, p: Plant) -> float:
 def applied_effort(x: FloatArray, command: float, p: Plant) -> float:
     """Everything but friction and the end stops (3.3.7)."""
     cylinder = cylinder_effort(x[PRESSURE_A], x[PRESSURE_B], p)
-    return motor_effort(command, p) + cylinder - gravity_effort(x[POSITION], p)
+    return motor_effort(command, p) + cylinder - static_load(x[POSITION], p)
 
 
 @compiled

@@ -78,7 +78,14 @@ class GeneratedRig:
         return float(self.content["cylinder"]["stroke_m"]) / 2.0 / self.radius
 
     @property
+    def sides(self) -> tuple[str, ...]:
+        """The chambers that there are."""
+        return tuple(self.content["cylinder"].get("chambers", ("a", "b")))
+
+    @property
     def max_effort(self) -> float:
+        if "motor" not in self.content:
+            return 0.0
         key = "max_force_n" if self.is_linear else "max_torque_nm"
         return float(self.content["motor"][key])
 
@@ -138,13 +145,27 @@ class GeneratedRig:
             declared_supply=float(air["supply_pressure_pa"]),
             a=self._chamber("a", 1.0, t.valve_a),
             b=self._chamber("b", -1.0, t.valve_b),
+            **self._spring(),
         )
+
+    def _spring(self) -> dict[str, float]:
+        """The declared return spring, whose preload is that at the end where A is smallest (with a
+        supply below the atmosphere: largest)."""
+        spring, air = self.content.get("spring", {}), self.content["air"]
+        keys = ("stiffness_n_per_m", "preload_n")
+        if not self.is_linear:
+            keys = ("stiffness_nm_per_rad", "preload_nm")
+        stiffness, preload = (float(spring.get(key, 0.0)) for key in keys)
+        way = 1.0 if air["supply_pressure_pa"] > air["atmospheric_pressure_pa"] else -1.0
+        effort = way * (preload + stiffness * self.half_travel)
+        return {"spring_stiffness": stiffness, "spring_effort": effort}
 
     def _chamber(self, side: str, direction: float, valve: ValveTruth) -> Chamber:
         cylinder = self.content["cylinder"]
+        # Where there is no chamber, the piston's side is open: a large volume before no area.
         return Chamber(
-            area=float(cylinder[f"area_{side}_m2"]),
-            offset=float(cylinder[f"offset_{side}_m"]),
+            area=float(cylinder.get(f"area_{side}_m2", 1e-12)),
+            offset=float(cylinder.get(f"offset_{side}_m", 1e12)),
             direction=direction,
             choked_fill=valve.choked_flow_fill_kg_s,
             choked_dis=valve.choked_flow_dis_kg_s,
@@ -168,7 +189,7 @@ class GeneratedRig:
                 viscous: t.viscous_friction,
             },
             "inertia": self.inertia(),
-            "valves": {"a": dataclasses.asdict(t.valve_a), "b": dataclasses.asdict(t.valve_b)},
+            "valves": {s: dataclasses.asdict(getattr(t, f"valve_{s}")) for s in self.sides},
             "delays": {"on_delay_s": valves["on_delay_s"], "off_delay_s": valves["off_delay_s"]},
             "pressure_noise_pa": t.pressure_noise_pa,
             "effects": [effect.content() for effect in self.effects],
@@ -317,4 +338,6 @@ def rig_toml(content: Content) -> str:
 
 
 def _toml(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
     return f'"{value}"' if isinstance(value, str) else repr(value)

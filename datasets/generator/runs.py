@@ -40,7 +40,8 @@ class Commands:
         names = ("valve_a", "valve_b", "duty_a", "duty_b")
         given = {name: getattr(self, name) for name in names}
         columns = {name: value for name, value in given.items() if value is not None}
-        if self.log_motor:
+        columns = {name: value for name, value in columns.items() if name[-1] in rig.sides}
+        if self.log_motor and "motor" in rig.content:
             columns["motor_force_n" if rig.is_linear else "motor_torque_nm"] = self.motor
         return columns
 

@@ -53,9 +53,11 @@ def measured(
     if states.shape[1] == N_COLUMNS:
         shown = [states[:, i] for i in (SENSED_POSITION, SENSED_A, SENSED_B, SENSED_SUPPLY)]
     counts = position_counts(shown[0], rig)
-    return {
+    columns = {
         position: counts * rig.position_per_count,
         "pressure_a_pa": measured_pressure(shown[1], noise_pa, rng),
         "pressure_b_pa": measured_pressure(shown[2], noise_pa, rng),
         "supply_pressure_pa": measured_pressure(shown[3], noise_pa, rng),
     }
+    missing = {f"pressure_{side}_pa" for side in "ab" if side not in rig.sides}
+    return {name: values for name, values in columns.items() if name not in missing}

@@ -15,10 +15,11 @@ def momentum_balance(
 ) -> dict[str, float]:
     """Mean friction and mean speed over samples [start, stop), in weak form (3.4.2 integrated).
 
-    Both sides of friction = motor + cylinder - gravity - inertia * acceleration are averaged
+    Both sides of friction = motor + cylinder - load - inertia * acceleration are averaged
     with a trapezoidal weight g, so that speed and acceleration need no differentiation:
     the integral of g v is minus that of g' x, and so on. Without an inertia (kg m2 or kg) the last
-    term is omitted. Efforts in Nm or N, the speed in rad/s or m/s.
+    term is omitted. Efforts in Nm or N, the speed in rad/s or m/s; a return spring's
+    effort is part of gravity's.
     """
     rows = slice(start, stop)
     x, dt = recording.position[rows], recording.period
@@ -35,14 +36,14 @@ def momentum_balance(
         return float(weight @ effort[rows]) * dt / area
 
     inertial = 0.0 if inertia is None else (inertia + recording.added_inertia) * gained / area
-    motor, cylinder, gravity = map(mean, (recording.motor, recording.cylinder, recording.gravity))
+    motor, cylinder, load = map(mean, (recording.motor, recording.cylinder, recording.load_effort))
     return {
         "speed": speed,
         "motor": motor,
         "cylinder": cylinder,
-        "gravity": gravity,
+        "gravity": load,
         "inertial": inertial,
-        "friction": motor + cylinder - gravity - inertial,
+        "friction": motor + cylinder - load - inertial,
     }
 
 

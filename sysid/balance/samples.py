@@ -71,7 +71,7 @@ def motion_samples(recording: Recording, cutoff_hz: float) -> MotionSamples:
     speed, acceleration = motion.speed, motion.acceleration
     regressors = np.column_stack([motion.way, speed, np.ones(len(speed)), acceleration])
     effort = motion.smooth(
-        signals.held_about_rows(recording.motor) + recording.cylinder - recording.gravity
+        signals.held_about_rows(recording.motor) + recording.cylinder - recording.load_effort
     )
     effort = effort - recording.added_inertia * acceleration
     rows = motion.rows

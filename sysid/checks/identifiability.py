@@ -14,7 +14,7 @@ from sysid.checks.friction import Identification, friction_identified
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.identification.valve_discrete.start import flows_not_shown
 from sysid.io.campaign import FRICTION_POINTS
-from sysid.io.channels import DUTIES, SIDES, SWITCHES
+from sysid.io.channels import DUTIES, SWITCHES
 from sysid.io.logs import Trial
 from sysid.io.rig import Air, Rig
 from sysid.io.trial_kind import is_active
@@ -46,13 +46,13 @@ def identifications(
 
 
 def valves_identified(
-    by_kind: TrialsByKind, rig: Rig, valves: Sequence[str] = SIDES
+    by_kind: TrialsByKind, rig: Rig, valves: Sequence[str] | None = None
 ) -> Iterator[Identification]:
-    """The flows of these valves, where the rig or the log has some."""
+    """The flows of these valves (None: the rig's), where the rig or the log has some."""
     commanded = any(is_active(t, *DUTIES, *SWITCHES) for group in by_kind.values() for t in group)
     if rig.cylinder is None or (rig.valves is None and not commanded):
         return
-    for valve in valves:
+    for valve in rig.sides if valves is None else valves:
         yield from _discrete(by_kind.get("valve-discrete", ()), rig, valve)
         yield from _pwm(by_kind.get("valve-pwm", ()), valve)
 

@@ -137,6 +137,19 @@ class ChoiceKey(Key):
         return f"write one of {', '.join(map(repr, self.allowed))}"
 
 
+@dataclass(frozen=True)
+class ListKey(Key):
+    """A list of names, one of several lists."""
+
+    allowed: tuple[tuple[str, ...], ...]
+
+    def check(self, value: Any, where: str, source: str) -> tuple[str, ...]:
+        if not isinstance(value, list | tuple) or tuple(value) not in self.allowed:
+            shown = " or ".join(str(list(one)).replace("'", '"') for one in self.allowed)
+            raise input_error(source, f"{where} = {value!r} is unknown", f"write {shown}")
+        return tuple(value)
+
+
 LONGEST_TEXT = 200
 
 
@@ -170,6 +183,8 @@ def _as_float(value: int | float) -> float:
 def _plain_schema(schema: dict[str, Any], model: type[BaseModel]) -> None:
     """Each key as a file may hold it: TOML has no null, and a title only repeats the name."""
     schema.pop("title", None)
+    if conditional := getattr(model, "conditional", ()):
+        schema["required"] = [name for name in schema["required"] if name not in conditional]
     for name, field in model.model_fields.items():
         shown = schema["properties"][name]
         shown.pop("title", None)
@@ -193,6 +208,13 @@ class TomlSection(TomlTable):
     """A section whose every key is declared by a `Key`; `table` is its name in the file."""
 
     table: ClassVar[str]
+    conditional: ClassVar[tuple[str, ...]] = ()
+    """Keys without a default that other keys may make superfluous (`without`)."""
+
+    @classmethod
+    def without(cls, name: str, values: dict[str, Any]) -> Any:
+        """What stands for an absent key by the choices in `values`; None: it is needed."""
+        return None
 
     def __init__(self, **values: Any) -> None:
         """Keys by name; None stands for an absent one. Raises InputError as a file would."""
@@ -234,9 +256,11 @@ def checked(model: type[TomlSection], table: dict[str, Any], source: str) -> dic
     """
     keys = declared_keys(model)
     values: dict[str, Any] = {}
-    for name in sorted(keys, key=lambda n: not isinstance(keys[n], ChoiceKey)):
+    for name in sorted(keys, key=lambda n: not isinstance(keys[n], ChoiceKey | ListKey)):
         if name in table:
             values[name] = keys[name].check(table[name], f"[{model.table}] {name}", source)
+        elif (stand_in := model.without(name, values)) is not None:
+            values[name] = stand_in
         elif model.model_fields[name].is_required():
             raise input_error(source, *keys[name].missing(name, model.table))
     return values
@@ -245,6 +269,7 @@ def checked(model: type[TomlSection], table: dict[str, Any], source: str) -> dic
 __all__ = [
     "ChoiceKey",
     "Key",
+    "ListKey",
     "Motion",
     "NumberKey",
     "Range",

@@ -65,7 +65,7 @@ def place_needed(rig: Rig) -> str | None:
     """Why the position's place in the stroke matters to a balance of efforts; None: it does not."""
     if rig.is_vertical and not rig.is_linear:
         return "gravity's torque follows from the angle"
-    if "spring" in rig.content:
+    if rig.spring is not None:
         return "a spring's effort follows from the position"
     return None
 

@@ -57,6 +57,16 @@ class MotionUnits:
         return f"max_{self.word}_{self.suffix}"
 
     @property
+    def stiffness(self) -> str:
+        """The rig file's key of the return spring's stiffness."""
+        return f"stiffness_{self.suffix}_per_{self.position}"
+
+    @property
+    def preload(self) -> str:
+        """The rig file's key of the return spring's preload."""
+        return f"preload_{self.suffix}"
+
+    @property
     def encoder_counts(self) -> str:
         """The rig file's key of the encoder's counts."""
         return f"encoder_counts_per_{self.counts_per}"

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from sysid.errors import InputError, input_error
-from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.declaration import TomlSection
 from sysid.io.file_kinds import PARQUET_SUFFIXES, is_bag
 from sysid.io.files import note_input
@@ -28,6 +28,7 @@ from sysid.io.rig_sections import (
     Pwm,
     Sampling,
     Sensors,
+    Spring,
     Tank,
     Valves,
 )
@@ -77,6 +78,7 @@ class Rig:
     motion: str
     air: Air | None = None
     cylinder: Cylinder | None = None
+    spring: Spring | None = None
     inertia: Inertia | None = None
     motor: Motor | None = None
     pwm: Pwm | None = None
@@ -147,6 +149,36 @@ class Rig:
         return self.cylinder.stroke_m / self.cylinder.pitch_radius_m
 
     @property
+    def sides(self) -> tuple[str, ...]:
+        """The chambers, and their valves, that it has: "a" alone, or "a" and "b"."""
+        return SIDES if self.cylinder is None else self.cylinder.chambers
+
+    @property
+    def pressure_channels(self) -> tuple[str, ...]:
+        """The channels of its chambers' pressures; none of a motor alone."""
+        return () if self.is_motor_alone else CHAMBER_PRESSURES[: len(self.sides)]
+
+    def require_side(self, side: str, what: str) -> None:
+        """InputError, which names `what` asks, where the rig lacks a chamber and its valve."""
+        if side not in self.sides:
+            name = side.upper()
+            raise input_error(
+                self.source,
+                f"[cylinder] chambers lists no chamber {name}, but {what} is of valve {name}",
+                f'write valve "a", or add "{side}" to chambers',
+            )
+
+    @property
+    def spring_law(self) -> tuple[float, float] | None:
+        """The return spring's stiffness, Nm/rad or N/m, and its effort against positive motion at
+        position 0, Nm or N; None without one."""
+        if self.spring is None:
+            return None
+        stiffness: float = getattr(self.spring, self.units.stiffness)
+        preload: float = getattr(self.spring, self.units.preload)
+        return stiffness, preload + stiffness * 0.5 * (self.travel or 0.0)
+
+    @property
     def is_tank_alone(self) -> bool:
         """Whether it is a tank, with nothing that moves."""
         return self.tank is not None and self.cylinder is None and self.motor is None
@@ -167,9 +199,10 @@ class Rig:
         return self.motor is not None and not self.assumes("motor")
 
     def air_alone_drives(self, channels: Container[str]) -> bool:
-        """Whether a motion is balanced without an effort: no motor is declared, and both chamber
-        pressures are logged."""
-        return not self.has_declared_motor and all(name in channels for name in CHAMBER_PRESSURES)
+        """Whether a motion is balanced without an effort: no motor is declared, and the pressure of
+        each chamber is logged."""
+        logged = all(name in channels for name in CHAMBER_PRESSURES[: len(self.sides)])
+        return not self.has_declared_motor and logged
 
     @property
     def has_declared_encoder(self) -> bool:
@@ -421,7 +454,11 @@ def _section(
     if not isinstance(table, dict):
         raise input_error(source, f"{cls.table} is not a section", f"write [{cls.table}]")
     notices += reject_misspelt(table, cls.model_fields, f"[{cls.table}] ", source)
-    return cls.from_table(table, source)
+    section = cls.from_table(table, source)
+    for name in cls.conditional:
+        if name in table and getattr(section, name) != table[name]:
+            notices.append(f"{source}: [{cls.table}] {name} is not used: the rig has no chamber B")
+    return section
 
 
 def _check_together(rig: Rig) -> None:
@@ -441,6 +478,7 @@ def _check_together(rig: Rig) -> None:
             "[inertia] payload_length_m is missing, but there is a payload",
             "add its distance from the shaft",
         )
+    _check_spring(rig)
     if cylinder is None:
         return
     if not rig.is_linear and "pitch_radius_m" not in rig.content["cylinder"]:
@@ -460,6 +498,22 @@ def _check_together(rig: Rig) -> None:
                 f"give an offset above {cylinder.stroke_m / 2:g} m: half the stroke and the "
                 "dead length",
             )
+
+
+def _check_spring(rig: Rig) -> None:
+    """A spring's keys are those of the rig's motion."""
+    if rig.spring is None:
+        return
+    given, u = rig.content["spring"], rig.units
+    for foreign, own in ((u.other.stiffness, u.stiffness), (u.other.preload, u.preload)):
+        if foreign in given:
+            raise input_error(
+                rig.source, f"[spring] {foreign} on a {rig.motion} rig", f"give {own} in its place"
+            )
+    if u.stiffness not in given:
+        raise input_error(
+            rig.source, f"[spring] {u.stiffness} is missing", "add it; 0 for a constant effort"
+        )
 
 
 def constant_in(content: Mapping[str, Any], key: str) -> Any:
@@ -499,6 +553,7 @@ __all__ = [
     "RigFile",
     "Sampling",
     "Sensors",
+    "Spring",
     "Tank",
     "Valves",
     "constant_in",

@@ -21,6 +21,7 @@ from sysid.io.rig_sections import (
     Pwm,
     Sampling,
     Sensors,
+    Spring,
     Tank,
     Valves,
 )
@@ -80,6 +81,7 @@ class RigFile(TomlTable):
     rig: RigHead
     air: Air | None = None
     cylinder: Cylinder | None = None
+    spring: Spring | None = None
     inertia: Inertia | None = None
     motor: Annotated[
         Motor | None,
@@ -96,7 +98,10 @@ class RigFile(TomlTable):
 
 RIG_TABLES: dict[str, type[TomlSection]] = {
     cls.table: cls
-    for cls in (RigHead, Air, Cylinder, Inertia, Motor, Pwm, Valves, Tank, Sampling, Sensors)
+    for cls in (
+        *(RigHead, Air, Cylinder, Spring, Inertia, Motor),
+        *(Pwm, Valves, Tank, Sampling, Sensors),
+    )
 }
 
 __all__ = ["RIG_TABLES", "Orientation", "RigFile", "RigHead", "SectionComment"]

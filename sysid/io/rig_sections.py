@@ -7,9 +7,10 @@ complete.
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
-from sysid.io.declaration import NumberKey, Range, TemplateLine, TomlSection
+from sysid.io.channels import SIDES
+from sysid.io.declaration import ListKey, NumberKey, Range, TemplateLine, TomlSection
 
 
 class Air(TomlSection):
@@ -59,13 +60,30 @@ class Air(TomlSection):
     ]
 
 
+_OPEN_SIDE = {"area_b_m2": 1e-15, "offset_b_m": 1e18}
+"""What stands for chamber B where the piston's other side is open to the atmosphere: a piston of no
+area before a room, 1000 m3, whose pressure nothing changes."""
+
+
 class Cylinder(TomlSection):
     """`[cylinder]`: chamber A is (offset_a + y) area_a, chamber B is (offset_b - y) area_b.
 
-    `pitch_radius_m` is 1 on a linear rig, so that y is the position itself.
+    `pitch_radius_m` is 1 on a linear rig, so that y is the position itself. Where `chambers` lists
+    A alone, chamber B is the atmosphere.
     """
 
     table: ClassVar[str] = "cylinder"
+    conditional: ClassVar[tuple[str, ...]] = tuple(_OPEN_SIDE)
+
+    @classmethod
+    def without(cls, name: str, values: dict[str, Any]) -> Any:
+        return None if "b" in values.get("chambers", SIDES) else _OPEN_SIDE.get(name)
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any], source: str) -> Self:
+        if table.get("chambers") == ["a"]:
+            table = {name: value for name, value in table.items() if name not in _OPEN_SIDE}
+        return super().from_table(table, source)
 
     area_a_m2: Annotated[
         float,
@@ -116,6 +134,52 @@ class Cylinder(TomlSection):
             TemplateLine("0.0375", "y = theta * pitch_radius (radius, not diameter)", "rotary"),
         ),
     ] = 1.0
+    chambers: Annotated[
+        tuple[str, ...],
+        ListKey(
+            'The chambers that there are: ["a"] where the piston\'s other side is open to the '
+            "atmosphere.",
+            (SIDES[:1], SIDES),
+        ),
+    ] = SIDES
+
+
+class Spring(TomlSection):
+    """`[spring]`: a return spring, which pushes the piston back to where the supply moves it from.
+
+    That end is where chamber A is smallest; with a vacuum supply, where it is largest.
+    """
+
+    table: ClassVar[str] = "spring"
+
+    stiffness_nm_per_rad: Annotated[
+        float | None,
+        NumberKey(
+            "Stiffness of the return spring at the output; rotary rigs, and required there.",
+            Range(0.0, 1e6, "Nm/rad", "Nm/rad at the output"),
+        ),
+    ] = None
+    preload_nm: Annotated[
+        float,
+        NumberKey(
+            "Torque of the return spring at the end to which it returns the piston; rotary rigs.",
+            Range(-1e6, 1e6, "Nm"),
+        ),
+    ] = 0.0
+    stiffness_n_per_m: Annotated[
+        float | None,
+        NumberKey(
+            "Stiffness of the return spring; linear rigs, and required there.",
+            Range(0.0, 1e8, "N/m", "N/m: 1 N/mm is 1000"),
+        ),
+    ] = None
+    preload_n: Annotated[
+        float,
+        NumberKey(
+            "Force of the return spring at the end to which it returns the piston; linear rigs.",
+            Range(-1e7, 1e7, "N"),
+        ),
+    ] = 0.0
 
 
 class Inertia(TomlSection):
@@ -347,6 +411,7 @@ __all__ = [
     "Pwm",
     "Sampling",
     "Sensors",
+    "Spring",
     "Tank",
     "Valves",
 ]

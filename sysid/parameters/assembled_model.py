@@ -40,7 +40,7 @@ from sysid.plant.ports import Effect, Model, has_discrete_law
 from sysid.plant.trials import DISCRETE
 from sysid.surfaces.averaged import AveragedLaw
 from sysid.surfaces.domain import SAME_SUPPLY
-from sysid.surfaces.hull import ValveLaw
+from sysid.surfaces.hull import NoValve, ValveLaw
 
 MEAN_FLOW_MODELS = (AVERAGED, *SURFACE_KINDS)
 VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
@@ -266,10 +266,14 @@ def surfaces_from_bundle(bundle: BundleContent, rig: Rig, kind: str) -> tuple[An
     they do not hold.
     """
     if kind == AVERAGED:
-        a, b = (_averaged_law(bundle, rig, side) for side in SIDES)
+        laws = {side: _averaged_law(bundle, rig, side) for side in rig.sides}
+        a, b = laws["a"], laws.get("b", _no_averaged_law(rig))
         return None if a is None or b is None else (a, b)
-    found = []
+    found: list[Any] = []
     for side in SIDES:
+        if side not in rig.sides:
+            found.append(NoValve())
+            continue
         parts = [bundle.valve(side).surfaces(direction) for direction in DIRECTIONS]
         held = [part for part in parts if part is not None and kind in part.given()]
         if len(held) < len(DIRECTIONS):
@@ -277,11 +281,11 @@ def surfaces_from_bundle(bundle: BundleContent, rig: Rig, kind: str) -> tuple[An
         where = f"{bundle.source}, valves.{side}"
         for direction, part in zip(DIRECTIONS, held, strict=True):
             _check_conditions(part, rig, f"{where}.pwm.{direction}")
-        laws = [
+        pair = [
             _surface(part, kind, f"{where}, {name}").law.for_simulation()
             for name, part in zip(("filling", "discharging"), held, strict=True)
         ]
-        found.append(ValveLaw(*laws))
+        found.append(ValveLaw(*pair))
     return found[0], found[1]
 
 
@@ -309,6 +313,15 @@ def _averaged_law(bundle: BundleContent, rig: Rig, side: str) -> AveragedLaw | N
         off_delay=off,
         period=rig.require("pwm", "which the averaged law needs").period_s,
     )
+
+
+def _no_averaged_law(rig: Rig) -> AveragedLaw:
+    """The averaged law that stands for the valve of a chamber that a rig lacks: it passes nothing,
+    at the delays of the other one."""
+    still = parameters_from_rig(
+        rig, static_effort=0.0, coulomb_effort=0.0, viscous=0.0, inertia=1.0
+    )
+    return AveragedLaw.of(still, "b")
 
 
 def _all_possible(law: Part) -> bool:
@@ -350,6 +363,8 @@ def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters
     """The on/off law; NaN flows without one. A flow that its tests do not identify is that of the
     PWM tests (their averaged law, else a choked one of their surface), else it follows from that of
     the other regime: the law is assumed continuous unless tests show a jump."""
+    if side not in rig.sides:
+        return ValveParameters(0.0, 0.0, 0.0, 0.0)
     valve = bundle.valve(side)
     law = valve.discrete
     if law is None:

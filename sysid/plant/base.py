@@ -59,7 +59,9 @@ class Parameters:
     direction of positive motion (0 in the base model). `choked_fill_*` holds at
     `supply_reference`, to which choked filling is proportional. Gravity is
     `gravity_moment` sin(position) + `weight`: the first on a rotary rig, the second on a
-    linear one.
+    linear one. A return spring resists positive motion with `preload` + `stiffness` position;
+    None: there is none. A chamber that a rig lacks is the atmosphere: a piston of no area before a
+    room, with a valve that passes nothing.
     """
 
     # mechanics: Nm, Nm s/rad, kg m2 (linear: N, N s/m, kg)
@@ -100,6 +102,9 @@ class Parameters:
     off_delay_b: Array
     # s
     pwm_period: Array
+    # Nm/rad, Nm (linear: N/m, N)
+    stiffness: Array | None = None
+    preload: Array | None = None
 
     def replace(self, **changes: Array) -> Parameters:
         """A copy with some fields changed."""
@@ -127,7 +132,11 @@ class ValveParameters:
     c_dis: Array
 
 
-PARAMETER_NAMES: tuple[str, ...] = tuple(f.name for f in dataclasses.fields(Parameters))
+SPRING_NAMES = ("stiffness", "preload")
+"""The parameters that a rig without a return spring does not have."""
+PARAMETER_NAMES: tuple[str, ...] = tuple(
+    f.name for f in dataclasses.fields(Parameters) if f.name not in SPRING_NAMES
+)
 
 # A chamber without a valve model holds its gas; a rig without a motor takes no command.
 _NO_VALVE = ValveParameters(0.0, 0.0, 0.0, 0.0)
@@ -216,6 +225,7 @@ def bare_parameters(rig: Rig) -> Parameters:
         supply_reference=a.supply_pressure_pa if a else atmosphere,
         **dict.fromkeys(_FLOWS, 0.0),
         pwm_period=1.0,
+        **dict(zip(SPRING_NAMES, rig.spring_law or (None, None), strict=True)),
     )
 
 
@@ -283,6 +293,20 @@ def gravity_effort(position: Array, gravity_moment: Array, weight: Array = 0.0) 
     if is_zero(gravity_moment):
         return 0.0 * position + weight  # a sine of every sample costs more than all else here
     return gravity_moment * sine(position) + weight
+
+
+def spring_effort(position: Array, stiffness: Array, preload: Array) -> Array:
+    """Effort of a return spring against positive motion, Nm or N: preload + stiffness position."""
+    return stiffness * position + preload
+
+
+def load_effort(position: Array, parameters: Parameters) -> Array:
+    """What the load resists positive motion with at rest, Nm or N: gravity and a return spring."""
+    p = parameters
+    gravity = gravity_effort(position, p.gravity_moment, p.weight)
+    if p.stiffness is None or p.preload is None:
+        return gravity
+    return gravity + spring_effort(position, p.stiffness, p.preload)
 
 
 def sliding_friction(velocity: Array, coulomb_effort: Array, viscous: Array) -> Array:

@@ -81,7 +81,8 @@ def motor_effort(point: Point, model: Model) -> Array:
 
 
 def applied_effort(point: Point, model: Model) -> Array:
-    """Cylinder + motor - gravity + offset + external: all but friction, Nm or N (3.3.7)."""
+    """Cylinder + motor - gravity and spring + offset + external: all but friction, Nm or N
+    (3.3.7)."""
     p = point.parameters
     cylinder = base.cylinder_effort(
         point.pressure_a,
@@ -91,8 +92,8 @@ def applied_effort(point: Point, model: Model) -> Array:
         p.atmosphere,
         pitch_radius(point, model),
     )
-    gravity = base.gravity_effort(point.position, p.gravity_moment, p.weight)
-    effort = cylinder + motor_effort(point, model) - gravity + p.offset
+    load = base.load_effort(point.position, p)
+    effort = cylinder + motor_effort(point, model) - load + p.offset
     return model.through("external_effort", effort, point)
 
 

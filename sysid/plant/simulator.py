@@ -299,7 +299,7 @@ def _check_known(model: Model, averaged: bool) -> None:
     unknown = [
         name
         for name, value in vars(model.parameters).items()
-        if name not in unused and math.isnan(float(value))
+        if name not in unused and value is not None and math.isnan(float(value))
     ]
     if unknown:
         raise NotIdentifiedError(

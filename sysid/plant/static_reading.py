@@ -29,7 +29,7 @@ def static_ratio(model: Model, commanded: float) -> float:
     p = model.parameters
     way = 0.5 * _SHARE * min(float(p.stroke) / float(p.pitch_radius), _TURN)
     places, direction = np.meshgrid(np.linspace(-way, way, _PLACES), (-1.0, 1.0))
-    gravity = np.asarray(base.gravity_effort(places, p.gravity_moment, p.weight))
+    load = np.asarray(base.load_effort(places, p))
     zero = np.zeros_like(places)
     point = Point(
         time=zero,
@@ -37,7 +37,7 @@ def static_ratio(model: Model, commanded: float) -> float:
         velocity=zero,
         pressure_a=zero + p.atmosphere,
         pressure_b=zero + p.atmosphere,
-        motor=gravity + direction * commanded,
+        motor=load + direction * commanded,
         open_a=zero,
         open_b=zero,
         direction=zero,

@@ -46,12 +46,16 @@ def inputs_from_trial(
 
     if len(trial) < 2:
         raise input_error(trial.source, "has fewer than two rows", "give a longer test")
-    commands = [_valve_command(trial, side, on) for side, on in zip(SIDES, starts_on, strict=True)]
+    commands = [
+        _valve_command(trial, side, on) if side in rig.sides else None
+        for side, on in zip(SIDES, starts_on, strict=True)
+    ]
     if rig.effort_channel not in trial and commands == [None, None]:
+        names = [f"{stem}_{side}" for stem in ("duty", "valve") for side in rig.sides]
         raise input_error(
             trial.source,
             "holds no command",
-            f"add duty_a, duty_b, valve_a, valve_b or {rig.effort_channel}",
+            f"add {', '.join(names)} or {rig.effort_channel}",
         )
     return Inputs(
         time=trial.time,
@@ -60,7 +64,7 @@ def inputs_from_trial(
         valve_b=commands[1],
         position=_first(trial, rig.position_channel) or 0.0,
         pressure_a=_first(trial, "pressure_a_pa"),
-        pressure_b=_first(trial, "pressure_b_pa"),
+        pressure_b=_first(trial, "pressure_b_pa") if "b" in rig.sides else None,
         velocity=_first_velocity(trial, rig),
         elapsed=trial.begun_s,
         load=rig.load_of(trial.payload_kg),
@@ -88,7 +92,8 @@ def simulate_trials(
     """Open-loop simulation of every trial, all in one batch; channels (n,) by name.
 
     Names are those of the log format (`time_s`, `theta_rad` or `position_m`,
-    `pressure_a_pa`, `pressure_b_pa`), and `velocity_rad_per_s` or `velocity_m_per_s`.
+    `pressure_a_pa`, `pressure_b_pa` of the chambers that the rig has), and `velocity_rad_per_s` or
+    `velocity_m_per_s`.
     Trials may differ in length. `surfaces`: valve A's and B's, for the averaged valve models
     (see `surfaces_for`); without, the discrete law under the real pulses. The first row's
     position and pressures are measured ones, and so are the results: the model's sensors lie
@@ -107,6 +112,8 @@ def simulate_trials(
     results = []
     for trial, run in zip(trials, simulate(inputs, [model] * len(inputs), surfaces), strict=True):
         channels = measured_channels(run, rig.position_channel, model)
+        for name in set(CHAMBER_PRESSURES).difference(rig.pressure_channels):
+            channels.pop(name, None)
         results.append({"time_s": trial.time, **channels})
     return results
 
@@ -143,8 +150,7 @@ def check_commands(trial: Trial, rig: Rig, valve_model: str) -> None:
 def assumed_starts(trial: Trial, rig: Rig) -> list[str]:
     """Notices of the starting values that a test does not hold and that are assumed."""
     starts = {rig.position_channel: "0"}
-    if not rig.is_motor_alone:
-        starts |= dict.fromkeys(CHAMBER_PRESSURES, "the atmosphere")
+    starts |= dict.fromkeys(rig.pressure_channels, "the atmosphere")
     return [
         f"{trial.source}: no {name}: it starts at {start}"
         for name, start in starts.items()

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid import signals
-from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
+from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.measured_speed import velocity_channel, with_position
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
@@ -42,7 +42,7 @@ def recorded(trial: Trial, rig: Rig, notices: list[str]) -> Recording:
     if not rig.air_alone_drives(trial.channels):
         trial.require([rig.effort_channel], "and the motor's effort is what friction balances")
     moment = rig.carrying(trial.payload_kg).gravity_moment()
-    pressures = () if rig.cylinder is None else CHAMBER_PRESSURES
+    pressures = () if rig.cylinder is None else rig.pressure_channels
     names = (rig.position_channel, rig.effort_channel, *pressures, *VALVE_COMMANDS)
     even = on_even_grid(trial, rig, names)
     _check_pressures(trial, rig, notices)
@@ -70,13 +70,13 @@ def _check_pressures(trial: Trial, rig: Rig, notices: list[str]) -> None:
 
     Raises InputError for logged pressures without the rig file's [air].
     """
-    present = [name for name in CHAMBER_PRESSURES if name in trial]
+    present = [name for name in rig.pressure_channels if name in trial]
     if rig.cylinder is None:
         if present:
             _say(notices, "the rig file has no [cylinder]: the logged pressures are not used")
         return
-    if len(present) < 2:
-        missing = ", ".join(name for name in CHAMBER_PRESSURES if name not in trial)
+    if len(present) < len(rig.pressure_channels):
+        missing = ", ".join(name for name in rig.pressure_channels if name not in trial)
         _say(notices, f"{missing} not logged: the chamber is assumed to be at P0")
     if not present:
         return

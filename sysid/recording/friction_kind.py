@@ -6,7 +6,6 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import InputError
-from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.measured_speed import place_needed, velocity_channel
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
@@ -22,7 +21,7 @@ KINDS = (STATIC, SLIDING, MOTION)
 def balances(trial: Trial, rig: Rig) -> bool:
     """Whether a motion trial has every channel of the balance that friction closes: without a
     pressure, the cylinder's effort would be mistaken for friction."""
-    pressures = () if rig.cylinder is None else CHAMBER_PRESSURES
+    pressures = () if rig.cylinder is None else rig.pressure_channels
     shows_motion = rig.position_channel in trial or (
         velocity_channel(rig) in trial and place_needed(rig) is None
     )

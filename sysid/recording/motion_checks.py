@@ -8,7 +8,6 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import input_error
-from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, require_inertia
 from sysid.io.trial_kind import rows_per_period
@@ -26,7 +25,7 @@ def check_channels(trial: Trial, kind: str, rig: Rig) -> None:
         needed.append(rig.effort_channel)
     else:
         prefix = "duty" if kind == "motion-pwm" else "valve"
-        needed += [f"{prefix}_a", f"{prefix}_b", *CHAMBER_PRESSURES]
+        needed += [*(f"{prefix}_{side}" for side in rig.sides), *rig.pressure_channels]
     trial.require(needed, f"which simulating a {kind} test needs")
     if len(trial) < MIN_ROWS:
         raise input_error(
@@ -91,7 +90,7 @@ def moves_at_start(
     """
     rows = slice(0, int(np.count_nonzero(test.time <= 0.05)))
     time, position = test.time[rows], test.position[rows]
-    effort = np.abs(test.commanded + test.cylinder - test.gravity)[rows]
+    effort = np.abs(test.commanded + test.cylinder - test.load_effort)[rows]
     rig = test.rig.carrying(test.trial.payload_kg)
     declared = rig.total_inertia()
     inertia = fitted_inertia if declared is None else declared

@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import Failure, error_of, input_error, on_its_own
-from sysid.io.channels import CHAMBER_PRESSURES, SIDES, simulated_channels
+from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import rows_per_ripple
@@ -205,11 +205,11 @@ def _whole_of_part(
     It starts from a state estimated from its samples, once pending edges have taken effect, and
     after a run-up. Raises InputError where the part is too short, or a pressure is not logged.
     """
-    if np.isnan(test.measured[: 1 if rig.is_motor_alone else None]).any():
+    if not _shows_its_state(test):
         raise input_error(
             test.source,
             "starts after excluded rows, and a chamber's pressure there is not logged",
-            "log both pressures, or exclude the test as a whole",
+            "log the chambers' pressures, or exclude the test as a whole",
         )
     delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0,)
     half = half_window(test.period, stride)
@@ -260,10 +260,12 @@ def commands_of(trial: Trial, pulsed: bool) -> Commands:
 
 
 def measured_channels(trial: Trial, rig: Rig) -> FloatArray:
-    """(3, n) position and pressures of a trial, NaN where not logged."""
-    unknown = np.full(len(trial), np.nan)
-    names = simulated_channels(rig.position_channel)
-    return np.array([trial.channels.get(name, unknown) for name in names], dtype=float)
+    """(3, n) position and pressures of a trial, NaN where not logged, or there is no chamber."""
+    found = np.full((1 + len(CHAMBER_PRESSURES), len(trial)), np.nan)
+    for i, name in enumerate((rig.position_channel, *rig.pressure_channels)):
+        if name in trial:
+            found[i] = trial[name]
+    return found
 
 
 def _not_logged(trial: Trial, rig: Rig) -> list[str]:
@@ -271,8 +273,8 @@ def _not_logged(trial: Trial, rig: Rig) -> list[str]:
     return [
         f"{trial.source}: {name} is not logged; the chamber is assumed to start at the "
         "atmosphere's pressure, and the test is simulated as a whole only"
-        for name in CHAMBER_PRESSURES
-        if name not in trial and not rig.is_motor_alone
+        for name in rig.pressure_channels
+        if name not in trial
     ]
 
 
@@ -302,6 +304,12 @@ def channel_noise(
     return ChannelNoise(np.array(totals), signals.quantum(measured[0]))
 
 
+def _shows_its_state(test: MotionTest) -> bool:
+    """Whether a start within a test is known: its position, and the pressure of each chamber."""
+    own = 1 + len(test.rig.pressure_channels)
+    return not bool(np.isnan(test.measured[:own]).any())
+
+
 # --- where segments start --------------------------------------------------------------
 
 
@@ -313,8 +321,7 @@ def _segments(
     stride: int | None,
 ) -> tuple[Segment, ...]:
     """Segments of `horizon` s, one after another, each from an estimated state."""
-    # A motor alone has no chambers whose pressure a start would need.
-    if np.isnan(test.measured[: 1 if rig.is_motor_alone else None]).any():
+    if not _shows_its_state(test):
         return ()
     rows, n = round(horizon / test.period), len(test)
     half = half_window(test.period, stride)

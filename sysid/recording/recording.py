@@ -16,7 +16,7 @@ from sysid import signals
 from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
 from sysid.io.rig import Load, Rig
 from sysid.io.samples import Trial
-from sysid.plant.base import cylinder_effort, gravity_effort
+from sysid.plant.base import cylinder_effort, gravity_effort, spring_effort
 from sysid.types import BoolArray, FloatArray
 
 # Samples within this share of the stroke from an end are not part of the model (log-format.md).
@@ -152,7 +152,7 @@ class Recording:
     def cylinder(self) -> FloatArray:
         """The cylinder's effort (n,); 0 without a cylinder, or where no pressure is logged."""
         c = self.rig.cylinder
-        if c is None or not any(name in self.trial for name in CHAMBER_PRESSURES):
+        if c is None or not any(name in self.trial for name in self.rig.pressure_channels):
             return np.zeros(len(self))
         air = self.rig.require("air", "and the cylinder's effort is relative to its pressure")
         p0 = float(air.atmospheric_pressure_pa)
@@ -160,16 +160,17 @@ class Recording:
         return np.asarray(cylinder_effort(a, b, c.area_a_m2, c.area_b_m2, p0, c.pitch_radius_m))
 
     @cached_property
-    def gravity(self) -> FloatArray:
-        """Gravity's effort (n,), which resists positive motion."""
-        moment, linear = self.gravity_moment, self.rig.is_linear
+    def load_effort(self) -> FloatArray:
+        """The effort (n,) of gravity and a return spring, which resists positive motion."""
+        moment, linear, spring = self.gravity_moment, self.rig.is_linear, self.rig.spring_law
         weights = (0.0, moment) if linear else (moment, 0.0)
-        return np.asarray(gravity_effort(self.position, *weights)) + np.zeros(len(self))
+        gravity = np.asarray(gravity_effort(self.position, *weights)) + np.zeros(len(self))
+        return gravity if spring is None else gravity + spring_effort(self.position, *spring)
 
     @property
     def applied(self) -> FloatArray:
-        """The effort (n,) that friction and inertia balance: motor + cylinder - gravity (3.4.2)."""
-        return self.motor + self.cylinder - self.gravity
+        """The effort (n,) that friction and inertia balance: motor + cylinder - load (3.4.2)."""
+        return self.motor + self.cylinder - self.load_effort
 
     @property
     def load(self) -> Load:

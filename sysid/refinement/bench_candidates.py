@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.estimation.autoregression import Autoregression
-from sysid.io.channels import SIDES
 from sysid.io.rig import Rig
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs, ValveCommand
@@ -46,7 +45,7 @@ def bench_candidates(problem: ProbedProblem, rig: Rig, noise: FloatArray) -> lis
     return [
         *_sliding(problem, rig),
         *_static(problem),
-        *(_fillings(problem, rig, noise, side) for side in SIDES if rig.valves is not None),
+        *(_fillings(problem, rig, noise, side) for side in rig.sides if rig.valves is not None),
     ]
 
 

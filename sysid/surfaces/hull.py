@@ -112,6 +112,21 @@ class ValveLaw:
         return xp.where(flow >= 0.0, into, out)
 
 
+@dataclass(frozen=True, eq=False)
+class NoValve:
+    """What stands for the surfaces of a chamber that a rig lacks: nothing flows."""
+
+    def fill(self, duty: Array, pressure: Array) -> Array:
+        """0 kg/s."""
+        return 0.0 * pressure
+
+    discharge = fill
+
+    def span(self, pressure: Array) -> Array:
+        """0 kg/s."""
+        return 0.0 * pressure
+
+
 def ends(pair: Array) -> tuple[Array, Array]:
     """The two numbers of a pair (..., 2)."""
     return pair[..., 0], pair[..., 1]
@@ -133,4 +148,4 @@ def interpolated(value: Array, nodes: Array, at_nodes: Array) -> Array:
     return at_nodes[..., 0] + xp.sum(slopes * within, axis=-1)
 
 
-__all__ = ["ROUNDING", "Bounded", "FlowLaw", "Saturation", "ValveLaw"]
+__all__ = ["ROUNDING", "Bounded", "FlowLaw", "NoValve", "Saturation", "ValveLaw"]

@@ -18,7 +18,7 @@ from datasets.generator.plant import (
     PRESSURE_B,
     VELOCITY,
     FloatArray,
-    gravity_effort,
+    static_load,
 )
 
 # States beyond the plant's own four.
@@ -151,7 +151,8 @@ def load_effort(x: FloatArray, p: Any, k: Any) -> float:
         stretch = x[ARM] - x[POSITION]
         load = k.arm_stiffness * stretch + k.arm_damping * (x[ARM_SPEED] - x[VELOCITY])
     else:
-        load = -gravity_effort(x[POSITION], p) if p.gravity != 0.0 else 0.0
+        has_load = p.gravity != 0.0 or p.spring_stiffness != 0.0
+        load = -static_load(x[POSITION], p) if has_load else 0.0
     if k.pendulum_inertia > 0.0:
         load += k.pendulum_stiffness * (x[PENDULUM] - x[POSITION])
         load += k.pendulum_damping * (x[PENDULUM_SPEED] - x[VELOCITY])
@@ -300,7 +301,7 @@ def second_rates(x: FloatArray, dx: FloatArray, command: float, p: Any, k: Any, 
         stretch = x[ARM] - x[POSITION]
         spring = k.arm_stiffness * stretch + k.arm_damping * (x[ARM_SPEED] - x[VELOCITY])
         dx[ARM] = x[ARM_SPEED]
-        dx[ARM_SPEED] = -(spring + gravity_effort(x[ARM], p)) / k.arm_inertia
+        dx[ARM_SPEED] = -(spring + static_load(x[ARM], p)) / k.arm_inertia
     if k.pendulum_inertia > 0.0 and not held:
         pull = k.pendulum_stiffness * (x[PENDULUM] - x[POSITION])
         pull += k.pendulum_damping * (x[PENDULUM_SPEED] - x[VELOCITY])

@@ -25,7 +25,7 @@ from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
 from sysid.errors import Failure, SysidError, on_its_own
 from sysid.identification.friction.result import FrictionResult
 from sysid.io.campaign import SIMULATED_KINDS, Campaign
-from sysid.io.channels import CHAMBER_PRESSURES, SIDES
+from sysid.io.channels import SIDES
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.recording.even import recorded
@@ -135,7 +135,7 @@ def quantities(rig: Rig) -> tuple[SharedQuantity, ...]:
 
 
 def _even(trial: Trial, rig: Rig) -> Recording | None:
-    if rig.cylinder is not None and not all(n in trial for n in CHAMBER_PRESSURES):
+    if rig.cylinder is not None and not all(n in trial for n in rig.pressure_channels):
         return None
     try:
         return recorded(trial, rig, [])
@@ -169,6 +169,11 @@ def _sign(drive: str, name: str, rig: Rig) -> str:
             f"{name}: {rig.effort_channel} brakes what it should drive: the sign of "
             f"{rig.effort_channel} or of {rig.position_channel} is reversed; map it with a factor "
             "of -1"
+        )
+    if len(rig.sides) == 1:
+        return (
+            f"{name}: the chamber brakes what it should drive: the sign of {rig.position_channel} "
+            "is reversed"
         )
     return (
         f"{name}: the chambers brake what they should drive: pressure_a_pa and pressure_b_pa are "
@@ -264,7 +269,7 @@ def _friction_quantity(part: str, rig: Rig) -> SharedQuantity:
 
 def _air(trials: Sequence[Trial], name: str, rig: Rig) -> Iterator[Reading]:
     ambient = rig.require("air", "and the air's readings need it").atmospheric_pressure_pa
-    for side in SIDES:
+    for side in rig.sides:
         flows = [f for t in trials for f in filling_flows(t, side, rig)]
         if flows:
             yield Reading(_FLOWS[side], name, *interval_of(flows, _LEAST_OF_FLOW))

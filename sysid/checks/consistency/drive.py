@@ -103,7 +103,7 @@ def _rows(recording: Recording) -> FloatArray:
         [
             motion.smooth(signals.held_about_rows(recording.motor)),
             motion.smooth(recording.cylinder),
-            motion.smooth(recording.gravity),
+            motion.smooth(recording.load_effort),
             motion.way,
             motion.speed,
             np.ones(len(recording)),

@@ -11,7 +11,7 @@ from sysid.errors import SysidError
 from sysid.estimation.linear import Estimate
 from sysid.friction import fit_friction
 from sysid.identification.friction.result import FrictionResult
-from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
+from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.types import FloatArray
@@ -67,7 +67,7 @@ def sliding_fit(trials: Sequence[Trial], kind: str, rig: Rig) -> FrictionResult 
     needed = (rig.position_channel, rig.effort_channel)
     usable = [t for t in trials if all(n in t for n in needed)]
     if rig.cylinder is not None:
-        usable = [t for t in usable if all(n in t for n in CHAMBER_PRESSURES)]
+        usable = [t for t in usable if all(n in t for n in rig.pressure_channels)]
     if not usable:
         return None
     try:

@@ -44,9 +44,8 @@ def offset_of(
         return None
     offset, coulomb = found
     other = None
-    if abs(offset.value) > _LARGE * coulomb and all(
-        n in t for t in trials for n in CHAMBER_PRESSURES
-    ):
+    has_two = all(n in t for t in trials for n in CHAMBER_PRESSURES) and len(rig.sides) == 2
+    if abs(offset.value) > _LARGE * coulomb and has_two:
         other = sliding_fit([_exchanged(t) for t in trials], "motion", rig)
     without = None if other is None else _read(other)
     return OffsetReading(name, offset, coulomb, None if without is None else without[0].value)

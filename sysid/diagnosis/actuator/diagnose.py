@@ -28,7 +28,7 @@ from sysid.diagnosis.looked import Because, why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.diagnosis.search import full_sentence, limit_sentence
 from sysid.errors import Failure, NotIdentifiedError, SimulationError, on_its_own
-from sysid.io.channels import CHAMBER_PRESSURES, simulated_channels
+from sysid.io.channels import simulated_channels
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.parallel import limited, spend
@@ -212,10 +212,12 @@ def with_errors_after_judged(found: Diagnosis) -> Diagnosis:
     """`unexplained` where with the effects found every held-out channel is still far off.
 
     Effects that imitate another one together explain the balances, and simulate badly. Numbers a
-    little off move the position alone: all three channels have to be known.
+    little off move the position alone: the position and every chamber have to be known.
     """
-    known = len(found.residual) == 1 + len(CHAMBER_PRESSURES)
-    if not (found.verdict == "effects-found" and known):
+    if found.verdict != "effects-found":
+        return found
+    evidence = cast(TwinEvidence, found.evidence)
+    if len(found.residual) != 1 + len(evidence.rig.pressure_channels):
         return found
     after, floor = (
         np.array([getattr(errors, name) for errors in found.residual.values()], dtype=float)
@@ -223,7 +225,6 @@ def with_errors_after_judged(found: Diagnosis) -> Diagnosis:
     )
     if not is_far_off(after, floor):
         return found
-    evidence = cast(TwinEvidence, found.evidence)
     evidence = replace(evidence, left=faintest(evidence.loop))
     because: Because = "held-out errors"
     return replace(

@@ -122,7 +122,7 @@ def begin(
         traces = prepare(tests, rig, model)
         model = with_sliding_friction(traces, model)
         own = [effect for effect in catalogue if not effect.averaged_only]
-        forms = candidates(own, traces.travel)
+        forms = candidates(own, traces.travel, rig.sides)
         if book.quick:
             forms = one_form_each(forms)
             book.left_out(SearchStage.FORMS, decides=True)

@@ -59,20 +59,22 @@ class Candidate:
 
 
 def candidates(
-    catalogue: Iterable[type[CatalogueEffect]], travel: float = math.inf
+    catalogue: Iterable[type[CatalogueEffect]],
+    travel: float = math.inf,
+    sides: Sequence[str] = SIDES,
 ) -> list[Candidate]:
-    """Every form of every effect that screening tries, on logs that visit so much of the position.
-
-    rad or m.
+    """Every form of every effect that screening tries, on logs that visit so much of the position
+    (rad or m), of a rig with the chambers `sides`.
     """
     found = []
+    choices = SIDE_CHOICES if len(sides) > 1 else tuple(sides)
     for effect in catalogue:
         quantities = effect.within(travel)
-        if quantities is None:
+        if quantities is None or (effect.needs_chamber_b and "b" not in sides):
             continue
         axes: list[list[tuple[str, Any]]] = []
         if effect.has_side():
-            axes.append([("side", side) for side in SIDE_CHOICES])
+            axes.append([("side", side) for side in choices])
         for quantity in (q for q in quantities if not q.is_strength):
             values = quantity.grid or (quantity.typical,)
             axes.append([(quantity.name, value) for value in values])

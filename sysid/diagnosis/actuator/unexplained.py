@@ -129,14 +129,13 @@ def regressors(traces: Traces, channel: str) -> dict[str, FloatArray]:
     # Neither the acceleration nor the motor's effort for the effort, nor a pressure's own rate for
     # its rate: they hold what the residual holds.
     t = traces
-    found = {
-        "velocity": t.velocity,
-        "angle": t.position,
-        "pressure_a": t.pressure_a,
-        "pressure_b": t.pressure_b,
-        "pressure_difference": t.pressure_a - t.pressure_b,
-        "time": t.time,
-    }
+    found = {"velocity": t.velocity, "angle": t.position, "pressure_a": t.pressure_a}
+    if np.ptp(t.pressure_b) > 0.0:  # where there is no chamber B it is the atmosphere's
+        found |= {
+            "pressure_b": t.pressure_b,
+            "pressure_difference": t.pressure_a - t.pressure_b,
+        }
+    found["time"] = t.time
     if channel == EFFORT:
         found["pressure_sum times direction"] = (t.pressure_a + t.pressure_b) * t.direction
         found["angle" + PER_DIRECTION] = per_direction(t.position, t.direction)

@@ -115,6 +115,11 @@ def pushed_along(trials: Sequence[Recording]) -> str | None:
     size = math.sqrt(float(speed @ speed) * float(push @ push))
     if size == 0.0 or float(speed @ push) < _PUSHED * size:
         return None
+    if len(trials[0].rig.sides) == 1:
+        return (
+            "the chamber's pressure drives the motion although only the motor should: is the "
+            "position's sign reversed?"
+        )
     return (
         "the chambers' pressures drive the motion although only the motor should: are "
         "pressure_a_pa and pressure_b_pa swapped, or is the position's sign reversed?"

@@ -160,7 +160,7 @@ def breakaway(trial: Recording, units: MotionUnits) -> TrialUse:
     times = trial.time[window]
     motor = _carried_on(times, trial.motor[window], onset.time)
     cylinder = _carried_on(times, trial.cylinder[window], onset.time)
-    effort = motor + cylinder - float(np.mean(trial.gravity[window]))
+    effort = motor + cylinder - float(np.mean(trial.load_effort[window]))
     use.values = {"breakaway": effort, "direction": float(onset.direction)}
     if effort * onset.direction <= 0.0:
         use.exclude(

@@ -26,7 +26,7 @@ def trial_law(trial: Recording, start: int, stop: int, inertia: float) -> tuple[
     """
     rows, dt = slice(start, stop), trial.period
     x = trial.position[rows] - trial.position[start]
-    measured = (trial.cylinder - trial.gravity)[rows]
+    measured = (trial.cylinder - trial.load_effort)[rows]
     # The motor's command holds from its row to the next; the pressures change in between.
     held = trial.motor[rows][:-1] + 0.5 * (measured[:-1] + measured[1:])
     impulse = _running(held) * dt

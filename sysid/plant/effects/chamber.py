@@ -249,6 +249,7 @@ class PistonLeakage(CatalogueEffect):
     """Air leaks past the piston's seal: d (Pa^2 - Pb^2) from A to B, as through a narrow gap."""
 
     piston_leakage_kg_per_s_pa2: Array = 0.0
+    needs_chamber_b = True
 
     id = "piston-leakage"
     title = "Leakage past the piston"

@@ -138,6 +138,8 @@ class CatalogueEffect(Effect):
     source: ClassVar[str]
     averaged_only: ClassVar[bool] = False
     """Acts on flows averaged over a PWM period only, not on a valve followed pulse by pulse."""
+    needs_chamber_b: ClassVar[bool] = False
+    """Is of chamber B, or between the two: not of a rig with one chamber."""
 
     @classmethod
     def strengths(cls) -> tuple[Quantity, ...]:

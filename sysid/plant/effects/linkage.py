@@ -509,6 +509,7 @@ class AreaError(CatalogueEffect):
 
     area_change_m2: Array = 0.0
 
+    needs_chamber_b = True
     id = "area-error"
     title = "Piston area differs from its declared value"
     subsystem = "mechanics"

@@ -1,0 +1,298 @@
+"""Rigs with one chamber and an elastic return: spring-return cylinders, soft actuators.
+
+The piston's other side is open to the atmosphere. Without pressure the spring holds the piston
+inside its stroke, so that every test starts at rest and off the stops. `make_campaign` draws a rig
+and its tests; each test has its own seed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from datasets.generator import friction_tests, valve_tests
+from datasets.generator.campaign import GeneratedCampaign, GeneratedLog, stream
+from datasets.generator.effects import Injected
+from datasets.generator.plant import POSITION, FloatArray
+from datasets.generator.rigs import GeneratedRig, Truth, ValveTruth, random_rig
+from datasets.generator.runs import Commands, GeneratedTest, Start, at_atmosphere, logged, simulated
+from datasets.generator.sensors import rounded_duty, rounded_effort
+
+LIMIT = 0.92  # of the half travel, never passed
+TRIES = 600
+SWING = 0.45  # least way from one extreme to the other, in half travels
+# The spring's effort over the whole stroke, in shares of the chamber's effort at the supply.
+SPRING_SHARE = (0.35, 0.75)
+# Where the spring holds the piston without pressure, in half travels.
+FREE_PLACE = (-0.75, -0.5)
+# Half travels around the free place at which friction holds the piston, and where ramps begin.
+RAMP_PLACES = (-0.5, 0.0, 0.5)
+KINDS = (
+    "friction-static",
+    "friction-motion",
+    "valve-discrete",
+    "valve-pwm",
+    "motion-motor",
+    "motion-pwm",
+    "motion-discrete",
+)
+NO_VALVE = ValveTruth(0.0, 0.0, 0.0, 0.0)
+
+
+def random_one_chamber_rig(
+    rng: np.random.Generator, motion: str | None = None, with_motor: bool | None = None
+) -> GeneratedRig:
+    """A rig with chamber A and a return spring; what is not given is drawn.
+
+    Rotary or linear; with or without a motor next to the cylinder. The spring is as stiff as
+    `SPRING_SHARE` says.
+    """
+    drawn_motion = "linear" if rng.random() < 0.5 else "rotary"
+    drawn_motor = bool(rng.random() < 0.5)
+    rig = random_rig(rng, "horizontal", motion or drawn_motion)
+    content = {section: dict(table) for section, table in rig.content.items()}
+    cylinder = content["cylinder"]
+    del cylinder["area_b_m2"], cylinder["offset_b_m"]
+    cylinder["chambers"] = ["a"]
+    content["spring"] = _spring(rig, rng)
+    if not (drawn_motor if with_motor is None else with_motor):
+        del content["motor"]
+    t = rig.truth
+    truth = Truth(
+        t.static_friction,
+        t.coulomb_friction,
+        t.viscous_friction,
+        t.valve_a,
+        NO_VALVE,
+        t.pressure_noise_pa,
+    )
+    return GeneratedRig(content, truth)
+
+
+def _spring(rig: GeneratedRig, rng: np.random.Generator) -> dict[str, float]:
+    air, cylinder = rig.content["air"], rig.content["cylinder"]
+    gauge = abs(float(air["supply_pressure_pa"] - air["atmospheric_pressure_pa"]))
+    reach = gauge * float(cylinder["area_a_m2"]) * rig.radius
+    stiffness = rng.uniform(*SPRING_SHARE) * reach / (2.0 * rig.half_travel)
+    free = rng.uniform(*FREE_PLACE)
+    preload = -stiffness * (free + 1.0) * rig.half_travel
+    names = ("stiffness_n_per_m", "preload_n")
+    if not rig.is_linear:
+        names = ("stiffness_nm_per_rad", "preload_nm")
+    return {name: float(f"{v:.5g}") for name, v in zip(names, (stiffness, preload), strict=True)}
+
+
+def free_place(rig: GeneratedRig) -> float:
+    """Where the spring holds the piston without pressure, rad or m."""
+    p = rig.plant()
+    return -p.spring_effort / p.spring_stiffness
+
+
+def _start(rig: GeneratedRig, rng: np.random.Generator) -> Start:
+    """Somewhere near the free place, where friction holds the piston."""
+    p = rig.plant()
+    within = 0.5 * p.coulomb_friction / p.spring_stiffness
+    within = min(within, 0.15 * rig.half_travel)
+    return at_atmosphere(rig, free_place(rig) + float(rng.uniform(-within, within)))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Maker:
+    rig: GeneratedRig
+    scatter: float
+    noise: float
+
+    def _logged(
+        self,
+        label: str,
+        commands: Commands,
+        states: FloatArray,
+        factors: tuple[float, float],
+        rng: np.random.Generator,
+    ) -> GeneratedTest:
+        truth = friction_tests.factors_truth(*factors)
+        return logged(label, self.rig, commands, states, self.noise, rng, truth)
+
+    def _tried(
+        self, label: str, rng: np.random.Generator, draw: Any, swing: float = SWING
+    ) -> GeneratedTest:
+        """A test whose commands `draw` makes, tried until the piston moves well, off its stops."""
+        rig, limit = self.rig, LIMIT * self.rig.half_travel
+        factors = friction_tests.friction_factors(rng, self.scatter)
+        plant, start = rig.plant(*factors), _start(rig, rng)
+        for attempt in range(TRIES):
+            commands = draw(attempt / TRIES)
+            states = simulated(rig, plant, commands, start, (-limit, limit))
+            n = commands.motor.size
+            if len(states) == n and np.ptp(states[:, POSITION]) > swing * rig.half_travel:
+                return self._logged(label, commands, states, factors, rng)
+        raise ValueError("no commands move this rig well and keep it off its stops")
+
+    def pwm(self, label: str, duration: float, rng: np.random.Generator) -> GeneratedTest:
+        """A clipped sine of the duty, and in some tests of a motor next to the cylinder."""
+        rig = self.rig
+        n = round(duration / rig.row_period)
+        with_motor = "motor" in rig.content and rng.random() < 0.5
+
+        def draw(progress: float) -> Commands:
+            period = float(rig.content["pwm"]["period_s"])
+            held = np.floor(np.arange(n) * rig.row_period / period + 1e-6).astype(int)
+            frequency, phase = rng.uniform(0.15, 0.5), rng.uniform(0.0, 2.0 * np.pi)
+            middle, amplitude = rng.uniform(0.1, 0.5), rng.uniform(0.06, 0.3)
+            sine = friction_tests.clipped_sine(
+                held[-1] + 1, period, frequency, phase, amplitude, rng.uniform(0.7, 1.0)
+            )
+            duty = rounded_duty(np.clip(middle + sine, 0.004, 0.95))[held]
+            motor = np.zeros(n)
+            if with_motor:
+                size = rng.uniform(0.1, 0.3) * rig.max_effort
+                motor = friction_tests.clipped_sine(
+                    n, rig.row_period, 1.7 * frequency, phase, size, 0.8
+                )
+            return Commands(rounded_effort(motor, rig), duty_a=duty)
+
+        return self._tried(label, rng, draw)
+
+    def discrete(self, label: str, duration: float, rng: np.random.Generator) -> GeneratedTest:
+        """Pulses of the valve, some short and some that fill the chamber, and pauses."""
+        rig = self.rig
+        n = round(duration / rig.row_period)
+
+        def draw(progress: float) -> Commands:
+            valve = np.zeros(n)
+            row = round(rng.uniform(0.25, 0.6) / rig.row_period)
+            longest = 0.2 * (1.0 - 0.8 * progress) + 0.02
+            while row < n:
+                pulse = np.exp(rng.uniform(np.log(0.008), np.log(longest)))
+                length = max(1, round(float(pulse) / rig.row_period))
+                valve[row : row + length] = 1.0
+                row += length + round(rng.uniform(0.03, 0.5) / rig.row_period)
+            return Commands(np.zeros(n), valve_a=valve)
+
+        return self._tried(label, rng, draw)
+
+    def motor(self, label: str, duration: float, rng: np.random.Generator) -> GeneratedTest:
+        """A clipped sine of the motor against the spring, the chamber open."""
+        rig = self.rig
+        n = round(duration / rig.row_period)
+
+        def draw(progress: float) -> Commands:
+            sine = friction_tests.clipped_sine(
+                n,
+                rig.row_period,
+                rng.uniform(0.3, 0.9),
+                rng.uniform(0.0, 2.0 * np.pi),
+                rng.uniform(0.6, 1.25) * rig.max_effort,
+                rng.uniform(0.6, 0.95),
+            )
+            return Commands(rounded_effort(sine, rig), valve_a=np.zeros(n))
+
+        return self._tried(label, rng, draw, 0.15)
+
+    def static(self, label: str, place: float, way: int, rng: np.random.Generator) -> GeneratedTest:
+        """A slow ramp of the motor from where friction holds the piston, until it moves."""
+        rig = self.rig
+        factors = friction_tests.friction_factors(rng, self.scatter)
+        plant = rig.plant(*factors)
+        held = 0.8 * plant.static_friction / plant.spring_stiffness
+        position = free_place(rig) + (place + rng.uniform(-0.1, 0.1)) * held
+        n = round(friction_tests.RAMP_S / rig.row_period)
+        ramp = way * rig.max_effort / friction_tests.RAMP_S * rig.row_period * np.arange(n)
+        commands = Commands(rounded_effort(np.asarray(ramp), rig))
+        limit = LIMIT * rig.half_travel
+        states = simulated(rig, plant, commands, at_atmosphere(rig, position), (-limit, limit))
+        counts = np.round(states[:, POSITION] / rig.position_per_count)
+        moved = np.flatnonzero(counts != counts[0])
+        if moved.size == 0:
+            raise ValueError("the motor is too weak to break this rig away")
+        last = int(moved[0]) + round(rng.uniform(0.3, 0.5) / rig.row_period)
+        return self._logged(label, commands, states[:last], factors, rng)
+
+    def logs(self, seed: int, duty_step: float, more: int) -> list[GeneratedLog]:
+        """Every log of a campaign; `more` motion tests beyond the least."""
+
+        def rngs(stem: str, count: int) -> list[np.random.Generator]:
+            return [stream(seed, _STREAMS[stem], 1000 + i) for i in range(count)]
+
+        def all_of(stem: str, count: int, make: Any) -> list[GeneratedTest]:
+            drawn = rngs(stem, count)
+            return [make(str(i + 1), r) for i, r in enumerate(drawn)]
+
+        rig, noise = self.rig, self.noise
+        has_motor = "motor" in rig.content
+        by_air = (lambda t, r: self.pwm(t, 8.0, r), lambda t, r: self.motor(t, 8.0, r))
+        logs = []
+        if has_motor:
+            plan = [(p, w) for p in RAMP_PLACES for w in (1, -1) for _ in range(2)]
+            ramps = [
+                self.static(str(i + 1), *plan[i], r)
+                for i, r in enumerate(rngs("friction_static", len(plan)))
+            ]
+            logs.append(GeneratedLog("friction_static", "friction-static", "fit", ramps))
+        motions = all_of("friction_motion", 2 + more, by_air[has_motor])
+        logs.append(GeneratedLog("friction_motion", "friction-motion", "fit", motions))
+        switched = all_of(
+            "valve_discrete_a",
+            3,
+            lambda t, r: valve_tests.discrete_test(rig, t, "a", noise, r),
+        )
+        logs.append(GeneratedLog("valve_discrete_a", "valve-discrete", "fit", switched, "a"))
+        duties = [(d, f) for f in (True, False) for d in valve_tests.duties(duty_step)]
+        pulsed = [
+            valve_tests.pwm_test(rig, str(i + 1), "a", *duties[i], noise, r)
+            for i, r in enumerate(rngs("valve_pwm_a", len(duties)))
+        ]
+        logs.append(GeneratedLog("valve_pwm_a", "valve-pwm", "fit", pulsed, "a"))
+        for suffix, use, count in (("", "fit", 2 + more), ("_2", "holdout", 1)):
+            if has_motor:
+                stem = f"motion_motor{suffix}"
+                tests = all_of(stem, count, lambda t, r: self.motor(t, 7.0, r))
+                logs.append(GeneratedLog(stem, "motion-motor", use, tests))
+            stem = f"motion_pwm{suffix}"
+            tests = all_of(stem, count, lambda t, r: self.pwm(t, 7.0, r))
+            logs.append(GeneratedLog(stem, "motion-pwm", use, tests))
+            stem = f"motion_discrete{suffix}"
+            tests = all_of(stem, count, lambda t, r: self.discrete(t, 6.0, r))
+            logs.append(GeneratedLog(stem, "motion-discrete", use, tests))
+        return logs
+
+
+_STREAMS = {
+    "friction_static": "friction-static",
+    "friction_motion": "friction-motion",
+    "valve_discrete_a": "valve-discrete-a",
+    "valve_pwm_a": "valve-pwm-a",
+    "motion_motor": "motion-motor-fit",
+    "motion_motor_2": "motion-motor-holdout",
+    "motion_pwm": "motion-pwm-fit",
+    "motion_pwm_2": "motion-pwm-holdout",
+    "motion_discrete": "motion-discrete-fit",
+    "motion_discrete_2": "motion-discrete-holdout",
+}
+
+
+def make_one_chamber_campaign(
+    seed: int,
+    *,
+    scatter: float = 0.02,
+    motion: str | None = None,
+    with_motor: bool | None = None,
+    effects: tuple[Injected, ...] = (),
+    duty_step: float = 0.06,
+    more: int = 0,
+    kinds: tuple[str, ...] = KINDS,
+) -> GeneratedCampaign:
+    """A campaign of a drawn one-chamber rig; arguments as in `random_one_chamber_rig` and
+    `campaign.make_campaign`. Raises ValueError where a rig can make no test of a kind."""
+    rig = random_one_chamber_rig(stream(seed, "rig", 1000), motion, with_motor)
+    rig = dataclasses.replace(rig, effects=effects)
+    maker = _Maker(rig, scatter, rig.truth.pressure_noise_pa)
+    logs = [log for log in maker.logs(seed, duty_step, more) if log.kind in kinds]
+    truth = rig.truth_content() | {"seed": seed, "scatter": scatter}
+    truth["tests"] = {log.stem: {test.label: test.truth for test in log.tests} for log in logs}
+    return GeneratedCampaign(rig, logs, truth)
+
+
+__all__ = ["KINDS", "make_one_chamber_campaign", "random_one_chamber_rig"]

@@ -1,0 +1,185 @@
+"""Rigs with one chamber and a return spring: rig file, simulation, fits, forms of effects."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from datasets.generator.campaign import GeneratedCampaign
+from datasets.generator.files import write_campaign
+from datasets.generator.one_chamber import make_one_chamber_campaign
+from sysid.commands.app import main
+from sysid.diagnosis.actuator.signatures import candidates
+from sysid.errors import InputError
+from sysid.friction import fit_friction
+from sysid.io.logs import Log, read_log
+from sysid.io.rig import Rig, read_rig, rig_from_content
+from sysid.plant import base, plant
+from sysid.plant.base import ValveParameters, parameters_from_rig
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.trials import simulate_trials
+from sysid.valve_discrete import fit_valve_discrete
+
+ALONE = ("friction-motion", "valve-discrete", "motion-discrete")
+
+
+@pytest.fixture(scope="module")
+def made() -> GeneratedCampaign:
+    return make_one_chamber_campaign(41, motion="linear", with_motor=False, kinds=ALONE)
+
+
+@pytest.fixture(scope="module")
+def folder(made: GeneratedCampaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("one")
+    write_campaign(place, made, "generated")
+    return place
+
+
+def log_of(folder: Path, stem: str) -> Log:
+    return read_log(folder / f"{stem}.csv", read_rig(folder / "rig.toml"))
+
+
+def content(text: str, **sections: Any) -> dict[str, Any]:
+    found = tomllib.loads(text)
+    for name, table in sections.items():
+        found[name] = {**found.get(name, {}), **table}
+    return found
+
+
+# --- the rig file -------------------------------------------------------------------------
+
+
+def one_chamber(rig_text: str, **sections: Any) -> Rig:
+    kept = "\n".join(
+        line for line in rig_text.splitlines() if not line.startswith(("area_b", "offset_b"))
+    )
+    own = {"cylinder": {"chambers": ["a"]}, **sections}
+    return rig_from_content(content(kept, **own), "rig.toml")
+
+
+def test_one_chamber_needs_no_key_of_the_other(rig_text: str) -> None:
+    rig = one_chamber(rig_text)
+    assert rig.sides == ("a",) and rig.pressure_channels == ("pressure_a_pa",)
+    assert rig.notices == ()
+    again = rig_from_content(rig.content, "bundle, rig")
+    assert again.cylinder == rig.cylinder
+    unused = rig_from_content(content(rig_text, cylinder={"chambers": ["a"]}), "rig.toml")
+    assert unused.cylinder == rig.cylinder
+    assert any("area_b_m2 is not used: the rig has no chamber B" in line for line in unused.notices)
+
+
+@pytest.mark.parametrize(
+    ("sections", "line"),
+    [
+        ({"cylinder": {"chambers": ["b"]}}, r"chambers = \['b'\] is unknown; write \[\"a\"\] or"),
+        ({"cylinder": {"chambers": ["a", "b"]}}, "area_b_m2 is missing; add"),
+        ({"spring": {"preload_nm": 1.0}}, "stiffness_nm_per_rad is missing; add it"),
+        (
+            {"spring": {"stiffness_n_per_m": 100.0}},
+            "stiffness_n_per_m on a rotary rig; give stiffness_nm_per_rad in its place",
+        ),
+        ({"spring": {"stiffness_nm_per_rad": -1.0}}, "stiffness_nm_per_rad = -1 is not plausible"),
+    ],
+)
+def test_a_wrong_key_is_one_line(rig_text: str, sections: dict[str, Any], line: str) -> None:
+    with pytest.raises(InputError, match=line):
+        one_chamber(rig_text, **sections)
+
+
+def test_the_preload_is_the_effort_where_chamber_a_is_smallest(rig_text: str) -> None:
+    rig = one_chamber(rig_text, spring={"stiffness_nm_per_rad": 0.5, "preload_nm": 0.2})
+    p, travel = base.bare_parameters(rig), rig.travel
+    assert travel is not None
+    assert base.load_effort(-0.5 * travel, p) == pytest.approx(0.2)
+    assert base.load_effort(0.5 * travel, p) == pytest.approx(0.2 + 0.5 * travel)
+
+
+# --- equations ----------------------------------------------------------------------------
+
+
+def test_the_simulation_is_the_generators(made: GeneratedCampaign, folder: Path) -> None:
+    """Two programs, written independently, with the true numbers: they differ by sensors' noise."""
+    log, t = log_of(folder, "motion_discrete_2"), made.rig.truth
+    law = t.valve_a
+    truth = parameters_from_rig(
+        read_rig(folder / "rig.toml"),
+        static_effort=t.static_friction,
+        coulomb_effort=t.coulomb_friction,
+        viscous=t.viscous_friction,
+        valve_a=ValveParameters(
+            law.choked_flow_fill_kg_s, law.choked_flow_dis_kg_s, law.c_fill, law.c_dis
+        ),
+    )
+    factors = made.log("motion_discrete_2").tests[0].truth
+    truth = truth.replace(
+        static_effort=t.static_friction * factors["static_factor"],
+        coulomb_effort=t.coulomb_friction * factors["sliding_factor"],
+        viscous=t.viscous_friction * factors["sliding_factor"],
+    )
+    assert log.rig is not None
+    (run,) = simulate_trials(log.trials, log.rig, truth)
+    assert "pressure_b_pa" not in run
+    measured = log.trials[0]
+    noise = np.std(run["pressure_a_pa"] - measured["pressure_a_pa"])
+    assert noise < 1.1 * t.pressure_noise_pa
+    way = np.ptp(measured["position_m"])
+    assert np.max(np.abs(run["position_m"] - measured["position_m"])) < 0.01 * way
+
+
+def test_the_open_side_stays_at_the_atmosphere(folder: Path) -> None:
+    rig = read_rig(folder / "rig.toml")
+    p = parameters_from_rig(rig, static_effort=1.0, coulomb_effort=1.0, viscous=1.0)
+    full = plant.chamber_volume("b", np.array([-0.05, 0.05]), p)
+    assert float(np.ptp(full)) / float(full[0]) < 1e-9
+    leak = 1e-3  # kg/s, more than any leak past a seal
+    rate = p.heat_capacity_ratio * p.gas_constant * p.temperature * leak / full
+    assert np.all(rate < 1.0)  # Pa/s
+
+
+# --- fits ---------------------------------------------------------------------------------
+
+
+def test_friction_of_a_motion_that_air_and_spring_drive(
+    made: GeneratedCampaign, folder: Path
+) -> None:
+    log = log_of(folder, "friction_motion")
+    assert log.rig is not None and "motor_force_n" not in log.channels
+    found = fit_friction(log.trials, log.rig).parameters
+    t = made.rig.truth
+    assert found["coulomb"].value == pytest.approx(t.coulomb_friction, rel=0.06)
+    assert found["viscous"].value == pytest.approx(t.viscous_friction, rel=0.1)
+    without = read_rig(folder / "rig.toml")
+    bare = rig_from_content({k: v for k, v in without.content.items() if k != "spring"}, "rig.toml")
+    wrong = fit_friction(log.trials, bare).parameters["coulomb"]
+    assert not wrong.identified or abs(wrong.value / t.coulomb_friction - 1.0) > 0.2
+
+
+def test_the_valve_of_the_one_chamber(made: GeneratedCampaign, folder: Path) -> None:
+    log, law = log_of(folder, "valve_discrete_a"), made.rig.truth.valve_a
+    assert log.rig is not None
+    found = fit_valve_discrete(log.trials, log.rig, find_ratio=False)
+    assert list(found.valves) == ["a"]
+    for key, true in dataclasses.asdict(law).items():
+        assert found["a"].estimates[key].value == pytest.approx(true, rel=0.01), key
+    with pytest.raises(InputError, match=r"chambers lists no chamber B, but .* is of valve B"):
+        fit_valve_discrete(log.trials, log.rig, valve="b")
+
+
+def test_effects_of_the_other_chamber_are_not_offered() -> None:
+    both, one = candidates(catalogue().values()), candidates(catalogue().values(), sides=("a",))
+    assert {dict(c.shape).get("side") for c in one} == {None, "a"}
+    assert {c.id for c in both} - {c.id for c in one} == {"area-error", "piston-leakage"}
+
+
+# --- commands -----------------------------------------------------------------------------
+
+
+def test_check_speaks_of_the_one_chamber(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(folder / "motion_discrete.csv")]) == 0
+    said = capsys.readouterr().out
+    assert "valve A" in said and "valve B" not in said and "pressure_b_pa" not in said
