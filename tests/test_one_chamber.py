@@ -14,11 +14,16 @@ from datasets.generator.campaign import GeneratedCampaign
 from datasets.generator.files import write_campaign
 from datasets.generator.one_chamber import make_one_chamber_campaign
 from sysid.commands.app import main
+from sysid.controllers.design_model import design_from_bundle
 from sysid.diagnosis.actuator.signatures import candidates
-from sysid.errors import InputError
+from sysid.errors import InputError, NotIdentifiedError
+from sysid.exporters.base_laws import mechanics
+from sysid.exporters.c_header import render
+from sysid.exporters.flat import flatten
 from sysid.friction import fit_friction
 from sysid.io.logs import Log, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
+from sysid.parameters import Bundle, Parts
 from sysid.plant import base, plant
 from sysid.plant.base import ValveParameters, parameters_from_rig
 from sysid.plant.effects.catalogue import catalogue
@@ -183,3 +188,24 @@ def test_check_speaks_of_the_one_chamber(folder: Path, capsys: pytest.CaptureFix
     assert main(["check", str(folder / "motion_discrete.csv")]) == 0
     said = capsys.readouterr().out
     assert "valve A" in said and "valve B" not in said and "pressure_b_pa" not in said
+
+
+def test_controllers_of_two_chambers_say_so(rig_text: str) -> None:
+    rig = one_chamber(rig_text)
+    bundle = Bundle.new(rig, Parts(), [])
+    with pytest.raises(NotIdentifiedError, match=r"the rig has one chamber, and .* steer two"):
+        design_from_bundle(bundle)
+
+
+def test_exported_constants_are_those_of_the_chamber_and_the_spring(rig_text: str) -> None:
+    rig = one_chamber(rig_text, spring={"stiffness_nm_per_rad": 0.5, "preload_nm": 0.2})
+    flat = flatten(Bundle.new(rig, Parts(), []), "0")
+    names = set(flat.constants)
+    assert "area_a_m2" in names and not names & {"area_b_m2", "offset_b_m"}
+    assert list(flat.valves) == ["a"] and not any("valves.b" in name for name in flat.missing)
+    text = render(flat, "sysid_", [], Bundle.new(rig, Parts(), [])).text
+    assert "sysid_cylinder_torque(sysid_real pressure_a_pa)" in " ".join(text.split())
+    (law,) = (law for law in mechanics(flat) if law.feature == "HAS_SPRING")
+    p = base.bare_parameters(rig)
+    assert law.evaluate(p, 0.3) == pytest.approx(base.spring_effort(0.3, p.stiffness, p.preload))
+    assert law.evaluate(p, 0.3) == pytest.approx(base.load_effort(0.3, p))

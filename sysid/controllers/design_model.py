@@ -89,7 +89,7 @@ def design_from_bundle(
     rig = rig or bundle.rig
     if inverse not in INVERSES:
         raise input_error(f"inverse {inverse!r}", "is unknown", f"use {', '.join(INVERSES)}")
-    _require_discrete_laws(bundle)
+    _require_discrete_laws(bundle, rig)
     model = model_from_bundle(bundle, rig, catalogue)
     if inverse == "averaged":
         return design_model(model, rig=rig)
@@ -123,8 +123,13 @@ def require_declared(bundle: BundleContent, accept_assumed: bool) -> None:
         )
 
 
-def _require_discrete_laws(bundle: BundleContent) -> None:
+def _require_discrete_laws(bundle: BundleContent, rig: Rig) -> None:
     """Refuse a bundle without both on/off laws: every controller's model has them."""
+    if len(rig.sides) < len(SIDES):
+        raise NotIdentifiedError(
+            f"{bundle.source}: the rig has one chamber, and these controllers steer two: pva, "
+            "backstepping and dvmpc need chambers A and B; give the bundle of such a rig"
+        )
     if bundle.rig.is_motor_alone:
         raise NotIdentifiedError(
             f"{bundle.source}: the rig is a motor alone, and a closed loop needs a cylinder "

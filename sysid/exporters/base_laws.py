@@ -12,9 +12,8 @@ from typing import Any
 
 from sysid.exporters.c_constants import parameter_values, read_constants
 from sysid.exporters.c_text import KEPT, Names, comment_text, indented, real, wrapped
-from sysid.exporters.flat import Flat, NumberTable, gravity_name
+from sysid.exporters.flat import Flat, NumberTable, gravity_name, spring_names
 from sysid.exporters.replay import Replay, simple
-from sysid.io.channels import SIDES
 from sysid.io.motion import FRICTION
 from sysid.plant import base
 from sysid.plant.base import Array, Parameters, array_namespace
@@ -65,7 +64,7 @@ def law_replays(flat: Flat, constants: NumberTable, features: Collection[str]) -
     """The replays of every base law in the header, with the header's own constants."""
     p = Parameters(**parameter_values(flat, constants))
     laws = [*mechanics(flat)]
-    for side in SIDES:
+    for side in flat.valves:
         laws += [*valve_flows(side), *chamber(flat, side)]
     yield from (law.replay(p) for law in laws if law.feature in features)
 
@@ -79,17 +78,31 @@ def mechanics(flat: Flat) -> Iterator[BaseLaw]:
     """The efforts of cylinder, gravity and friction."""
     u, (position, velocity) = flat.rig.units, _motion(flat)
     word, suffix, unit = u.word, u.suffix, u.effort
+    resists = "gravity" if flat.rig.spring_law is None else "gravity - spring"
     static, coulomb, viscous = (f"friction_{u.key(name)}" for name in FRICTION)
-    yield BaseLaw(
-        "HAS_CYLINDER",
-        f"cylinder_{word}",
-        f"{word.capitalize()} of the cylinder, {unit}, from absolute pressures, Pa (3.3.3)",
-        ("area_a_m2", "area_b_m2", "pitch_radius_m", "atmospheric_pressure_pa"),
-        {"pressure_a_pa": "pressure", "pressure_b_pa": "pressure"},
-        lambda p, a, b: base.cylinder_effort(
-            a, b, p.area_a, p.area_b, p.atmosphere, p.pitch_radius
-        ),
-    )
+    if len(flat.rig.sides) == 1:
+        yield BaseLaw(
+            "HAS_CYLINDER",
+            f"cylinder_{word}",
+            f"{word.capitalize()} of the cylinder, {unit}, from an absolute pressure, Pa (3.3.3); "
+            "its other side is at the atmosphere",
+            ("area_a_m2", "pitch_radius_m", "atmospheric_pressure_pa"),
+            {"pressure_a_pa": "pressure"},
+            lambda p, a: base.cylinder_effort(
+                a, p.atmosphere, p.area_a, 0.0, p.atmosphere, p.pitch_radius
+            ),
+        )
+    else:
+        yield BaseLaw(
+            "HAS_CYLINDER",
+            f"cylinder_{word}",
+            f"{word.capitalize()} of the cylinder, {unit}, from absolute pressures, Pa (3.3.3)",
+            ("area_a_m2", "area_b_m2", "pitch_radius_m", "atmospheric_pressure_pa"),
+            {"pressure_a_pa": "pressure", "pressure_b_pa": "pressure"},
+            lambda p, a, b: base.cylinder_effort(
+                a, b, p.area_a, p.area_b, p.atmosphere, p.pitch_radius
+            ),
+        )
     where = "the weight" if flat.rig.is_linear else "theta = 0 hangs down"
     yield BaseLaw(
         "HAS_GRAVITY",
@@ -99,6 +112,15 @@ def mechanics(flat: Flat) -> Iterator[BaseLaw]:
         {position: "position"},
         lambda p, q: base.gravity_effort(q, p.gravity_moment, p.weight) + 0.0 * q,
     )
+    if flat.rig.spring_law is not None:
+        yield BaseLaw(
+            "HAS_SPRING",
+            f"spring_{word}",
+            f"{word.capitalize()} of the return spring against positive motion, {unit}",
+            spring_names(flat.rig),
+            {position: "position"},
+            lambda p, q: base.spring_effort(q, p.stiffness, p.preload),
+        )
     yield BaseLaw(
         "HAS_SLIDING_FRICTION",
         f"sliding_friction_{word}",
@@ -110,9 +132,9 @@ def mechanics(flat: Flat) -> Iterator[BaseLaw]:
     yield BaseLaw(
         "HAS_FRICTION",
         f"friction_{word}",
-        f"Friction in full, {unit} (3.4.1, corrected). applied = cylinder + motor - gravity, less "
-        f"the constant friction_offset_{suffix} where it is known. At rest friction holds against "
-        f"what is applied, up to friction_static_{suffix}",
+        f"Friction in full, {unit} (3.4.1, corrected). applied = cylinder + motor - {resists}, "
+        f"less the constant friction_offset_{suffix} where it is known. At rest friction holds "
+        f"against what is applied, up to friction_static_{suffix}",
         (static, coulomb, viscous),
         {velocity: "velocity", f"applied_{suffix}": "effort"},
         lambda p, w, applied: base.friction_effort(

@@ -11,12 +11,13 @@ from sysid.exporters.flat import (
     NumberTable,
     gravity_name,
     inertia_name,
+    spring_names,
 )
 from sysid.io.channels import SIDES
 from sysid.io.motion import FRICTION
 from sysid.parameters.table import field_of
 from sysid.parameters.valves import LAW_KEYS
-from sysid.plant.base import PARAMETER_NAMES
+from sysid.plant.base import PARAMETER_NAMES, SPRING_NAMES
 
 GAS = ("gas_constant", "heat_capacity_ratio", "temperature")
 """The parameters whose product is k R T."""
@@ -48,7 +49,7 @@ def header_constants(flat: Flat) -> NumberTable:
     """All scalars by C name without prefix: the rig's, friction, and each valve's law."""
     table = dict(flat.constants)
     table |= {f"friction_{name}": quantity for name, quantity in flat.friction.items()}
-    for side in SIDES:
+    for side in flat.valves:
         law = flat.valves[side].discrete
         table |= {f"valve_{side}_{name}": quantity for name, quantity in law.items()}
     return table
@@ -61,6 +62,8 @@ def own_constants(flat: Flat) -> dict[str, str]:
     found["inertia"] = inertia_name(flat.rig)[0]
     found["weight" if flat.rig.is_linear else "gravity_moment"] = gravity_name(flat.rig)[0]
     found["max_effort"] = flat.rig.units.max_effort
+    if flat.rig.spring_law is not None:
+        found |= zip(SPRING_NAMES, spring_names(flat.rig), strict=True)
     for side in SIDES:
         found |= {field_of(name, side): f"valve_{side}_{key}" for name, key in LAW_KEYS.items()}
     return found
@@ -74,7 +77,8 @@ def read_constants(flat: Flat) -> dict[str, str]:
 def parameter_values(flat: Flat, table: NumberTable) -> dict[str, float]:
     """Every parameter of the model: its constant's value, NaN where unknown, 0 where it has none.
 
-    None has the constant offset, and that of gravity which the rig's motion does not have.
+    None has the constant offset, and that of gravity which the rig's motion does not have. A
+    spring's are there where the rig has one.
     """
     names, found = read_constants(flat), dict.fromkeys(PARAMETER_NAMES, 0.0)
     for key, name in names.items():

@@ -19,7 +19,6 @@ from sysid.exporters.c_maths import mathematics
 from sysid.exporters.c_surfaces import macro, slots, surfaces
 from sysid.exporters.c_text import Names, comment_text, constant, has, names, real
 from sysid.exporters.flat import Flat, NumberTable, inertia_name, values
-from sysid.io.channels import SIDES
 from sysid.parameters import Bundle, assumptions
 from sysid.plant.effects.entry import CatalogueEffect
 
@@ -297,7 +296,7 @@ def _laws(flat: Flat, n: Names) -> Sequence[_Law]:
 
     laws = [*made(mechanics(flat)), _motor(flat, n)]
     laws.append(_Law("HAS_INERTIA", (inertia_name(flat.rig)[0],)))
-    for side in SIDES:
+    for side in flat.rig.sides:
         flows, valve = made(valve_flows(side)), f"HAS_VALVE_{side.upper()}"
         delays = tuple(f"valve_{side}_{edge}_delay_s" for edge in ("on", "off"))
         laws += [

@@ -24,7 +24,7 @@ from sysid.exporters.effect_laws import on_names
 from sysid.exporters.flat import Flat, NumberTable
 from sysid.exporters.symbolic import symbol
 from sysid.parameters import Bundle
-from sysid.plant.base import PARAMETER_NAMES, Parameters
+from sysid.plant.base import Parameters, parameter_names
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
 
@@ -110,7 +110,7 @@ def _on_names(parameters: Parameters, flat: Flat, constants: NumberTable, n: Nam
     A constant that an effect has changed is not the parameter: effects act on that here.
     """
     names, found = read_constants(flat), dict[str, Any]()
-    for key in PARAMETER_NAMES:
+    for key in parameter_names(parameters):
         value = float(getattr(parameters, key))
         name = names.get(key)
         held = constants[name].value if name in constants else None

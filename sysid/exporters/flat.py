@@ -13,7 +13,6 @@ from typing import Any
 
 from sysid.errors import InputError, input_error
 from sysid.exporters.surface_tables import ExportedSurface, read_surface
-from sysid.io.channels import SIDES
 from sysid.io.declaration import range_of
 from sysid.io.motion import FRICTION
 from sysid.io.rig import Rig
@@ -112,7 +111,9 @@ def flatten(bundle: Bundle, sha256: str) -> Flat:
     friction = _friction(known, rig, missing, where)
     by_position = _by_position(bundle.friction, rig, where)
     _take_identified_inertia(bundle, rig, constants, notices, where)
-    valves = {side: _valve(known, bundle.valve(side), side, rig, missing, where) for side in SIDES}
+    valves = {
+        side: _valve(known, bundle.valve(side), side, rig, missing, where) for side in rig.sides
+    }
     provenance = {
         "bundle_schema": bundle.schema_id,
         "bundle_created": clean_text(bundle.created),
@@ -190,10 +191,8 @@ def _rig_keys(rig: Rig) -> dict[str, dict[str, str]]:
             "supply_pressure_pa",
         ),
         "cylinder": same(
-            "area_a_m2",
-            "area_b_m2",
-            "offset_a_m",
-            "offset_b_m",
+            *(f"area_{side}_m2" for side in rig.sides),
+            *(f"offset_{side}_m" for side in rig.sides),
             "stroke_m",
             "pitch_radius_m",
         ),
@@ -216,8 +215,18 @@ def gravity_name(rig: Rig) -> tuple[str, str]:
     return f"{word}_{rig.units.suffix}", rig.units.effort
 
 
+def spring_names(rig: Rig) -> tuple[str, str]:
+    """Exported names of a return spring's stiffness and of its effort at position 0."""
+    return f"spring_{rig.units.stiffness}", f"spring_{rig.units.word}_at_0_{rig.units.suffix}"
+
+
 def _add_load(table: NumberTable, rig: Rig, missing: dict[str, str]) -> None:
-    """Inertia with payload (3.3.5) and gravity's amplitude (3.3.8-3.3.10)."""
+    """Inertia with payload (3.3.5), gravity's amplitude (3.3.8-3.3.10) and a return spring."""
+    if rig.spring_law is not None:
+        u = rig.units
+        units = f"{u.effort}/{u.position}", u.effort
+        for name, unit, value in zip(spring_names(rig), units, rig.spring_law, strict=True):
+            table[name] = ExportedNumber(value, unit)
     name, unit = inertia_name(rig)
     table[name] = ExportedNumber(rig.total_inertia(), unit)
     if table[name].value is None:

@@ -22,7 +22,7 @@ from sysid.exporters.symbolic import Symbolic, expression, symbol
 from sysid.io.channels import SIDES, VELOCITY_CHANNELS
 from sysid.io.rig import NO_LOAD, Load, Rig
 from sysid.plant import base, plant
-from sysid.plant.base import PARAMETER_NAMES, Parameters
+from sysid.plant.base import Parameters, parameter_names
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Effect, Model, Point, overrides, with_load
 
@@ -85,9 +85,10 @@ def load_per_kg(rig: Rig) -> tuple[float, Load | None]:
 class _Tracer:
     def __init__(self, model: Model, effects: Sequence[CatalogueEffect], rig: Rig) -> None:
         self._rig, self._effects = rig, effects
-        self._parameters = Parameters(**{k: symbol(f"q->{k}") for k in PARAMETER_NAMES})
+        self._names = parameter_names(model.parameters)
+        self._parameters = Parameters(**{k: symbol(f"q->{k}") for k in self._names})
         self._numbers = [
-            PlantNumber(k, _finite(float(getattr(model.parameters, k)))) for k in PARAMETER_NAMES
+            PlantNumber(k, _finite(float(getattr(model.parameters, k)))) for k in self._names
         ]
         named = [self._named(place, effect) for place, effect in enumerate(effects)]
         self._model = Model(self._parameters, tuple(named))
@@ -144,7 +145,7 @@ class _Tracer:
         found = self._called("parameters", lambda: loaded.at(symbol("time")))
         results = {
             f"out->{k}": value
-            for k in PARAMETER_NAMES
+            for k in self._names
             if expression(value := getattr(found, k)) != expression(getattr(self._parameters, k))
         }
         made = _function(
@@ -270,15 +271,15 @@ class _Tracer:
                     *(p.area_a, p.area_b, p.atmosphere, radius),
                 ),
                 "motor": plant.motor_effort(point, model),
-                "gravity": base.gravity_effort(point.position, p.gravity_moment, p.weight),
+                "gravity": base.load_effort(point.position, p),
                 "sliding": plant.sliding_friction(point, model),
             }
             return {f"out->{name}": value for name, value in values.items()}
 
         return _function(
             "efforts_at",
-            "Efforts of cylinder and motor, of gravity and of sliding friction (these two against "
-            "positive motion), Nm or N",
+            "Efforts of cylinder and motor, of gravity (and a return spring) and of sliding "
+            "friction (these against positive motion), Nm or N",
             f"{_HEAD}, plant_efforts *out",
             self._called("efforts", found),
         )

@@ -138,6 +138,12 @@ PARAMETER_NAMES: tuple[str, ...] = tuple(
     f.name for f in dataclasses.fields(Parameters) if f.name not in SPRING_NAMES
 )
 
+
+def parameter_names(parameters: Parameters) -> tuple[str, ...]:
+    """The names of the numbers that parameters have: a spring's where there is one."""
+    return PARAMETER_NAMES if parameters.stiffness is None else PARAMETER_NAMES + SPRING_NAMES
+
+
 # A chamber without a valve model holds its gas; a rig without a motor takes no command.
 _NO_VALVE = ValveParameters(0.0, 0.0, 0.0, 0.0)
 
