@@ -1,4 +1,4 @@
-"""From on/off valve tests to flows, coefficients and delays (thesis 3.5.3, 3.6.6, 3.6.10).
+"""From on/off valve tests to flows and delays (thesis 3.5.3, 3.6.6, 3.6.10, or ISO 6358).
 
 The piston is held, the valve is switched on and off again. The interval of each regime gives
 start values by 3.5.3; the whole pressure curve is then fitted by simulation error, with the
@@ -25,9 +25,11 @@ from sysid.identification.valve_discrete.estimates import (
     flows_and_delays,
     with_volume_error,
 )
+from sysid.identification.valve_discrete.law_choice import AUTO, LAWS, chosen
 from sysid.identification.valve_discrete.notices import (
     delay_notices,
     lack_of_fit_notices,
+    law_remarks,
     settled_notices,
     verdicts,
 )
@@ -54,22 +56,30 @@ __all__ = [
 
 
 def fit_valve_discrete(
-    trials: Sequence[Trial], rig: Rig, *, valve: str | None = None, find_ratio: bool = True
+    trials: Sequence[Trial],
+    rig: Rig,
+    *,
+    valve: str | None = None,
+    find_ratio: bool = True,
+    law: str = AUTO,
 ) -> ValveDiscreteResult:
     """Fit the on/off valves that the trials switch; `valve` ("a" or "b") keeps one.
 
-    `find_ratio`: also estimate the critical ratio, which takes longer than the rest of the fit.
+    `find_ratio`: also estimate the thesis law's critical ratio, which takes longer than the rest of
+    the fit. `law`: "thesis", "iso6358", or "auto", by which the tests choose.
     A parameter that the tests do not identify has no value and gives the reason. Raises
     InputError where a channel is missing, NotIdentifiedError where the tests identify no flow
     parameter at all.
     """
-    air: Air = rig.require("air", "which the valve law needs")
+    if law not in (AUTO, *LAWS):
+        raise input_error("law", f"{law!r} is no flow law", f"write {', '.join((*LAWS, AUTO))}")
+    rig.require("air", "which the valve law needs")
     fits: dict[str, DiscreteFit] = {}
     remarks: list[str] = []
     notices: list[str] = []
     failed: list[Failure] = []
     for side in _valves(trials, valve, rig):
-        fit = partial(_fit_valve, trials, side, rig, air, find_ratio, remarks, notices)
+        fit = partial(_fit_valve, trials, side, rig, (find_ratio, law), remarks, notices)
         found = on_its_own(fit)
         if isinstance(found, Failure):
             failed.append(found)
@@ -116,11 +126,13 @@ def _fit_valve(
     trials: Sequence[Trial],
     valve: str,
     rig: Rig,
-    air: Air,
-    find_ratio: bool,
+    wanted: tuple[bool, str],
     remarks: list[str],
     notices: list[str],
 ) -> DiscreteFit:
+    """The fit of one valve; `wanted`: whether the critical ratio is, and by which law."""
+    air: Air = rig.require("air", "which the valve law needs")
+    find_ratio, law = wanted
     used = [t for t in trials if is_switched(t, valve)]
     title = f"valve {valve.upper()}"
     if not used:
@@ -138,7 +150,8 @@ def _fit_valve(
     start, reasons = start_of(screened, read, rig)
     if all(name in reasons for name in FLOWS):
         raise NotIdentifiedError(f"{title}: {_joined(reasons)}")
-    curves = fit_curves(pieces, start, free_parameters(reasons, read, pieces))
+    by_thesis = fit_curves(pieces, start, free_parameters(reasons, read, pieces))
+    curves, choice, _ = chosen(by_thesis, law)
     contradicted = any_contradiction(used)
     quality = {
         way: replace(one, contradicted=contradicted) for way, one in judged(curves, title).items()
@@ -151,14 +164,14 @@ def _fit_valve(
     estimates, joint = with_volume_error(curves, estimates, error)
     notices += [
         f"{title}: {name} is not identified: {estimates[name].reason}"
-        for name in (*FLOWS, *DELAYS)
+        for name in (*curves.problem.flow_names("fill"), *curves.problem.flow_names("dis"), *DELAYS)
         if not estimates[name].identified
     ]
     notices += settled_notices(curves, title, air)
     notices += lack_of_fit_notices(curves, title)
     notices += delay_notices(estimates, title, rig)
-    remarks += verdicts(estimates, title)
-    return fit_of(valve, curves, estimates, read, air, quality, joint)
+    remarks += [*law_remarks(choice, title), *verdicts(estimates, title)]
+    return fit_of(valve, curves, estimates, read, air, quality, joint, choice)
 
 
 def _joined(reasons: Mapping[str, str]) -> str:

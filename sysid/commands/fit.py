@@ -95,6 +95,13 @@ _valve_option = click.option(
     type=click.Choice(["a", "b"]),
     help="This valve only (default: every valve that switches).",
 )
+_law_option = click.option(
+    "--law",
+    type=click.Choice(["thesis", "iso6358", "auto"]),
+    default="auto",
+    show_default=True,
+    help="Flow law of on/off valves; auto: the tests choose by evidence.",
+)
 
 
 @fit.command("friction")
@@ -126,10 +133,15 @@ def _friction(
 @fit.command("valve-discrete")
 @logs_argument
 @_valve_option
+@_law_option
 @_part_options
-def _valve_discrete(valve: str | None, **files: Any) -> None:
-    """Choked flows, unchoked coefficients and delays of on/off valves, piston held."""
-    _fit_logs(ValveDiscreteOptions(valve=valve), valve_tables, **files)
+def _valve_discrete(valve: str | None, law: str, **files: Any) -> None:
+    """Flows and delays of on/off valves, piston held.
+
+    By the thesis' law: choked flows and unchoked coefficients; by ISO 6358: sonic conductances and
+    critical ratios.
+    """
+    _fit_logs(ValveDiscreteOptions(valve=valve, law=law), valve_tables, **files)
 
 
 @fit.command("valve-pwm")
@@ -160,6 +172,7 @@ def _fit_logs(asked: PartOptions, tables: Tables, *, as_json: bool, **files: Any
 @fit.command("campaign", hidden=True)
 @campaign_argument
 @click.option("-o", "output", type=PathArgument, help="Write the bundle here.")
+@_law_option
 @component_option
 @exclude_option
 @report_option
@@ -167,6 +180,7 @@ def _fit_logs(asked: PartOptions, tables: Tables, *, as_json: bool, **files: Any
 def _campaign(
     campaign: Path,
     output: Path | None,
+    law: str,
     component: str | None,
     exclude: Sequence[str],
     report: Path | None,
@@ -176,7 +190,7 @@ def _campaign(
     from sysid.pipeline.fit import contradictions_in, fit_campaign
 
     read = read_with(campaign, component, progress(), exclude)
-    found = fit_campaign(read, progress=progress("fitting "))
+    found = fit_campaign(read, law=law, progress=progress("fitting "))
     said = (*found.contradictions, *contradictions_in(read), *found.notices)
     unseen = write_results(read, found.bundle, PageOptions(progress=progress()), output, report)
     fitted = Fitted(found.bundle, found.remarks, (*unseen, *said), output, report)

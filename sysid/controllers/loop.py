@@ -178,7 +178,8 @@ def _ticks_a_period(model: Model) -> int:
 
 
 def _check_known(model: Model) -> None:
-    unknown = [n for n, v in vars(model.parameters).items() if np.isnan(v).any()]
+    known = {n: v for n, v in vars(model.parameters).items() if v is not None}
+    unknown = [n for n, v in known.items() if np.isnan(v).any()]
     if unknown:
         raise NotIdentifiedError(
             f"closed loop: {', '.join(unknown)} of the plant is not identified; "

@@ -15,7 +15,7 @@ from sysid.exporters.c_text import KEPT, Names, comment_text, indented, real, wr
 from sysid.exporters.flat import Flat, NumberTable, gravity_name, spring_names
 from sysid.exporters.replay import Replay, simple
 from sysid.io.motion import FRICTION
-from sysid.plant import base
+from sysid.plant import base, valve_laws
 from sysid.plant.base import Array, Parameters, array_namespace
 
 
@@ -65,7 +65,7 @@ def law_replays(flat: Flat, constants: NumberTable, features: Collection[str]) -
     p = Parameters(**parameter_values(flat, constants))
     laws = [*mechanics(flat)]
     for side in flat.valves:
-        laws += [*valve_flows(side), *chamber(flat, side)]
+        laws += [*valve_flows(flat, side), *chamber(flat, side)]
     yield from (law.replay(p) for law in laws if law.feature in features)
 
 
@@ -143,10 +143,52 @@ def mechanics(flat: Flat) -> Iterator[BaseLaw]:
     )
 
 
-def valve_flows(side: str) -> Iterator[BaseLaw]:
-    """Flow of one valve, on and off."""
+def valve_flows(flat: Flat, side: str) -> Iterator[BaseLaw]:
+    """Flow of one valve, on and off, by the law of each direction."""
+    held = flat.valves[side].discrete
+    iso = {way: f"sonic_conductance_{way}" in held for way in ("fill", "dis")}
+    yield _iso_filling(side) if iso["fill"] else _thesis_filling(side)
+    yield _iso_exhaust(side) if iso["dis"] else _thesis_exhaust(side)
+
+
+def _iso_needs(side: str, way: str) -> tuple[str, ...]:
+    quantities = ("sonic_conductance", "critical_ratio", "subsonic_index")
+    return (*(f"valve_{side}_{quantity}_{way}" for quantity in quantities), "temperature_k")
+
+
+def _iso_filling(side: str) -> BaseLaw:
     upper, name = side.upper(), f"valve_{side}"
-    yield BaseLaw(
+    return BaseLaw(
+        f"HAS_VALVE_{upper}_FILLING",
+        f"{name}_filling_flow",
+        f"Flow into chamber {upper}, kg/s, with the valve on (ISO 6358), choked up to its critical "
+        "ratio of the supply; negative above the supply",
+        (*_iso_needs(side, "fill"), "supply_pressure_pa"),
+        {"pressure_pa": "pressure", "supply_pa": "supply"},
+        lambda p, pressure, supply: valve_laws.filling_flow(
+            p.valve(side), pressure, supply, temperature=p.temperature
+        ),
+    )
+
+
+def _iso_exhaust(side: str) -> BaseLaw:
+    upper, name = side.upper(), f"valve_{side}"
+    return BaseLaw(
+        f"HAS_VALVE_{upper}_EXHAUST",
+        f"{name}_exhaust_flow",
+        f"Flow into chamber {upper}, kg/s, with the valve off (ISO 6358): negative (out) above the "
+        "atmosphere, and in proportion to the pressure where it is choked; air comes in below it",
+        _iso_needs(side, "dis"),
+        {"pressure_pa": "pressure", "atmosphere_pa": "atmosphere"},
+        lambda p, pressure, atmosphere: valve_laws.exhaust_flow(
+            p.valve(side), pressure, atmosphere, temperature=p.temperature
+        ),
+    )
+
+
+def _thesis_filling(side: str) -> BaseLaw:
+    upper, name = side.upper(), f"valve_{side}"
+    return BaseLaw(
         f"HAS_VALVE_{upper}_FILLING",
         f"{name}_filling_flow",
         f"Flow into chamber {upper}, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the "
@@ -157,7 +199,11 @@ def valve_flows(side: str) -> Iterator[BaseLaw]:
             pressure, supply, p.valve(side).choked_fill, p.valve(side).c_fill, p.supply_reference
         ),
     )
-    yield BaseLaw(
+
+
+def _thesis_exhaust(side: str) -> BaseLaw:
+    upper, name = side.upper(), f"valve_{side}"
+    return BaseLaw(
         f"HAS_VALVE_{upper}_EXHAUST",
         f"{name}_exhaust_flow",
         f"Flow into chamber {upper}, kg/s, with the valve off (3.6.7, 3.6.10): negative (out) "

@@ -19,6 +19,7 @@ from sysid.exporters.c_maths import mathematics
 from sysid.exporters.c_surfaces import macro, slots, surfaces
 from sysid.exporters.c_text import Names, comment_text, constant, has, names, real
 from sysid.exporters.flat import Flat, NumberTable, inertia_name, values
+from sysid.io.channels import SIDES
 from sysid.parameters import Bundle, assumptions
 from sysid.plant.effects.entry import CatalogueEffect
 
@@ -40,6 +41,16 @@ _MEANING = {
     "atmospheric_pressure_pa": "absolute",
     "declared_on_delay_s": "from the valve's manual; command to opening",
     "declared_off_delay_s": "command to closing",
+    **{
+        f"valve_{side}_{quantity}_{way}": f"{said}, {what} (ISO 6358)"
+        for side in SIDES
+        for way, what in (("fill", "filling"), ("dis", "exhaust"))
+        for quantity, said in (
+            ("sonic_conductance", "at the reference atmosphere ANR"),
+            ("critical_ratio", "downstream over upstream pressure of choked flow"),
+            ("subsonic_index", "exponent of the subsonic flow"),
+        )
+    },
     "friction_offset_nm": "constant torque against positive motion; what is applied is less by it",
     "friction_offset_n": "constant force against positive motion; what is applied is less by it",
 }
@@ -297,7 +308,7 @@ def _laws(flat: Flat, n: Names) -> Sequence[_Law]:
     laws = [*made(mechanics(flat)), _motor(flat, n)]
     laws.append(_Law("HAS_INERTIA", (inertia_name(flat.rig)[0],)))
     for side in flat.rig.sides:
-        flows, valve = made(valve_flows(side)), f"HAS_VALVE_{side.upper()}"
+        flows, valve = made(valve_flows(flat, side)), f"HAS_VALVE_{side.upper()}"
         delays = tuple(f"valve_{side}_{edge}_delay_s" for edge in ("on", "off"))
         laws += [
             *flows,

@@ -157,7 +157,8 @@ class _Maker:
         changed = {
             f.name: value
             for f in dataclasses.fields(Parameters)
-            if expression(value := getattr(after, f.name)) != expression(getattr(before, f.name))
+            if getattr(before, f.name) is not None
+            and expression(value := getattr(after, f.name)) != expression(getattr(before, f.name))
         }
         if unheld := [key for key in changed if key not in names]:
             raise _NotContainedError(f"changes {', '.join(unheld)}, which is no constant here")

@@ -21,6 +21,7 @@ from sysid.parameters import Bundle, EffectEntry, Friction, PwmSurfaces, Unread,
 from sysid.parameters.friction import StaticAtPosition
 from sysid.parameters.possible import impossible
 from sysid.parameters.table import ParameterTable
+from sysid.parameters.valves import LAW_KEYS, DiscreteLaw
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.surfaces.kinds import SURFACES
 
@@ -291,20 +292,15 @@ def _static_row(
 def _valve(
     known: ParameterTable, part: Valve, side: str, rig: Rig, missing: dict[str, str], where: str
 ) -> ExportedValve:
-    """One valve's on/off law (3.6.6, 3.6.10) and PWM maps."""
-    units = {
-        "choked_flow_fill_kg_s": "kg/s",
-        "c_fill": "kg/(s Pa^0.5)",
-        "choked_flow_dis_kg_s": "kg/s",
-        "c_dis": "kg/(s Pa)",
-        "on_delay_s": "s",
-        "off_delay_s": "s",
-    }
+    """One valve's on/off law (3.6.6, 3.6.10, or ISO 6358) and PWM maps."""
+    names = _law_names(part.discrete)
     place = f"valves.{side}.discrete"
-    for key in units:
+    for key in names:
         if isinstance(getattr(part.discrete, key, None), Unread):
             raise input_error(f"{where}, {place}.{key}", "is not a parameter", _AGAIN)
-    discrete = _estimates(known, units, place, missing, where)
+    units = {key: unit for key, (_, unit) in names.items()}
+    found = _estimates(known, units, place, missing, where)
+    discrete = {names[key][0]: value for key, value in found.items()}
     pwm = {}
     for direction in DIRECTIONS:
         name = f"valves.{side}.pwm.{direction}"
@@ -313,6 +309,24 @@ def _valve(
             missing[name] = _NO_PART
         pwm[direction] = _pwm_map(held, name, rig, missing, where)
     return ExportedValve(discrete, pwm)
+
+
+def _law_names(law: DiscreteLaw | None) -> dict[str, tuple[str, str]]:
+    """The numbers of an on/off law: key in the bundle -> name in an export, and unit."""
+    held = LAW_KEYS if law is None else law.thesis_keys()
+    found = {key: (key, unit) for key, unit in _THESIS_UNITS.items() if key in held.values()}
+    if law is not None:
+        for name, key in law.iso_keys().items():
+            found[key] = (name, "m3/(s Pa)" if name.startswith("sonic") else "-")
+    return found | {key: (key, "s") for key in ("on_delay_s", "off_delay_s")}
+
+
+_THESIS_UNITS = {
+    "choked_flow_fill_kg_s": "kg/s",
+    "c_fill": "kg/(s Pa^0.5)",
+    "choked_flow_dis_kg_s": "kg/s",
+    "c_dis": "kg/(s Pa)",
+}
 
 
 def _pwm_map(

@@ -22,6 +22,7 @@ from sysid.parameters.valves import (
     DIRECTIONS,
     LAW_KEYS,
     SURFACE_KINDS,
+    DiscreteLaw,
     PwmSurfaces,
     Valve,
 )
@@ -44,6 +45,9 @@ from sysid.surfaces.hull import NoValve, ValveLaw
 
 MEAN_FLOW_MODELS = (AVERAGED, *SURFACE_KINDS)
 VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
+
+USUAL_RATIO = 0.3
+"""Critical ratio of a valve of ISO 6358 whose tests do not identify it: common data sheets' one."""
 
 _OTHER_REGIME = {
     "choked_fill": "c_fill",
@@ -200,9 +204,11 @@ def _assumed_static(bundle: BundleContent) -> Iterator[str]:
 
 def _assumed_flows(bundle: BundleContent) -> Iterator[str]:
     for side in SIDES:
-        if bundle.valve(side).discrete is None:
+        law = bundle.valve(side).discrete
+        if law is None:
             continue
-        for name, key in LAW_KEYS.items():
+        yield from _assumed_ratios(bundle, side, law)
+        for name, key in law.thesis_keys().items():
             taken = _taken_from(bundle.valve(side), name, bundle.rig)
             own = getattr(bundle.valve(side).discrete, key)
             what = f"{key} is not identified"
@@ -213,6 +219,17 @@ def _assumed_flows(bundle: BundleContent) -> Iterator[str]:
                     f"{bundle.source}: valves.{side}.discrete: {what}: the model "
                     f"uses {taken}; valve-discrete tests of valve {side} would identify it"
                 )
+
+
+def _assumed_ratios(bundle: BundleContent, side: str, law: DiscreteLaw) -> Iterator[str]:
+    estimates = law.estimates()
+    for name, key in law.iso_keys().items():
+        if name.startswith("critical_ratio") and not estimates[key].identified:
+            yield (
+                f"{bundle.source}: valves.{side}.discrete: {key} is not identified: the model uses "
+                f"{USUAL_RATIO:g}, as is usual; tests that reach the line's pressure would "
+                "identify it"
+            )
 
 
 def model_from_bundle(bundle: BundleContent, rig: Rig, catalogue: Catalogue | None = None) -> Model:
@@ -303,8 +320,9 @@ def _averaged_law(bundle: BundleContent, rig: Rig, side: str) -> AveragedLaw | N
             return None
         law, off = fitted, on + fitted.delay_difference_s.value
     air = rig.require("air", "which the averaged law needs")
-    flows = {name: float(getattr(law, key).value) for name, key in LAW_KEYS.items()}
+    flows = {**dict.fromkeys(LAW_KEYS, 0.0), **_flows(law)}
     return AveragedLaw(
+        temperature=air.temperature_k,
         **flows,
         supply=air.supply_pressure_pa,
         supply_reference=_supply_of_fit(bundle, rig),
@@ -324,8 +342,26 @@ def _no_averaged_law(rig: Rig) -> AveragedLaw:
     return AveragedLaw.of(still, "b")
 
 
+def _flow_keys(law: Part) -> dict[str, str]:
+    """The numbers of a law: the model's names, and their keys."""
+    return law.flow_keys() if isinstance(law, DiscreteLaw) else LAW_KEYS
+
+
+def _flows(law: Part) -> dict[str, float]:
+    """The numbers of a law, by the model's names."""
+    estimates = law.estimates()
+    found = {name: estimates[key] for name, key in _flow_keys(law).items()}
+    return {
+        name: float(estimate.value) if estimate.identified else USUAL_RATIO
+        for name, estimate in found.items()
+    }
+
+
 def _all_possible(law: Part) -> bool:
-    return all(map(is_possible, (getattr(law, key) for key in LAW_KEYS.values())))
+    """Whether a law's flows are known; a critical ratio that is not is the usual one."""
+    estimates = law.estimates()
+    needed = [key for name, key in _flow_keys(law).items() if not name.startswith("critical_ratio")]
+    return all(is_possible(estimates.get(key)) for key in needed)
 
 
 def _surface(part: PwmSurfaces, kind: str, where: str) -> Any:
@@ -371,8 +407,14 @@ def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters
         return ValveParameters(math.nan, math.nan, math.nan, math.nan)
     place = f"{bundle.source}, valves.{side}.discrete"
     test = f"valve-discrete tests of valve {side} (on and off again, piston held) would identify it"
-    values: dict[str, float] = {}
-    for name, key in LAW_KEYS.items():
+    values: dict[str, float] = dict.fromkeys(LAW_KEYS, 0.0)
+    estimates = law.estimates()
+    for name, key in law.iso_keys().items():
+        own = estimates[key]
+        if not own.identified and not name.startswith("critical_ratio"):
+            raise NotIdentifiedError(f"{place}.{key} is not identified ({own.reason}); {test}")
+        values[name] = float(own.value) if own.identified else USUAL_RATIO
+    for name, key in law.thesis_keys().items():
         measured = _measured_flow(valve, name, rig)
         if measured is not None:
             values[name] = measured

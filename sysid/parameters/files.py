@@ -23,7 +23,6 @@ from sysid.io.tables import read_bytes
 from sysid.parameters.base import FileContext
 from sysid.parameters.bundle import Bundle
 from sysid.parameters.content import SCHEMA
-from sysid.parameters.valves import LAW_KEYS
 
 SCHEMA_FILE = "bundle.schema.json"
 
@@ -74,8 +73,11 @@ def _check_flows(bundle: Bundle, path: Path) -> None:
     """A flow or flow coefficient below 0 would fill a chamber that empties."""
     for side in SIDES:
         law = bundle.valve(side).discrete
-        for key in LAW_KEYS.values() if law is not None else ():
-            estimate = getattr(law, key)
+        if law is None:
+            continue
+        estimates = law.estimates()
+        for key in law.flow_keys().values():
+            estimate = estimates.get(key)
             if estimate is not None and estimate.identified and estimate.value < 0.0:
                 raise input_error(
                     f"{path}, valves.{side}.discrete",

@@ -21,7 +21,7 @@ from sysid.parameters.content import BundleContent
 from sysid.parameters.correlation import CorrelatedPart
 from sysid.parameters.effects import SIDE, EffectEntry
 from sysid.parameters.friction import Friction
-from sysid.parameters.valves import LAW_KEYS, Valve
+from sysid.parameters.valves import ISO_KEYS, LAW_KEYS, Valve
 from sysid.types import FloatArray
 
 Origin = Literal["friction", "valve", "effect", "component", "rig"]
@@ -40,6 +40,12 @@ _TITLES = {
     "c_fill": "Unchoked filling coefficient",
     "choked_dis": "Choked exhaust flow",
     "c_dis": "Unchoked exhaust coefficient",
+    "sonic_conductance.fill": "Sonic conductance, filling",
+    "sonic_conductance.exhaust": "Sonic conductance, exhaust",
+    "critical_ratio.fill": "Critical ratio, filling",
+    "critical_ratio.exhaust": "Critical ratio, exhaust",
+    "subsonic_index.fill": "Subsonic index, filling",
+    "subsonic_index.exhaust": "Subsonic index, exhaust",
     "on_delay": "Delay, on",
     "off_delay": "Delay, off",
     "critical_ratio_fill": "Critical ratio, filling",
@@ -48,7 +54,7 @@ _TITLES = {
     "jump_dis_percent": "Jump at the boundary, exhaust",
 }
 _FIELDS = {"static": "static_effort", "coulomb": "coulomb_effort"}
-_NAMES = {key: name for name, key in LAW_KEYS.items()} | {f"{d}_s": d for d in DELAYS}
+_NAMES = {key: name for name, key in (LAW_KEYS | ISO_KEYS).items()} | {f"{d}_s": d for d in DELAYS}
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field, JsonValue
+from pydantic import ConfigDict, Field, JsonValue, model_validator
 
 from sysid.estimation.linear import Estimate
 from sysid.parameters.base import Absent, Lenient, Number, Part, Unread
@@ -25,13 +26,60 @@ LAW_KEYS = {
 }
 
 
+# The numbers of a direction that obeys ISO 6358, likewise: keys within keys.
+THESIS, ISO6358 = "thesis", "iso6358"
+_WAYS = {"fill": "fill", "dis": "exhaust"}
+ISO_QUANTITIES = ("sonic_conductance", "critical_ratio", "subsonic_index")
+ISO_KEYS = {
+    f"{quantity}_{way}": f"{quantity}.{key}"
+    for way, key in _WAYS.items()
+    for quantity in ISO_QUANTITIES
+}
+
+
+class ByDirection(Part):
+    """A number of each direction of a valve: while it fills, and while it exhausts."""
+
+    fill: Absent[Estimate] = None
+    exhaust: Absent[Estimate] = None
+
+
+class LawNames(Part):
+    """The flow law of each direction of a valve: "thesis" or "iso6358"."""
+
+    fill: Absent[Literal["thesis", "iso6358"]] = None
+    exhaust: Absent[Literal["thesis", "iso6358"]] = None
+
+
+def by_direction(estimates: Mapping[str, Estimate], laws: Mapping[str, str]) -> dict[str, Any]:
+    """Estimates by the model's names as `DiscreteLaw` holds them: those of ISO 6358 by direction.
+
+    `laws` names the law of each direction, "fill" and "dis".
+    """
+    iso = [way for way in _WAYS if laws.get(way) == ISO6358]
+    own = {f"{quantity}_{way}" for quantity in ISO_QUANTITIES for way in iso}
+    found: dict[str, Any] = {name: e for name, e in estimates.items() if name not in own}
+    if iso:
+        found["law"] = {key: laws.get(way, THESIS) for way, key in _WAYS.items()}
+        for quantity in ISO_QUANTITIES:
+            found[quantity] = {_WAYS[way]: estimates[f"{quantity}_{way}"] for way in iso}
+    return found
+
+
+def _way(name: str) -> str:
+    """The direction of one of the model's names, "fill" or "dis"."""
+    return name.rsplit("_", 1)[1]
+
+
 class DiscreteLaw(CorrelatedPart):
     """The on/off law of one valve (thesis 3.6.6, 3.6.10) with its delays.
 
     `c_fill` in kg/(s Pa^0.5), `c_dis` in kg/(s Pa). The critical ratios and the jumps at the
     choked boundaries are checks. `noise_pa`, `rmse_pa` and `fit_percent` refer to the curves,
     `quality` to those of one direction ("fill", "discharge"); `correlation` to the errors of
-    flows, coefficients and delays.
+    flows, coefficients and delays. `law` names the law of each direction; one that obeys ISO 6358
+    has `sonic_conductance` in m3/(s Pa) at ANR, `critical_ratio` and `subsonic_index`, and its
+    numbers of the thesis' law are not identified. `estimates` has them by dotted keys.
     """
 
     c_fill: Estimate
@@ -50,6 +98,61 @@ class DiscreteLaw(CorrelatedPart):
     fit_percent: Lenient[Number | None] = None
     quality: QualityByName = None
     tests: Lenient[list[str] | None] = None
+    law: Absent[LawNames] = None
+    sonic_conductance: Absent[ByDirection] = None
+    critical_ratio: Absent[ByDirection] = None
+    subsonic_index: Absent[ByDirection] = None
+
+    @model_validator(mode="after")
+    def _has_its_law(self) -> Self:
+        for way, key in _WAYS.items():
+            lacks = [q for q in ISO_QUANTITIES if self._iso(q, key) is None]
+            if self.law_of(way) == ISO6358 and lacks:
+                raise ValueError(f"law.{key} is iso6358, but {lacks[0]}.{key} is missing")
+        return self
+
+    def law_of(self, way: str) -> str:
+        """The law of a direction, "fill" or "dis": "thesis" or "iso6358"."""
+        return (None if self.law is None else getattr(self.law, _WAYS[way])) or THESIS
+
+    def _iso(self, quantity: str, key: str) -> Estimate | None:
+        held = getattr(self, quantity)
+        return None if held is None else getattr(held, key)
+
+    def flow_keys(self) -> dict[str, str]:
+        """The numbers of its law in force: the model's names, and their keys in `estimates`."""
+        return {**self.thesis_keys(), **self.iso_keys()}
+
+    def thesis_keys(self) -> dict[str, str]:
+        """Those of the directions that obey the thesis' law."""
+        return {n: k for n, k in LAW_KEYS.items() if self.law_of(_way(n)) == THESIS}
+
+    def iso_keys(self) -> dict[str, str]:
+        """Those of the directions that obey ISO 6358."""
+        return {n: k for n, k in ISO_KEYS.items() if self.law_of(_way(n)) == ISO6358}
+
+    def estimates(self) -> dict[str, Estimate]:
+        """The numbers of its law by key; those of a direction as `sonic_conductance.fill`."""
+        unused = set(LAW_KEYS.values()) - set(self.thesis_keys().values())
+        found = {key: e for key, e in super().estimates().items() if key not in unused}
+        for quantity in ISO_QUANTITIES:
+            held = getattr(self, quantity)
+            if held is not None:
+                found |= {f"{quantity}.{key}": e for key, e in held.estimates().items()}
+        return found
+
+    def replaced(self, **fields: Any) -> Self:
+        """A copy with other values; a number of a direction by its dotted key."""
+        nested: dict[str, dict[str, Any]] = {}
+        for dotted in [key for key in fields if "." in key]:
+            quantity, key = dotted.split(".")
+            nested.setdefault(quantity, {})[key] = fields[dotted]
+        plain = {key: value for key, value in fields.items() if "." not in key}
+        for quantity, values in nested.items():
+            plain[quantity] = (getattr(self, quantity) or ByDirection()).replaced(**values)
+        made = super().replaced(**plain)
+        stale = "correlation" not in fields and not fields.keys().isdisjoint(self._correlated())
+        return made.without("correlation") if stale and made.correlation is not None else made
 
 
 class DomainRecord(Part):
@@ -275,13 +378,19 @@ class FittedValves(Part):
 __all__ = [
     "AVERAGED",
     "DIRECTIONS",
+    "ISO6358",
+    "ISO_KEYS",
+    "ISO_QUANTITIES",
     "LAW_KEYS",
     "SURFACE_KINDS",
+    "THESIS",
     "AveragedRecord",
+    "ByDirection",
     "DiscreteLaw",
     "DomainRecord",
     "DutyErrors",
     "FittedValves",
+    "LawNames",
     "PwmDirections",
     "PwmSurfaces",
     "ResolutionRecord",
@@ -290,4 +399,5 @@ __all__ = [
     "SurfaceChoice",
     "TimingLaw",
     "Valve",
+    "by_direction",
 ]

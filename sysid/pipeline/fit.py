@@ -100,10 +100,12 @@ class CampaignFit:
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions(Reported):
-    """`surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds."""
+    """`surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds; `law`
+    of on/off valves, "thesis", "iso6358" or "auto"."""
 
     surface: str = "both"
     seed: int = 0
+    law: str = "auto"
 
     surfaces: ClassVar[tuple[str, ...]] = ValvePwmOptions.surfaces
     """What `surface` can be."""
@@ -114,7 +116,8 @@ def fit(campaign: Campaign, options: FitOptions) -> Bundle:
     """Every part that a campaign's training logs can identify, in one bundle.
 
     `surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds and
-    restarts. Parts not fitted, and logs that contradict one another, are reported as warnings of
+    restarts; `law` of on/off valves: "thesis", "iso6358", or "auto", by which their tests choose.
+    Parts not fitted, and logs that contradict one another, are reported as warnings of
     the logger `sysid`. Raises InputError for a log that cannot be used, NotIdentifiedError where
     nothing can be fitted.
 
@@ -160,11 +163,17 @@ def fit_campaign(campaign: Campaign, options: FitOptions) -> CampaignFit:
         assembly.parts,
         used,
         seeds={"valve-pwm": options.seed} if has_surfaces else {},
-        options={"valve-pwm": {"surface": options.surface}} if has_surfaces else {},
+        options=_recorded(options, has_surfaces),
     )
     wrong = tuple(dict.fromkeys(assembly.contradictions))
     rest = (line for line in assembly.notices if line not in wrong)
     return CampaignFit(bundle, tuple(assembly.remarks), (*wrong, *rest), wrong)
+
+
+def _recorded(options: FitOptions, has_surfaces: bool) -> dict[str, dict[str, str]]:
+    """What was asked of the fits, as the provenance holds it."""
+    found = {"valve-pwm": {"surface": options.surface}} if has_surfaces else {}
+    return found if options.law == "auto" else found | {"valve-discrete": {"law": options.law}}
 
 
 def _nothing(assembly: _Assembly) -> Exception:
@@ -274,7 +283,8 @@ class _ValveJob:
     def _fit(self) -> FittedPart:
         result: PartResult
         if self.kind == "valve-discrete":
-            result = fit_valve_discrete(self.trials, self.rig, valve=self.valve)
+            law = self.options.law
+            result = fit_valve_discrete(self.trials, self.rig, valve=self.valve, law=law)
         else:
             surface, seed = self.options.surface, self.options.seed
             result = fit_valve_pwm(

@@ -127,6 +127,7 @@ class ValveDiscreteOptions(Options):
     _: KW_ONLY
     valve: str | None = None
     find_ratio: bool = True
+    law: str = "auto"
 
     part: ClassVar[str] = "valve-discrete"
 
@@ -136,7 +137,12 @@ class ValveDiscreteOptions(Options):
 
     def recorded(self) -> dict[str, Any]:
         """The options that a bundle's provenance holds."""
-        return {"valve": self.valve}
+        return {"valve": self.valve} | _law_recorded(self.law)
+
+
+def _law_recorded(law: str) -> dict[str, Any]:
+    """The law that was asked for; nothing where the tests chose."""
+    return {} if law == "auto" else {"law": law}
 
 
 @takes(ValveDiscreteOptions)
@@ -144,8 +150,9 @@ def fit_valve_discrete(tests: Tests, options: ValveDiscreteOptions) -> ValveDisc
     """Flows (kg/s), coefficients and delays (s) of on/off valves, piston held.
 
     `rig` None: that of the logs. `valve` ("a" or "b") keeps one; `find_ratio` estimates the
-    critical pressure ratio too, the slowest step. Raises InputError where a channel is
-    missing, NotIdentifiedError where nothing is identified.
+    critical pressure ratio too, the slowest step. `law`: the thesis' ("thesis") or ISO 6358's
+    ("iso6358"); by default ("auto") the tests choose by evidence. Raises InputError where a channel
+    is missing, NotIdentifiedError where nothing is identified.
 
     >>> valves = si.fit_valve_discrete(si.read_log("valve_discrete_a.parquet"), find_ratio=False)
     >>> valves["a"].choked_flow_fill_kg_s.unit
@@ -158,6 +165,7 @@ def fit_valve_discrete(tests: Tests, options: ValveDiscreteOptions) -> ValveDisc
         rig_of(tests, options.rig),
         valve=options.valve,
         find_ratio=options.find_ratio,
+        law=options.law,
     )
 
 

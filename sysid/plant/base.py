@@ -105,43 +105,65 @@ class Parameters:
     # Nm/rad, Nm (linear: N/m, N)
     stiffness: Array | None = None
     preload: Array | None = None
+    # valves of ISO 6358: m3/(s Pa) at ANR, -, -; a direction without obeys the thesis' law
+    sonic_conductance_fill_a: Array | None = None
+    critical_ratio_fill_a: Array | None = None
+    subsonic_index_fill_a: Array | None = None
+    sonic_conductance_dis_a: Array | None = None
+    critical_ratio_dis_a: Array | None = None
+    subsonic_index_dis_a: Array | None = None
+    sonic_conductance_fill_b: Array | None = None
+    critical_ratio_fill_b: Array | None = None
+    subsonic_index_fill_b: Array | None = None
+    sonic_conductance_dis_b: Array | None = None
+    critical_ratio_dis_b: Array | None = None
+    subsonic_index_dis_b: Array | None = None
 
     def replace(self, **changes: Array) -> Parameters:
         """A copy with some fields changed."""
         return dataclasses.replace(self, **changes)
 
     def valve(self, side: str) -> ValveParameters:
-        """Valve A's or B's four flow parameters; ValueError unless `side` is "a" or "b"."""
+        """Valve A's or B's flow parameters; ValueError unless `side` is "a" or "b"."""
         if side not in SIDES:
             raise ValueError(f"side is {side!r}, not one of {', '.join(SIDES)}")
-        return ValveParameters(
-            choked_fill=getattr(self, f"choked_fill_{side}"),
-            choked_dis=getattr(self, f"choked_dis_{side}"),
-            c_fill=getattr(self, f"c_fill_{side}"),
-            c_dis=getattr(self, f"c_dis_{side}"),
-        )
+        return ValveParameters(**{name: getattr(self, f"{name}_{side}") for name in VALVE_NAMES})
 
 
 @dataclass(frozen=True)
 class ValveParameters:
-    """The discrete law of one valve: kg/s, kg/s, kg/(s Pa^0.5), kg/(s Pa)."""
+    """The discrete law of one valve: kg/s, kg/s, kg/(s Pa^0.5), kg/(s Pa).
+
+    A direction, "fill" or "dis", with a sonic conductance (m3/(s Pa) at ANR), critical ratio and
+    subsonic index obeys ISO 6358; its numbers of the thesis' law are then 0.
+    """
 
     choked_fill: Array
     choked_dis: Array
     c_fill: Array
     c_dis: Array
+    sonic_conductance_fill: Array | None = None
+    critical_ratio_fill: Array | None = None
+    subsonic_index_fill: Array | None = None
+    sonic_conductance_dis: Array | None = None
+    critical_ratio_dis: Array | None = None
+    subsonic_index_dis: Array | None = None
 
 
+VALVE_NAMES: tuple[str, ...] = tuple(f.name for f in dataclasses.fields(ValveParameters))
 SPRING_NAMES = ("stiffness", "preload")
 """The parameters that a rig without a return spring does not have."""
 PARAMETER_NAMES: tuple[str, ...] = tuple(
-    f.name for f in dataclasses.fields(Parameters) if f.name not in SPRING_NAMES
+    f.name for f in dataclasses.fields(Parameters) if f.default is dataclasses.MISSING
 )
+_OPTIONAL = tuple(f.name for f in dataclasses.fields(Parameters) if f.default is None)
 
 
 def parameter_names(parameters: Parameters) -> tuple[str, ...]:
-    """The names of the numbers that parameters have: a spring's where there is one."""
-    return PARAMETER_NAMES if parameters.stiffness is None else PARAMETER_NAMES + SPRING_NAMES
+    """The names of the numbers that parameters have: a spring's, and those of valves that obey ISO
+    6358, where there are any."""
+    own = (name for name in _OPTIONAL if getattr(parameters, name) is not None)
+    return (*PARAMETER_NAMES, *own)
 
 
 # A chamber without a valve model holds its gas; a rig without a motor takes no command.
@@ -171,22 +193,20 @@ def parameters_from_rig(
     delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0, 0.0)
     if not static_effort >= 0.0 or not coulomb_effort >= 0.0:
         raise input_error(rig.source, "friction is negative", "give static and Coulomb friction")
+    valves = {"a": valve_a, "b": valve_b}
     return bare_parameters(rig).replace(
         static_effort=static_effort,
         coulomb_effort=coulomb_effort,
         viscous=viscous,
         inertia=require_inertia(rig) if inertia is None else inertia,
         offset=offset,
-        choked_fill_a=valve_a.choked_fill,
-        choked_dis_a=valve_a.choked_dis,
-        c_fill_a=valve_a.c_fill,
-        c_dis_a=valve_a.c_dis,
+        **{
+            f"{name}_{side}": getattr(valve, name)
+            for side, valve in valves.items()
+            for name in VALVE_NAMES
+        },
         on_delay_a=delays[0],
         off_delay_a=delays[1],
-        choked_fill_b=valve_b.choked_fill,
-        choked_dis_b=valve_b.choked_dis,
-        c_fill_b=valve_b.c_fill,
-        c_dis_b=valve_b.c_dis,
         on_delay_b=delays[0],
         off_delay_b=delays[1],
         pwm_period=rig.pwm.period_s if rig.pwm else 1.0,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.io.channels import SIDES
-from sysid.plant import base
+from sysid.plant import base, valve_laws
 from sysid.plant.base import Array, array_namespace
 from sysid.plant.ports import Model, Point
 
@@ -56,22 +56,24 @@ def exhaust_pressure(side: str, point: Point, model: Model) -> Array:
 
 
 def filling_boundary(side: str, point: Point, model: Model) -> Array:
-    """Chamber pressure up to which filling is choked, Pa (3.5.1).
+    """Chamber pressure up to which filling is choked, Pa.
 
     By the supply pressure that choked flow leaves, as into an empty chamber.
     """
     empty: dict[str, Any] = {f"pressure_{side}": 0.0 * point.pressure(side)}
-    return base.filling_boundary(supply_pressure(side, dataclasses.replace(point, **empty), model))
+    supply = supply_pressure(side, dataclasses.replace(point, **empty), model)
+    return valve_laws.filling_boundary(point.parameters.valve(side), supply)
 
 
 def exhaust_boundary(side: str, point: Point, model: Model) -> Array:
-    """Chamber pressure from which on the exhaust is choked, Pa (3.5.1).
+    """Chamber pressure from which on the exhaust is choked, Pa.
 
     By the exhaust pressure that choked flow leaves, as out of a chamber at any pressure.
     """
     # A chamber that exhausts choked whatever the back pressure.
     full: dict[str, Any] = {f"pressure_{side}": 0.0 * point.pressure(side) + 1e9}
-    return base.exhaust_boundary(exhaust_pressure(side, dataclasses.replace(point, **full), model))
+    exhaust = exhaust_pressure(side, dataclasses.replace(point, **full), model)
+    return valve_laws.exhaust_boundary(point.parameters.valve(side), exhaust)
 
 
 def motor_effort(point: Point, model: Model) -> Array:
@@ -118,7 +120,7 @@ def breakaway_effort(applied: Array, point: Point, model: Model) -> Array:
 
 
 def discrete_flow(side: str, choked: Array, point: Point, model: Model) -> Array:
-    """Flow into a chamber by the discrete law (3.6.6, 3.6.10), kg/s; on where `is_open`."""
+    """Flow into a chamber by the discrete law, kg/s; on where `is_open`."""
     xp = array_namespace(point.pressure_a, point.position)
     flow = xp.where(
         point.is_open(side) > 0,
@@ -149,28 +151,28 @@ def shared_flow(side: str, share: Array, point: Point, model: Model) -> Array:
 
 
 def _filling(side: str, choked: Array, point: Point, model: Model) -> Array:
-    """Flow through an open valve (3.6.6), kg/s, before it reaches the chamber."""
-    valve = point.parameters.valve(side)
-    flow = base.filling_flow(
+    """Flow through an open valve (3.6.6 or ISO 6358), kg/s, before it reaches the chamber."""
+    p = point.parameters
+    flow = valve_laws.filling_flow(
+        p.valve(side),
         point.pressure(side),
         supply_pressure(side, point, model),
-        valve.choked_fill,
-        valve.c_fill,
-        point.parameters.supply_reference,
+        p.supply_reference,
         choked,
+        p.temperature,
     )
     return model.through("filling_flow", flow, side, point)
 
 
 def _exhausting(side: str, choked: Array, point: Point, model: Model) -> Array:
-    """Flow through a valve that is off (3.6.10), kg/s, before it reaches the chamber."""
-    valve = point.parameters.valve(side)
-    flow = base.exhaust_flow(
+    """Flow through a valve that is off (3.6.10 or ISO 6358), kg/s, before the chamber."""
+    p = point.parameters
+    flow = valve_laws.exhaust_flow(
+        p.valve(side),
         point.pressure(side),
         exhaust_pressure(side, point, model),
-        valve.choked_dis,
-        valve.c_dis,
         choked,
+        p.temperature,
     )
     return model.through("exhaust_flow", flow, side, point)
 

@@ -329,8 +329,8 @@ def stack_models(models: list[Model]) -> Model:
     """
     # Idle runs repeat a model: each is taken apart once.
     apart = {id(model): split((model.parameters, *model.effects)) for model in models}
-    if len({structure[1:] for structure, _ in apart.values()}) != 1:
-        raise ValueError("models of one batch must have the same effects")
+    if len({structure for structure, _ in apart.values()}) != 1:
+        raise ValueError("models of one batch must have the same effects, and valves of one law")
     rows = [apart[id(model)] for model in models]
     structure = rows[0][0]
     stacked = [
@@ -342,7 +342,7 @@ def stack_models(models: list[Model]) -> Model:
 
 
 def has_discrete_law(parameters: Parameters) -> bool:
-    """Whether both valves have their four flow parameters."""
+    """Whether both valves have the flow parameters of their law."""
     laws = [parameters.valve(side) for side in SIDES]
     flows = (getattr(law, field.name) for law in laws for field in dataclasses.fields(law))
-    return not any(np.isnan(flow).any() for flow in flows)
+    return not any(flow is not None and np.isnan(flow).any() for flow in flows)

@@ -21,7 +21,7 @@ from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 from sysid.io.channels import SIDES
-from sysid.plant import base, plant
+from sysid.plant import base, plant, valve_laws
 from sysid.plant.base import Array
 from sysid.plant.events import Cubic, apart, first_event, kutta_cubic
 from sysid.plant.jax_setup import jax, jnp
@@ -107,7 +107,12 @@ def _chamber(side: str, setting: Setting) -> Chamber:
         plant.filling_boundary(side, point, model),
         plant.exhaust_boundary(side, point, model),
     )
-    fixed = jnp.where(is_open, base.filling_boundary(p.supply), base.exhaust_boundary(p.atmosphere))
+    valve = p.valve(side)
+    fixed = jnp.where(
+        is_open,
+        valve_laws.filling_boundary(valve, p.supply),
+        valve_laws.exhaust_boundary(valve, p.atmosphere),
+    )
     excess = point.pressure(side) - boundary
     flow_above = _flow(side, ~is_open, point, setting)
     flow_below = _flow(side, is_open, point, setting)
@@ -286,15 +291,25 @@ def _near_supply(start: Rates, step: Array, setting: Setting) -> dict[str, tuple
 def _supply_gap(
     side: str, chamber: Chamber, step: Array, setting: Setting
 ) -> tuple[Array, Array, Array, Array]:
-    """Whether a chamber is near the supply, its gap D to it, h K and h g at the step's start."""
-    point = setting.point
-    gap = plant.supply_pressure(side, point, setting.model) - point.pressure(side)
-    stiffness = step * chamber.per_flow * point.parameters.valve(side).c_fill
+    """Whether a chamber is near the line that it is open to, the supply or, of a valve of ISO 6358,
+    the exhaust too; its gap D to it, h K and h g at the step's start."""
+    point, model = setting.point, setting.model
+    valve, temperature = point.parameters.valve(side), point.parameters.temperature
+    pressure, is_open = point.pressure(side), point.is_open(side) > 0
+    line = plant.supply_pressure(side, point, model)
+    root = valve_laws.root_coefficient(valve, "fill", line, pressure, temperature)
+    nears = is_open & ~chamber.choked
+    if valve_laws.obeys_iso(valve, "dis"):
+        exhaust = plant.exhaust_pressure(side, point, model)
+        back = valve_laws.root_coefficient(valve, "dis", exhaust, pressure, temperature)
+        line, root = jnp.where(is_open, line, exhaust), jnp.where(is_open, root, back)
+        nears = ~chamber.choked
+    gap = line - pressure
+    stiffness = step * chamber.per_flow * root
     other = stiffness * base.signed_sqrt(gap) - step * chamber.rate
     # Implicit where sqrt(D) is below h K: the explicit method is exact enough above.
     reach = stiffness * stiffness + 2.0 * jnp.abs(other)
-    filling = (point.is_open(side) > 0) & ~chamber.choked
-    return filling & (jnp.abs(gap) < reach), gap, stiffness, other
+    return nears & (jnp.abs(gap) < reach), gap, stiffness, other
 
 
 def _supply_approach(

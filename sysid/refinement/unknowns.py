@@ -24,8 +24,9 @@ from sysid.parameters import Bundle
 from sysid.parameters.declared import declared_of
 from sysid.parameters.friction import Friction
 from sysid.parameters.table import ParameterTable, effect_names, field_of
-from sysid.parameters.valves import LAW_KEYS
+from sysid.parameters.valves import ISO_KEYS, LAW_KEYS
 from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.iso6358 import HIGHEST_RATIO
 from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
@@ -209,12 +210,18 @@ def _positive(
 def _valves(bundle: Bundle, model: Model, known: Known) -> list[Unknown]:
     found = []
     for side in SIDES:
-        if bundle.valve(side).discrete is None:
+        law = bundle.valve(side).discrete
+        if law is None:
             continue
-        for short, key in LAW_KEYS.items():
+        for short, key in law.flow_keys().items():
             field, place = field_of(short, side), f"valves.{side}.{key}"
             value = float(getattr(model.parameters, field))
-            found.append(_positive(place, (0, field), value, known[place], "valve"))
+            if short.startswith("subsonic_index"):
+                continue  # as it was taken: it and the critical ratio bend the flow alike
+            one = _positive(place, (0, field), value, known[place], "valve")
+            if short.startswith("critical_ratio"):
+                one = dataclasses.replace(one, upper=HIGHEST_RATIO)
+            found.append(one)
     return found
 
 
@@ -286,7 +293,7 @@ def without_own_data(
         refitted |= {"coulomb_effort", "viscous", "inertia", "offset"}
     if "diagnosis" in bundle.provenance.options and bundle.effects:
         refitted |= {"coulomb_effort", "viscous", "inertia", "offset"}
-        refitted |= {field_of(law, side) for law in LAW_KEYS for side in SIDES}
+        refitted |= {field_of(law, side) for law in (LAW_KEYS | ISO_KEYS) for side in SIDES}
     return [
         dataclasses.replace(
             u,

@@ -9,8 +9,8 @@ of the period. Over one period the chamber's pressure hardly moves, and its mean
 
     flow(duty, P) = s(duty) fill(P) + (1 - s(duty)) exhaust(P)
 
-with the filling and exhaust flow of the on/off law (thesis 3.6.6, 3.6.7, 3.6.10). At each
-pressure that is a straight line in the share, hence
+with the filling and exhaust flow of the on/off law (thesis 3.6.6, 3.6.7, 3.6.10, or ISO 6358).
+At each pressure that is a straight line in the share, hence
 
     duty(flow, P) = (flow - exhaust(P)) / (fill(P) - exhaust(P)) - (off_delay - on_delay) / T.
 
@@ -21,15 +21,31 @@ counterpart. The inverse takes the nearer end of either gap.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from sysid.plant import base
-from sysid.plant.base import LEAST_DIVISOR, Array, Parameters, array_namespace
+from sysid.plant import base, valve_laws
+from sysid.plant.base import (
+    LEAST_DIVISOR,
+    VALVE_NAMES,
+    Array,
+    Parameters,
+    ValveParameters,
+    array_namespace,
+)
+from sysid.plant.iso6358 import ANR_TEMPERATURE
 
 # The ripple follows from the flows, and these from the ripple: each step leaves a tenth of the
 # error.
 _RIPPLE_STEPS = 4
+# Places and weights over 0 to 1.
+_GAUSS = (
+    (0.5 - math.sqrt(0.15), 5.0 / 18.0),
+    (0.5, 8.0 / 18.0),
+    (0.5 + math.sqrt(0.15), 5.0 / 18.0),
+)
 
 
 class PulseFlows(NamedTuple):
@@ -58,6 +74,9 @@ class PulseFlows(NamedTuple):
 class AveragedLaw:
     """One valve's averaged law: kg/s, kg/(s Pa^0.5), kg/(s Pa), Pa, s; floats or (lanes,).
 
+    A direction with a sonic conductance obeys ISO 6358 (`base.ValveParameters`), of air at
+    `temperature` K.
+
     It serves as a valve's surfaces in `simulate`, which takes the flows of its `pulse`, so that
     effects on filling and on exhaust act on each.
     """
@@ -72,16 +91,21 @@ class AveragedLaw:
     on_delay: Array
     off_delay: Array
     period: Array
+    sonic_conductance_fill: Array | None = field(default=None, kw_only=True)
+    critical_ratio_fill: Array | None = field(default=None, kw_only=True)
+    subsonic_index_fill: Array | None = field(default=None, kw_only=True)
+    sonic_conductance_dis: Array | None = field(default=None, kw_only=True)
+    critical_ratio_dis: Array | None = field(default=None, kw_only=True)
+    subsonic_index_dis: Array | None = field(default=None, kw_only=True)
+    temperature: Array = field(default=ANR_TEMPERATURE, kw_only=True)
 
     @classmethod
     def of(cls, parameters: Parameters, side: str) -> AveragedLaw:
         """The law of valve "a" or "b" of a model's parameters. ValueError for another side."""
         valve = parameters.valve(side)
         return cls(
-            choked_fill=valve.choked_fill,
-            choked_dis=valve.choked_dis,
-            c_fill=valve.c_fill,
-            c_dis=valve.c_dis,
+            **{name: getattr(valve, name) for name in VALVE_NAMES},
+            temperature=parameters.temperature,
             supply=parameters.supply,
             supply_reference=parameters.supply_reference,
             atmosphere=parameters.atmosphere,
@@ -89,6 +113,19 @@ class AveragedLaw:
             off_delay=getattr(parameters, f"off_delay_{side}"),
             period=parameters.pwm_period,
         )
+
+    @property
+    def valve(self) -> ValveParameters:
+        """The law of the valve while it is on, and while it is off."""
+        return ValveParameters(**{name: getattr(self, name) for name in VALVE_NAMES})
+
+    def _filling(self, pressure: Array, supply: Array) -> Array:
+        return valve_laws.filling_flow(
+            self.valve, pressure, supply, self.supply_reference, temperature=self.temperature
+        )
+
+    def _exhausting(self, pressure: Array, exhaust: Array) -> Array:
+        return valve_laws.exhaust_flow(self.valve, pressure, exhaust, temperature=self.temperature)
 
     @property
     def _overhang(self) -> Array:
@@ -119,13 +156,11 @@ class AveragedLaw:
 
     def open_flow(self, pressure: Array) -> Array:
         """Flow into the chamber while the valve is open, kg/s, at a pressure in Pa."""
-        return base.filling_flow(
-            pressure, self.supply, self.choked_fill, self.c_fill, self.supply_reference
-        )
+        return self._filling(pressure, self.supply)
 
     def closed_flow(self, pressure: Array) -> Array:
         """Flow into the chamber (negative: out) while the valve is off, kg/s."""
-        return base.exhaust_flow(pressure, self.atmosphere, self.choked_dis, self.c_dis)
+        return self._exhausting(pressure, self.atmosphere)
 
     def flow(self, duty: Array, pressure: Array) -> Array:
         """Mean flow into the chamber, kg/s, at a duty (0 to 1) and pressure in Pa."""
@@ -186,10 +221,8 @@ class AveragedLaw:
         supply, exhaust = lines
         none = 0.0 * share
         return PulseFlows(
-            base.filling_flow(
-                pressure, supply, self.choked_fill, self.c_fill, self.supply_reference
-            ),
-            base.exhaust_flow(pressure, exhaust, self.choked_dis, self.c_dis),
+            self._filling(pressure, supply),
+            self._exhausting(pressure, exhaust),
             (none, none),
             (none, none),
         )
@@ -209,20 +242,39 @@ class AveragedLaw:
         The part of a ramp that is not choked is taken at its middle.
         """
         (supply, exhaust), (up, down) = lines, troughs
+        filling, rise = self._over_rise(up, ripple, supply)
+        leaving, fall = self._over_fall(down, ripple, exhaust)
+        return PulseFlows(filling, leaving, rise, fall)
+
+    def _over_rise(
+        self, up: Array, ripple: Array, supply: Array
+    ) -> tuple[Array, tuple[Array, Array]]:
+        """Mean filling flow, and where the ramp bends: in time, and in height."""
         xp = array_namespace(up, ripple)
+        if valve_laws.obeys_iso(self.valve, "fill"):
+            return _mean_over(lambda p: self._filling(p, supply), up, ripple)
         below = xp.clip((base.filling_boundary(supply) - up) / ripple, 0.0, 1.0)
-        above = xp.clip((down + ripple - base.exhaust_boundary(exhaust)) / ripple, 0.0, 1.0)
-        filling, fill_time = _over_boundary(
+        filling, time = _over_boundary(
             below,
             self.choked_fill * (supply / self.supply_reference),
             base.unchoked_filling_flow(up + 0.5 * (1.0 + below) * ripple, supply, self.c_fill),
         )
-        leaving, leave_time = _over_boundary(
+        return filling, (time, below)
+
+    def _over_fall(
+        self, down: Array, ripple: Array, exhaust: Array
+    ) -> tuple[Array, tuple[Array, Array]]:
+        """The same of the exhaust."""
+        xp = array_namespace(down, ripple)
+        if valve_laws.obeys_iso(self.valve, "dis"):
+            return _mean_over(lambda p: self._exhausting(p, exhaust), down, ripple)
+        above = xp.clip((down + ripple - base.exhaust_boundary(exhaust)) / ripple, 0.0, 1.0)
+        leaving, time = _over_boundary(
             above,
             -self.choked_dis,
             base.unchoked_exhaust_flow(down + 0.5 * (1.0 - above) * ripple, exhaust, self.c_dis),
         )
-        return PulseFlows(filling, leaving, (fill_time, below), (leave_time, above))
+        return leaving, (time, above)
 
     def duty(self, flow: Array, pressure: Array) -> Array:
         """Duty, 0 to 1, for a wanted mean flow in kg/s; beyond what the valve can pass: 0 or 1."""
@@ -238,6 +290,24 @@ def _drifted(trough: Array, drift: Array, share: Array) -> tuple[Array, Array]:
     The open part comes first: the pressure has drifted less by then.
     """
     return trough - 0.5 * (1.0 - share) * drift, trough + 0.5 * share * drift
+
+
+def _mean_over(
+    flow: Callable[[Array], Array], trough: Array, ripple: Array
+) -> tuple[Array, tuple[Array, Array]]:
+    """Mean in time of a smooth law's flow over a ramp by `ripple` from a trough; no bend in it.
+
+    The harmonic mean in pressure, at three points (Gauss).
+    """
+    xp = array_namespace(trough, ripple)
+    total: Array = 0.0
+    # A flow of nothing takes forever: next to it the ramp's other points count.
+    for place, weight in _GAUSS:
+        at = flow(trough + place * ripple)
+        away = xp.where(xp.abs(at) > LEAST_DIVISOR, at, LEAST_DIVISOR)
+        total = total + weight / away
+    none = 0.0 * trough
+    return 1.0 / total, (none, none)
 
 
 def _over_boundary(part: Array, choked: Array, free: Array) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.states import point_of
-from sysid.plant import base, plant
+from sysid.plant import plant, valve_laws
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
 from sysid.types import BoolArray, FloatArray
@@ -31,8 +31,9 @@ def near_boundaries(
     """Samples (n,) near a choked boundary, or where one of the effects `moving` may take it."""
     share, pressure = traces.is_open(side), traces.pressure(side)
     atmosphere = float(model.parameters.atmosphere)
-    fill = base.filling_boundary(traces.supply)
-    exhaust = np.asarray(base.exhaust_boundary(atmosphere))
+    valve = model.parameters.valve(side)
+    fill = valve_laws.filling_boundary(valve, traces.supply)
+    exhaust = np.asarray(valve_laws.exhaust_boundary(valve, atmosphere))
     fills, exhausts = [fill], [exhaust]
     for effect in moving:
         moved = model + effect

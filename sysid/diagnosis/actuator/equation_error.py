@@ -33,7 +33,19 @@ _TIMING_PORTS = ("pulses", "delays")
 
 FRICTION_PARAMETERS = ("coulomb_effort", "viscous")
 FLOW_PARAMETERS = tuple(
-    f"{law}_{side}" for side in SIDES for law in ("choked_fill", "choked_dis", "c_fill", "c_dis")
+    f"{law}_{side}"
+    for side in SIDES
+    for law in (
+        "choked_fill",
+        "choked_dis",
+        "c_fill",
+        "c_dis",
+        # Of a direction that obeys ISO 6358; others have none.
+        "sonic_conductance_fill",
+        "critical_ratio_fill",
+        "sonic_conductance_dis",
+        "critical_ratio_dis",
+    )
 )
 _FITTED = FRICTION_PARAMETERS + FLOW_PARAMETERS
 
@@ -112,7 +124,8 @@ def equation_error(
     seen = whole = _without_sensors(traces, sensors)
     if timing:
         # Fitted numbers do not affect the timing; as part of the key they would defeat the cache.
-        fixed = model.parameters.replace(**dict.fromkeys(_FITTED, 0.0))
+        known = [n for n in _FITTED if getattr(model.parameters, n) is not None]
+        fixed = model.parameters.replace(**dict.fromkeys(known, 0.0))
         whole = _with_timing(seen, traces, Model(fixed, timing))
     owners = [e for e in model.effects if e.states]
     driving = whole if any(e.states_follow_valves for e in owners) else seen

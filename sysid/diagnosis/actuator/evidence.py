@@ -16,10 +16,10 @@ from sysid.diagnosis.search import Round
 from sysid.estimation.linear import Estimate
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
-from sysid.parameters.valves import LAW_KEYS
+from sysid.parameters.valves import ISO_KEYS, LAW_KEYS
 from sysid.plant.effects.entry import CatalogueEffect
 
-_REFITTED = ("coulomb", "viscous", *LAW_KEYS)
+_REFITTED = ("coulomb", "viscous", *LAW_KEYS, *ISO_KEYS)
 
 
 @dataclass(frozen=True)

@@ -142,7 +142,8 @@ def signature(frame: Frame, model: Model, base: FloatArray, candidate: Candidate
 def base_parameters(model: Model) -> tuple[str, ...]:
     """The base parameters that a fit estimated: friction, and the flows of both valves."""
     names = FRICTION_PARAMETERS + FLOW_PARAMETERS
-    return tuple(n for n in names if float(getattr(model.parameters, n)) > 0.0)
+    values = {n: getattr(model.parameters, n) for n in names}
+    return tuple(n for n, v in values.items() if v is not None and float(v) > 0.0)
 
 
 def channel_of(name: str) -> str:

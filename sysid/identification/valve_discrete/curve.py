@@ -20,10 +20,13 @@ from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacob
 from sysid.estimation.quality import SIGNIFICANT
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
 from sysid.identification.valve_discrete.trials import Piece
+from sysid.parameters.valves import ISO6358, THESIS
+from sysid.plant.iso6358 import HIGHEST_RATIO
 from sysid.types import FloatArray
 
 FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
 DELAYS = ("on_delay_s", "off_delay_s")
+WAYS = ("fill", "dis")
 UNITS = {
     "choked_flow_fill_kg_s": "kg/s",
     "c_fill": "kg/(s Pa^0.5)",
@@ -31,7 +34,20 @@ UNITS = {
     "c_dis": "kg/(s Pa)",
     "on_delay_s": "s",
     "off_delay_s": "s",
+    **{f"sonic_conductance_{way}": "m3/(s Pa)" for way in WAYS},
+    **{f"critical_ratio_{way}": "-" for way in WAYS},
+    **{f"subsonic_index_{way}": "-" for way in WAYS},
 }
+
+
+def thesis_names(way: str) -> tuple[str, str]:
+    """The choked flow and the coefficient of a direction, "fill" or "dis", by the thesis."""
+    return (FLOWS[0], FLOWS[1]) if way == "fill" else (FLOWS[2], FLOWS[3])
+
+
+def iso_names(way: str) -> tuple[str, str, str]:
+    """Conductance, critical ratio and index of a direction, "fill" or "dis", by ISO 6358."""
+    return f"sonic_conductance_{way}", f"critical_ratio_{way}", f"subsonic_index_{way}"
 
 
 @dataclass(frozen=True)
@@ -145,6 +161,14 @@ class CurveProblem:
     start: DiscreteValve
     free: tuple[str, ...]
 
+    def law(self, way: str) -> str:
+        """Which law a direction, "fill" or "dis", obeys here."""
+        return THESIS if getattr(self.start, f"sonic_conductance_{way}") is None else ISO6358
+
+    def flow_names(self, way: str) -> tuple[str, ...]:
+        """The numbers of a direction's law."""
+        return thesis_names(way) if self.law(way) == THESIS else iso_names(way)
+
     @cached_property
     def lengths(self) -> list[int]:
         return [len(p.pressure) for p in self.pieces]
@@ -221,6 +245,10 @@ def _shared_parameter(name: str, value: float) -> Parameter:
         # A command's time stamp may be late; no valve takes as long as the upper bound. Seconds.
         low, high = -0.02, 0.3
         return Parameter(name, min(max(value, 0.9 * low), 0.9 * high), unit, low, high, 0.002)
+    if name.startswith("critical_ratio"):
+        return Parameter(name, value, unit, 0.0, HIGHEST_RATIO, 0.3)
+    if name.startswith("subsonic_index"):
+        return Parameter(name, value, unit, 0.2, 0.95)
     return Parameter(name, value, unit, value / 1e3, value * 1e3)
 
 

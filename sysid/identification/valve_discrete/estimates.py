@@ -13,13 +13,25 @@ from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import FitQuality
 from sysid.identification.held_volume import VolumeError
-from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, UNITS, CurveFit
+from sysid.identification.valve_discrete.curve import (
+    DELAYS,
+    FLOWS,
+    UNITS,
+    WAYS,
+    CurveFit,
+    iso_names,
+    thesis_names,
+)
+from sysid.identification.valve_discrete.law_choice import LawChoice
 from sysid.identification.valve_discrete.notices import JUMPS
 from sysid.identification.valve_discrete.ratio import DISCHARGE, FILL, critical_ratio
 from sysid.identification.valve_discrete.regimes import Stretches
 from sysid.identification.valve_discrete.result import DiscreteFit, PressureCurve
 from sysid.io.rig import Air
+from sysid.parameters.valves import ISO6358
 from sysid.plant.base import exhaust_jump, filling_jump
+
+_BY_ISO = "the direction obeys ISO 6358: sonic_conductance and critical_ratio are its law"
 
 
 def flows_and_delays(
@@ -29,14 +41,21 @@ def flows_and_delays(
     found: dict[str, Estimate] = {}
     if not curves.fit.converged:
         notices.append(f"{title}: the fit did not converge ({curves.fit.message})")
-    for name in (*FLOWS, *DELAYS):
-        if name in reasons:
-            found[name] = Estimate.unidentified(UNITS[name], reasons[name])
+    flows = [name for way in WAYS for name in curves.problem.flow_names(way)]
+    why = {**reasons, **_iso_reasons(curves, reasons)}
+    for name in (*flows, *DELAYS):
+        if name in why:
+            found[name] = Estimate.unidentified(UNITS[name], why[name])
+            continue
+        if name in flows and name not in curves.problem.free:
+            value = float(getattr(curves.problem.start, name))
+            found[name] = Estimate(value, 0.0, UNITS[name], (value, value))
             continue
         estimate, scatters = curves.estimate(name)
         # With a standard error above this share, a flow is not identified.
-        if estimate.identified and name in FLOWS and estimate.std > 0.3 * estimate.value:
-            share = 100.0 * estimate.std / estimate.value
+        size = 1.0 if name.startswith("critical_ratio") else estimate.value
+        if estimate.identified and name in flows and estimate.std > 0.3 * size:
+            share = 100.0 * estimate.std / size
             estimate = Estimate.unidentified(
                 UNITS[name],
                 f"its standard error is {share:.0f} %: record more tests, or log faster",
@@ -49,6 +68,21 @@ def flows_and_delays(
                 "interval follows from the scatter of the tests"
             )
         found[name] = estimate
+    by_iso = {n: Estimate.unidentified(UNITS[n], _BY_ISO) for n in FLOWS if n not in found}
+    return found | by_iso
+
+
+def _iso_reasons(curves: CurveFit, reasons: Mapping[str, str]) -> dict[str, str]:
+    """Why numbers of ISO 6358 are not identified: as those of the thesis' law would not be."""
+    found = {}
+    for way in WAYS:
+        if curves.problem.law(way) == ISO6358:
+            choked, unchoked = (reasons.get(name) for name in thesis_names(way))
+            conductance, ratio, _ = iso_names(way)
+            if choked and unchoked:
+                found[conductance] = choked
+            if unchoked:
+                found[ratio] = unchoked
     return found
 
 
@@ -75,7 +109,9 @@ def with_volume_error(
 
     It is in no delay, no critical ratio and no jump.
     """
-    flows = {name: estimates[name] for name in FLOWS if estimates[name].identified}
+    names = (*FLOWS, *(iso_names(way)[0] for way in WAYS))
+    known = {name: estimates[name] for name in names if name in estimates}
+    flows = {name: flow for name, flow in known.items() if flow.identified}
     wider = {
         name: volume.in_estimate(flow, shows_scatter=name in curves.scattering)
         for name, flow in flows.items()
@@ -87,7 +123,9 @@ def with_volume_error(
 def critical_ratios(curves: CurveFit, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
     """The critical ratios with the boundary left free."""
     found = {}
-    for direction in (FILL, DISCHARGE):
+    for way, direction in zip(WAYS, (FILL, DISCHARGE), strict=True):
+        if curves.problem.law(way) == ISO6358:
+            continue
         missing = [n for n in direction.free if not estimates[n].identified]
         if missing:
             why = f"{', '.join(missing)} not identified"
@@ -106,7 +144,10 @@ def boundary_jumps(
     """Jump of the fitted law at the boundary of ratio 0.53, percent, at the rig's pressures."""
     supply, atmosphere = air.supply_pressure_pa, air.atmospheric_pressure_pa
     found = {}
-    for name, (choked, unchoked) in zip(JUMPS, (FLOWS[:2], FLOWS[2:]), strict=True):
+    for name, way in zip(JUMPS, WAYS, strict=True):
+        if curves.problem.law(way) == ISO6358:
+            continue
+        choked, unchoked = thesis_names(way)
         m, c = estimates[choked], estimates[unchoked]
         if not (m.identified and c.identified):
             why = "needs both the choked and the unchoked interval"
@@ -134,6 +175,7 @@ def fit_of(
     air: Air,
     judged: Mapping[str, FitQuality],
     joint: JointCovariance,
+    choice: LawChoice,
 ) -> DiscreteFit:
     """A valve's fit with its curves; `read` are the start values of each test, `joint` the
     covariance of flows, coefficients and delays."""
@@ -160,6 +202,7 @@ def fit_of(
         ),
         quality=judged,
         joint=joint,
+        choice=choice,
     )
 
 

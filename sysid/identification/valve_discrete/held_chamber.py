@@ -3,7 +3,8 @@
 With the volume constant, 3.5.2 is dP/dt = (k R T / V) m(P), and each regime of the valve law
 has a solution: choked flow a straight line in time, unchoked filling a parabola that ends at
 the supply, the unchoked exhaust an exponential. Regimes and valve edges are joined at their
-exact times, so the curve depends continuously on every parameter, delays included.
+exact times, so the curve depends continuously on every parameter, delays included. A direction
+that obeys ISO 6358 follows `iso_curve` in the thesis' place.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.identification.valve_discrete.iso_curve import IsoPath
 from sysid.plant.base import CRITICAL_RATIO
+from sysid.plant.iso6358 import ANR_TEMPERATURE, DEFAULT_INDEX, choked_flow
 from sysid.plant.valve_timing import delayed
 from sysid.types import FloatArray
 
@@ -23,7 +26,8 @@ class DiscreteValve:
     """One valve's discrete law, its delays and its critical ratios.
 
     Choked flows kg/s (filling at the reference supply), `c_fill` kg/(s Pa^0.5), `c_dis`
-    kg/(s Pa), delays s.
+    kg/(s Pa), delays s. A direction with a sonic conductance, m3/(s Pa) at ANR, obeys ISO 6358
+    with it, the critical ratio and the subsonic index; the thesis' numbers of it are not used.
     """
 
     choked_flow_fill_kg_s: float
@@ -34,6 +38,21 @@ class DiscreteValve:
     off_delay_s: float
     critical_ratio_fill: float = CRITICAL_RATIO
     critical_ratio_dis: float = CRITICAL_RATIO
+    sonic_conductance_fill: float | None = None
+    sonic_conductance_dis: float | None = None
+    subsonic_index_fill: float = DEFAULT_INDEX
+    subsonic_index_dis: float = DEFAULT_INDEX
+
+    def iso_path(self, way: str, chamber: HeldChamber) -> IsoPath | None:
+        """A direction, "fill" or "dis", by ISO 6358; None where it obeys the thesis' law."""
+        conductance = getattr(self, f"sonic_conductance_{way}")
+        if conductance is None:
+            return None
+        return IsoPath(
+            chamber.gain * float(choked_flow(1.0, conductance, chamber.temperature)),
+            getattr(self, f"critical_ratio_{way}"),
+            getattr(self, f"subsonic_index_{way}"),
+        )
 
 
 @dataclass(frozen=True)
@@ -42,7 +61,8 @@ class HeldChamber:
 
     `time` (n,) s; the valve is commanded on in [`opens`, `closes`) (s, minus infinity: on
     before the first row); `gain` k R T / V, Pa/kg; the supply is `supply` (m,) Pa from each
-    of `supply_from` (m,) s on; choked filling holds at `supply_reference` Pa.
+    of `supply_from` (m,) s on; choked filling holds at `supply_reference` Pa; `temperature` of
+    the air in K.
     """
 
     time: FloatArray
@@ -52,6 +72,7 @@ class HeldChamber:
     supply_from: FloatArray
     supply: FloatArray
     supply_reference: float
+    temperature: float = ANR_TEMPERATURE
 
 
 def pressure_curve(
@@ -97,7 +118,9 @@ def _filling(
     supply: float,
     elapsed: FloatArray,
 ) -> FloatArray:
-    """3.6.6 in time: P0 + b t while choked, then Ps - (sqrt(Ps - P) - g t / 2)^2."""
+    """Filling; by the thesis' 3.6.6 P0 + b t while choked, then Ps - (sqrt(Ps - P) - g t / 2)^2."""
+    if (iso := valve.iso_path("fill", chamber)) is not None:
+        return iso.pressure(initial, supply, elapsed)
     half_rate = 0.5 * chamber.gain * valve.c_fill
     if initial > supply:
         root = np.maximum(math.sqrt(initial - supply) - half_rate * elapsed, 0.0)
@@ -117,7 +140,9 @@ def _exhausting(
     atmosphere: float,
     elapsed: FloatArray,
 ) -> FloatArray:
-    """3.6.7 and 3.6.10 in time: P - d t while choked, then an exponential towards P0."""
+    """Emptying; by 3.6.7 and 3.6.10 P - d t while choked, then an exponential towards P0."""
+    if (iso := valve.iso_path("dis", chamber)) is not None:
+        return iso.pressure(initial, atmosphere, elapsed)
     boundary = atmosphere / valve.critical_ratio_dis
     rate = chamber.gain * valve.choked_flow_dis_kg_s
     start = min(initial, boundary)

@@ -8,9 +8,11 @@ import numpy as np
 
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import FEWEST_ROWS, SCATTER_TIMES, root_mean_square
-from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, CurveFit
+from sysid.identification.valve_discrete.curve import DELAYS, CurveFit
+from sysid.identification.valve_discrete.law_choice import AUTO, LawChoice
 from sysid.identification.valve_discrete.trials import SUPPLY_TOLERANCE, Piece
 from sysid.io.rig import Air, Rig
+from sysid.parameters.valves import ISO6358
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import BoolArray, FloatArray
 
@@ -63,19 +65,23 @@ def lack_of_fit_notices(curves: CurveFit, title: str) -> list[str]:
     which no flow is fitted gives no notice.
     """
     lines = []
-    for what, names, rises in (("filling", FLOWS[:2], True), ("discharge", FLOWS[2:], False)):
-        if not set(names) & set(curves.problem.free):
+    problem = curves.problem
+    for what, way, rises in (("filling", "fill", True), ("discharge", "dis", False)):
+        names = [*problem.flow_names(way)[:2], DELAYS[0 if rises else 1]]
+        if not set(names[:2]) & set(problem.free):
             continue
+        law = "law of ISO 6358" if problem.law(way) == ISO6358 else "two-regime law"
+        said = (law, what, names)
         short = []
         for i, piece in enumerate(curves.problem.pieces):
             residuals = curves.residuals(i)[_in_motion(curves, i, rises)]
             if len(residuals) >= FEWEST_ROWS:
-                lines += _lack_of_fit([(piece, residuals)], piece.source, what, names, title)
+                lines += _lack_of_fit([(piece, residuals)], piece.source, said, title)
             elif len(residuals):
                 short.append((piece, residuals))
         if sum(len(residuals) for _, residuals in short) >= FEWEST_ROWS:
             together = f"{len({piece.source for piece, _ in short})} tests together"
-            lines += _lack_of_fit(short, together, what, names, title)
+            lines += _lack_of_fit(short, together, said, title)
     return lines
 
 
@@ -92,19 +98,22 @@ def _in_motion(curves: CurveFit, index: int, rises: bool) -> BoolArray:
 def _lack_of_fit(
     judged: Sequence[tuple[Piece, FloatArray]],
     source: str,
-    what: str,
-    names: Sequence[str],
+    said: tuple[str, str, Sequence[str]],
     title: str,
 ) -> list[str]:
-    """A line where the residuals of the pieces, Pa, are more than their noise."""
+    """A line where the residuals of the pieces, Pa, are more than their noise.
+
+    `said`: the law, what it misses, and the numbers that this touches.
+    """
+    law, what, names = said
     rms = root_mean_square(np.concatenate([residuals for _, residuals in judged]))
     noise = root_mean_square(np.repeat([p.noise for p, _ in judged], [len(r) for _, r in judged]))
     if rms <= SCATTER_TIMES * noise:
         return []
     return [
-        f"{source}: the two-regime law misses the {what} by {rms:.3g} Pa rms "
+        f"{source}: the {law} misses the {what} by {rms:.3g} Pa rms "
         f"(noise {noise:.3g} Pa): {title}'s {names[0]} and {names[1]} are its "
-        "best approximation, not the valve's law"
+        f"best approximation, not the valve's law, and {names[2]} is biased by what it misses"
     ]
 
 
@@ -123,12 +132,22 @@ def delay_notices(estimates: Mapping[str, Estimate], title: str, rig: Rig) -> li
     return lines
 
 
+def law_remarks(choice: LawChoice, title: str) -> list[str]:
+    """Which law was chosen and why, where it is not plainly the thesis'."""
+    plain = not (choice.undecided or choice.disagrees or ISO6358 in choice.laws.values())
+    if choice.asked == AUTO and plain:
+        return []
+    why = choice.why()
+    kept = "; the thesis' law is kept" if choice.undecided and choice.asked == AUTO else ""
+    return [f"{title}: {why}{kept}"] if why else []
+
+
 def verdicts(estimates: Mapping[str, Estimate], title: str) -> list[str]:
     """The critical ratio against 0.53, and the size of the jump, by direction."""
     lines = []
     for ratio, jump, what in zip(RATIOS, JUMPS, ("filling", "exhaust"), strict=True):
-        r, j = estimates.get(ratio), estimates[jump]
-        if r is None or not (r.identified and j.identified):
+        r, j = estimates.get(ratio), estimates.get(jump)
+        if r is None or j is None or not (r.identified and j.identified):
             continue
         off = not r.holds(CRITICAL_RATIO) and abs(r.value - CRITICAL_RATIO) > _RATIO_TOLERANCE
         verdict = f"not {CRITICAL_RATIO}" if off else f"{CRITICAL_RATIO} fits"

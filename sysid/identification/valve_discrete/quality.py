@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.quality import FitQuality, root_mean_square, scatter_test
-from sysid.identification.valve_discrete.curve import FLOWS, CurveFit
+from sysid.identification.valve_discrete.curve import CurveFit
 from sysid.identification.valve_discrete.trials import FEWEST_ROWS, Piece
 from sysid.types import BoolArray
 
@@ -25,13 +26,13 @@ def qualities(curves: CurveFit) -> dict[str, FitQuality]:
     """
     found = {}
     free = curves.problem.free
-    for direction, what, names, rows_of in (
-        ("fill", "filling", FLOWS[:2], _filling),
-        ("discharge", "discharging", FLOWS[2:], _emptying),
+    for direction, what, names, commanded in (
+        ("fill", "filling", curves.problem.flow_names("fill"), _filling),
+        ("discharge", "discharging", curves.problem.flow_names("dis"), _emptying),
     ):
         measured, left, noise = [], [], []
         for i, piece in enumerate(curves.problem.pieces):
-            rows = rows_of(piece) & _moving(curves, i)
+            rows = commanded(piece) & _moving(curves, i)
             measured.append(piece.pressure[rows])
             left.append(-curves.residuals(i)[rows])
             noise.append(np.full(int(rows.sum()), piece.noise))
@@ -64,6 +65,12 @@ def judged(curves: CurveFit, title: str) -> dict[str, FitQuality]:
     return found
 
 
+def rows_of(way: str, piece: Piece, fits: Iterable[CurveFit], index: int) -> BoolArray:
+    """Rows (n,) of a piece that a direction, "fill" or "dis", moves as measured or by any fit."""
+    commanded = _filling(piece) if way == "fill" else _emptying(piece)
+    return np.asarray(commanded & np.any([_moving(fit, index) for fit in fits], axis=0))
+
+
 def _moving(curves: CurveFit, index: int) -> BoolArray:
     """Rows (n,) of a piece that are away from atmosphere and supply, as measured or as fitted."""
     piece = curves.problem.pieces[index]
@@ -94,4 +101,4 @@ def _emptying(piece: Piece) -> BoolArray:
     return np.asarray((c.time >= first) & ~_filling(piece))
 
 
-__all__ = ["judged", "qualities"]
+__all__ = ["judged", "qualities", "rows_of"]

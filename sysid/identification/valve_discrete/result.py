@@ -15,9 +15,11 @@ from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.estimation.named import NamedEstimates
 from sysid.estimation.quality import FitQuality
+from sysid.identification.valve_discrete.law_choice import LawChoice
 from sysid.identification.valve_discrete.shown import PressureCurve, curves_panel
 from sysid.parameters import Correlation, DiscreteLaw, FittedValves, Parts, Valve
 from sysid.parameters.quality import records_of
+from sysid.parameters.valves import ISO_KEYS, by_direction
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +33,9 @@ class DiscreteFit(NamedEstimates, Shown):
     jumps of the law at the choked boundary (percent, unchoked over choked less one).
     `stretches`: the start values, by 3.5.3. `choked_flow_fill_kg_s` holds at `supply` Pa.
     `rmse`, `noise` Pa; `fit_percent` 100 (1 - NRMSE) over all tests; `quality` by direction,
-    "fill" and "discharge"; `joint`: the covariance of flows, coefficients and delays.
+    "fill" and "discharge"; `joint`: the covariance of flows, coefficients and delays; `choice`: the
+    law of each direction, and why. A direction that obeys ISO 6358 has `sonic_conductance_fill` (or
+    `_dis`), `critical_ratio_fill` and `subsonic_index_fill` in place of the thesis' numbers.
     """
 
     valve: str
@@ -44,6 +48,7 @@ class DiscreteFit(NamedEstimates, Shown):
     curves: tuple[PressureCurve, ...] = field(repr=False)
     quality: Mapping[str, FitQuality] = field(default_factory=dict)
     joint: JointCovariance | None = field(default=None, repr=False)
+    choice: LawChoice | None = field(default=None, repr=False)
 
     def by_name(self) -> Mapping[str, Estimate]:
         """The estimates."""
@@ -70,12 +75,13 @@ class DiscreteFit(NamedEstimates, Shown):
     def correlation(self) -> Correlation | None:
         """Correlation of the errors of the identified; None for fewer than two."""
         known = [name for name, e in self.estimates.items() if e.identified]
-        return None if self.joint is None else Correlation.of(self.joint, known)
+        keys = {name: ISO_KEYS.get(name, name) for name in known}
+        return None if self.joint is None else Correlation.of(self.joint, known, keys)
 
     def law(self) -> DiscreteLaw:
         """`valves.<a|b>.discrete` of the bundle."""
         content: dict[str, Any] = {
-            **self.estimates,
+            **by_direction(self.estimates, {} if self.choice is None else self.choice.laws),
             "supply_pressure_pa": self.supply,
             "rmse_pa": self.rmse,
             "noise_pa": self.noise,

@@ -12,7 +12,6 @@ from sysid.blocks.figures import TALL_PANEL, Figure, Line, Mark, Panel, Points, 
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.sections import Block, FigureGroup, Section
 from sysid.blocks.tables import Table, table
-from sysid.estimation.linear import Estimate
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
 from sysid.identification.valve_discrete.trials import Piece, screen
 from sysid.io.logs import Log
@@ -109,16 +108,18 @@ def _valve(law: DiscreteLaw, rig: Rig) -> DiscreteValve | None:
     """The law of the bundle; a delay that is not identified is the rig file's."""
     delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0, 0.0)
     declared = dict(zip(_DELAYS, delays, strict=True))
-    values: dict[str, float] = {}
-    # The critical ratios in the bundle are a check; the law itself has 0.53.
-    for name in (*_FLOWS, *_DELAYS):
-        found = getattr(law, name)
-        if isinstance(found, Estimate) and found.identified:
-            values[name] = found.value
-        elif name in _FLOWS:
+    values = dict.fromkeys(_FLOWS, 1.0)  # of a direction by ISO 6358 they are not used
+    estimates = law.estimates()
+    # The thesis law's critical ratios in the bundle are a check; the law itself has 0.53.
+    keys = {**{key: key for key in law.thesis_keys().values()}, **law.iso_keys()}
+    for name, key in keys.items():
+        if not (found := estimates[key]).identified:
             return None
-        else:
-            values[name] = declared[name]
+        values[name] = found.value
+    for name in _DELAYS:
+        delay = estimates.get(name)
+        known = delay is not None and delay.identified
+        values[name] = delay.value if known and delay else declared[name]
     return DiscreteValve(**values)
 
 

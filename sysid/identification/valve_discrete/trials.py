@@ -125,9 +125,14 @@ def _all_reasons(why: str) -> tuple[tuple[str, str], ...]:
 
 def air_gain(air: Air, trial: Trial, volume: float) -> float:
     """k R T / V, Pa/kg, at the logged ambient temperature, else the rig's."""
-    logged = "temperature_k" in trial
-    temperature = float(np.mean(trial["temperature_k"])) if logged else air.temperature_k
+    temperature = temperature_of(trial, air)
     return air.heat_capacity_ratio * air.gas_constant_j_per_kg_k * temperature / volume
+
+
+def temperature_of(trial: Trial, air: Air) -> float:
+    """The logged ambient temperature, else the rig's, K."""
+    logged = "temperature_k" in trial
+    return float(np.mean(trial["temperature_k"])) if logged else air.temperature_k
 
 
 def _volume(trial: Trial, valve: str, rig: Rig) -> tuple[float, float]:
@@ -153,8 +158,16 @@ def _whole(
     supply_from, supply = time[:1], np.array([air.supply_pressure_pa])
     if logged:
         supply_from, supply = _logged_supply(time, trial["supply_pressure_pa"])
-    supply_reference, gain = air.supply_pressure_pa, air_gain(air, trial, volume)
-    chamber = HeldChamber(time, opens, closes, gain, supply_from, supply, supply_reference)
+    chamber = HeldChamber(
+        time,
+        opens,
+        closes,
+        air_gain(air, trial, volume),
+        supply_from,
+        supply,
+        air.supply_pressure_pa,
+        temperature_of(trial, air),
+    )
     p0 = air.atmospheric_pressure_pa
     return Piece(
         trial.label, trial.source, chamber, pressure, noise, float(pressure[0]), 0.0, False, p0,

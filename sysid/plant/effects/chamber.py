@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sysid.io.channels import SIDES
-from sysid.plant import base
+from sysid.plant import base, valve_laws
 from sysid.plant.base import Array, Parameters, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, of_side, state_lag
 from sysid.plant.ports import Point
@@ -34,16 +34,16 @@ def volume_rate(side: str, point: Point) -> Array:
 
 
 def base_valve_flow(side: str, point: Point) -> Array:
-    """Flow of the base law (3.6.6, 3.6.10) into a chamber, weighted by how far it is open, kg/s.
+    """Flow of the valve's law into a chamber, weighted by how far it is open, kg/s.
 
     0 where the law is not known (NaN), as an averaged valve model does without it.
     """
     p = point.parameters
     valve, pressure, share = p.valve(side), point.pressure(side), point.is_open(side)
-    fill = base.filling_flow(
-        pressure, p.supply, valve.choked_fill, valve.c_fill, p.supply_reference
+    fill = valve_laws.filling_flow(
+        valve, pressure, p.supply, p.supply_reference, temperature=p.temperature
     )
-    exhaust = base.exhaust_flow(pressure, p.atmosphere, valve.choked_dis, valve.c_dis)
+    exhaust = valve_laws.exhaust_flow(valve, pressure, p.atmosphere, temperature=p.temperature)
     flow = share * fill + (1.0 - share) * exhaust
     return array_namespace(flow).where(flow == flow, flow, 0.0)
 

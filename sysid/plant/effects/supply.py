@@ -1,9 +1,9 @@
 """Effects of the air supply and of the exhaust line.
 
 Droop and back pressure close a loop: the flow lowers the pressure difference that drives it.
-The loop of a chamber with its own flow is solved in closed form, by the base law. A flow is
-choked where it would be at the pressure that choked flow leaves: so it is one or the other,
-never both or neither. Flows are kg/s.
+The loop of a chamber with its own flow is solved in closed form, by the thesis' law, or in a few
+steps by that of ISO 6358. A flow is choked where it would be at the pressure that choked flow
+leaves: so it is one or the other, never both or neither. Flows are kg/s.
 """
 
 from __future__ import annotations
@@ -13,15 +13,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from sysid.io.channels import SIDES
-from sysid.plant import base
+from sysid.plant import base, valve_laws
 from sysid.plant.base import Array, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, state_lag
+from sysid.plant.iso6358 import ANR_TEMPERATURE, choked_flow
 from sysid.plant.ports import Point
 
 # Below it strokes are those to first order: a sine at 0, which has a slope there.
 _LEAST_STROKE = 1e-6
 # A resistance that grows with the flow is given at this one, kg/s.
 REFERENCE_FLOW_KG_PER_S = 3.5e-4
+# ISO 6358's flow over the root of its pressure difference changes little with the flow itself: each
+# step leaves about a tenth of the error.
+_ROOT_STEPS = 5
 
 
 def drooped_filling_flow(
@@ -30,13 +34,17 @@ def drooped_filling_flow(
     valve: base.ValveParameters,
     supply_reference: Array,
     droop: Array,
+    temperature: Array = ANR_TEMPERATURE,
 ) -> Array:
-    """Filling flow f >= 0 by the base law (3.6.6) at the supply pressure Ps - droop f, kg/s.
+    """Filling flow f >= 0 by the valve's law at the supply pressure Ps - droop f, kg/s.
 
     Choked: f = m (Ps - droop f) / Pref. Unchoked: f^2 = c^2 (Ps - droop f - P). Pressures in
-    Pa, `droop` in Pa s/kg. No flow above the supply, nor where the law is not known (NaN).
+    Pa, `droop` in Pa s/kg, `temperature` in K. No flow above the supply, nor where the law is not
+    known (NaN).
     """
     xp = array_namespace(pressure, supply, valve.choked_fill, droop)
+    if valve_laws.obeys_iso(valve, "fill"):
+        return _drooped_iso(pressure, supply, valve, droop, temperature)
     loss = droop * valve.c_fill
     gap = xp.maximum(supply - pressure, 0.0)
     unchoked = 0.5 * valve.c_fill * (xp.sqrt(loss * loss + 4.0 * gap) - loss)
@@ -45,19 +53,69 @@ def drooped_filling_flow(
     return xp.where((flow > 0.0) & (choked == choked), flow, 0.0)
 
 
+def _drooped_iso(
+    pressure: Array,
+    supply: Array,
+    valve: base.ValveParameters,
+    droop: Array,
+    temperature: Array,
+) -> Array:
+    """`drooped_filling_flow` by ISO 6358: f^2 = c^2 (Ps - droop f - P), c taken where f has got."""
+    xp = array_namespace(pressure, supply, droop)
+    per_pressure = choked_flow(1.0, valve_laws.iso_numbers(valve, "fill")[0], temperature)
+    choked = per_pressure * supply / (1.0 + droop * per_pressure)
+    flow, gap = choked, xp.maximum(supply - pressure, 0.0)
+    for _ in range(_ROOT_STEPS):
+        left = xp.maximum(supply - droop * flow, pressure)
+        root = valve_laws.root_coefficient(valve, "fill", left, pressure, temperature)
+        loss = droop * root
+        flow = 0.5 * root * (xp.sqrt(loss * loss + 4.0 * gap) - loss)
+    boundary = valve_laws.filling_boundary(valve, supply - droop * choked)
+    flow = xp.where(pressure <= boundary, choked, flow)
+    return xp.where((flow > 0.0) & (choked == choked), flow, 0.0)
+
+
+def _backed_iso(
+    pressure: Array,
+    atmosphere: Array,
+    valve: base.ValveParameters,
+    losses: tuple[Array, Array],
+    temperature: Array,
+) -> Array:
+    """`backed_exhaust_flow` by ISO 6358; `losses` are its resistance and curvature."""
+    resistance, curvature = losses
+    xp = array_namespace(pressure, atmosphere, resistance, curvature)
+    choked = choked_flow(pressure, valve_laws.iso_numbers(valve, "dis")[0], temperature)
+    flow, gap = choked, xp.maximum(pressure - atmosphere, 0.0)
+    for _ in range(_ROOT_STEPS):
+        back = xp.minimum(atmosphere + (resistance + curvature * flow) * flow, pressure)
+        root = valve_laws.root_coefficient(valve, "dis", back, pressure, temperature)
+        square = root * root
+        slope = square * resistance
+        bent = 4.0 * (1.0 + square * curvature) * square * gap
+        flow = 2.0 * square * gap / (slope + xp.sqrt(slope * slope + bent) + base.LEAST_DIVISOR)
+    back = atmosphere + (resistance + curvature * choked) * choked
+    flow = xp.where(pressure >= valve_laws.exhaust_boundary(valve, back), choked, flow)
+    return xp.where(flow > 0.0, flow, 0.0)
+
+
 def backed_exhaust_flow(
     pressure: Array,
     atmosphere: Array,
     valve: base.ValveParameters,
     resistance: Array,
     curvature: Array = 0.0,
+    temperature: Array = ANR_TEMPERATURE,
 ) -> Array:
-    """Flow f >= 0 out of a chamber by the base law (3.6.10) against P0 + r f + q f^2, kg/s.
+    """Flow f >= 0 out of a chamber by the valve's law against P0 + r f + q f^2, kg/s.
 
-    Unchoked: f = c (P - P0 - r f - q f^2). Pressures in Pa, `resistance` r in Pa s/kg,
-    `curvature` q in Pa s2/kg2. No flow below the atmosphere, nor where the law is not known
-    (NaN).
+    Unchoked, by 3.6.10: f = c (P - P0 - r f - q f^2). Pressures in Pa, `resistance` r in Pa s/kg,
+    `curvature` q in Pa s2/kg2, `temperature` in K. No flow below the atmosphere, nor where the law
+    is not known (NaN).
     """
+    if valve_laws.obeys_iso(valve, "dis"):
+        losses = resistance, curvature
+        return _backed_iso(pressure, atmosphere, valve, losses, temperature)
     xp = array_namespace(pressure, atmosphere, valve.choked_dis, resistance, curvature)
     free = valve.c_dis * (pressure - atmosphere)
     slowed = 1.0 + resistance * valve.c_dis
@@ -194,8 +252,8 @@ class SupplyDroop(CatalogueEffect):
         p = point.parameters
         valve = p.valve(side)
         supply = p.supply - self.droop_pa_s_per_kg * point.extra[f"line_flow_{side}"]
-        flow = point.is_open(side) * base.filling_flow(
-            point.pressure(side), supply, valve.choked_fill, valve.c_fill, p.supply_reference
+        flow = point.is_open(side) * valve_laws.filling_flow(
+            valve, point.pressure(side), supply, p.supply_reference, temperature=p.temperature
         )
         return array_namespace(flow).where(flow == flow, flow, 0.0)
 
@@ -203,7 +261,7 @@ class SupplyDroop(CatalogueEffect):
         p, droop = point.parameters, self.droop_pa_s_per_kg
         left = supply - droop * other_flow
         return drooped_filling_flow(
-            point.pressure(side), left, p.valve(side), p.supply_reference, droop
+            point.pressure(side), left, p.valve(side), p.supply_reference, droop, p.temperature
         )
 
 
@@ -294,8 +352,10 @@ class ExhaustBackPressure(CatalogueEffect):
         against = atmosphere + self._rise(other_flow)
         # With the other chamber's flow the square has a different slope.
         slope = resistance + 2.0 * curvature * other_flow
-        valve = point.parameters.valve(side)
-        return backed_exhaust_flow(point.pressure(side), against, valve, slope, curvature)
+        p = point.parameters
+        return backed_exhaust_flow(
+            point.pressure(side), against, p.valve(side), slope, curvature, p.temperature
+        )
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from sysid.plant import base
 from sysid.plant.base import LEAST_DIVISOR, Array, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, of_side
 from sysid.plant.ports import Point
+from sysid.plant.valve_laws import obeys_iso
 from sysid.plant.valve_timing import TIME_TOLERANCE
 
 
@@ -78,12 +79,16 @@ class SubsonicFlowShape(CatalogueEffect):
 
     def filling_flow(self, flow: Array, side: str, point: Point) -> Array:
         p, pressure = point.parameters, point.pressure(side)
+        if obeys_iso(p.valve(side), "fill"):
+            return flow  # which is ISO's own
         choked = p.valve(side).choked_fill * (p.supply / p.supply_reference)
         law = point.is_open(side) * choked * self._share(pressure / p.supply)
         return _blended(flow, law, self.filling_blend, pressure < p.supply)
 
     def exhaust_flow(self, flow: Array, side: str, point: Point) -> Array:
         p, pressure = point.parameters, point.pressure(side)
+        if obeys_iso(p.valve(side), "dis"):
+            return flow  # which is ISO's own
         xp = array_namespace(pressure, p.atmosphere)
         # Below the atmosphere the base law holds; the ratio has only to be finite there.
         ratio = p.atmosphere / xp.maximum(pressure, p.atmosphere)
@@ -128,6 +133,8 @@ class ChokedExhaustScaling(CatalogueEffect):
     source = "ISO 6358-1:2013 (choked flow is proportional to the upstream pressure)"
 
     def exhaust_flow(self, flow: Array, side: str, point: Point) -> Array:
+        if obeys_iso(point.parameters.valve(side), "dis"):
+            return flow  # which grows by itself
         boundary = base.exhaust_boundary(point.parameters.atmosphere)
         xp = array_namespace(point.pressure(side), boundary)
         excess = xp.maximum(point.pressure(side) / boundary - 1.0, 0.0)

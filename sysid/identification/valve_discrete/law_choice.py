@@ -1,0 +1,198 @@
+"""Which flow law a valve obeys: the thesis' two regimes or ISO 6358, by evidence on its tests.
+
+Both laws have as many numbers: the difference of their log likelihoods, each test with a variance
+of its own, is the evidence. What a law misses is autocorrelated, and may repeat in every test: rows
+and tests count for as many as are independent.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.errors import NotIdentifiedError
+from sysid.estimation.autoregression import autoregression
+from sysid.estimation.quality import root_mean_square
+from sysid.identification.valve_discrete.curve import (
+    DELAYS,
+    WAYS,
+    CurveFit,
+    fit_curves,
+    fitted_valve,
+    iso_names,
+    thesis_names,
+)
+from sysid.identification.valve_discrete.held_chamber import DiscreteValve
+from sysid.identification.valve_discrete.quality import rows_of
+from sysid.parameters.valves import ISO6358, THESIS
+from sysid.plant.iso6358 import choked_flow
+from sysid.types import FloatArray
+
+LAWS = (THESIS, ISO6358)
+AUTO = "auto"
+# Twice the log evidence that is decisive: "very strong" (Kass, Raftery 1995, Bayes factors).
+DECISIVE = 10.0
+# Critical ratios of real valves, from which the fit starts; the best fit counts.
+_STARTS = (0.15, 0.35)
+_FEWEST_ROWS = 10
+_DIRECTION = {"fill": "filling", "dis": "exhaust"}
+
+
+@dataclass(frozen=True)
+class LawChoice:
+    """The law of each direction and why: twice the log evidence for ISO 6358 by direction.
+
+    `laws`: by direction, "fill" and "dis"; `evidence` of directions of which both were fitted;
+    `rms` Pa of each law by direction, over the rows in motion.
+    """
+
+    laws: Mapping[str, str]
+    evidence: Mapping[str, float]
+    rms: Mapping[str, Mapping[str, float]]
+    asked: str = AUTO
+
+    @property
+    def total(self) -> float:
+        """Twice the log evidence for ISO 6358, of all directions."""
+        return float(sum(self.evidence.values()))
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether one direction is decidedly of one law and the other one of the other."""
+        values = self.evidence.values()
+        return any(v > DECISIVE for v in values) and any(v < -DECISIVE for v in values)
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the tests do not distinguish the laws."""
+        return bool(self.evidence) and not self.disagrees and abs(self.total) <= DECISIVE
+
+    def why(self) -> str:
+        """The choice in words: what was chosen, and by which evidence."""
+        found = "; ".join(
+            f"{_DIRECTION[way]} {self.rms[way][THESIS]:.3g} Pa rms by the thesis' law, "
+            f"{self.rms[way][ISO6358]:.3g} Pa by ISO 6358"
+            for way in self.evidence
+        )
+        if self.asked != AUTO:
+            return f"the law was asked for (--law {self.asked}): {found}" if found else ""
+        size = f"twice the log evidence for ISO 6358 {self.total:.3g}"
+        if self.disagrees:
+            return (
+                f"the two directions obey different laws, so the thesis' is kept ({found}); "
+                "--law iso6358 takes the other"
+            )
+        if self.undecided:
+            return f"the laws are indistinguishable in these tests ({size}; {found})"
+        if ISO6358 in self.laws.values():
+            return f"ISO 6358 follows these tests better ({size}; {found})"
+        return f"the thesis' law follows these tests better ({size}; {found})"
+
+
+def chosen(thesis: CurveFit, asked: str) -> tuple[CurveFit, LawChoice, CurveFit | None]:
+    """The fit by the law that is asked for or that the tests show; why; and the other fit.
+
+    `thesis`: the fit by the thesis' law; `asked`: one of LAWS, or "auto".
+    """
+    ways = [way for way in WAYS if set(thesis_names(way)) & set(thesis.problem.free)]
+    plain = dict.fromkeys(WAYS, THESIS)
+    if asked == THESIS or not ways:
+        return thesis, LawChoice(plain, {}, {}, asked), None
+    iso = iso_fit(thesis, ways)
+    if iso is None:
+        if asked == ISO6358:
+            raise NotIdentifiedError(
+                "no critical ratio and conductance of ISO 6358 follow these tests: use --law thesis"
+            )
+        return thesis, LawChoice(plain, {}, {}, asked), None
+    evidence = {way: _evidence(thesis, iso, way) for way in ways}
+    known = {way: value for way, value in evidence.items() if value is not None}
+    rms = {way: {THESIS: _rms(thesis, iso, way), ISO6358: _rms(iso, thesis, way)} for way in known}
+    takes_iso = {way: ISO6358 if way in ways else THESIS for way in WAYS}
+    choice = LawChoice(takes_iso, known, rms, asked)
+    better = choice.total > DECISIVE and not choice.disagrees
+    if asked == ISO6358 or better:
+        return iso, choice, thesis
+    return thesis, dataclasses.replace(choice, laws=plain), iso
+
+
+def iso_fit(thesis: CurveFit, ways: Sequence[str]) -> CurveFit | None:
+    """The fit with ISO 6358 in these directions, from where the thesis' law ended."""
+    problem = thesis.problem
+    free = [name for name in problem.free if name in DELAYS]
+    for way in ways:
+        _, unchoked = thesis_names(way)
+        conductance, ratio, _ = iso_names(way)
+        free += [conductance] + ([ratio] if unchoked in problem.free else [])
+    best = None
+    for ratio_start in _STARTS:
+        start = _iso_start(thesis, ways, ratio_start)
+        found = fit_curves(problem.pieces, start, free)
+        if not math.isfinite(found.fit.sum_of_squares):
+            continue
+        if best is None or found.fit.sum_of_squares < best.fit.sum_of_squares:
+            best = found
+    return best
+
+
+def _iso_start(thesis: CurveFit, ways: Sequence[str], ratio: float) -> DiscreteValve:
+    """A valve of ISO 6358 with the mean choked flow of the thesis' law."""
+    valve, pieces = fitted_valve(thesis), thesis.problem.pieces
+    per_pressure = float(np.mean([choked_flow(1.0, 1.0, p.chamber.temperature) for p in pieces]))
+    supply = float(np.mean([p.supply for p in pieces]))
+    changes: dict[str, float] = {}
+    for way in ways:
+        conductance, name, _ = iso_names(way)
+        flow = getattr(valve, thesis_names(way)[0])
+        # Choked exhaust falls from the highest pressure to the choked boundary.
+        highest = float(np.mean([np.max(p.pressure) for p in pieces]))
+        rest = float(np.mean([p.atmosphere for p in pieces]))
+        upstream = pieces[0].chamber.supply_reference if way == "fill" else 0.5 * (highest + rest)
+        changes |= {conductance: flow / (per_pressure * max(upstream, 0.1 * supply)), name: ratio}
+    return dataclasses.replace(valve, **changes)
+
+
+def _evidence(thesis: CurveFit, iso: CurveFit, way: str) -> float | None:
+    """Twice the log evidence for ISO 6358 in one direction; None without rows in motion."""
+    found, left = [], []
+    for index, piece in enumerate(thesis.problem.pieces):
+        rows = rows_of(way, piece, (thesis, iso), index)
+        if np.count_nonzero(rows) < _FEWEST_ROWS:
+            continue
+        old, new = (fit.residuals(index)[rows] for fit in (thesis, iso))
+        better = min(old, new, key=root_mean_square)
+        # A record finer than its sensor's noise shows no more than that.
+        squares = [max(root_mean_square(r), 0.1 * piece.noise) for r in (old, new)]
+        found.append(2.0 * _independent(better) * math.log(squares[0] / squares[1]))
+        left.append(better)
+    return sum(found) / _repeats(left) if found else None
+
+
+def _repeats(residuals: Sequence[FloatArray]) -> float:
+    """For how many tests one counts: as what is left repeats from test to test, 1 if not at all."""
+    size, count = min(map(len, residuals)), len(residuals)
+    unit = [r[:size] / max(float(np.linalg.norm(r[:size])), 1e-300) for r in residuals]
+    total = float(np.sum(np.sum(unit, axis=0) ** 2))
+    return max(total / count, 1.0)
+
+
+def _independent(residuals: FloatArray) -> float:
+    """How many independent samples residuals (n,) are worth."""
+    most = max(1, min(int(10.0 * math.log10(len(residuals))), len(residuals) // 4))
+    return autoregression([residuals], most).independent_samples([len(residuals)])
+
+
+def _rms(fit: CurveFit, other: CurveFit, way: str) -> float:
+    """Pa, over the rows of a direction in motion."""
+    parts = [
+        fit.residuals(i)[rows_of(way, piece, (fit, other), i)]
+        for i, piece in enumerate(fit.problem.pieces)
+    ]
+    return root_mean_square(np.concatenate(parts))
+
+
+__all__ = ["AUTO", "DECISIVE", "LAWS", "LawChoice", "chosen", "iso_fit"]

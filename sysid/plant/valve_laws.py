@@ -1,0 +1,108 @@
+"""Flow through a valve, by the law that each of its directions obeys: the thesis' or ISO 6358.
+
+Kinds and units as in `base`. Which law a direction obeys is part of a model's structure.
+"""
+
+from __future__ import annotations
+
+from sysid.plant import base
+from sysid.plant.base import LEAST_DIVISOR, Array, ValveParameters, array_namespace
+from sysid.plant.iso6358 import ANR_TEMPERATURE, iso6358_flow
+
+
+def obeys_iso(valve: ValveParameters, way: str) -> bool:
+    """Whether a direction, "fill" or "dis", obeys ISO 6358."""
+    return getattr(valve, f"sonic_conductance_{way}") is not None
+
+
+def iso_numbers(valve: ValveParameters, way: str) -> tuple[Array, Array, Array]:
+    """Conductance, critical ratio and index of a direction that obeys ISO 6358."""
+    return (
+        getattr(valve, f"sonic_conductance_{way}"),
+        getattr(valve, f"critical_ratio_{way}"),
+        getattr(valve, f"subsonic_index_{way}"),
+    )
+
+
+def filling_boundary(valve: ValveParameters, supply: Array) -> Array:
+    """Chamber pressure up to which filling is choked, Pa."""
+    if obeys_iso(valve, "fill"):
+        return valve.critical_ratio_fill * supply
+    return base.filling_boundary(supply)
+
+
+def exhaust_boundary(valve: ValveParameters, atmosphere: Array) -> Array:
+    """Chamber pressure from which on the exhaust is choked, Pa."""
+    if obeys_iso(valve, "dis"):
+        ratio = valve.critical_ratio_dis
+        return atmosphere / array_namespace(ratio).maximum(ratio, LEAST_DIVISOR)
+    return base.exhaust_boundary(atmosphere)
+
+
+def filling_flow(
+    valve: ValveParameters,
+    pressure: Array,
+    supply: Array,
+    supply_reference: Array | None = None,
+    choked: Array | None = None,
+    temperature: Array = ANR_TEMPERATURE,
+) -> Array:
+    """Flow into the chamber through an open valve, kg/s; as `base.filling_flow`.
+
+    ISO 6358 is continuous at its boundary: `choked` changes nothing of it. `temperature` in K.
+    """
+    if obeys_iso(valve, "fill"):
+        return iso6358_flow(supply, pressure, *iso_numbers(valve, "fill"), temperature)
+    return base.filling_flow(
+        pressure, supply, valve.choked_fill, valve.c_fill, supply_reference, choked
+    )
+
+
+def exhaust_flow(
+    valve: ValveParameters,
+    pressure: Array,
+    atmosphere: Array,
+    choked: Array | None = None,
+    temperature: Array = ANR_TEMPERATURE,
+) -> Array:
+    """Flow into the chamber (negative: out) through a valve that is off, kg/s.
+
+    As `base.exhaust_flow`; `choked` and `temperature` as in `filling_flow`.
+    """
+    if obeys_iso(valve, "dis"):
+        return iso6358_flow(atmosphere, pressure, *iso_numbers(valve, "dis"), temperature)
+    return base.exhaust_flow(pressure, atmosphere, valve.choked_dis, valve.c_dis, choked)
+
+
+def root_coefficient(
+    valve: ValveParameters,
+    way: str,
+    line: Array,
+    pressure: Array,
+    temperature: Array = ANR_TEMPERATURE,
+) -> Array:
+    """c of flow = c sqrt(|line - pressure|) where a chamber nears a line, kg/(s Pa^0.5).
+
+    The thesis' exhaust, which is linear in the difference, has none (ValueError); ISO 6358's c
+    depends on the difference.
+    """
+    if not obeys_iso(valve, way):
+        if way != "fill":
+            raise ValueError("the thesis' exhaust is linear in the pressure difference")
+        return valve.c_fill
+    xp = array_namespace(line, pressure)
+    gap = xp.maximum(xp.abs(line - pressure), 1e-3)
+    high = xp.maximum(line, pressure)
+    flow = iso6358_flow(high, high - gap, *iso_numbers(valve, way), temperature)
+    return flow / xp.sqrt(gap)
+
+
+__all__ = [
+    "exhaust_boundary",
+    "exhaust_flow",
+    "filling_boundary",
+    "filling_flow",
+    "iso_numbers",
+    "obeys_iso",
+    "root_coefficient",
+]

@@ -1,0 +1,181 @@
+"""Valves of ISO 6358 from their tests to the bundle, the model, a refinement's numbers and C."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from export_bundles import as_bundle, estimate, unidentified, whole_content
+from export_compiler import compiler
+from test_export_control import run_check
+from test_valve_discrete import Bench, make_rig
+
+from datasets.generator.iso_valve import IsoBench
+from sysid.errors import InputError, NotIdentifiedError
+from sysid.exporters import check_folder, export_bundle
+from sysid.parameters import Bundle, read_bundle, write_bundle
+from sysid.parameters.assembled_model import assumed_parameters, surfaces_from_bundle
+from sysid.parameters.valves import ISO_QUANTITIES
+from sysid.plant.base import exhaust_flow, filling_flow
+from sysid.refinement.unknowns import unknowns_of
+from sysid.valve_discrete import ValveDiscreteResult, fit_valve_discrete
+
+WAYS = ("fill", "exhaust")
+
+
+@pytest.fixture(scope="module")
+def fitted() -> ValveDiscreteResult:
+    bench = IsoBench()
+    return fit_valve_discrete(bench.trials(1, 3), bench.rig())
+
+
+def test_conductances_ratios_and_delays_come_back(fitted: ValveDiscreteResult) -> None:
+    bench, fit = IsoBench(), fitted["a"]
+    for way, truth in (("fill", bench.fill), ("dis", bench.exhaust)):
+        conductance, ratio = truth
+        assert fit.estimates[f"sonic_conductance_{way}"].value == pytest.approx(
+            conductance, rel=0.01
+        )
+        assert fit.estimates[f"critical_ratio_{way}"].value == pytest.approx(ratio, abs=0.01)
+    assert fit.on_delay_s.value == pytest.approx(bench.on_delay, abs=2e-4)
+    assert fit.off_delay_s.value == pytest.approx(bench.off_delay, abs=2e-4)
+    assert fit.quality["discharge"].verdict == "good"
+    assert any("ISO 6358 follows these tests better" in line for line in fitted.remarks)
+
+
+def test_the_thesis_law_says_that_its_delay_is_biased() -> None:
+    bench = IsoBench()
+    found = fit_valve_discrete(bench.trials(1, 1), bench.rig(), find_ratio=False, law="thesis")
+    line = next(n for n in found.notices if "misses the discharge" in n)
+    assert "off_delay_s is biased" in line
+    assert found["a"].law().law is None
+
+
+def test_a_valve_of_the_thesis_keeps_its_law(rig_text: str) -> None:
+    found = fit_valve_discrete(Bench().trials(3, 1), make_rig(rig_text), find_ratio=False)
+    assert found["a"].law().law is None and not found.remarks
+    choice = found["a"].choice
+    assert choice is not None and choice.total < -10.0
+
+
+def test_noise_that_hides_the_law_leaves_the_thesis_and_says_so(rig_text: str) -> None:
+    bench = Bench(noise=5.0e3, period=0.02, end=5.2)
+    found = fit_valve_discrete(bench.trials(3, 1), make_rig(rig_text), find_ratio=False)
+    assert found["a"].law().law is None
+    assert any("indistinguishable" in line for line in found.remarks)
+
+
+def test_a_law_that_is_none_is_refused(rig_text: str) -> None:
+    with pytest.raises(InputError, match="no flow law"):
+        fit_valve_discrete(Bench().trials(3, 1), make_rig(rig_text), law="laminar")
+
+
+def iso_law(**changes: Any) -> dict[str, Any]:
+    """A bundle's on/off law in both directions; `changes` of its keys."""
+    none = {"value": None, "identified": False, "reason": "the direction obeys ISO 6358"}
+    thesis = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
+    return {
+        **dict.fromkeys(thesis, none),
+        "on_delay_s": estimate(0.0017, "s"),
+        "off_delay_s": estimate(0.0020, "s"),
+        "law": dict.fromkeys(WAYS, "iso6358"),
+        "sonic_conductance": {
+            "fill": estimate(2.2e-9, "m3/(s Pa)"),
+            "exhaust": estimate(1.7e-9, "m3/(s Pa)"),
+        },
+        "critical_ratio": {"fill": estimate(0.3, "-"), "exhaust": estimate(0.22, "-")},
+        "subsonic_index": {way: {"value": 0.5, "std": 0.0, "unit": "-"} for way in WAYS},
+    } | changes
+
+
+@pytest.fixture
+def content(rig_text: str) -> dict[str, Any]:
+    """Valve A obeys ISO 6358, valve B while it exhausts."""
+    whole = whole_content(rig_text)
+    whole["valves"]["a"]["discrete"] = iso_law()
+    mixed = whole["valves"]["b"]["discrete"]
+    mixed |= {
+        "choked_flow_dis_kg_s": unidentified(),
+        "c_dis": unidentified(),
+        "law": {"fill": "thesis", "exhaust": "iso6358"},
+        **{quantity: {"exhaust": iso_law()[quantity]["exhaust"]} for quantity in ISO_QUANTITIES},
+    }
+    return whole
+
+
+@pytest.fixture
+def bundle(content: dict[str, Any]) -> Bundle:
+    return as_bundle(content)
+
+
+def test_the_fit_writes_what_the_contract_names(
+    fitted: ValveDiscreteResult, tmp_path: Path, content: dict[str, Any]
+) -> None:
+    law = json.loads(json.dumps(fitted["a"].law().to_json()))
+    assert law["law"] == {"fill": "iso6358", "exhaust": "iso6358"}
+    for key in ISO_QUANTITIES:
+        for way in WAYS:
+            assert law[key][way]["value"] > 0.0 and "std" in law[key][way]
+    assert law["choked_flow_dis_kg_s"]["identified"] is False
+    content["valves"]["a"]["discrete"] = law
+    write_bundle(as_bundle(content), tmp_path / "b.json")
+    again = read_bundle(tmp_path / "b.json")
+    assert again.valve("a").discrete.to_json() == law  # type: ignore[union-attr]
+
+
+def test_a_law_without_its_numbers_is_refused(content: dict[str, Any]) -> None:
+    del content["valves"]["a"]["discrete"]["critical_ratio"]["exhaust"]
+    with pytest.raises(InputError, match=r"critical_ratio\.exhaust is missing"):
+        as_bundle(content)
+
+
+def test_the_model_has_each_directions_law(bundle: Bundle) -> None:
+    p = bundle.model().parameters
+    assert p.sonic_conductance_fill_a == 2.2e-9 and p.critical_ratio_dis_a == 0.22
+    assert p.sonic_conductance_fill_b is None and p.c_fill_b > 0.0
+    assert p.sonic_conductance_dis_b == 1.7e-9 and p.c_dis_b == 0.0
+    laws = surfaces_from_bundle(bundle, bundle.rig, "averaged")
+    assert laws is not None and float(laws[0].flow(0.5, 2e5)) != 0.0
+
+
+def test_a_ratio_that_is_not_identified_is_the_usual_one_and_said(content: dict[str, Any]) -> None:
+    content["valves"]["a"]["discrete"]["critical_ratio"]["fill"] = unidentified()
+    bundle = as_bundle(content)
+    assert bundle.model().parameters.critical_ratio_fill_a == 0.3
+    assert any("critical_ratio.fill is not identified" in n for n in assumed_parameters(bundle))
+    content["valves"]["a"]["discrete"]["sonic_conductance"]["fill"] = unidentified()
+    with pytest.raises(NotIdentifiedError, match=r"sonic_conductance\.fill"):
+        as_bundle(content).model()
+
+
+def test_numbers_are_listed_refined_and_replaced(bundle: Bundle) -> None:
+    table = bundle.parameters
+    assert table["valves.a.discrete.sonic_conductance.fill"].name == "sonic_conductance_fill"
+    assert "valves.a.discrete.c_dis" not in table and "valves.b.discrete.c_fill" in table
+    names = [u.name for u in unknowns_of(bundle, bundle.rig, bundle.model())]
+    assert "valves.a.sonic_conductance.exhaust" in names
+    assert "valves.a.critical_ratio.fill" in names and "valves.a.c_fill" not in names
+    own = table["valves.a.discrete.sonic_conductance.fill"].estimate
+    moved = bundle.with_estimates({"valves.a.sonic_conductance.fill": own.times(1.1)})
+    assert moved.model().parameters.sonic_conductance_fill_a == pytest.approx(2.42e-9)
+
+
+def test_the_header_in_c_computes_the_same(bundle: Bundle, tmp_path: Path) -> None:
+    compiler()
+    path = tmp_path / "controller.h"
+    export_bundle(bundle, path, "c")
+    text = path.read_text()
+    assert "sysid_valve_a_sonic_conductance_fill" in text and "sysid_valve_a_c_fill" not in text
+    assert run_check(check_folder(path), "gcc").returncode == 0
+    for kind, suffix in (("mat", "m.mat"), ("json", "m.json")):
+        export_bundle(bundle, tmp_path / suffix, kind)
+    flat = json.loads((tmp_path / "m.json").read_text())
+    assert flat["valves"]["a"]["discrete"]["sonic_conductance_fill"] == 2.2e-9
+
+
+def test_the_base_laws_are_untouched() -> None:
+    assert filling_flow(1e5, 3e5, 7.8e-4, 1.5e-6) == 7.8e-4
+    assert np.isclose(exhaust_flow(1.5e5, 1e5, 3.5e-4, 3.7e-9), -3.7e-9 * 5e4)
