@@ -16,15 +16,22 @@ from export_bundles import LINEAR_RIG, as_bundle, estimate, upright, whole_conte
 
 from benchmarks.rigs import pwm_run
 from sysid.commands.app import main
+from sysid.controllers.design_model import design_from_bundle
+from sysid.controllers.interface import Reference
+from sysid.controllers.sensing import Readings, filter_coefficients, sense, start_sensing
+from sysid.controllers.trajectories import Cycloidal
 from sysid.errors import InputError
-from sysid.exporters import export_bundle
+from sysid.exporters import controllers_file, export_bundle
+from sysid.exporters.c_control import gains
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 from sysid.plant.ports import Model
 from sysid.plant.sensors import measured_channels, true_start
 from sysid.plant.simulator import Inputs, ValveCommand, simulate
+from sysid.types import FloatArray
 from tests.conftest import RIG_TEXT
 from tests.export_compiler import compiler
+from tests.fmu_loop import STEP, Unit, loop
 from tests.plant_library import PlantLibrary, strictly, unpacked
 
 POSITION, PRESSURE = 1e-6, 1.0  # rad or m, Pa: what the simulator and the C may differ by
@@ -81,9 +88,12 @@ def upright_fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def exported(bundle: Bundle, folder: Path, **options: Any) -> Path:
+    """The plant's FMU; libraries in it are built without optimization, which takes longest."""
     folder.mkdir(exist_ok=True)
     path = folder / "plant.fmu"
-    export_bundle(bundle, path, "fmu", **options)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sysid.exporters.fmu.OPTIMIZED", "-O0")
+        export_bundle(bundle, path, "fmu", **options)
     return path
 
 
@@ -114,13 +124,23 @@ def differences(
     return max(f[0] for f in found), max(f[1] for f in found)
 
 
-@pytest.mark.parametrize("kind", ["base", "effects", "linear"])
+def one_chamber_rig() -> str:
+    """A linear rig with a return spring in place of chamber B."""
+    kept = [line for line in LINEAR_RIG.splitlines() if not line.startswith(("area_b", "offset_b"))]
+    text = "\n".join(kept).replace("[cylinder]", '[cylinder]\nchambers = ["a"]')
+    return text + "\n[spring]\nstiffness_n_per_m = 300.0\npreload_n = 20.0\n"
+
+
 @pytest.mark.usefixtures("sources_only")
+@pytest.mark.parametrize("kind", ["base", "effects", "one chamber"])
 def test_the_plant_in_c_moves_as_the_simulator(kind: str, rig_text: str, tmp_path: Path) -> None:
-    content = whole_content(LINEAR_RIG if kind == "linear" else upright(rig_text))
+    is_linear = kind == "one chamber"
+    content = whole_content(one_chamber_rig() if is_linear else upright(rig_text))
+    if is_linear:
+        del content["valves"]["b"]
     bundle = as_bundle(with_effects(content) if kind == "effects" else content)
     rng = np.random.default_rng(7)
-    motor = 15.0 if kind == "linear" else 0.6
+    motor = 15.0 if is_linear else 0.6
     runs = [
         replace(run, pressure_a=130e3, pressure_b=180e3)
         for run in (pwm_run(rng, 1.0, motor=False), switched_run(rng, 1.0, motor))
@@ -131,12 +151,15 @@ def test_the_plant_in_c_moves_as_the_simulator(kind: str, rig_text: str, tmp_pat
     assert pressure < PRESSURE
 
 
-@pytest.mark.parametrize(("own", "fmi"), [("gcc", "3"), ("clang", "2")])
+@pytest.mark.parametrize(
+    ("own", "fmi", "part"), [("gcc", "3", "plant"), ("clang", "2", "controllers")]
+)
 def test_sessions_are_clean(
-    own: str, fmi: str, upright_fmus: dict[str, Path], tmp_path: Path
+    own: str, fmi: str, part: str, upright_fmus: dict[str, Path], tmp_path: Path
 ) -> None:
     """No warning, nothing undefined, NaN refused, and a kept state goes on to the same bits."""
-    sources = unpacked(upright_fmus[fmi], tmp_path)
+    path = upright_fmus[fmi]
+    sources = unpacked(path if part == "plant" else controllers_file(path), tmp_path)
     other = "clang" if own == "gcc" else "gcc"
     strictly(sources, f"fmi{fmi}.c", other)
     shutil.copy(Path(__file__).parent / "fmi_session.c", sources)
@@ -156,7 +179,7 @@ def test_fmpy_accepts_and_simulates(
     from fmpy.validation import validate_fmu
 
     path = upright_fmus[fmi]
-    assert validate_fmu(str(path)) == []
+    assert validate_fmu(str(path)) == validate_fmu(str(controllers_file(path))) == []
     described = fmpy.read_model_description(path)
     numbers = {v.name: v for v in described.modelVariables}
     tuned = numbers["effects.stribeck_friction.stribeck_torque_nm"]
@@ -224,3 +247,51 @@ def test_what_cannot_be_held_is_refused(
     del content["valves"]["a"]["discrete"]
     path.write_text(json.dumps(content))
     assert main([*asked, "--accept-assumed"]) == 3
+
+
+@pytest.fixture(scope="module")
+def level_fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The plant's FMU of a level rig without effects; the controllers' next to it."""
+    return exported(as_bundle(whole_content(RIG_TEXT)), tmp_path_factory.mktemp("level"))
+
+
+@pytest.mark.parametrize("name", ["pva", "backstepping", "dvmpc"])
+def test_controllers_command_what_pythons_do(name: str, level_fmus: Path) -> None:
+    """In a loop of two FMUs, with the reference given ahead of its time."""
+    pytest.importorskip("fmpy", reason="no FMPy: the FMU of controllers is not run")
+    bundle = as_bundle(whole_content(RIG_TEXT))
+    design = design_from_bundle(bundle)
+    controller = gains(design)[name]
+    number = ["pva", "backstepping", "dvmpc"].index(name) + 1
+    ticks, lead = 250, 0.05
+    path = Cycloidal(travel=0.4, lasts=0.3, starts=(0.05, 9.0), origin=-0.2)
+    uses_motor = number > 1
+    plant = Unit(level_fmus, {"start.theta_rad": -0.2, "pwm_a": number < 3, "pwm_b": number < 3})
+    own = {"controller": number, "uses_motor": uses_motor, "reference.lead_s": lead}
+    controllers = Unit(controllers_file(level_fmus), own | {"theta_rad": -0.2})
+    ahead = path.sample(np.arange(ticks) * STEP + lead)
+    found = loop(plant, controllers, ahead, uses_duty=number < 3)
+    assert controllers["is_good"] and controllers["rejected"] == 0
+    for unit in (plant, controllers):
+        unit.close()
+    wanted = _python_commands(controller, found, path)
+    wanted[:, 0] *= uses_motor
+    assert np.ptp(found[:, 0]) > 0.1 and np.any(wanted[:, 1:] > 0.0)
+    assert found[:, 3:] == pytest.approx(wanted, abs=1e-9)
+
+
+def _python_commands(controller: Any, found: FloatArray, path: Cycloidal) -> FloatArray:
+    """Motor and valves that Python's controller commands on the same readings, by tick."""
+    filters = filter_coefficients(STEP)[:, :, None]
+    rows = [np.atleast_1d(value) for value in found[0, :3]]
+    sensing, memory = start_sensing(Readings(*rows)), controller.start(1)
+    commands = []
+    for tick, row in enumerate(found[:, :3]):
+        readings = Readings(*(np.atleast_1d(value) for value in row))
+        sensing, estimate = sense(sensing, readings, tick, STEP, filters)
+        times = (tick + np.arange(controller.preview + 1)) * STEP
+        now, *later = path.sample(times)[:, :, None]
+        ahead = Reference(*np.array(later).transpose(1, 0, 2)) if len(later) else None
+        memory, given = controller.commands(memory, estimate, Reference(*now, ahead))
+        commands.append([float(np.squeeze(c)) for c in given[:3]])
+    return np.array(commands)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,10 @@ from sysid.commands.printing import notices, print_blocks, print_json, written_l
 from sysid.pipeline.export import (
     FMI_VERSIONS,
     FORMATS,
+    NO_CONTROLLERS,
     ExportOptions,
     check_folder,
+    controllers_file,
     export_file,
 )
 
@@ -46,15 +49,24 @@ def export(bundle: Path, output: Path, as_json: bool, **options: Any) -> None:
     """Files for a controller (a C header, MATLAB, flat JSON) or a simulator (an FMU).
 
     Next to the header a folder is written that replays Python's numbers through it. An FMU is the
-    plant for co-simulation, with a library for this machine where a C compiler is there.
+    plant for co-simulation, with a library for this machine where a C compiler is there; the
+    controllers are a second one.
     """
     asked = ExportOptions(**options)
     said = export_file(bundle, output, asked)
     notices(said)
-    check = check_folder(output)
-    has_check = asked.format == "c" and check.is_dir()
+    more = _next_to(output, asked.format, said)
     if as_json:
         shown = {"written": str(output), "notices": list(said)}
-        print_json(shown | ({"check": str(check)} if has_check else {}))
+        print_json(shown | {key: str(path) for key, path in more.items()})
     else:
-        print_blocks(written_lines([output, *([check] if has_check else [])]))
+        print_blocks(written_lines([output, *more.values()]))
+
+
+def _next_to(output: Path, chosen: str | None, said: Sequence[str]) -> dict[str, Path]:
+    """What is written next to a file, by its key in JSON."""
+    if chosen == "c" and check_folder(output).is_dir():
+        return {"check": check_folder(output)}
+    if chosen == "fmu" and not any(text.startswith(NO_CONTROLLERS) for text in said):
+        return {"controllers": controllers_file(output)}
+    return {}

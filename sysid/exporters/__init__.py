@@ -12,7 +12,12 @@ from pathlib import Path
 from sysid.errors import InputError, input_error
 from sysid.exporters.c_text import DEFAULT_PREFIX
 from sysid.exporters.flat import Flat, flatten
-from sysid.exporters.simulators import FMI_VERSIONS, write_fmu
+from sysid.exporters.simulators import (
+    FMI_VERSIONS,
+    NO_CONTROLLERS,
+    controllers_file,
+    write_fmu,
+)
 from sysid.io.files import write_atomic
 from sysid.parameters import Bundle, EffectEntry, bundle_text
 from sysid.parameters.effects import effect_from_entry
@@ -26,8 +31,10 @@ __all__ = [
     "DEFAULT_PREFIX",
     "FMI_VERSIONS",
     "FORMATS",
+    "NO_CONTROLLERS",
     "Flat",
     "check_folder",
+    "controllers_file",
     "export_bundle",
     "flatten",
     "listed_effects",
@@ -55,7 +62,8 @@ def export_bundle(
 
     fmt: "c" (one C99 header whose names begin with `prefix`, and with `check` a folder next to it
     that replays Python's numbers through it: `check_folder`), "mat" (MAT 5, a struct
-    `sysid`), "json", or "fmu" (the plant for co-simulation, by FMI's version `fmi`). `sha256` is
+    `sysid`), "json", or "fmu" (the plant for co-simulation, by FMI's version `fmi`, and the
+    controllers next to it: `controllers_file`). `sha256` is
     the bundle file's, by default that of the file which `sysid.parameters.write_bundle` makes of
     it. `catalogue` maps ids to the effects' classes, whose laws the C header and the FMU hold;
     None is the project's own. Controllers that use an assumed constant are in the header only with

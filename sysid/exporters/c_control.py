@@ -96,7 +96,7 @@ def _gains(flat: Flat, model: ControlModel, n: Names) -> Iterator[str]:
         f"static const @p@real @p@payload_inertia_kg_m2 = {literal(own, n)};\n"
     )
     for name, defaults in gains(design, flat.rig.motor is not None).items():
-        values = _values(defaults)
+        values = gain_values(defaults)
         if name == "backstepping":
             yield _choices(flat)
             values["inverse"] = f"@P@{AVERAGED.upper()}"
@@ -109,7 +109,8 @@ def _gains(flat: Flat, model: ControlModel, n: Names) -> Iterator[str]:
     )
 
 
-def _values(defaults: Any) -> dict[str, Any]:
+def gain_values(defaults: Any) -> dict[str, Any]:
+    """A controller's gains by their names in C."""
     return {
         _RENAMED.get(f.name, f.name): getattr(defaults, f.name)
         for f in dataclasses.fields(defaults)
@@ -189,4 +190,4 @@ static inline @p@real @p@duty_{side}(int inverse, @p@real flow_kg_s, @p@real pre
 """
 
 
-__all__ = ["AVERAGED", "controllers", "gains", "inverses"]
+__all__ = ["AVERAGED", "controllers", "gain_values", "gains", "inverses"]

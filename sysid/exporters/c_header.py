@@ -104,7 +104,8 @@ class _Law:
 class Header:
     """The header's text, notices, features, constants, and the controllers' model, if any.
 
-    The notices say what it omits, and which effects it does not hold.
+    The notices say what it omits, and which effects it does not hold; `why_no_control`: why there
+    are no controllers.
     """
 
     text: str
@@ -112,6 +113,7 @@ class Header:
     features: frozenset[str]
     constants: NumberTable
     control: ControlModel | None
+    why_no_control: str = ""
 
 
 def render(
@@ -156,7 +158,7 @@ def render(
     present = frozenset(name for name, is_held in features.items() if is_held)
     if isinstance(control, str):
         notices.append(f"no controllers in the C header: {control}")
-        return Header(text, notices, present, held.constants, None)
+        return Header(text, notices, present, held.constants, None, control)
     notices += _of_controllers(flat)
     if control.ignored:
         ids = ", ".join(control.ignored)

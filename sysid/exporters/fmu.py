@@ -26,7 +26,8 @@ from xml.sax.saxutils import quoteattr
 from sysid.exporters.c_text import comment_text, number
 from sysid.exporters.fmi_absent import absent_functions
 
-_FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
+OPTIMIZED = "-O2"
+_FLAGS = ("-std=c99", "-fPIC", "-shared", "-fvisibility=hidden")
 _COMPILERS = ("cc", "gcc", "clang")
 _KINDS = {"r": ("Float64", "Real"), "b": ("Boolean", "Boolean"), "i": ("Int32", "Integer")}
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file in the archive: the same bundle, the same bytes
@@ -150,7 +151,7 @@ def _library(
         for name, text in sources.items():
             (Path(place) / name).write_text(text, "utf-8")
         out = f"{identifier}{suffix}"
-        command = [compiler, *_FLAGS, main, "-o", out, "-lm"]
+        command = [compiler, OPTIMIZED, *_FLAGS, main, "-o", out, "-lm"]
         run = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
         if run.returncode != 0:
             line = (run.stderr.strip().splitlines() or ["no message"])[0]
@@ -207,7 +208,7 @@ def _limits(variable: FmuVariable) -> dict[str, str | None]:
     if variable.bounds is None:
         return {}
     pairs = zip(("min", "max"), variable.bounds, strict=True)
-    return {name: number(value) for name, value in pairs if math.isfinite(value)}
+    return {name: _text(variable, value) for name, value in pairs if math.isfinite(value)}
 
 
 def _description_3(content: FmuContent, guid: str) -> str:

@@ -21,6 +21,7 @@ from sysid.io.channels import SIDES, VELOCITY_CHANNELS
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 from sysid.parameters.table import ParameterRow, effect_names
+from sysid.plant.base import Parameters, parameter_names
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model, has_discrete_law, overrides
 
@@ -95,9 +96,9 @@ def _require_held(
             "their pulses needs; fit valve-discrete tests of valves A and B into it"
         )
     unknown = [
-        f.name
-        for f in dataclasses.fields(model.parameters)
-        if math.isnan(float(getattr(model.parameters, f.name)))
+        name
+        for name in parameter_names(model.parameters)
+        if math.isnan(float(getattr(model.parameters, name)))
     ]
     if unknown:
         raise NotIdentifiedError(
@@ -117,7 +118,7 @@ def _inputs(rig: Rig, traced: TracedPlant) -> Iterator[FmuVariable]:
     yield FmuVariable(
         rig.effort_channel, "motor", f"commanded {rig.units.word} of the motor", "input", unit, 0.0
     )
-    for k, side in enumerate(SIDES if not rig.is_motor_alone else ()):
+    for k, side in enumerate(_sides(rig)):
         upper = side.upper()
         yield FmuVariable(
             f"valve_{side}",
@@ -156,14 +157,14 @@ def _outputs(rig: Rig) -> Iterator[FmuVariable]:
         yield output(
             begin + VELOCITY_CHANNELS[position], f"{shown}velocity", f"speed, {how}", u.speed
         )
-        for k, side in enumerate(SIDES if has_chambers else ()):
+        for k, side in enumerate(_sides(rig)):
             yield output(
                 f"{begin}pressure_{side}_pa",
                 f"{shown}pressure[{k}]",
                 f"absolute pressure of chamber {side.upper()}, {how}",
                 "Pa",
             )
-    for k, side in enumerate(SIDES if has_chambers else ()):
+    for k, side in enumerate(_sides(rig)):
         upper = side.upper()
         yield output(f"flow_{side}_kg_s", f"flow[{k}]", f"flow into chamber {upper}", "kg/s")
         yield FmuVariable(
@@ -171,7 +172,7 @@ def _outputs(rig: Rig) -> Iterator[FmuVariable]:
         )
     efforts = {
         "motor": "of the motor",
-        "gravity": "of gravity, against positive motion",
+        "gravity": "of gravity and a return spring, against positive motion",
         "friction": "of friction, against positive motion; at rest, what it holds",
     }
     if has_chambers:
@@ -188,12 +189,12 @@ def _start(rig: Rig, model: Model) -> Iterator[FmuVariable]:
     names = [(position, rig.units.position), (VELOCITY_CHANNELS[position], rig.units.speed)]
     values = [0.0, 0.0]
     if not rig.is_motor_alone:
-        names += [(f"pressure_{side}_pa", "Pa") for side in SIDES]
-        values += [float(model.parameters.atmosphere)] * 2
+        names += [(f"pressure_{side}_pa", "Pa") for side in _sides(rig)]
+        values += [float(model.parameters.atmosphere)] * len(_sides(rig))
     for k, ((name, unit), value) in enumerate(zip(names, values, strict=True)):
         said = "at the start, as its sensor shows it"
         yield FmuVariable(f"start.{name}", f"start[{k}]", said, "fixed", unit, value)
-    for k, side in enumerate(SIDES if not rig.is_motor_alone else ()):
+    for k, side in enumerate(_sides(rig)):
         upper = side.upper()
         if rig.pwm is not None:
             said = f"valve {upper} follows its duty; false: it is switched on and off"
@@ -217,9 +218,10 @@ def _parameters(
         for row in bundle.parameters.fitted().rows
         if row.origin in ("friction", "valve") and row.name != "offset"
     }
+    absent = {f.name for f in dataclasses.fields(Parameters) if f.name[-2:] in _ends(rig)}
     of_effects = {name: (path, row) for name, path, row in _effect_rows(bundle, effects)}
     for one in traced.numbers:
-        if one.name == _UNUSED[rig.is_linear]:
+        if one.name == _UNUSED[rig.is_linear] or one.name in absent:
             continue
         place = f"plant.own.{one.name}"
         role: Role = "fixed" if one.name == "pwm_period" else "tunable"
@@ -241,6 +243,16 @@ def _parameters(
         said += "; the bounds are its 95 % interval" if bounds else ""
         unit = "" if row.estimate.unit == "-" else row.estimate.unit
         yield FmuVariable(path, place, f"{row.title}, {said}", role, unit, one.value, bounds)
+
+
+def _sides(rig: Rig) -> tuple[str, ...]:
+    """The chambers that the rig has; none of a motor alone."""
+    return () if rig.is_motor_alone else rig.sides
+
+
+def _ends(rig: Rig) -> set[str]:
+    """How the names of the parameters of chambers end that the rig lacks."""
+    return {f"_{side}" for side in SIDES if side not in _sides(rig)}
 
 
 def _effect_rows(
@@ -274,6 +286,8 @@ def _bounds(row: ParameterRow, value: float) -> tuple[float, float] | None:
 def _rig_name(name: str, rig: Rig) -> str:
     u = rig.units
     own = {
+        "stiffness": f"spring_{u.stiffness}",
+        "preload": f"spring_{u.preload}",
         "inertia": "mass_kg" if rig.is_linear else "inertia_kg_m2",
         "offset": f"{u.word}_offset_{u.suffix}",
         "max_effort": u.max_effort,

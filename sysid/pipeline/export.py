@@ -7,7 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sysid.errors import input_error
-from sysid.exporters import DEFAULT_PREFIX, FMI_VERSIONS, FORMATS, check_folder, export_bundle
+from sysid.exporters import (
+    DEFAULT_PREFIX,
+    FMI_VERSIONS,
+    FORMATS,
+    NO_CONTROLLERS,
+    check_folder,
+    controllers_file,
+    export_bundle,
+)
 from sysid.io.tables import read_bytes
 from sysid.parameters import Bundle, read_bundle
 from sysid.parameters.assembled_model import effects_from_bundle
@@ -79,4 +87,13 @@ def _exported(
     )
 
 
-__all__ = ["FMI_VERSIONS", "FORMATS", "ExportOptions", "check_folder", "export", "export_file"]
+__all__ = [
+    "FMI_VERSIONS",
+    "FORMATS",
+    "NO_CONTROLLERS",
+    "ExportOptions",
+    "check_folder",
+    "controllers_file",
+    "export",
+    "export_file",
+]
