@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,11 +22,13 @@ from sysid.checks.identifiability import excitation, identifications
 from sysid.io.campaign import FRICTION_POINTS, Campaign
 from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
 from sysid.io.exclusion import Excluded
-from sysid.io.kinds import KIND_BY_COLUMN
+from sysid.io.kinds import BY_MOTOR, KIND_BY_COLUMN
 from sysid.io.logs import Log, Trial
 from sysid.io.measured_speed import velocity_channel
+from sysid.io.played_header import PlayedHeader, played_header
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active, is_held, rows_per_ripple
+from sysid.recording.friction_kind import KINDS as FRICTION_TRIALS
 from sysid.recording.friction_kind import MOTION, classify_trial
 from sysid.types import FloatArray
 
@@ -244,10 +246,12 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
     regular = steps[~late]
     kinds: dict[str, int] = {}
     by_kind: dict[str, list[Trial]] = {}
+    header = played_header(log.comments)
     for trial in log.trials:
-        kind = _kind_in(trial, rig, declared)
+        kind = _kind_in(trial, rig, declared, header)
         kinds[kind] = kinds.get(kind, 0) + 1
         by_kind.setdefault(kind, []).append(trial)
+    designed, wrong = _as_designed(log, header, kinds, declared)
     channels = _measured_channels(log, rig)
     bench = next(iter(by_kind)) if set(by_kind) & {*BENCH_LAWS} else None
     taken_as = FRICTION_POINTS if set(by_kind) == {FRICTION_POINTS} else declared
@@ -268,18 +272,43 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
             if bench is None
             else bench_identified(bench, log.trials, rig)
         ),
-        notices=tuple(n for n in log.notices if n not in log.contradictions),
+        notices=(*designed, *(n for n in log.notices if n not in log.contradictions)),
         declared=declared,
-        contradicts=log.contradictions,
+        contradicts=(*log.contradictions, *wrong),
         excluded=log.excluded,
     )
 
 
-def _kind_in(trial: Trial, rig: Rig, declared: str | None) -> str:
-    """A trial's kind: of a bench as declared, else by its content."""
+def _kind_in(trial: Trial, rig: Rig, declared: str | None, header: PlayedHeader | None) -> str:
+    """A trial's kind: of a bench as declared, else by its content.
+
+    A motion by the motor alone may be either of two kinds: what a designed test is, it says.
+    """
     if declared in BENCH_LAWS or declared == FRICTION_POINTS:
         return declared
-    return bench_kind(trial, rig) or kind_of(trial, rig) or "nothing commanded"
+    found = bench_kind(trial, rig) or kind_of(trial, rig) or "nothing commanded"
+    by_motor = header is not None and header.kind == BY_MOTOR and found in FRICTION_TRIALS
+    return BY_MOTOR if by_motor else found
+
+
+def _as_designed(
+    log: Log, header: PlayedHeader | None, kinds: Collection[str], declared: str | None
+) -> tuple[list[str], list[str]]:
+    """A notice that a log is a designed test's; what contradicts its header."""
+    if header is None:
+        return [], []
+    wrong = []
+    if declared is not None and declared != header.kind:
+        wrong.append(
+            f"{log.path}: is {header.told()}, but the campaign declares {declared}: "
+            f'give kind = "{header.kind}"'
+        )
+    if other := [kind for kind in kinds if kind != header.kind]:
+        wrong.append(
+            f"{log.path}: its header says {header.kind}, its commands are those of {other[0]}: "
+            "was another test recorded under this header?"
+        )
+    return [f"{log.path}: {header.told()}"], wrong
 
 
 def _measured_channels(log: Log, rig: Rig) -> list[str]:

@@ -35,6 +35,7 @@ class TestKind:
 
 FRICTION_POINTS = "friction-points"
 FRICTION_MOTION = "friction-motion"
+BY_MOTOR = "motion-motor"
 TEST_KINDS = (
     TestKind(
         "friction-static",
@@ -66,7 +67,7 @@ TEST_KINDS = (
         of_a_valve=True,
     ),
     TestKind(
-        "motion-motor",
+        BY_MOTOR,
         "motion",
         "valves off, chambers open; a clipped sine of motor torque",
         balances=True,
@@ -113,6 +114,7 @@ KIND_BY_COLUMN = {kind.column: kind.name for kind in TEST_KINDS if kind.column i
 __all__ = [
     "BALANCED_KINDS",
     "BENCH_KINDS",
+    "BY_MOTOR",
     "FRICTION_KINDS",
     "FRICTION_MOTION",
     "FRICTION_POINTS",

@@ -704,7 +704,16 @@ def log_from(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> Log:
     table, wrong = reading.table, tuple(map(one_line, reading.contradictions))
     trials = tuple(trial_of(reading, label, rows) for label, rows in groups)
     notices = (*wrong, *map(one_line, reading.notices))
-    return Log(table.path, table.sha256, trials, notices, reading.rig, wrong, reading.excluded)
+    return Log(
+        table.path,
+        table.sha256,
+        trials,
+        notices,
+        reading.rig,
+        wrong,
+        reading.excluded,
+        reading.table.comments,
+    )
 
 
 def trial_of(reading: LogReading, label: str, rows: Rows) -> Trial:

@@ -129,7 +129,7 @@ class Log(Shown):
     `rig` is the rig that it was read with; `excluded` is what is not in its trials. Values are SI,
     pressures absolute. `len(log)` counts its tests, `log[label]` is one of them. `contradictions`
     are the notices, the first of them, of what the log and the rig file say differently: one of the
-    two is wrong.
+    two is wrong. `comments` are the lines above its columns.
 
     >>> log.frame.columns[:3].tolist()
     ['test', 'time_s', 'motor_torque_nm']
@@ -144,6 +144,7 @@ class Log(Shown):
     rig: Rig | None = None
     contradictions: tuple[str, ...] = ()
     excluded: tuple[Excluded, ...] = ()
+    comments: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.trials)

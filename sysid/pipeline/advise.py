@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from scipy.special import ndtri
 
@@ -13,7 +15,11 @@ from sysid.parameters import Bundle
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 from sysid.plant.effects.catalogue import catalogue as own_catalogue
+from sysid.plant.effects.entry import Catalogue
 from sysid.refinement.advice_result import AdviceResult
+
+if TYPE_CHECKING:
+    from sysid.refinement.played.result import PlayedTest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,12 +47,77 @@ def advise(campaign: Campaign, bundle: Bundle, options: AdviseOptions) -> Advice
     from sysid.refinement import advice
 
     catalogue = catalogue_from(options.effects)
-    # As in a diagnosis: an effect is detected where chance among all of them is excluded.
-    threshold = -float(ndtri(SIGNIFICANCE / len(catalogue or own_catalogue())))
     with progress_or_shown(options.progress, "advising") as tell:
         return advice.advise(
-            campaign, bundle, threshold=threshold, catalogue=catalogue, progress=tell
+            campaign, bundle, threshold=_threshold(catalogue), catalogue=catalogue, progress=tell
         )
 
 
-__all__ = ["AdviseOptions", "advise"]
+def _threshold(catalogue: Catalogue | None) -> float:
+    """As in a diagnosis: an effect is detected where chance among all of them is excluded."""
+    return -float(ndtri(SIGNIFICANCE / len(catalogue or own_catalogue())))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayOptions(AdviseOptions):
+    """What a test to play is for, how long it takes, what it may not exceed.
+
+    `asked`: parameters or effects by name (none: all parameters); `duration_s` of all its parts;
+    `max_speed` rad/s or m/s (None: the fastest motion of the training logs), `max_effort` Nm or N
+    (None: 95 % of the rig file's).
+    """
+
+    asked: Sequence[str] = ()
+    duration_s: float = 10.0
+    max_speed: float | None = None
+    max_effort: float | None = None
+
+
+@takes(PlayOptions)
+def design_test(campaign: Campaign, bundle: Bundle, options: PlayOptions) -> PlayedTest:
+    """The test that says most about what is asked, as commands that the rig can play.
+
+    Short tests of one kind, each from rest in the middle: multisines and steps of motor, duties or
+    valves, that stay within travel, speed and effort on the model and on plants whose constants
+    are 20 % off. `write` gives the file. Raises InputError for an unknown name, NotIdentifiedError
+    where no safe test says anything about it.
+    """
+    return _both(campaign, bundle, options, only_test=True)[1]
+
+
+def advise_and_design(
+    campaign: Campaign, bundle: Bundle, options: PlayOptions
+) -> tuple[AdviceResult, PlayedTest]:
+    """`advise` and `design_test`, with the motion logs refined once."""
+    found, test = _both(campaign, bundle, options)
+    assert found is not None
+    return found, test
+
+
+def _both(
+    campaign: Campaign, bundle: Bundle, options: PlayOptions, *, only_test: bool = False
+) -> tuple[AdviceResult | None, PlayedTest]:
+    from sysid.refinement import advice
+    from sysid.refinement.played.proposal import PlayRequest, played_test
+
+    catalogue = catalogue_from(options.effects)
+    asked = PlayRequest(
+        tuple(options.asked), options.duration_s, options.max_speed, options.max_effort
+    )
+    with progress_or_shown(options.progress, "advising") as tell:
+        began = advice.begin(campaign, bundle, catalogue, tell)
+        test = played_test(began, asked, catalogue, tell)
+        if only_test:
+            return None, test
+        found = advice.advise(
+            campaign,
+            bundle,
+            threshold=_threshold(catalogue),
+            catalogue=catalogue,
+            progress=tell,
+            beginning=began,
+        )
+    return found, test
+
+
+__all__ = ["AdviseOptions", "PlayOptions", "advise", "advise_and_design", "design_test"]

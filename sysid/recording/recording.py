@@ -122,6 +122,12 @@ class Recording:
             return self.speed_noise.total / math.sqrt(samples)
         return self.position_noise.total / (samples * self.period)
 
+    @property
+    def highest_speed(self) -> float:
+        """The highest speed, of the filtered position, rad/s or m/s."""
+        smooth = signals.lowpass(self.position, self.period)
+        return float(np.abs(signals.first_derivative(smooth, self.period)).max())
+
     # --- efforts (thesis 3.3.7) -----------------------------------------------------------
 
     @property

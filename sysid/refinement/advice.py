@@ -22,6 +22,7 @@ from sysid.parameters import Bundle
 from sysid.plant.effects.catalogue import catalogue as own_catalogue
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.effects.linear import for_rig
+from sysid.recording.motion_tests import MotionTest
 from sysid.refinement.advice_result import AdviceResult, CandidateTest, Tie
 from sysid.refinement.candidates import CandidateMotion, candidate_motions
 from sysid.refinement.effect_sizes import effect_sizes
@@ -48,20 +49,32 @@ _BREAKS = 0.98
 _UNKNOWN = 1e3
 
 
-def advise(
+@dataclass(frozen=True)
+class Beginning:
+    """What all advice on a campaign and a bundle starts from.
+
+    `logged`: the training motion tests; `counts_logs`: whether their information adds to the
+    bundle's.
+    """
+
+    campaign: Campaign
+    bundle: Bundle
+    setting: AdviceSetting
+    logged: tuple[MotionTest, ...]
+    counts_logs: bool
+    notices: tuple[str, ...]
+
+
+def begin(
     campaign: Campaign,
     bundle: Bundle,
-    *,
-    threshold: float,
     catalogue: Catalogue | None = None,
     progress: Progress = no_progress,
-) -> AdviceResult:
-    """Predict every parameter's standard error now, and after each of a list of tests.
+) -> Beginning:
+    """The unknowns, and the errors that the motion logs show when refined.
 
-    `catalogue`: the effects whose smallest sizes are found (none where it is empty).
-    `threshold`: how many standard errors an effect's strength must reach to be detected. Raises
-    InputError for logs or a rig file that cannot be used, NotIdentifiedError where the bundle
-    does not hold the on/off law of both valves.
+    Raises InputError for logs or a rig file that cannot be used, NotIdentifiedError where the
+    bundle does not hold the on/off law of both valves.
     """
     rig = campaign.rig
     if rig.is_motor_alone:
@@ -86,9 +99,30 @@ def advise(
     holds_logs = bundle.refinement is not None and not bundle.refinement.values()
     if holds_logs:
         notices.append(_REFINED.format(bundle.source))
+    return Beginning(campaign, bundle, setting, tuple(logged), not holds_logs, tuple(notices))
+
+
+def advise(
+    campaign: Campaign,
+    bundle: Bundle,
+    *,
+    threshold: float,
+    catalogue: Catalogue | None = None,
+    progress: Progress = no_progress,
+    beginning: Beginning | None = None,
+) -> AdviceResult:
+    """Predict every parameter's standard error now, and after each of a list of tests.
+
+    `catalogue`: the effects whose smallest sizes are found (none where it is empty).
+    `threshold`: how many standard errors an effect's strength must reach to be detected.
+    `beginning`: `begin` of the same, None: made here. Raises as `begin` does.
+    """
+    began = beginning or begin(campaign, bundle, catalogue, progress)
+    setting, unknowns = began.setting, began.setting.unknowns
+    rig, model = setting.rig, setting.model
     progress("drawing tests that the rig can do")
     motions = candidate_motions(rig, model)
-    tests = runs_of_tests(setting, motions, count_logs=not holds_logs)
+    tests = runs_of_tests(setting, motions, count_logs=began.counts_logs)
     known = for_rig(own_catalogue() if catalogue is None else catalogue, rig.is_linear)
     rivals = _rivals(bundle, known)
     probes = probes_of(model, [known[r] for own in rivals.values() for r in own])
@@ -112,7 +146,7 @@ def advise(
         size_tests=tuple(candidates[i].name for i in best),
         skipped=skipped,
         threshold=threshold,
-        notices=tuple(notices),
+        notices=began.notices,
     )
 
 
@@ -257,4 +291,4 @@ def _tie(
     return Tie(pair.one, pair.other, before, candidates[best].name, after[best])
 
 
-__all__ = ["advise"]
+__all__ = ["Beginning", "advise", "begin"]

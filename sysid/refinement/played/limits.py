@@ -1,0 +1,135 @@
+"""What no played test may exceed, on the model and on plants that differ from it.
+
+A test runs open loop on a rig that the bundle knows only roughly: it has to stay within the limits
+on plants whose every constant is off by a share, each up or down.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sysid.io.rig import Rig
+from sysid.parameters import Bundle
+from sysid.plant.ports import Model
+from sysid.plant.preparation import Inputs, ValveCommand
+from sysid.refinement.candidates import CandidateMotion
+from sysid.refinement.played.signals import Actuators, Drive
+from sysid.refinement.unknowns import Unknown, model_at, unknowns_of
+from sysid.types import BoolArray, FloatArray
+
+OFF = 0.2
+"""Share by which every constant of a plant may differ from the model's."""
+# Of half the travel and of the speed: what a test is designed to stay within on the plants that it
+# is tried on, as those that it then meets are others.
+MARGIN = 0.85
+# Of the stroke: how far from the middle a test may start.
+_START = 0.02
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """`position` from the middle, rad or m; `speed`, rad/s or m/s; `effort`, Nm or N.
+
+    A speed or an effort that is infinite is not limited.
+    """
+
+    position: float
+    speed: float
+    effort: float
+
+    def scaled(self, share: float) -> MotionLimits:
+        """With a share of position and speed."""
+        return dataclasses.replace(self, position=share * self.position, speed=share * self.speed)
+
+
+def off_plants(
+    bundle: Bundle, rig: Rig, model: Model, count: int, seed: int, off: float = OFF
+) -> list[Model]:
+    """`count` plants: every friction, flow, delay, constant and effect `off` up or down.
+
+    Both areas are off by the same sign: they are those of one bore.
+    """
+    rng = np.random.default_rng(seed)
+    own = [u for u in unknowns_of(bundle, rig, model) if u.value != 0.0]
+    fields = [u.direction[1] for u in own]
+    found = []
+    for _ in range(count):
+        signs = rng.choice([-1.0, 1.0], len(own))
+        if "area_a" in fields and "area_b" in fields:
+            signs[fields.index("area_b")] = signs[fields.index("area_a")]
+        found.append(model_at(model, own, _moved(own, off * signs)))
+    return found
+
+
+def _moved(unknowns: Sequence[Unknown], shares: FloatArray) -> FloatArray:
+    values = [u.value * (1.0 + s) for u, s in zip(unknowns, shares, strict=True)]
+    return np.array([min(max(v, u.lower), u.upper) for v, u in zip(values, unknowns, strict=True)])
+
+
+def inside(
+    drives: Sequence[Drive],
+    rig: Actuators,
+    plants: Sequence[Model],
+    limits: MotionLimits,
+    seed: int,
+) -> BoolArray:
+    """(drives,): whether each stays within the limits on every plant, from near the middle."""
+    from sysid.plant.simulator import simulate
+
+    if not drives:
+        return np.zeros(0, dtype=bool)
+    rng = np.random.default_rng(seed)
+    # In units of half the travel, the same of each plant.
+    starts = 2.0 * _START * limits.position * rng.uniform(-1.0, 1.0, len(plants))
+    commands = [d.commands(rig) for d in drives]
+    inputs = [
+        inputs_of_commands(d.kind, rig.time, *c, start)
+        for d, c in zip(drives, commands, strict=True)
+        for start in starts
+    ]
+    runs = simulate(inputs, [*plants] * len(drives), nan_if_endless=True)
+    held = [
+        bool(
+            np.abs(r.position).max() <= limits.position and np.abs(r.velocity).max() <= limits.speed
+        )
+        for r in runs
+    ]
+    stays = np.array(held).reshape(len(drives), len(plants)).all(axis=1)
+    weak = [float(np.abs(motor).max()) <= limits.effort for motor, _ in commands]
+    return np.asarray(stays & np.array(weak))
+
+
+def extremes(motions: Sequence[CandidateMotion], plants: Sequence[Model]) -> tuple[float, float]:
+    """The farthest position from the middle, rad or m, and the highest speed on any plant."""
+    from sysid.plant.simulator import simulate
+
+    inputs = [
+        inputs_of_commands(m.kind, m.time, m.motor, m.valves) for m in motions for _ in plants
+    ]
+    runs = simulate(inputs, [*plants] * len(motions))
+    far = max(float(np.abs(run.position).max()) for run in runs)
+    return far, max(float(np.abs(run.velocity).max()) for run in runs)
+
+
+def inputs_of_commands(
+    kind: str, time: FloatArray, motor: FloatArray, valves: FloatArray | None, start: float = 0.0
+) -> Inputs:
+    """A test's commands as a run of the simulator, from rest at a position, rad or m."""
+    pair = [None, None] if valves is None else list(valves)
+    a, b = (None if v is None else ValveCommand(v, kind == "motion-pwm") for v in pair)
+    return Inputs(time, motor, a, b, position=start)
+
+
+__all__ = [
+    "MARGIN",
+    "OFF",
+    "MotionLimits",
+    "extremes",
+    "inputs_of_commands",
+    "inside",
+    "off_plants",
+]
