@@ -61,7 +61,7 @@ class Aim:
 
 
 @dataclass(frozen=True)
-class Stage:
+class DesignStage:
     """Where tests are designed: the setting, the plants they must be safe on, their lengths.
 
     `problem` without runs gives unknowns and model; `plants` include the model; `fresh` are others,
@@ -95,7 +95,7 @@ class DesignedSet:
 
 
 def designed(
-    stage: Stage, aim: Aim, now: FloatArray, pieces: int, progress: Progress
+    stage: DesignStage, aim: Aim, now: FloatArray, pieces: int, progress: Progress
 ) -> DesignedSet:
     """The set of `pieces` short tests that is best in addition to `now` (k, k).
 
@@ -118,7 +118,9 @@ def designed(
     return best
 
 
-def _of_kind(stage: Stage, aim: Aim, now: FloatArray, count: int, kind: str) -> DesignedSet | None:
+def _of_kind(
+    stage: DesignStage, aim: Aim, now: FloatArray, count: int, kind: str
+) -> DesignedSet | None:
     rng = np.random.default_rng([_SEED, stage.rig.kinds.index(kind)])
     pool = _measured(stage, _safe(stage, drawn_drives(kind, _POOL, stage.rig, rng)))
     if not pool:
@@ -166,7 +168,7 @@ def exchanged(
         kept[place] = i
 
 
-def _safe(stage: Stage, drives: Sequence[Drive]) -> list[Drive]:
+def _safe(stage: DesignStage, drives: Sequence[Drive]) -> list[Drive]:
     """The drives, each as large as is safe; those that never are, are dropped."""
     limits = stage.limits.scaled(MARGIN)
     open_, found = list(drives), []
@@ -184,7 +186,7 @@ def _safe(stage: Stage, drives: Sequence[Drive]) -> list[Drive]:
 
 
 def _checked(
-    stage: Stage,
+    stage: DesignStage,
     pool: list[_Piece],
     kept: list[int],
     choose: Callable[[list[FloatArray]], list[int]],
@@ -208,7 +210,7 @@ def _checked(
     return []
 
 
-def _measured(stage: Stage, drives: Sequence[Drive]) -> list[_Piece]:
+def _measured(stage: DesignStage, drives: Sequence[Drive]) -> list[_Piece]:
     """The drives with the information that each test carries; those that move nothing dropped."""
     motions = _motions(stage, drives)
     rig, model = stage.setting.rig, stage.problem.model
@@ -241,7 +243,7 @@ def _measured(stage: Stage, drives: Sequence[Drive]) -> list[_Piece]:
     ]
 
 
-def _point(problem: ProbedProblem, stage: Stage) -> Iterate:
+def _point(problem: ProbedProblem, stage: DesignStage) -> Iterate:
     """Where the logs' refinement ended, or the bundle's own values."""
     first, refined = problem.first_point(), stage.setting.refined
     if refined is None:
@@ -254,7 +256,7 @@ def _point(problem: ProbedProblem, stage: Stage) -> Iterate:
     return dataclasses.replace(first, shared=shared, friction=friction)
 
 
-def _motions(stage: Stage, drives: Sequence[Drive]) -> list[CandidateMotion]:
+def _motions(stage: DesignStage, drives: Sequence[Drive]) -> list[CandidateMotion]:
     """What the model's sensors show under each drive, without noise."""
     from sysid.plant.simulator import simulate
 
@@ -272,7 +274,7 @@ def _motions(stage: Stage, drives: Sequence[Drive]) -> list[CandidateMotion]:
     return found
 
 
-def said_of(drive: Drive, stage: Stage) -> str:
+def said_of(drive: Drive, stage: DesignStage) -> str:
     """A drive in words."""
     parts = []
     motor, valves = drive.commands(stage.rig)
@@ -285,4 +287,4 @@ def said_of(drive: Drive, stage: Stage) -> str:
     return ", ".join(parts) or "nothing commanded"
 
 
-__all__ = ["Aim", "DesignedSet", "Stage", "designed", "exchanged", "said_of"]
+__all__ = ["Aim", "DesignStage", "DesignedSet", "designed", "exchanged", "said_of"]

@@ -17,7 +17,7 @@ from sysid.plant.simulator import MAX_STEP
 from sysid.refinement.advice import Beginning
 from sysid.refinement.information import ProbedProblem
 from sysid.refinement.options import RunsOfTests, information, problem_of, runs_of_tests
-from sysid.refinement.played.design import Aim, DesignedSet, Stage, designed
+from sysid.refinement.played.design import Aim, DesignedSet, DesignStage, designed
 from sysid.refinement.played.limits import MotionLimits, extremes, off_plants
 from sysid.refinement.played.result import Expected, PlayedTest, Reached
 from sysid.refinement.played.signals import Actuators
@@ -62,6 +62,12 @@ def played_test(
     """
     setting, rig = began.setting, began.setting.rig
     rig.require("cylinder", "whose stroke limits a motion test")
+    if len(rig.chambers) < 2:
+        raise input_error(
+            rig.source,
+            "declares one chamber",
+            "a test to play is designed for chambers A and B; without -o, advise lists tests",
+        )
     pieces = int(request.duration / _PIECE_S + 1e-9)
     if pieces < 1:
         raise input_error(
@@ -74,7 +80,7 @@ def played_test(
     actuators = Actuators.of(rig, row, request.duration / pieces, _largest_effort(began, limits))
     off = off_plants(began.bundle, rig, setting.model, _TRIED + _CHECKED, _SEED)
     plants = [setting.model, *off[:_TRIED]]
-    stage = Stage(setting, problem, actuators, limits, plants, off[_TRIED:])
+    stage = DesignStage(setting, problem, actuators, limits, plants, off[_TRIED:])
     found = designed(stage, aim, now, pieces, progress)
     expected = _expected(aim, problem, now, found)
     if not any(e.after < e.now for e in expected):
