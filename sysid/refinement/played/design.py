@@ -77,7 +77,7 @@ class DesignStage:
 
 
 @dataclass(frozen=True)
-class _Piece:
+class _Designed:
     """A short test that is safe, and its information (k, k)."""
 
     drive: Drive
@@ -187,10 +187,10 @@ def _safe(stage: DesignStage, drives: Sequence[Drive]) -> list[Drive]:
 
 def _checked(
     stage: DesignStage,
-    pool: list[_Piece],
+    pool: list[_Designed],
     kept: list[int],
     choose: Callable[[list[FloatArray]], list[int]],
-) -> list[_Piece]:
+) -> list[_Designed]:
     """The chosen pieces of a pool, all safe on plants that they were not designed on.
 
     One that is not is replaced in the pool by a smaller one, and the choice made anew.
@@ -210,7 +210,7 @@ def _checked(
     return []
 
 
-def _measured(stage: DesignStage, drives: Sequence[Drive]) -> list[_Piece]:
+def _measured(stage: DesignStage, drives: Sequence[Drive]) -> list[_Designed]:
     """The drives with the information that each test carries; those that move nothing dropped."""
     motions = _motions(stage, drives)
     rig, model = stage.setting.rig, stage.problem.model
@@ -237,7 +237,7 @@ def _measured(stage: DesignStage, drives: Sequence[Drive]) -> list[_Piece]:
         for number in range(len(tests))
     ]
     return [
-        _Piece(d, m, own)
+        _Designed(d, m, own)
         for d, m, own in zip(drives, motions, said, strict=True)
         if np.isfinite(own).all() and own.any()
     ]
