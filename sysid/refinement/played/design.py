@@ -122,14 +122,14 @@ def _of_kind(
     stage: DesignStage, aim: Aim, now: FloatArray, count: int, kind: str
 ) -> DesignedSet | None:
     rng = np.random.default_rng([_SEED, stage.rig.kinds.index(kind)])
-    pool = _measured(stage, _safe(stage, drawn_drives(kind, _POOL, stage.rig, rng)))
+    pool = _informed(stage, _safe(stage, drawn_drives(kind, _POOL, stage.rig, rng)))
     if not pool:
         return None
     kept = exchanged([p.information for p in pool], now, count, aim.log_std)
     for _ in range(_ROUNDS):
         chosen = [pool[i] for i in dict.fromkeys(kept)]
         near = [p.drive.changed(rng, stage.rig) for p in chosen for _ in range(_NEIGHBOURS)]
-        pool = [*pool, *_measured(stage, _safe(stage, near))]
+        pool = [*pool, *_informed(stage, _safe(stage, near))]
         kept = exchanged([p.information for p in pool], now, count, aim.log_std)
     chosen = _checked(
         stage, pool, kept, functools.partial(exchanged, now=now, count=count, criterion=aim.log_std)
@@ -205,12 +205,12 @@ def _checked(
         broken = {p.drive for p, ok in zip(tried, held, strict=True) if not ok}
         smaller = [dataclasses.replace(d, size=_SMALLER * d.size) for d in broken]
         pool = [p for p in pool if p.drive not in broken]
-        pool += _measured(stage, [d for d in smaller if d.size > _SMALLER**_TIMES])
+        pool += _informed(stage, [d for d in smaller if d.size > _SMALLER**_TIMES])
         kept = choose([p.information for p in pool])
     return []
 
 
-def _measured(stage: DesignStage, drives: Sequence[Drive]) -> list[_Designed]:
+def _informed(stage: DesignStage, drives: Sequence[Drive]) -> list[_Designed]:
     """The drives with the information that each test carries; those that move nothing dropped."""
     motions = _motions(stage, drives)
     rig, model = stage.setting.rig, stage.problem.model
