@@ -66,7 +66,6 @@ from sysid.diagnosis.actuator.screened import (  # noqa: E402
     Screening,
     noise_channels,
     screened,
-    usual_size,
 )
 from sysid.diagnosis.actuator.signatures import Candidate  # noqa: E402
 from sysid.diagnosis.looked import Book  # noqa: E402
@@ -213,7 +212,7 @@ def table(options: argparse.Namespace) -> None:
             for i in range(own.shape[1])
         )
         share, strength = best[0], effect.strengths()[best[1]]
-        usual = usual_size(strength)
+        usual = strength.usual_size
         print(
             f"| `{name}` | {strength.name} | {usual:.3g} {strength.unit} "
             f"| {share * usual:.2g} {strength.unit} | {1.0 / share:.2g} |"
@@ -351,7 +350,7 @@ def times_the_smallest(seen: Standard, start: Start, name: str) -> float:
 
 def usual_sizes(effect: CatalogueEffect) -> float:
     """The length of an effect's strengths, each in its usual size."""
-    sizes = [float(getattr(effect, q.name)) / usual_size(q) for q in effect.strengths()]
+    sizes = [float(getattr(effect, q.name)) / q.usual_size for q in effect.strengths()]
     return float(np.linalg.norm(sizes))
 
 

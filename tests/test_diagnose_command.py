@@ -262,17 +262,25 @@ def test_an_effect_that_motion_confirms_stays(ran: Ran) -> None:
 
 
 def _with_strengths(
-    found: Diagnosis, effect: CatalogueEffect, over_std: tuple[float, ...], correlation: float
+    found: Diagnosis,
+    effect: CatalogueEffect,
+    over_std: tuple[float, ...],
+    correlation: float,
+    std: float = 0.3,
 ) -> Diagnosis:
-    """As if the effect had been found, its first numbers so many standard errors from 0."""
-    names = [q.name for q in type(effect).quantities][: len(over_std)]
+    """As if the effect had been found, its first numbers so many standard errors from 0, each of
+    which is `std` of the usual size."""
+    quantities = type(effect).quantities[: len(over_std)]
+    names = [q.name for q in quantities]
     parameters = [
         SimpleNamespace(
-            unknown=SimpleNamespace(direction=(1, name)),
-            estimate=Estimate.symmetric(1e-4 * z, 1e-4, "s", math.inf),
+            unknown=SimpleNamespace(direction=(1, q.name)),
+            estimate=Estimate.symmetric(
+                std * q.usual_size * z, std * q.usual_size, q.unit, math.inf
+            ),
             informed=True,
         )
-        for name, z in zip(names, over_std, strict=True)
+        for q, z in zip(quantities, over_std, strict=True)
     ]
     other = SimpleNamespace(
         unknown=SimpleNamespace(direction=(0, "viscous")),
@@ -316,6 +324,18 @@ def test_the_search_is_made_again_without_an_effect_to_which_motion_gives_no_str
     (notice,) = found.notices
     assert notice.startswith("valve-delay") and "on_delay_s" in notice and "off_delay_s" in notice
     assert "valve-delay" in lines[0]
+
+
+@pytest.mark.parametrize(("over_std", "stays"), [(3.5, False), (9.0, True)])
+def test_a_strength_far_below_the_usual_has_to_be_surer(
+    ran: Ran, over_std: float, stays: bool
+) -> None:
+    """Of an effect of one ten-thousandth of its usual size, none is likelier than 3.5 errors."""
+    delay = catalogue()["valve-delay"].typical()
+    strengths = (over_std / math.sqrt(2.0),) * 2
+    look = _Looks(_with_strengths(ran.diagnosed.found.detail, delay, strengths, 0.0, 1e-4))
+    found = without_contradicted(look, catalogue())
+    assert found.contradicted == (() if stays else ("valve-delay",))
 
 
 @pytest.mark.parametrize(("correlation", "stays"), [(0.99, True), (-0.99, True), (0.0, False)])

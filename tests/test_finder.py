@@ -16,7 +16,7 @@ from sysid.diagnosis.actuator.fitted_set import fit_set, weighed
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.samples import Traces, prepare
-from sysid.diagnosis.actuator.screened import Bias, Signed, screened, usual_size
+from sysid.diagnosis.actuator.screened import Bias, Signed, screened
 from sysid.diagnosis.looked import Book
 from sysid.io.rig import Rig
 from sysid.plant.effects.chamber import AtmosphereLeakage
@@ -183,7 +183,7 @@ def test_the_evidence_of_a_set_is_that_of_all_its_numbers(
         rest = own.project(own.frame.residual(model))
         return float(rest @ rest)
 
-    size = usual_size(strength)
+    size = strength.usual_size
     width = size / math.sqrt(power(best + size) + power(best - size) - 2.0 * power(best)) * 2.0**0.5
     grid = np.linspace(best - 6.0 * width, best + 6.0 * width, 41)
     powers = np.array([power(value) for value in grid])

@@ -12,7 +12,7 @@ import pytest
 from sysid.diagnosis.actuator import screened as screened_module
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.projection import Projected
-from sysid.diagnosis.actuator.screened import screened, usual_size
+from sysid.diagnosis.actuator.screened import screened
 from sysid.diagnosis.actuator.signatures import Candidate, candidates
 from sysid.diagnosis.looked import Book
 from sysid.plant.effects.catalogue import catalogue
@@ -61,7 +61,7 @@ def test_every_strength_within_its_bounds_is_found(
         rest = -signature @ (strengths / steps)
         some = screened(residual(rest), [candidate], EXACT, Book())
         (found,) = some.columns.proposals([(0,)])
-        sizes = np.array([usual_size(q) for q in kind.strengths()])
+        sizes = np.array([q.usual_size for q in kind.strengths()])
         np.testing.assert_allclose(found.strengths[0] * sizes, strengths, rtol=1e-5)
         assert float(np.sum(found.squares)) < 1e-9 * float(rest @ rest)
         assert found.evidence > 0.0

@@ -112,9 +112,12 @@ def _limits(effect: CatalogueEffect) -> list[str]:
 
 
 def _over_chance(refinement: RefineResult, place: int, kind: type[CatalogueEffect]) -> float:
-    """Wald's statistic of an effect's strengths over its critical value without the effect;
-    infinite where no strength is known.
+    """Wald's statistic of an effect's strengths over what it has to exceed; infinite where no
+    strength is known.
 
+    That is its critical value without the effect, and twice the log of how much of the prior the
+    motion rules out: where it would show an effect far smaller than usual, it is more likely that
+    there is none (the density ratio of Savage and Dickey: Verdinelli and Wasserman, JASA 90, 1995).
     The effect's shapes are held: without the effect they have no meaning, and a gap may be
     distinguishable from 0 even where it is confounded with the speed at which it is crossed.
     """
@@ -123,19 +126,21 @@ def _over_chance(refinement: RefineResult, place: int, kind: type[CatalogueEffec
         for i, parameter in enumerate(refinement.parameters)
         if parameter.informed
     }
-    strengths, shapes = (
-        [of[place, q.name] for q in some if (place, q.name) in of]
-        for some in (kind.strengths(), kind.shapes())
-    )
+    known = [q for q in kind.strengths() if (place, q.name) in of]
+    strengths = [of[place, q.name] for q in known]
+    shapes = [of[place, q.name] for q in kind.shapes() if (place, q.name) in of]
     if not strengths:
         return math.inf
     estimates = [refinement.parameters[i].estimate for i in strengths]
     z = np.array([estimate.value / estimate.std for estimate in estimates])
+    prior = np.diag([q.usual_size / e.std for q, e in zip(known, estimates, strict=True)])
     together = [*strengths, *shapes]
     inverse = np.linalg.pinv(refinement.correlation[np.ix_(together, together)])
     # Of the strengths with the shapes as they are: a block of the inverse of both.
     given_shapes = inverse[: len(z), : len(z)]
-    return float(z @ given_shapes @ z / chi_squared_quantile(len(z), 1.0 - _LEVEL))
+    ruled_out = float(np.linalg.slogdet(np.eye(len(z)) + prior @ given_shapes @ prior)[1])
+    least = max(chi_squared_quantile(len(z), 1.0 - _LEVEL), ruled_out)
+    return float(z @ given_shapes @ z / least)
 
 
 def _sizes(found: FoundEffect) -> str:

@@ -11,7 +11,6 @@ import numpy as np
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
-from sysid.diagnosis.actuator.screened import usual_size
 from sysid.diagnosis.actuator.threshold_steps import best_near
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, overrides
@@ -113,13 +112,13 @@ def weighed(base: Projected, weights: FloatArray) -> Projected:
 
 def _prior_cost(effects: Sequence[CatalogueEffect]) -> float:
     return sum(
-        (float(getattr(e, q.name)) / usual_size(q)) ** 2 for e in effects for q in e.strengths()
+        (float(getattr(e, q.name)) / q.usual_size) ** 2 for e in effects for q in e.strengths()
     )
 
 
 def _is_absent(effect: CatalogueEffect) -> bool:
     return all(
-        abs(float(getattr(effect, q.name))) < _ABSENT * usual_size(q) for q in effect.strengths()
+        abs(float(getattr(effect, q.name))) < _ABSENT * q.usual_size for q in effect.strengths()
     )
 
 
@@ -142,7 +141,7 @@ def _prior(quantity: Quantity) -> float:
     if quantity.is_choice:
         return 0.0
     if quantity.is_strength or len(quantity.grid) < 2:
-        return usual_size(quantity)
+        return quantity.usual_size
     return 0.5 * (max(quantity.grid) - min(quantity.grid))
 
 

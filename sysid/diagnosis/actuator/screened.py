@@ -16,7 +16,7 @@ from sysid.diagnosis.actuator.signatures import Candidate, Signatures
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.looked import Book
 from sysid.parallel import attempt_in_threads, spend
-from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
 from sysid.search.columns import Columns, FormColumns, Proposal
 from sysid.search.misfit import ResidualChannel, weights_of
@@ -29,11 +29,6 @@ _OF_A_STATE = 10
 # A few effects span fewer directions than what a model may lack: the whole catalogue spans 13 to 15
 # in a chamber's balance, and 25 in the torque's (`Columns.directions`).
 _DIRECTIONS = 12.0
-
-
-def usual_size(quantity: Quantity) -> float:
-    """The size of a number's prior, in its unit."""
-    return abs(quantity.typical) or quantity.upper
 
 
 @dataclass(frozen=True)
@@ -63,7 +58,7 @@ class Screening:
 def _effect(form: Candidate, strengths: FloatArray) -> CatalogueEffect:
     values = {}
     for q, (name, step), own in zip(form.effect.strengths(), form.steps, strengths, strict=True):
-        value = step if q.grid else float(own) * usual_size(q)
+        value = step if q.grid else float(own) * q.usual_size
         values[name] = float(np.clip(value, q.lower, q.upper))
     return form.effect.neutral(**dict(form.shape) | values)
 
@@ -190,7 +185,7 @@ def _steps_in_usual_sizes(form: Candidate) -> FloatArray:
     """(strengths,): the probing sizes over the usual ones."""
     strengths = form.effect.strengths()
     return np.array(
-        [step / usual_size(q) for q, (_, step) in zip(strengths, form.steps, strict=True)]
+        [step / q.usual_size for q, (_, step) in zip(strengths, form.steps, strict=True)]
     )
 
 
@@ -198,7 +193,7 @@ def _blocks(forms: Sequence[Candidate]) -> Iterator[FormColumns]:
     first = 0
     for form in forms:
         strengths = form.effect.strengths()
-        sizes = np.array([usual_size(q) for q in strengths])
+        sizes = np.array([q.usual_size for q in strengths])
         lower = np.array([q.lower for q in strengths])
         upper = np.array([q.upper for q in strengths])
         yield FormColumns(
@@ -284,4 +279,4 @@ def _lengths(columns: Columns, own: Sequence[int]) -> FloatArray:
     return np.sqrt([np.diag(gram)[own] for gram in columns.gram])
 
 
-__all__ = ["Bias", "Screening", "noise_channels", "screened", "usual_size"]
+__all__ = ["Bias", "Screening", "noise_channels", "screened"]

@@ -113,6 +113,11 @@ class Quantity:
         )
 
     @property
+    def usual_size(self) -> float:
+        """The size of its prior, in its unit."""
+        return abs(self.typical) or self.upper
+
+    @property
     def label(self) -> str:
         """Its name in files and reports."""
         return self.key or self.name

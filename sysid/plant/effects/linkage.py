@@ -207,10 +207,15 @@ class GearMeshRipple(CatalogueEffect):
 
 @dataclass(frozen=True)
 class PitchEccentricity(CatalogueEffect):
-    """The pinion turns off its centre: r (1 + c cos theta + s sin theta), and y its integral."""
+    """The pinion turns off its centre: r (1 + c cos theta + s sin theta), and y its integral.
+
+    With `lever_arm_only` the piston's place stays as it was, as where the angle that is logged
+    was worked out from it.
+    """
 
     eccentricity_cosine: Array = 0.0
     eccentricity_sine: Array = 0.0
+    lever_arm_only: Array = 0.0
 
     id = "pitch-eccentricity"
     title = "Eccentric pinion"
@@ -218,6 +223,18 @@ class PitchEccentricity(CatalogueEffect):
     quantities = (
         Quantity("eccentricity_cosine", "-", 0.005, -0.2, 0.2, "relative, in phase with theta = 0"),
         Quantity("eccentricity_sine", "-", 0.005, -0.2, 0.2, "relative, a quarter turn off"),
+        Quantity(
+            "lever_arm_only",
+            "-",
+            0.0,
+            0.0,
+            1.0,
+            "1: the lever arm alone varies; 0: the piston's place with it",
+            is_strength=False,
+            grid=(0.0, 1.0),
+            absent=0.0,
+            is_choice=True,
+        ),
     )
     signature = "torque against the cylinder's torque times cos theta"
     rivals = ("torque-constant-error",)
@@ -236,7 +253,8 @@ class PitchEccentricity(CatalogueEffect):
         change = self.eccentricity_cosine * xp.sin(point.position) + self.eccentricity_sine * (
             1.0 - xp.cos(point.position)
         )
-        return displacement + point.parameters.pitch_radius * change
+        moved = point.parameters.pitch_radius * change
+        return displacement + (1.0 - self.lever_arm_only) * moved
 
 
 @dataclass(frozen=True)
@@ -469,13 +487,15 @@ class MountingTilt(CatalogueEffect):
 
 @dataclass(frozen=True)
 class InertiaMismatch(CatalogueEffect):
-    """The moving inertia differs from the declared one: + d, and gravity in proportion.
+    """The moving inertia differs from the declared one: + d, and gravity with it.
 
-    As if the extra mass were distributed like the declared one; no gravity on a horizontal rig.
-    A change below -98 % of the declared inertia acts on it as -98 %.
+    In proportion, as if the extra mass were distributed like the declared one, and by a share more
+    or less where it sits further in or out; no gravity on a horizontal rig. A change below -98 %
+    of the declared inertia acts on it as -98 %.
     """
 
     inertia_change_kg_m2: Array = 0.0
+    gravity_change: Array = 0.0
 
     id = "inertia-mismatch"
     title = "Inertia differs from its declared value"
@@ -483,6 +503,15 @@ class InertiaMismatch(CatalogueEffect):
     quantities = (
         Quantity(
             "inertia_change_kg_m2", "kg m2", 0.003, -0.02, 0.2, "added to the declared inertia"
+        ),
+        Quantity(
+            "gravity_change",
+            "-",
+            0.05,
+            -0.98,
+            5.0,
+            "gravity's change, beyond the inertia's share",
+            absent=0.0,
         ),
     )
     signature = "torque against acceleration"
@@ -498,8 +527,8 @@ class InertiaMismatch(CatalogueEffect):
         # What a change leaves of the declared inertia at least.
         return parameters.replace(
             inertia=xp.maximum(declared + self.inertia_change_kg_m2, 0.02 * declared),
-            gravity_moment=parameters.gravity_moment + parameters.gravity_moment * share,
-            weight=parameters.weight + parameters.weight * share,
+            gravity_moment=parameters.gravity_moment * (1.0 + share + self.gravity_change),
+            weight=parameters.weight * (1.0 + share + self.gravity_change),
         )
 
 
