@@ -580,7 +580,7 @@ def _most_effort(rig: Rig) -> float:
         return math.inf
     c, air, pushed = rig.cylinder, rig.air, 0.0
     if c is not None and air is not None:
-        gauge = air.supply_pressure_pa - air.atmospheric_pressure_pa
+        gauge = abs(air.supply_pressure_pa - air.atmospheric_pressure_pa)
         pushed = gauge * max(c.area_a_m2, c.area_b_m2) * c.pitch_radius_m
     return rig.max_effort + pushed + abs(rig.gravity_moment())
 

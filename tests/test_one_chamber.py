@@ -29,6 +29,7 @@ from sysid.plant.base import ValveParameters, parameters_from_rig
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.trials import simulate_trials
 from sysid.valve_discrete import fit_valve_discrete
+from sysid.valve_pwm import fit_valve_pwm
 
 ALONE = ("friction-motion", "valve-discrete", "motion-discrete")
 
@@ -111,20 +112,15 @@ def test_the_simulation_is_the_generators(made: GeneratedCampaign, folder: Path)
     """Two programs, written independently, with the true numbers: they differ by sensors' noise."""
     log, t = log_of(folder, "motion_discrete_2"), made.rig.truth
     law = t.valve_a
+    factors = made.log("motion_discrete_2").tests[0].truth
     truth = parameters_from_rig(
         read_rig(folder / "rig.toml"),
-        static_effort=t.static_friction,
-        coulomb_effort=t.coulomb_friction,
-        viscous=t.viscous_friction,
-        valve_a=ValveParameters(
-            law.choked_flow_fill_kg_s, law.choked_flow_dis_kg_s, law.c_fill, law.c_dis
-        ),
-    )
-    factors = made.log("motion_discrete_2").tests[0].truth
-    truth = truth.replace(
         static_effort=t.static_friction * factors["static_factor"],
         coulomb_effort=t.coulomb_friction * factors["sliding_factor"],
         viscous=t.viscous_friction * factors["sliding_factor"],
+        valve_a=ValveParameters(
+            law.choked_flow_fill_kg_s, law.choked_flow_dis_kg_s, law.c_fill, law.c_dis
+        ),
     )
     assert log.rig is not None
     (run,) = simulate_trials(log.trials, log.rig, truth)
@@ -179,6 +175,84 @@ def test_effects_of_the_other_chamber_are_not_offered() -> None:
     both, one = candidates(catalogue().values()), candidates(catalogue().values(), sides=("a",))
     assert {dict(c.shape).get("side") for c in one} == {None, "a"}
     assert {c.id for c in both} - {c.id for c in one} == {"area-error", "piston-leakage"}
+
+
+# --- a vacuum supply ----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def evacuated(tmp_path_factory: pytest.TempPathFactory) -> tuple[GeneratedCampaign, Path]:
+    kinds = ("valve-discrete", "motion-discrete")
+    made = make_one_chamber_campaign(7, motion="rotary", with_motor=False, vacuum=True, kinds=kinds)
+    place = tmp_path_factory.mktemp("vacuum")
+    write_campaign(place, made, "generated")
+    return made, place
+
+
+def test_a_supply_is_above_the_atmosphere_or_a_vacuum(rig_text: str) -> None:
+    def supplied(pressure: float) -> Rig:
+        return rig_from_content(content(rig_text, air={"supply_pressure_pa": pressure}), "rig.toml")
+
+    assert supplied(3e5).supply_way == 1.0 and supplied(3e4).supply_way == -1.0
+    for pressure in (1e5, 0.97e5):
+        with pytest.raises(InputError, match="is not above atmospheric_pressure_pa"):
+            supplied(pressure)
+    with pytest.raises(InputError, match="supply_pressure_pa = 600 is not plausible"):
+        supplied(600.0)
+
+
+def test_the_spring_of_a_vacuum_returns_to_the_other_end(rig_text: str) -> None:
+    spring = {"stiffness_nm_per_rad": 0.5, "preload_nm": 0.2}
+    rig = one_chamber(rig_text, spring=spring, air={"supply_pressure_pa": 3e4})
+    p, travel = base.bare_parameters(rig), rig.travel
+    assert travel is not None
+    assert base.load_effort(0.5 * travel, p) == pytest.approx(-0.2)
+    assert base.load_effort(-0.5 * travel, p) == pytest.approx(-0.2 - 0.5 * travel)
+
+
+def test_a_valve_that_evacuates(evacuated: tuple[GeneratedCampaign, Path]) -> None:
+    made, place = evacuated
+    log, law, delays = log_of(place, "valve_discrete_a"), made.rig.truth.valve_a, made.rig.content
+    assert log.rig is not None and not log.contradictions
+    found = fit_valve_discrete(log.trials, log.rig, find_ratio=False)["a"].estimates
+    for key, true in (
+        ("c_fill", law.c_fill),
+        ("c_dis", law.c_dis),
+        ("on_delay_s", delays["valves"]["on_delay_s"]),
+        ("off_delay_s", delays["valves"]["off_delay_s"]),
+    ):
+        assert abs(found[key].value - true) < 4.0 * found[key].std, key
+    assert not found["choked_flow_fill_kg_s"].identified
+    assert "vacuum" in str(found["choked_flow_fill_kg_s"].reason)
+
+
+def test_an_evacuated_motion_is_the_generators(evacuated: tuple[GeneratedCampaign, Path]) -> None:
+    made, place = evacuated
+    log, t = log_of(place, "motion_discrete_2"), made.rig.truth
+    factors, law = made.log("motion_discrete_2").tests[0].truth, t.valve_a
+    assert log.rig is not None
+    truth = parameters_from_rig(
+        log.rig,
+        static_effort=t.static_friction * factors["static_factor"],
+        coulomb_effort=t.coulomb_friction * factors["sliding_factor"],
+        viscous=t.viscous_friction * factors["sliding_factor"],
+        valve_a=ValveParameters(
+            law.choked_flow_fill_kg_s, law.choked_flow_dis_kg_s, law.c_fill, law.c_dis
+        ),
+    )
+    (run,) = simulate_trials(log.trials, log.rig, truth)
+    measured = log.trials[0]
+    assert measured["pressure_a_pa"].min() < 0.7 * made.rig.atmosphere
+    noise = np.std(run["pressure_a_pa"] - measured["pressure_a_pa"])
+    assert noise < 1.1 * t.pressure_noise_pa
+    way = np.ptp(measured["theta_rad"])
+    assert np.max(np.abs(run["theta_rad"] - measured["theta_rad"])) < 0.01 * way
+
+
+def test_no_surface_is_fitted_under_a_vacuum(rig_text: str) -> None:
+    rig = one_chamber(rig_text, air={"supply_pressure_pa": 3e4})
+    with pytest.raises(NotIdentifiedError, match="the supply is a vacuum, under which no PWM"):
+        fit_valve_pwm([], rig)
 
 
 # --- commands -----------------------------------------------------------------------------

@@ -8,6 +8,7 @@ and its tests; each test has its own seed.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ SWING = 0.45  # least way from one extreme to the other, in half travels
 SPRING_SHARE = (0.35, 0.75)
 # Where the spring holds the piston without pressure, in half travels.
 FREE_PLACE = (-0.75, -0.5)
+VACUUM_PA = (2e4, 4.5e4)
 # Half travels around the free place at which friction holds the piston, and where ramps begin.
 RAMP_PLACES = (-0.5, 0.0, 0.5)
 KINDS = (
@@ -42,12 +44,15 @@ NO_VALVE = ValveTruth(0.0, 0.0, 0.0, 0.0)
 
 
 def random_one_chamber_rig(
-    rng: np.random.Generator, motion: str | None = None, with_motor: bool | None = None
+    rng: np.random.Generator,
+    motion: str | None = None,
+    with_motor: bool | None = None,
+    vacuum: bool = False,
 ) -> GeneratedRig:
     """A rig with chamber A and a return spring; what is not given is drawn.
 
-    Rotary or linear; with or without a motor next to the cylinder. The spring is as stiff as
-    `SPRING_SHARE` says.
+    Rotary or linear; with or without a motor next to the cylinder; `vacuum`: its supply is one, and
+    the spring holds the piston at the other end. The spring is as stiff as `SPRING_SHARE` says.
     """
     drawn_motion = "linear" if rng.random() < 0.5 else "rotary"
     drawn_motor = bool(rng.random() < 0.5)
@@ -56,14 +61,20 @@ def random_one_chamber_rig(
     cylinder = content["cylinder"]
     del cylinder["area_b_m2"], cylinder["offset_b_m"]
     cylinder["chambers"] = ["a"]
+    if vacuum:
+        content["air"]["supply_pressure_pa"] = round(float(rng.uniform(*VACUUM_PA)), -3)
+        # What a full vacuum moves is less than what 3 bar do.
+        key = "mass_kg" if rig.is_linear else "equivalent_kg_m2"
+        content["inertia"][key] = float(f"{0.5 * content['inertia'][key]:.5g}")
+    rig = dataclasses.replace(rig, content=content)
     content["spring"] = _spring(rig, rng)
     if not (drawn_motor if with_motor is None else with_motor):
         del content["motor"]
-    t = rig.truth
+    t, less = rig.truth, 0.4 if vacuum else 1.0
     truth = Truth(
-        t.static_friction,
-        t.coulomb_friction,
-        t.viscous_friction,
+        less * t.static_friction,
+        less * t.coulomb_friction,
+        less * t.viscous_friction,
         t.valve_a,
         NO_VALVE,
         t.pressure_noise_pa,
@@ -77,6 +88,7 @@ def _spring(rig: GeneratedRig, rng: np.random.Generator) -> dict[str, float]:
     reach = gauge * float(cylinder["area_a_m2"]) * rig.radius
     stiffness = rng.uniform(*SPRING_SHARE) * reach / (2.0 * rig.half_travel)
     free = rng.uniform(*FREE_PLACE)
+    # At the end of rest: where A is smallest, and in a vacuum where it is largest.
     preload = -stiffness * (free + 1.0) * rig.half_travel
     names = ("stiffness_n_per_m", "preload_n")
     if not rig.is_linear:
@@ -125,8 +137,8 @@ class _Maker:
         for attempt in range(TRIES):
             commands = draw(attempt / TRIES)
             states = simulated(rig, plant, commands, start, (-limit, limit))
-            n = commands.motor.size
-            if len(states) == n and np.ptp(states[:, POSITION]) > swing * rig.half_travel:
+            n, least = commands.motor.size, swing * (1.0 - 0.6 * attempt / TRIES)
+            if len(states) == n and np.ptp(states[:, POSITION]) > least * rig.half_travel:
                 return self._logged(label, commands, states, factors, rng)
         raise ValueError("no commands move this rig well and keep it off its stops")
 
@@ -210,53 +222,69 @@ class _Maker:
         last = int(moved[0]) + round(rng.uniform(0.3, 0.5) / rig.row_period)
         return self._logged(label, commands, states[:last], factors, rng)
 
-    def logs(self, seed: int, duty_step: float, more: int) -> list[GeneratedLog]:
-        """Every log of a campaign; `more` motion tests beyond the least."""
+    def logs(
+        self, seed: int, duty_step: float, more: int, kinds: tuple[str, ...]
+    ) -> list[GeneratedLog]:
+        """The logs of these kinds; `more` motion tests beyond the least."""
+        plan = [log for log in self._plan(duty_step, more) if log.kind in kinds]
+        return [
+            GeneratedLog(log.stem, log.kind, log.use, list(_made(log, seed)), log.valve)
+            for log in plan
+        ]
 
-        def rngs(stem: str, count: int) -> list[np.random.Generator]:
-            return [stream(seed, _STREAMS[stem], 1000 + i) for i in range(count)]
-
-        def all_of(stem: str, count: int, make: Any) -> list[GeneratedTest]:
-            drawn = rngs(stem, count)
-            return [make(str(i + 1), r) for i, r in enumerate(drawn)]
-
+    def _plan(self, duty_step: float, more: int) -> Iterator[_Planned]:
         rig, noise = self.rig, self.noise
         has_motor = "motor" in rig.content
-        by_air = (lambda t, r: self.pwm(t, 8.0, r), lambda t, r: self.motor(t, 8.0, r))
-        logs = []
         if has_motor:
-            plan = [(p, w) for p in RAMP_PLACES for w in (1, -1) for _ in range(2)]
-            ramps = [
-                self.static(str(i + 1), *plan[i], r)
-                for i, r in enumerate(rngs("friction_static", len(plan)))
-            ]
-            logs.append(GeneratedLog("friction_static", "friction-static", "fit", ramps))
-        motions = all_of("friction_motion", 2 + more, by_air[has_motor])
-        logs.append(GeneratedLog("friction_motion", "friction-motion", "fit", motions))
-        switched = all_of(
+            ramps = [(p, w) for p in RAMP_PLACES for w in (1, -1) for _ in range(2)]
+            yield _Planned(
+                "friction_static", len(ramps), lambda i, t, r: self.static(t, *ramps[i], r)
+            )
+        move = self.motor if has_motor else self.pwm
+        yield _Planned("friction_motion", 2 + more, lambda i, t, r: move(t, 8.0, r))
+        yield _Planned(
             "valve_discrete_a",
             3,
-            lambda t, r: valve_tests.discrete_test(rig, t, "a", noise, r),
+            lambda i, t, r: valve_tests.discrete_test(rig, t, "a", noise, r),
+            valve="a",
         )
-        logs.append(GeneratedLog("valve_discrete_a", "valve-discrete", "fit", switched, "a"))
         duties = [(d, f) for f in (True, False) for d in valve_tests.duties(duty_step)]
-        pulsed = [
-            valve_tests.pwm_test(rig, str(i + 1), "a", *duties[i], noise, r)
-            for i, r in enumerate(rngs("valve_pwm_a", len(duties)))
-        ]
-        logs.append(GeneratedLog("valve_pwm_a", "valve-pwm", "fit", pulsed, "a"))
+        yield _Planned(
+            "valve_pwm_a",
+            len(duties),
+            lambda i, t, r: valve_tests.pwm_test(rig, t, "a", *duties[i], noise, r),
+            valve="a",
+        )
         for suffix, use, count in (("", "fit", 2 + more), ("_2", "holdout", 1)):
             if has_motor:
-                stem = f"motion_motor{suffix}"
-                tests = all_of(stem, count, lambda t, r: self.motor(t, 7.0, r))
-                logs.append(GeneratedLog(stem, "motion-motor", use, tests))
-            stem = f"motion_pwm{suffix}"
-            tests = all_of(stem, count, lambda t, r: self.pwm(t, 7.0, r))
-            logs.append(GeneratedLog(stem, "motion-pwm", use, tests))
-            stem = f"motion_discrete{suffix}"
-            tests = all_of(stem, count, lambda t, r: self.discrete(t, 6.0, r))
-            logs.append(GeneratedLog(stem, "motion-discrete", use, tests))
-        return logs
+                yield _Planned(
+                    f"motion_motor{suffix}", count, lambda i, t, r: self.motor(t, 7.0, r), use
+                )
+            yield _Planned(f"motion_pwm{suffix}", count, lambda i, t, r: self.pwm(t, 7.0, r), use)
+            yield _Planned(
+                f"motion_discrete{suffix}", count, lambda i, t, r: self.discrete(t, 6.0, r), use
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Planned:
+    """A log of so many tests; `make` makes one by its number, label and random numbers."""
+
+    stem: str
+    count: int
+    make: Callable[[int, str, np.random.Generator], GeneratedTest]
+    use: str = "fit"
+    valve: str | None = None
+
+    @property
+    def kind(self) -> str:
+        words = self.stem.removesuffix("_2")
+        return (words if self.valve is None else words[:-2]).replace("_", "-")
+
+
+def _made(log: _Planned, seed: int) -> Iterator[GeneratedTest]:
+    for i in range(log.count):
+        yield log.make(i, str(i + 1), stream(seed, _STREAMS[log.stem], 1000 + i))
 
 
 _STREAMS = {
@@ -279,6 +307,7 @@ def make_one_chamber_campaign(
     scatter: float = 0.02,
     motion: str | None = None,
     with_motor: bool | None = None,
+    vacuum: bool = False,
     effects: tuple[Injected, ...] = (),
     duty_step: float = 0.06,
     more: int = 0,
@@ -286,10 +315,10 @@ def make_one_chamber_campaign(
 ) -> GeneratedCampaign:
     """A campaign of a drawn one-chamber rig; arguments as in `random_one_chamber_rig` and
     `campaign.make_campaign`. Raises ValueError where a rig can make no test of a kind."""
-    rig = random_one_chamber_rig(stream(seed, "rig", 1000), motion, with_motor)
+    rig = random_one_chamber_rig(stream(seed, "rig", 1000), motion, with_motor, vacuum)
     rig = dataclasses.replace(rig, effects=effects)
     maker = _Maker(rig, scatter, rig.truth.pressure_noise_pa)
-    logs = [log for log in maker.logs(seed, duty_step, more) if log.kind in kinds]
+    logs = maker.logs(seed, duty_step, more, kinds)
     truth = rig.truth_content() | {"seed": seed, "scatter": scatter}
     truth["tests"] = {log.stem: {test.label: test.truth for test in log.tests} for log in logs}
     return GeneratedCampaign(rig, logs, truth)

@@ -56,7 +56,7 @@ def draws(p: Parameters) -> dict[str, tuple[Draw, Sequence[float]]]:
     flow = 1.2 * max(_known(p.choked_fill_a, 1e-3), _known(p.choked_fill_b, 1e-3), 1e-6)
     corners = [atmosphere, supply, filling_boundary(supply), exhaust_boundary(atmosphere)]
     corners += [np.nextafter(c, way) for c in corners for way in (0.0, np.inf)]
-    pressure = _uniform(0.8 * atmosphere, 1.1 * supply)
+    pressure = _uniform(0.8 * min(atmosphere, supply), 1.1 * max(atmosphere, supply))
     return {
         "position": (_uniform(-reach, reach), [0.0]),
         "reading": (_uniform(-reach, reach), [0.0]),

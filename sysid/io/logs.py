@@ -494,7 +494,7 @@ def _check_values(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> No
         reading.contradict("air", _unlike_the_atmosphere(reading, groups))
     whole = {name: values for name, values in columns.items() if not np.isnan(values).any()}
     reading.contradict("air", plausibility.check_supply(where, whole, rig))
-    reading.notices += response_notices(where, whole, position, rig.effort_channel)
+    reading.notices += response_notices(where, whole, position, rig.effort_channel, rig.supply_way)
 
 
 def _unlike_the_atmosphere(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> str | None:

@@ -76,8 +76,8 @@ def check_pressure(
     ambient, supply = rig.air.atmospheric_pressure_pa, rig.air.supply_pressure_pa
     low, high = float(np.min(values)), float(np.max(values))
     rests = abs(float(values[0]) / ambient - 1.0) < _AT_REST
-    floor = (_LOWEST_FROM_REST if rests else _LOWEST_SHARE_OF_ATMOSPHERE) * ambient
-    ceiling = _HIGHEST_SHARE_OF_SUPPLY * supply
+    floor = (_LOWEST_FROM_REST if rests else _LOWEST_SHARE_OF_ATMOSPHERE) * min(ambient, supply)
+    ceiling = _HIGHEST_SHARE_OF_SUPPLY * max(ambient, supply)
     if low >= floor and high <= ceiling:
         return
     what = f"{target} runs from {low:.4g} to {high:.4g}, which is not plausible as absolute Pa"
@@ -107,7 +107,8 @@ def _looks_like(
 ) -> str | None:
     """The unit in which the readings at rest would be the atmosphere's, as in an open chamber."""
     low, high = float(np.min(values)), float(np.max(values))
-    floor, ceiling = _LOWEST_SHARE_OF_ATMOSPHERE * ambient, _HIGHEST_SHARE_OF_SUPPLY * supply
+    floor = _LOWEST_SHARE_OF_ATMOSPHERE * min(ambient, supply)
+    ceiling = _HIGHEST_SHARE_OF_SUPPLY * max(ambient, supply)
     for gauge in (False, True):
         shift = ambient if gauge else 0.0
         for unit, factor in TAKEN_FOR_SI["Pa"].items():
@@ -369,6 +370,14 @@ def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str
     for side in "ab":
         pressure, valve = columns.get(f"pressure_{side}_pa"), columns.get(f"valve_{side}")
         if pressure is None or valve is None or not np.any(valve > 0.0):
+            continue
+        if rig.supply_way < 0.0:
+            low = float(np.quantile(pressure[valve > 0.0], 1.0 - _HIGH))
+            if low < declared / SAME_PRESSURE:
+                return (
+                    f"{where}: pressure_{side}_pa falls to {low:.4g} Pa while its valve is on, "
+                    f"{said}: one of the two is wrong (a gauge pressure in the rig file?)"
+                )
             continue
         high = float(np.quantile(pressure[valve > 0.0], _HIGH))
         if high > SAME_PRESSURE * declared:

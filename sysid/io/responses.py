@@ -17,11 +17,11 @@ _OPPOSED_ALONE = -0.5
 
 
 def response_notices(
-    where: str, columns: Mapping[str, FloatArray], position: str, effort: str
+    where: str, columns: Mapping[str, FloatArray], position: str, effort: str, way: float = 1.0
 ) -> Iterator[str]:
     """Notices of columns, (n,) each, that hold another column's values or answer another's command.
 
-    `position` and `effort` name the rig's channels.
+    `position` and `effort` name the rig's channels; `way` is its `supply_way`.
     """
     for first, second in (CHAMBER_PRESSURES, (position, effort)):
         if first in columns and second in columns and _same(columns[first], columns[second]):
@@ -29,7 +29,7 @@ def response_notices(
                 f"{where}: {first} and {second} hold the same values in every row: one column was "
                 f"mapped twice; map {second} to its own column"
             )
-    line = _answers(columns)
+    line = _answers(columns, way)
     if line:
         yield f"{where}: {line}"
 
@@ -38,8 +38,11 @@ def _same(first: FloatArray, second: FloatArray) -> bool:
     return bool(np.ptp(first) > 0.0 and np.array_equal(first, second))
 
 
-def _answers(columns: Mapping[str, FloatArray]) -> str | None:
+def _answers(columns: Mapping[str, FloatArray], way: float) -> str | None:
     """Whether the chambers answer the other valve's command, or the opposite of their own."""
+    if way < 0.0:
+        mirrored = {name: -columns[name] for name in CHAMBER_PRESSURES if name in columns}
+        columns = {**columns, **mirrored}
     for stem in ("valve", "duty"):
         commands = [f"{stem}_{side}" for side in SIDES]
         active = [c for c in commands if c in columns and np.ptp(columns[c]) > 0.0]
@@ -51,7 +54,8 @@ def _answers(columns: Mapping[str, FloatArray]) -> str | None:
                 (own if command[-1] == side else cross).append(share)
         if own and max(own) < -_FOLLOWS and _all_oppose(columns, active):
             return (
-                f"the chambers' pressures fall while their valves are on: {stem}_a and {stem}_b "
+                f"the chambers' pressures {'fall' if way > 0.0 else 'rise'} while their valves are "
+                f"on: {stem}_a and {stem}_b "
                 "are inverted (1 connects the chamber to the supply) or swapped"
             )
         if own and cross and min(cross) > max(_FOLLOWS, _MORE * max(own)):

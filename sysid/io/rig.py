@@ -42,6 +42,8 @@ ASSUMED = "assumed"
 BARE = "the reference rig"
 """The `source` of a rig that was made without a rig file."""
 _NO_FILE = "the assumed rig"
+# Share of the atmosphere's pressure: less drives nothing, and is the weather's.
+_LEAST_VACUUM = 0.05
 _NO_INERTIA = Inertia.model_construct()
 _NO_SENSORS = Sensors.model_construct()
 
@@ -154,6 +156,13 @@ class Rig:
         return SIDES if self.cylinder is None else self.cylinder.chambers
 
     @property
+    def supply_way(self) -> float:
+        """1 where the supply is above the atmosphere, -1 where it is a vacuum."""
+        a = self.air
+        vacuum = a is not None and a.supply_pressure_pa < a.atmospheric_pressure_pa
+        return -1.0 if vacuum else 1.0
+
+    @property
     def pressure_channels(self) -> tuple[str, ...]:
         """The channels of its chambers' pressures; none of a motor alone."""
         return () if self.is_motor_alone else CHAMBER_PRESSURES[: len(self.sides)]
@@ -176,7 +185,8 @@ class Rig:
             return None
         stiffness: float = getattr(self.spring, self.units.stiffness)
         preload: float = getattr(self.spring, self.units.preload)
-        return stiffness, preload + stiffness * 0.5 * (self.travel or 0.0)
+        at_0 = preload + stiffness * 0.5 * (self.travel or 0.0)
+        return stiffness, self.supply_way * at_0
 
     @property
     def is_tank_alone(self) -> bool:
@@ -464,7 +474,7 @@ def _section(
 def _check_together(rig: Rig) -> None:
     """Checks that involve several keys."""
     air, cylinder = rig.air, rig.cylinder
-    if air is not None and air.supply_pressure_pa <= air.atmospheric_pressure_pa:
+    if air is not None and _is_atmosphere(air):
         raise input_error(
             rig.source,
             f"[air] supply_pressure_pa = {air.supply_pressure_pa:g} is not above "
@@ -498,6 +508,12 @@ def _check_together(rig: Rig) -> None:
                 f"give an offset above {cylinder.stroke_m / 2:g} m: half the stroke and the "
                 "dead length",
             )
+
+
+def _is_atmosphere(air: Air) -> bool:
+    """Whether a supply is neither above the atmosphere nor a vacuum."""
+    highest_vacuum = (1.0 - _LEAST_VACUUM) * air.atmospheric_pressure_pa
+    return highest_vacuum < air.supply_pressure_pa <= air.atmospheric_pressure_pa
 
 
 def _check_spring(rig: Rig) -> None:

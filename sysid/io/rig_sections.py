@@ -53,8 +53,8 @@ class Air(TomlSection):
     supply_pressure_pa: Annotated[
         float,
         NumberKey(
-            "Supply pressure, absolute; above the atmosphere.",
-            Range(1.05e5, 5e6, "Pa", "absolute Pa: 3 bar gauge is 400000"),
+            "Supply pressure, absolute; below the atmosphere it is a vacuum supply.",
+            Range(1e3, 5e6, "Pa", "absolute Pa: 3 bar gauge is 400000"),
             TemplateLine("600000.0", "absolute: a gauge that shows 5 bar means about 600000"),
         ),
     ]

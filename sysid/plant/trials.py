@@ -127,8 +127,10 @@ def starts_on_supply(trial: Trial, rig: Rig) -> tuple[bool, bool]:
         return False, False
     air = rig.require("air", "which the valves' flow needs")
     middle = 0.5 * (air.atmospheric_pressure_pa + air.supply_pressure_pa)
+    way = rig.supply_way
     on = [
-        f"duty_{side}" in trial and (_first(trial, f"pressure_{side}_pa") or 0.0) > middle
+        f"duty_{side}" in trial
+        and way * ((_first(trial, f"pressure_{side}_pa") or 0.0) - middle) > 0.0
         for side in SIDES
     ]
     return on[0], on[1]

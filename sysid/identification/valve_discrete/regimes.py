@@ -21,6 +21,8 @@ from sysid.types import FloatArray
 FEWEST_ROWS = 3
 # Distance from a regime's ends, in standard deviations of the noise.
 _MARGIN = 4.0
+# Share of the way between supply and atmosphere, at its end, which noise determines.
+_NEAR_REST = 0.03
 
 
 @dataclass
@@ -54,6 +56,8 @@ class Stretches:
 
 def read_stretches(piece: Piece) -> Stretches:
     """Read the first filling and the first discharging of a piece."""
+    if piece.way < 0.0:
+        return _read_vacuum(piece)
     found = Stretches()
     c = piece.chamber
     if len(c.opens) == 0:
@@ -67,6 +71,61 @@ def read_stretches(piece: Piece) -> Stretches:
         following = float(c.opens[1]) if len(c.opens) > 1 else math.inf
         _discharge(piece, float(c.closes[0]), following, found)
     return found
+
+
+_UNCHOKED = "a vacuum's flow is not choked by the thesis' law: no test identifies it"
+
+
+def _read_vacuum(piece: Piece) -> Stretches:
+    """The same of a chamber that a vacuum empties and the atmosphere fills again.
+
+    On, sqrt(P - Ps) falls in proportion to time, off, log(P0 - P).
+    """
+    found, c, margin = Stretches(), piece.chamber, _MARGIN * piece.noise
+    found.miss("choked_flow_fill_kg_s", _UNCHOKED)
+    found.miss("choked_flow_dis_kg_s", _UNCHOKED)
+    head = piece.atmosphere - piece.supply
+    least = max(1.5 * margin, _NEAR_REST * head)
+    if len(c.opens) == 0:
+        _no_filling(found, "the valve is never switched on")
+        begin, end = -math.inf, math.inf
+    else:
+        end = float(c.opens[1]) if len(c.opens) > 1 else math.inf
+        begin, opened = float(c.closes[0]), float(c.opens[0])
+        root = np.sqrt(np.maximum(piece.pressure - piece.supply, 0.0))
+        slope = _fall(root, math.sqrt(least), c.time, (opened, begin))
+        if slope is None:
+            why = "the pressure does not fall towards the supply while the valve is on"
+            _no_filling(found, f"{why}: hold it on longer, or log faster")
+        else:
+            found.values["c_fill"] = -2.0 * slope / c.gain
+        if not np.any(c.time < opened):
+            found.miss("on_delay_s", "no row lies before the valve is switched on")
+    if begin > c.time[-1]:
+        _no_discharge(found, "the valve is not switched off again: record longer")
+        return found
+    below = np.maximum(piece.atmosphere - piece.pressure, 1.0)
+    slope = _fall(np.log(below), math.log(least), c.time, (begin, end))
+    if slope is None:
+        why = "the pressure does not rise to the atmosphere after switching off"
+        _no_discharge(found, f"{why}: record longer, or log faster")
+    else:
+        found.values["c_dis"] = -slope / c.gain
+    return found
+
+
+def _fall(
+    values: FloatArray, least: float, time: FloatArray, span: tuple[float, float]
+) -> float | None:
+    """Slope, 1/s, of values (n,) within a span of time, s, until they are first below the least;
+    None where they are too few, or do not fall."""
+    rows = np.flatnonzero((time >= span[0] + EDGE_GUARD_S * 0.1) & (time < span[1]))
+    low = np.flatnonzero(values[rows] < least)
+    rows = rows[: int(low[0])] if len(low) else rows
+    if len(rows) < FEWEST_ROWS:
+        return None
+    slope = float(np.polyfit(time[rows] - time[rows[0]], values[rows], 1)[0])
+    return slope if slope < 0.0 else None
 
 
 def _no_filling(found: Stretches, why: str) -> None:

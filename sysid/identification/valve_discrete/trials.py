@@ -63,6 +63,11 @@ class Piece:
     fits_initial: bool = True
 
     @property
+    def way(self) -> float:
+        """1 where the chamber fills from its supply, -1 where a vacuum empties it."""
+        return 1.0 if self.chamber.supply_reference > self.atmosphere else -1.0
+
+    @property
     def supply(self) -> float:
         """Mean supply, Pa, from which the fit starts."""
         return float(np.mean(self.chamber.supply)) + self.supply_shift
@@ -247,7 +252,7 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
 def _risen(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float:
     """When a chamber has filled most of the way to the minimum of its supply, s."""
     rows = _on_rows(piece, bad, opened, closed)
-    pressure = piece.pressure[rows]
+    pressure = piece.way * piece.pressure[rows]
     start, top = float(pressure[0]), int(np.argmax(pressure))
     level = start + _RISE_SHARE * (float(np.min(pressure[top:])) - start)
     return float(piece.chamber.time[rows[int(np.argmax(pressure >= level))]])
@@ -301,8 +306,8 @@ def _unsteady(piece: Piece, bad: BoolArray, opened: float, closed: float) -> str
     rows = _on_rows(piece, bad, opened, closed)
     if len(rows) < 4 * FEWEST_ROWS:
         return None
-    time = piece.chamber.time[rows]
-    _, means = _blocks(time, piece.pressure[rows], _BLOCK_S)
+    time, way = piece.chamber.time[rows], piece.way
+    _, means = _blocks(time, way * piece.pressure[rows], _BLOCK_S)
     means = means[:-1]
     per_block = max(1, len(rows) // max(len(means), 1))
     wobble = 6.0 * piece.noise / np.sqrt(per_block) + 20.0
@@ -310,26 +315,31 @@ def _unsteady(piece: Piece, bad: BoolArray, opened: float, closed: float) -> str
     if len(means) < 2 * flat:
         return None
     last = float(np.mean(means[-flat // 2 :]))
-    limit = max(SUPPLY_TOLERANCE * last, wobble)
+    limit = max(SUPPLY_TOLERANCE * abs(last), wobble)
     if float(means.max()) - last > limit:
-        return f"the pressure fell from {means.max():.6g} to {last:.6g} Pa"
+        fell = "fell" if way > 0.0 else "rose"
+        return f"the pressure {fell} from {way * means.max():.6g} to {way * last:.6g} Pa"
     windows = np.lib.stride_tricks.sliding_window_view(means, flat)
     level, spread = windows.mean(axis=1), np.ptp(windows, axis=1)
     # Before its valve opens a chamber rests too: at its initial level.
-    began = float(piece.pressure[rows[0]])
+    began = way * float(piece.pressure[rows[0]])
     resting = (spread < wobble) & (last - level > limit) & (level - began > 2.0 * limit)
     if np.any(resting):
-        at = float(level[np.argmax(resting)])
-        return f"the pressure rested at {at:.6g} Pa and then rose to {last:.6g} Pa"
+        at, rose = way * float(level[np.argmax(resting)]), "rose" if way > 0.0 else "fell"
+        return f"the pressure rested at {at:.6g} Pa and then {rose} to {way * last:.6g} Pa"
     return None
 
 
 def _settled(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float | None:
     """The pressure at which the chamber settled with the valve on, Pa; None: it did not."""
     level = _resting_level(piece.pressure[_on_rows(piece, bad, opened, closed)], piece.noise)
-    if level is None or level < 1.1 * CRITICAL_RATIO * piece.supply:
+    if level is None:
         return None
-    return level
+    if piece.way < 0.0:
+        reached = abs(level - piece.supply) < abs(level - piece.atmosphere)
+    else:
+        reached = level >= 1.1 * CRITICAL_RATIO * piece.supply
+    return level if reached else None
 
 
 def _mean_level(piece: Piece, bad: BoolArray, begin: float, end: float) -> float | None:
@@ -384,7 +394,9 @@ def _piece(
     later = c.closes > time[0] - 0.5 * EDGE_GUARD_S
     opens, closes = c.opens[later].copy(), c.closes[later]
     begun = opens < time[0]
-    high = float(np.median(p[:5])) > air.atmospheric_pressure_pa + 8.0 * whole.noise
+    # A vacuum has it below the atmosphere.
+    way = whole.way
+    high = way * (float(np.median(p[:5])) - air.atmospheric_pressure_pa) > 8.0 * whole.noise
     if rows.start == 0 and high:
         # On from the first row and already filled: it was on before the log began.
         begun |= opens <= time[0]
