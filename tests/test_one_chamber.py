@@ -23,11 +23,13 @@ from sysid.exporters.flat import flatten
 from sysid.friction import fit_friction
 from sysid.io.logs import Log, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
+from sysid.io.samples import with_channels
 from sysid.parameters import Bundle, Parts
 from sysid.plant import base, plant
 from sysid.plant.base import ValveParameters, parameters_from_rig
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.trials import simulate_trials
+from sysid.recording.motion_tests import prepare
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
 
@@ -140,6 +142,22 @@ def test_the_open_side_stays_at_the_atmosphere(folder: Path) -> None:
     leak = 1e-3  # kg/s, more than any leak past a seal
     rate = p.heat_capacity_ratio * p.gas_constant * p.temperature * leak / full
     assert np.all(rate < 1.0)  # Pa/s
+
+
+def test_a_test_that_begins_at_its_stop_counts_until_it_is_back(folder: Path) -> None:
+    log = log_of(folder, "motion_discrete_2")
+    rig, trial = log.rig, log.trials[0]
+    assert rig is not None and rig.travel is not None
+    stop, n = 0.5 * rig.travel, len(trial)
+    position = np.full(n, -0.999 * stop)
+    position[n // 4 : n // 2] = 0.0
+    moved = with_channels(trial, position_m=position)
+    test = prepare(moved, "motion-discrete", rig, 1.0)
+    assert test.counted(test.whole) == n // 2
+    still = with_channels(trial, position_m=np.full(n, -0.999 * stop))
+    assert prepare(still, "motion-discrete", rig, 1.0).counted(test.whole) == 0
+    free = rig_from_content({k: v for k, v in rig.content.items() if k != "spring"}, "rig.toml")
+    assert prepare(moved, "motion-discrete", free, 1.0).counted(test.whole) == 0
 
 
 # --- fits ---------------------------------------------------------------------------------

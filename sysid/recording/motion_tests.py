@@ -93,9 +93,17 @@ class MotionTest(Recording):
         return measured_channels(self.trial, self.rig)
 
     def counted(self, segment: Segment) -> int:
-        """How many rows of a segment count: those before the arm comes near an end stop."""
-        near = np.flatnonzero(self.near_stop[segment.start : segment.stop])
-        return int(near[0]) if near.size else segment.stop - segment.start
+        """How many rows of a segment count: those before the arm comes near an end stop.
+
+        A spring rests the piston at one: there a test may begin, which counts until it is back.
+        """
+        near, left = self.near_stop[segment.start : segment.stop], 0
+        if self.rig.spring is not None and segment.start == 0 and near[0]:
+            left = int(np.argmin(near))
+            if near[left]:
+                return 0
+        back = np.flatnonzero(near[left:])
+        return left + int(back[0]) if back.size else segment.stop - segment.start
 
     def measured_in(self, segment: Segment) -> FloatArray:
         """(3, rows) position and pressures of a segment's rows that count."""
@@ -137,7 +145,7 @@ def prepare(
         whole=Segment(0, len(trial), state_at_rest(trial.time, measured, noise, edges)),
     )
     test = replace(test, whole=_whole(test, edges, inertia, stride, notices))
-    if test.near_stop.any():
+    if test.near_stop.any() and test.counted(test.whole) < test.whole.stop - test.whole.start:
         notices.append(_stop_notice(test))
     segments = _segments(test, edges, horizon, rig, stride)
     return replace(test, segments=segments, notices=tuple(notices))
@@ -232,7 +240,8 @@ def _whole_of_part(
 
 
 def _stop_notice(test: MotionTest) -> str:
-    first = int(np.argmax(test.near_stop))
+    begins = test.rig.spring is not None and test.near_stop[0]
+    first = test.counted(test.whole) if begins else int(np.argmax(test.near_stop))
     return (
         f"{test.source}: within 1 % of the stroke from an end stop at "
         f"{test.trial.time[first] - test.trial.time[0]:.3f} s ({int(test.near_stop.sum())} of "
