@@ -46,11 +46,11 @@ from sysid.pipeline.export import (
 @accept_assumed_option
 @json_option
 def export(bundle: Path, output: Path, as_json: bool, **options: Any) -> None:
-    """Files for a controller (a C header, MATLAB, flat JSON) or a simulator (an FMU).
+    """Files for a controller (a C header, MATLAB, flat JSON) or a simulator (FMU, MJCF).
 
     Next to the header a folder is written that replays Python's numbers through it. An FMU is the
     plant for co-simulation, with a library for this machine where a C compiler is there; the
-    controllers are a second one.
+    controllers are a second one. MJCF is the joint for MuJoCo, without chambers and valves.
     """
     asked = ExportOptions(**options)
     said = export_file(bundle, output, asked)

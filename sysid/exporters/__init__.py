@@ -17,6 +17,7 @@ from sysid.exporters.simulators import (
     NO_CONTROLLERS,
     controllers_file,
     write_fmu,
+    write_mjcf,
 )
 from sysid.io.files import write_atomic
 from sysid.parameters import Bundle, EffectEntry, bundle_text
@@ -25,7 +26,7 @@ from sysid.plant.effects.catalogue import catalogue_with
 from sysid.plant.effects.entry import SIDE_CHOICES, Catalogue, CatalogueEffect
 from sysid.plant.effects.linear import for_rig
 
-FORMATS = ("c", "mat", "json", "fmu")
+FORMATS = ("c", "mat", "json", "fmu", "mjcf")
 
 __all__ = [
     "DEFAULT_PREFIX",
@@ -62,8 +63,8 @@ def export_bundle(
 
     fmt: "c" (one C99 header whose names begin with `prefix`, and with `check` a folder next to it
     that replays Python's numbers through it: `check_folder`), "mat" (MAT 5, a struct
-    `sysid`), "json", or "fmu" (the plant for co-simulation, by FMI's version `fmi`, and the
-    controllers next to it: `controllers_file`). `sha256` is
+    `sysid`), "json", "fmu" (the plant for co-simulation, by FMI's version `fmi`, and the
+    controllers next to it: `controllers_file`), or "mjcf" (the joint for MuJoCo). `sha256` is
     the bundle file's, by default that of the file which `sysid.parameters.write_bundle` makes of
     it. `catalogue` maps ids to the effects' classes, whose laws the C header and the FMU hold;
     None is the project's own. Controllers that use an assumed constant are in the header only with
@@ -77,6 +78,8 @@ def export_bundle(
         raise input_error("--format", f"{fmt!r} is unknown", f"use one of {', '.join(FORMATS)}")
     if fmt == "fmu":
         return write_fmu(bundle, path, catalogue, fmi, accept_assumed)
+    if fmt == "mjcf":
+        return write_mjcf(bundle, path, catalogue, accept_assumed)
     if sha256 is None:
         sha256 = _digest(bundle)
     flat = flatten(bundle, sha256)

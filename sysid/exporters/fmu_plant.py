@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from importlib import resources
 
 from sysid import __version__
-from sysid.controllers.design_model import assumed_constants
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.exporters.c_constants import SAME_NAMES
 from sysid.exporters.c_text import number
@@ -43,16 +42,14 @@ _MEANING = {
 }
 
 
-def plant_fmu(
-    bundle: Bundle, effects: Sequence[CatalogueEffect], model: Model, accept_assumed: bool
-) -> FmuContent:
+def plant_fmu(bundle: Bundle, effects: Sequence[CatalogueEffect], model: Model) -> FmuContent:
     """The plant of a bundle; `effects` are the model's, in the bundle's order.
 
-    Raises InputError for an effect without a form in C, and for assumed constants that are not
-    accepted; NotIdentifiedError where valves have no on/off law.
+    Raises InputError for an effect without a form in C, NotIdentifiedError where valves have no
+    on/off law.
     """
     rig = bundle.rig
-    _require_held(bundle, rig, effects, model, accept_assumed)
+    _require_held(bundle, effects, model)
     traced = traced_plant(model, effects, rig)
     variables = (*_inputs(rig, traced), *_outputs(rig), *_start(rig, model))
     variables += tuple(_parameters(bundle, effects, traced))
@@ -76,20 +73,7 @@ def plant_fmu(
     )
 
 
-def _require_held(
-    bundle: Bundle,
-    rig: Rig,
-    effects: Sequence[CatalogueEffect],
-    model: Model,
-    accept_assumed: bool,
-) -> None:
-    assumed = assumed_constants(rig)
-    if assumed and not accept_assumed:
-        raise input_error(
-            bundle.source,
-            f"its plant would use undeclared constants: {', '.join(assumed)}",
-            "declare them in a rig file and fit again, or accept them with --accept-assumed",
-        )
+def _require_held(bundle: Bundle, effects: Sequence[CatalogueEffect], model: Model) -> None:
     if not has_discrete_law(model.parameters):
         raise NotIdentifiedError(
             f"{bundle.source}: holds no on/off law of both valves, which a plant that follows "

@@ -1,4 +1,4 @@
-"""Files for other simulators: the plant, and its controllers, as FMUs."""
+"""Files for other simulators: the plant, and its controllers, as FMUs; its joint for MuJoCo."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sysid.controllers.design_model import assumed_constants
 from sysid.errors import input_error
 from sysid.io.files import write_atomic
 from sysid.parameters import Bundle
@@ -40,9 +41,10 @@ def write_fmu(
     from sysid.exporters.fmu import fmu_bytes
     from sysid.exporters.fmu_plant import plant_fmu
 
+    require_plant_declared(bundle, accept_assumed)
     model = bundle.model(None, catalogue)
     effects = _of_catalogue(bundle, model.effects)
-    data, notices = fmu_bytes(plant_fmu(bundle, effects, model, accept_assumed), fmi)
+    data, notices = fmu_bytes(plant_fmu(bundle, effects, model), fmi)
     files = {path: data}
     controllers = _controllers(bundle, effects, accept_assumed)
     if isinstance(controllers, str):
@@ -52,6 +54,38 @@ def write_fmu(
     for place, content in files.items():
         write_atomic(place, content)
     return [*assumed_parameters(bundle), *notices]
+
+
+def write_mjcf(
+    bundle: Bundle, path: Path, catalogue: Catalogue | None, accept_assumed: bool
+) -> list[str]:
+    """Write a bundle's moving part for MuJoCo, whole or not at all.
+
+    Returns notices: what MuJoCo's joint does not hold. Raises InputError for assumed constants that
+    are not accepted, and where `path` cannot be written; NotIdentifiedError where the bundle has no
+    friction.
+    """
+    from sysid.exporters.mjcf import joint_of, mjcf_text
+
+    require_plant_declared(bundle, accept_assumed)
+    model = bundle.model(None, catalogue)
+    joint = joint_of(bundle.rig, model, _of_catalogue(bundle, model.effects))
+    write_atomic(path, mjcf_text(bundle, joint))
+    return [
+        *assumed_parameters(bundle),
+        *(f"MuJoCo's joint does not hold {line}" for line in joint.not_held),
+    ]
+
+
+def require_plant_declared(bundle: Bundle, accept_assumed: bool) -> None:
+    """InputError for a bundle whose plant uses assumed constants, without `accept_assumed`."""
+    assumed = assumed_constants(bundle.rig)
+    if assumed and not accept_assumed:
+        raise input_error(
+            bundle.source,
+            f"its plant would use undeclared constants: {', '.join(assumed)}",
+            "declare them in a rig file and fit again, or accept them with --accept-assumed",
+        )
 
 
 def _controllers(
@@ -76,4 +110,4 @@ def _of_catalogue(bundle: Bundle, effects: Sequence[Effect]) -> tuple[CatalogueE
     return found
 
 
-__all__ = ["FMI_VERSIONS", "NO_CONTROLLERS", "controllers_file", "write_fmu"]
+__all__ = ["FMI_VERSIONS", "NO_CONTROLLERS", "controllers_file", "write_fmu", "write_mjcf"]

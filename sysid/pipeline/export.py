@@ -22,7 +22,7 @@ from sysid.parameters.assembled_model import effects_from_bundle
 from sysid.pipeline.request import Options, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 
-_FORMAT_OF = {".h": "c", ".mat": "mat", ".json": "json", ".fmu": "fmu"}
+_FORMAT_OF = {".h": "c", ".mat": "mat", ".json": "json", ".fmu": "fmu", ".xml": "mjcf"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,9 +38,10 @@ class ExportOptions(Options):
 
 @takes(ExportOptions)
 def export(bundle: Bundle, path: str | Path, options: ExportOptions) -> tuple[str, ...]:
-    """Write files for a controller (a C header, a MATLAB file, flat JSON) or a simulator (an FMU).
+    """Write files for a controller (a C header, MATLAB, flat JSON) or a simulator (FMU, MJCF).
 
-    `format` "c", "mat", "json" or "fmu"; None: by the suffix of `path` (.h, .mat, .json, .fmu).
+    `format` "c", "mat", "json", "fmu" or "mjcf"; None: by the suffix of `path` (.h, .mat, .json,
+    .fmu, .xml).
     Names in the header begin with `prefix`; `effects` are those of the bundle that the catalogue
     lacks; `fmi` is the FMU's version, "3" or "2". Controllers, and a plant, that use an assumed
     constant are written only with `accept_assumed`.
