@@ -19,6 +19,7 @@ from sysid.identification.friction.clusters import Clusters, cluster_test
 from sysid.identification.friction.combinations import (
     Combination,
     Separation,
+    Sums,
     combined,
     mean_friction,
     unidentified,
@@ -99,7 +100,7 @@ class _Fit:
     uses: list[TrialUse] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
     failures: dict[str, Failure] = field(default_factory=dict)
-    sums: tuple[Combination, ...] = ()
+    sums: Sums = Sums()
     contradicted: bool = False
     is_forced: bool = False
     cutoff_hz: float = math.nan  # known once all trials are read
@@ -258,7 +259,7 @@ def _set_aside(fit: _Fit, sliding: SlidingFriction) -> None:
         "an effort that changes along the stroke or with the direction acts in them"
     )
     fit.failures[SLIDING] = Failure(why)
-    fit.sums = ()
+    fit.sums = Sums()
     for use in fit.uses:
         if use.kind == SLIDING and use.used:
             use.exclude(why)
@@ -389,7 +390,7 @@ def _by_levels(fit: _Fit, inertia: float | None, before: int) -> SlidingFriction
     if len(levels) == len(fit.by_kind[SLIDING]):
         return None
     kept = fit.sums, fit.notices, fit.uses
-    fit.sums, fit.notices = (), fit.notices[:before]
+    fit.sums, fit.notices = Sums(), fit.notices[:before]
     fit.uses = [use for use in fit.uses if use.kind != SLIDING]
     found = on_its_own(partial(_sliding, levels, fit, inertia))
     if isinstance(found, Failure):
@@ -421,7 +422,7 @@ def _as_motion(fit: _Fit, inertia: float | None, before: int) -> MotionFriction 
     result, uses = found
     if not result.viscous.identified:
         return None
-    fit.cutoff_hz, fit.sums = cutoff, ()
+    fit.cutoff_hz, fit.sums = cutoff, Sums()
     fit.by_kind[MOTION], fit.by_kind[SLIDING] = trials, []
     fit.uses = [use for use in fit.uses if use.kind not in (MOTION, SLIDING)] + uses
     fit.notices[before:] = [
@@ -478,16 +479,19 @@ def _nothing(fit: _Fit) -> str:
 
 @dataclass(frozen=True)
 class _Moving:
-    """Friction from one kind of moving test: the fit, and the sums it does not separate."""
+    """Friction from one kind of moving test: the fit, the sums that it does not separate, and an
+    offset that it does."""
 
     kind: str
     fit: SlidingFriction | MotionFriction | None
     sums: tuple[Combination, ...] = ()
+    offset: Estimate | None = None
 
     def parameters(self, u: MotionUnits, reason: str = "") -> dict[str, Estimate]:
         """Coulomb and viscous friction, and the offset where the tests identify it."""
         names = ("coulomb", "viscous", "offset")
         own = {} if self.fit is None else {name: getattr(self.fit, name) for name in names}
+        own |= {} if self.offset is None else {"offset": self.offset}
         in_sums = {name for c in self.sums for name in c.terms}
         return {
             name: unidentified(name, u.unit(name), self.sums, reason)
@@ -502,14 +506,21 @@ class _Moving:
         own = self.parameters(u)
         return sum(own[name].identified for name in ("coulomb", "viscous"))
 
+    def apart(self, u: MotionUnits) -> int:
+        """How many sums, and an offset next to them, are known."""
+        offset = self.parameters(u).get("offset")
+        return len(self.sums) + bool(self.sums and offset is not None and offset.identified)
+
 
 def _chosen(fit: _Fit, sliding: SlidingFriction | None, motion: MotionFriction | None) -> _Moving:
     """The constant-effort tests, unless motion identifies more parameters, or more sums."""
-    kinds = [_Moving(SLIDING, sliding, fit.sums)] if sliding is not None or fit.sums else []
+    kinds = []
+    if sliding is not None or fit.sums:
+        kinds.append(_Moving(SLIDING, sliding, fit.sums.rows, fit.sums.offset))
     if motion is not None:
         kinds.append(_Moving(MOTION, motion, motion.combinations))
     return max(
-        kinds, key=lambda k: (k.found(fit.units), len(k.sums)), default=_Moving(STATIC, None)
+        kinds, key=lambda k: (k.found(fit.units), k.apart(fit.units)), default=_Moving(STATIC, None)
     )
 
 

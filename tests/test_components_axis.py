@@ -241,7 +241,8 @@ def screw(seal: float, area: float = 5e-4, only: str | None = None) -> Axis:
 
 def test_one_speed_each_way_tells_no_law_over_speed() -> None:
     part = screw(1e-5)
-    assert [p.name for p in part.parameters()] == ["coulomb_n"]
+    # Both directions tell an offset from friction, whatever friction is over speed.
+    assert [p.name for p in part.parameters()] == ["coulomb_n", "offset_n"]
     ids = {kind.id for kind in part.effects(CATALOGUE)}
     assert "seal-friction" in ids
     assert not {"stribeck-friction", "quadratic-drag", "asymmetric-viscous-friction"} & ids
@@ -253,7 +254,10 @@ def test_one_speed_each_way_tells_no_law_over_speed() -> None:
     assert sliding.of == ("coulomb_n", "viscous_n_s_per_m")
     assert sliding.estimate.value == pytest.approx(6.0 + 1e-5 * 4e5, rel=0.1)
     bundle = Bundle.new(part.rig, result.part(), [])
-    assert part.law_of(bundle).values == {"coulomb_n": sliding.estimate.value}
+    offset = result["offset_n"]
+    assert offset.identified and offset.holds(0.0)
+    held = {"coulomb_n": sliding.estimate.value, "offset_n": offset.value}
+    assert part.law_of(bundle).values == held
 
 
 def test_seal_friction_and_a_wrong_area_are_told_apart() -> None:

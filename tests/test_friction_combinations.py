@@ -72,11 +72,25 @@ def test_one_direction_at_several_levels() -> None:
 def test_one_level_in_both_directions() -> None:
     result = fit_friction(slid((0.27,), (1.0, -1.0), 0.005), RIG)
     consistent(result)
-    assert expressions(result) == [
-        ("coulomb_nm", "viscous_nm_s_per_rad"),
-        ("offset_nm", "viscous_nm_s_per_rad"),
-    ]
+    assert expressions(result) == [("coulomb_nm", "viscous_nm_s_per_rad")]
     assert "second level" in result.combinations[0].test
+    offset = result["offset_nm"]
+    assert offset.holds(OFFSET) and offset.value == pytest.approx(OFFSET, abs=0.003)
+    friction = result.part().friction
+    assert friction is not None and friction.in_motion("offset") == offset
+
+
+def test_an_offset_that_changes_the_speed_holds_what_viscous_friction_may_be() -> None:
+    """The same torque both ways: the way that the offset helps is faster."""
+    trials = [constant(way * 0.27, 0.0, f"{way}{k}", OFFSET) for way in (1.0, -1.0) for k in "abc"]
+    result = fit_friction(trials, RIG)
+    assert expressions(result) == [("coulomb_nm", "viscous_nm_s_per_rad")]
+    offset = result["offset_nm"]
+    speeds = {way: result.trials[k].values["speed"] for way, k in ((1.0, 0), (-1.0, 3))}
+    assert -speeds[-1.0] > 1.1 * speeds[1.0]
+    # Of equal torques and without viscous friction there would be next to no offset.
+    assert offset.value < 0.2 * OFFSET
+    assert offset.holds(OFFSET) and not offset.holds(-0.1 * OFFSET)
 
 
 @pytest.mark.parametrize("count", [1, 3])

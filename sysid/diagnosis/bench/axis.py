@@ -124,7 +124,7 @@ class Axis(Component):
         if self.has_speeds:
             steep = effort / speed
             found.append(Parameter(u.key("viscous"), 0.1 * steep, u.viscous_unit, 0.0, scale=steep))
-        if self.has_speeds and not self.only_way:
+        if not self.only_way:
             found.append(Parameter(u.key("offset"), 0.0, u.effort, scale=effort))
         if self.rig.total_inertia() is None:
             steep = float(np.mean([np.std(c.seen.acceleration) for c in self.cases]))

@@ -1,8 +1,13 @@
 """Combinations of parameters: what tests identify that do not separate Coulomb friction from an
-offset (one direction) or friction from its slope over speed (one speed)."""
+offset (one direction) or friction from its slope over speed (one speed).
+
+At one speed in both directions the offset is a number of its own: viscous friction enters it only by
+how much the two speeds differ, and lies between none and all friction of the tests.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -78,6 +83,17 @@ class Combination:
 
 
 @dataclass(frozen=True)
+class Sums:
+    """What such tests give: the combinations, and the offset where that is not part of one."""
+
+    rows: tuple[Combination, ...] = ()
+    offset: Estimate | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self.rows)
+
+
+@dataclass(frozen=True)
 class Separation:
     """Whether tests run both ways and at several speeds; `way` is that of one-way tests."""
 
@@ -98,29 +114,41 @@ class Separation:
 
 def combined(
     estimates: Sequence[Estimate], slope: tuple[float, float], shape: Separation, units: MotionUnits
-) -> tuple[Combination, ...]:
-    """The combinations that a fit of reduced columns gives.
+) -> Sums:
+    """What a fit of reduced columns gives.
 
     In both directions `estimates` are of the columns direction and 1, in one of the direction
     alone; `slope` is the fit of the speed on the same columns (its factor of viscous friction
-    in each sum), ignored where there are several speeds.
+    in each), ignored where there are several speeds.
     """
-    rows: list[dict[str, float]] = [{"coulomb": 1.0}, {"offset": 1.0}]
-    if not shape.both:
-        rows = [{"coulomb": 1.0, "offset": shape.way}]
-    found = []
-    for own, estimate, factor in zip(rows, estimates, slope, strict=False):
-        terms = own if shape.speeds else {**own, "viscous": factor}
-        if len(terms) > 1:
-            sums = Combination(tuple(terms), tuple(terms.values()), estimate, shape.test, units)
-            found.append(sums)
-    return tuple(found)
+    if shape.full:
+        return Sums()
+    terms = {"coulomb": 1.0} if shape.both else {"coulomb": 1.0, "offset": shape.way}
+    terms |= {} if shape.speeds else {"viscous": slope[0]}
+    row = Combination(tuple(terms), tuple(terms.values()), estimates[0], shape.test, units)
+    return Sums((row,), _offset(estimates, slope) if shape.both else None)
+
+
+def _offset(estimates: Sequence[Estimate], slope: tuple[float, float]) -> Estimate:
+    """The offset of tests in both directions at one speed.
+
+    The value goes with a sum that is all Coulomb friction. At the most, viscous friction is all of
+    the sum: then the offset is less by that times half the difference of the two speeds. The
+    interval reaches from the one to the other.
+    """
+    friction, offset = estimates
+    mean, half = slope
+    less = half * max(friction.value, 0.0) / mean if mean > 0.0 else 0.0
+    low, high = offset.interval
+    limits = (low - max(less, 0.0), high - min(less, 0.0))
+    std = math.hypot(offset.std, less / math.sqrt(3.0))
+    return Estimate(offset.value, std, offset.unit, limits, offset.reason)
 
 
 def mean_friction(
     friction: FloatArray, speed: FloatArray, way: FloatArray, units: MotionUnits
-) -> tuple[Combination, ...]:
-    """The combinations of trials at one level of the effort, from their mean friction (signed),
+) -> Sums:
+    """What is known of trials at one level of the effort, from their mean friction (signed),
     mean speed (signed) and direction, (n,) each."""
     both = len(np.unique(way)) == 2
     shape = Separation(both, False, float(way[0]))
@@ -152,6 +180,7 @@ __all__ = [
     "OTHER_SPEED",
     "Combination",
     "Separation",
+    "Sums",
     "combined",
     "mean_friction",
     "unidentified",

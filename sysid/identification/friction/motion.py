@@ -375,10 +375,11 @@ def _finished(
             model.columns, found.values, found.stds, found.dofs, strict=True
         )
     }
-    sums: tuple[Combination, ...] = ()
-    if not model.shape.full:
-        parts = [by_column[c] for c in (COULOMB, OFFSET) if c in by_column]
-        sums = combined(parts, model.slope, model.shape, units)
+    parts = [by_column[c] for c in (COULOMB, OFFSET) if c in by_column]
+    known = combined(parts, model.slope, model.shape, units)
+    sums = known.rows
+    if known.offset is not None:
+        by_column[OFFSET] = known.offset
     full = model.full(found.values)
     rmse, count = _rmse(samples, full)
     effort = np.concatenate([model.balanced(s) for s in samples])
