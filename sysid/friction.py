@@ -100,7 +100,7 @@ class _Fit:
     uses: list[TrialUse] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
     failures: dict[str, Failure] = field(default_factory=dict)
-    sums: Sums = Sums()
+    sums: Sums = field(default_factory=Sums)
     contradicted: bool = False
     is_forced: bool = False
     cutoff_hz: float = math.nan  # known once all trials are read

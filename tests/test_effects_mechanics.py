@@ -96,7 +96,7 @@ def forms(effect: type[CatalogueEffect]) -> list[CatalogueEffect]:
 
 def test_the_catalogue_is_whole() -> None:
     effects = catalogue()
-    assert len(effects) == 53 and set(IDS) < effects.keys()
+    assert len(effects) == 54 and set(IDS) < effects.keys()
     for members in AMBIGUOUS_CLASSES:
         assert members < effects.keys()
         assert all(class_of(member) == members for member in members)
@@ -228,6 +228,14 @@ BACK: dict[str, Any] = {"velocity": -0.07, "direction": -1.0}
             -0.208 * (0.3 * math.sin(2.0) + 0.1 * math.cos(2.0)),
         ),
         (friction.SealFriction(2e-7), "friction_effort", 0.03, -0.03),
+        # Of 0.5 Nm, and of that with 20.1 N of the cylinder at 37.5 mm.
+        (friction.LoadDependentFriction(0.04), "friction_effort", 0.02, -0.02),
+        (
+            friction.LoadDependentFriction(0.04, 1.0),
+            "friction_effort",
+            0.04 * (0.5 + 0.0375 * (1e5 * 4.524e-4 - 0.5e5 * 4.207e-4)),
+            -0.04 * (0.5 + 0.0375 * (1e5 * 4.524e-4 - 0.5e5 * 4.207e-4)),
+        ),
         (friction.QuadraticDrag(0.005), "friction_effort", 0.005 * 0.0049, -0.005 * 0.0049),
         (friction.AsymmetricViscousFriction(0.01), "friction_effort", 0.0007, 0.0007),
         (

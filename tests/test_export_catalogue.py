@@ -72,7 +72,10 @@ def sized(name: str, seed: int | None) -> CatalogueEffect:
     if seed is None:
         return kind.typical()
     rng = np.random.default_rng(seed)
-    sizes = {q.name: float(rng.uniform(q.lower, q.upper)) for q in kind.quantities}
+    sizes = {
+        q.name: float(rng.choice(q.grid) if q.is_choice else rng.uniform(q.lower, q.upper))
+        for q in kind.quantities
+    }
     # A droop behind a volume has a state.
     return kind(**{n: 0.0 if n == "line_time_s" else size for n, size in sizes.items()})
 

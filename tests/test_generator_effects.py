@@ -49,6 +49,7 @@ SHOWS = {
     "asymmetric-coulomb-friction": ("motor", POSITION),
     "position-dependent-friction": ("motor", POSITION),
     "seal-friction": ("pwm", POSITION),
+    "load-dependent-friction": ("motor", POSITION),
     "stroke-dependent-seals": ("pwm", POSITION),
     "presliding": ("motor", POSITION),
     "quadratic-drag": ("motor", POSITION),

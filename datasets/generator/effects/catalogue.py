@@ -102,6 +102,10 @@ _FRICTION: dict[str, dict[str, Form]] = {
         "breakaway": _one("seal_sum_nm_per_pa", 2e-7, flags={"use_seal_static": 1.0}),
         "difference": _one("seal_difference_nm_per_pa", 4e-7),
     },
+    "load-dependent-friction": {
+        "gear": _one("gear_friction", 0.05, flags={"use_gear": 1.0}),
+        "gear-and-rack": _one("gear_friction", 0.05, flags={"use_gear": 2.0}),
+    },
     "stroke-dependent-seals": {
         "linear": _one("seal_slope_nm_per_pa_rad", 2e-7, signed=True),
         "one-half": _one("seal_half_nm_per_pa_rad", 4e-7),

@@ -72,13 +72,13 @@ def _rates(
     held = mode[HELD] == 1
     second_rates(x, dx, command, p, k, held)
     if not held and k.bristle_compliance_rad_per_nm > 0.0:
-        dx[BRISTLE], friction = bristle(x, time, p, k)
+        dx[BRISTLE], friction = bristle(x, time, command, p, k)
         friction += drag_effort(x[VELOCITY], p, k)
         dx[VELOCITY] = (applied_effort(x, time, command, p, k) - friction) / p.inertia
         dx[POSITION] = x[VELOCITY]
     elif not held and mode[SLIDE] != 0:
         speed = x[VELOCITY] * k.angle_scale
-        friction = mode[SLIDE] * sliding_level(x, speed, time, p, k)
+        friction = mode[SLIDE] * sliding_level(x, speed, time, command, p, k)
         friction += drag_effort(x[VELOCITY], p, k) + k.asymmetry_nm * k.angle_scale
         dx[VELOCITY] = (applied_effort(x, time, command, p, k) - friction) / p.inertia
         dx[POSITION] = x[VELOCITY]
@@ -101,7 +101,7 @@ def _stick_or_slide(
     """At zero velocity: stuck unless the effort exceeds static friction."""
     x[VELOCITY] = 0.0
     effort = _effort_at_rest(x, time, command, p, k)
-    if abs(effort) <= breakaway_level(x, time, stuck, p, k):
+    if abs(effort) <= breakaway_level(x, time, stuck, command, p, k):
         mode[SLIDE] = 0
     else:
         mode[SLIDE] = 1 if effort > 0.0 else -1
@@ -143,7 +143,7 @@ def _margins(
             shaft = mode[SLIDE] * x[VELOCITY]
         else:
             effort = _effort_at_rest(x, time, command, p, k)
-            shaft = breakaway_level(x, time, stuck, p, k) - abs(effort)
+            shaft = breakaway_level(x, time, stuck, command, p, k) - abs(effort)
     return x[PRESSURE_A] - a, x[PRESSURE_B] - b, shaft
 
 

@@ -216,7 +216,20 @@ def _seal_torque(x: FloatArray, p: Any, k: Any) -> float:
 
 
 @compiled
-def sliding_level(x: FloatArray, speed: float, time: float, p: Any, k: Any) -> float:
+def _gear_friction(x: FloatArray, command: float, p: Any, k: Any) -> float:
+    """Friction of the flanks by what they carry, Nm (N): of the gear, or of gear and rack."""
+    carried = shaft_effort(x, command, p, k)
+    if k.use_gear == 2.0:
+        force = x[PRESSURE_A] * p.a.area - x[PRESSURE_B] * p.b.area
+        force -= p.atmosphere * (p.a.area - p.b.area)
+        carried += force * p.radius * pitch_factor(x[POSITION] * k.angle_scale, k)
+    return float(k.gear_friction * abs(carried))
+
+
+@compiled
+def sliding_level(
+    x: FloatArray, speed: float, time: float, command: float, p: Any, k: Any
+) -> float:
     """Friction while sliding without the viscous part, Nm (N), 0 or more; `speed` in rad/s."""
     factor = _coulomb_factor(x[POSITION] * k.angle_scale, time, k)
     torque = _seal_torque(x, p, k)
@@ -226,11 +239,16 @@ def sliding_level(x: FloatArray, speed: float, time: float, p: Any, k: Any) -> f
             torque += k.stribeck_torque_nm * np.exp(-(share**k.use_exponent))
         else:
             torque += k.stribeck_torque_nm / (1.0 + share * share)
-    return float(max(p.coulomb_friction * factor + torque * k.angle_scale, 0.0))
+    level = p.coulomb_friction * factor + torque * k.angle_scale
+    if k.gear_friction != 0.0:
+        level += _gear_friction(x, command, p, k)
+    return float(max(level, 0.0))
 
 
 @compiled
-def breakaway_level(x: FloatArray, time: float, stuck: float, p: Any, k: Any) -> float:
+def breakaway_level(
+    x: FloatArray, time: float, stuck: float, command: float, p: Any, k: Any
+) -> float:
     """Static friction, Nm (N), after `stuck` s at rest; never below what slides."""
     static = p.static_friction
     if k.dwell != 0.0:
@@ -242,7 +260,7 @@ def breakaway_level(x: FloatArray, time: float, stuck: float, p: Any, k: Any) ->
         static *= 1.0 + k.warm_up * np.exp(-time / k.warm_up_time_s)
     if k.use_seal_static > 0.0:
         static += _seal_torque(x, p, k) * k.angle_scale
-    return float(max(static, sliding_level(x, 0.0, time, p, k)))
+    return float(max(static, sliding_level(x, 0.0, time, command, p, k)))
 
 
 @compiled
@@ -258,12 +276,12 @@ def drag_effort(velocity: float, p: Any, k: Any) -> float:
 
 
 @compiled
-def bristle(x: FloatArray, time: float, p: Any, k: Any) -> tuple[float, float]:
+def bristle(x: FloatArray, time: float, command: float, p: Any, k: Any) -> tuple[float, float]:
     """Rate of the bristles, rad/s, and their friction, Nm (N), with the asymmetric part."""
     speed = x[VELOCITY] * k.angle_scale
     stiffness = 1.0 / k.bristle_compliance_rad_per_nm
-    level = sliding_level(x, speed, time, p, k)
-    rest = max(breakaway_level(x, time, 0.0, p, k) - level, 0.0)
+    level = sliding_level(x, speed, time, command, p, k)
+    rest = max(breakaway_level(x, time, 0.0, command, p, k) - level, 0.0)
     top = (level + rest * np.exp(-((speed / STATIC_SPEED_RAD_S) ** 2))) / k.angle_scale
     z = x[BRISTLE]
     full = max(top, 1e-6) / stiffness  # rad, the deflection at steady sliding

@@ -1,8 +1,8 @@
 """Combinations of parameters: what tests identify that do not separate Coulomb friction from an
 offset (one direction) or friction from its slope over speed (one speed).
 
-At one speed in both directions the offset is a number of its own: viscous friction enters it only by
-how much the two speeds differ, and lies between none and all friction of the tests.
+At one speed in both directions the offset is a number of its own: viscous friction enters it only
+by how much the two speeds differ, and lies between none and all friction of the tests.
 """
 
 from __future__ import annotations

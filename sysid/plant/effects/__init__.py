@@ -38,6 +38,7 @@ from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.effects.friction import (
     AsymmetricCoulombFriction,
     AsymmetricViscousFriction,
+    LoadDependentFriction,
     PositionDependentFriction,
     PowerLawFriction,
     Presliding,
@@ -111,6 +112,7 @@ __all__ = [
     "GearMeshRipple",
     "InertiaMismatch",
     "LinkFlexibility",
+    "LoadDependentFriction",
     "LostCounts",
     "MountingTilt",
     "PartialOpening",

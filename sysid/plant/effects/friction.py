@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sysid.plant import plant
+from sysid.plant import base, plant
 from sysid.plant.base import LEAST_DIVISOR, MAX_STEP, Array, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, Point
@@ -159,6 +159,51 @@ class SealFriction(CatalogueEffect):
         difference = xp.abs(point.pressure_a - point.pressure_b)
         pressure = gauge + self.difference_share * (difference - gauge)
         return effort + self.seal_torque_nm_per_pa * pressure * point.direction
+
+
+@dataclass(frozen=True)
+class LoadDependentFriction(CatalogueEffect):
+    """Friction grows with the load, as in a gear: + d |effort| sign w.
+
+    The effort is the motor's at the output or, with `load_is_transmitted` 1, all that the drive
+    transmits to the load: the motor's and the cylinder's together.
+    """
+
+    load_friction: Array = 0.0
+    load_is_transmitted: Array = 0.0
+
+    id = "load-dependent-friction"
+    title = "Friction that grows with the load"
+    subsystem = "friction"
+    quantities = (
+        # Of 1 no effort would move anything.
+        Quantity("load_friction", "-", 0.05, 0.0, 0.9, "share of the effort"),
+        Quantity(
+            "load_is_transmitted",
+            "-",
+            0.0,
+            0.0,
+            1.0,
+            "0: of the motor's effort, 1: of the motor's and the cylinder's together",
+            is_strength=False,
+            grid=(0.0, 1.0),
+            is_choice=True,
+        ),
+    )
+    signature = "torque against the effort's magnitude, against the motion"
+    rivals = ("torque-constant-error", "seal-friction")
+    tie_breaker = "two payloads, each logged with its payload_mass_kg"
+    source = "Hamon, Gautier, Garrec, IROS 2010, 6187-6193; thesis 7.3 (2)"
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.motor, point.pressure_a, self.load_friction)
+        p = point.parameters
+        cylinder = base.cylinder_effort(
+            point.pressure_a, point.pressure_b, p.area_a, p.area_b, p.atmosphere, p.pitch_radius
+        )
+        motor = base.limit_effort(point.motor, p.max_effort)
+        load = xp.abs(motor + self.load_is_transmitted * cylinder)
+        return effort + self.load_friction * load * point.direction
 
 
 @dataclass(frozen=True)
@@ -359,6 +404,7 @@ EFFECTS = (
     AsymmetricCoulombFriction,
     PositionDependentFriction,
     SealFriction,
+    LoadDependentFriction,
     Presliding,
     QuadraticDrag,
     AsymmetricViscousFriction,
