@@ -62,7 +62,7 @@ def played_test(
     """
     setting, rig = began.setting, began.setting.rig
     rig.require("cylinder", "whose stroke limits a motion test")
-    if len(rig.chambers) < 2:
+    if len(rig.sides) < 2:
         raise input_error(
             rig.source,
             "declares one chamber",
