@@ -28,7 +28,7 @@ from sysid.exporters.c_ports import ACTED_ON, ARGUMENTS, DIRECTION, Port, ports
 from sysid.exporters.c_printer import Reduced, reduced
 from sysid.exporters.c_text import Names
 from sysid.exporters.flat import Flat, NumberTable
-from sysid.exporters.symbolic import Symbolic, expression, symbol
+from sysid.exporters.symbolic import Symbolic, expression, forget_expressions, symbol
 from sysid.plant.base import Parameters
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Effect, Point, overrides
@@ -74,6 +74,7 @@ class Laws:
 
 def effect_laws(flat: Flat, effects: Sequence[CatalogueEffect | None], n: Names) -> Laws:
     """The laws of a bundle's effects (None: an invalid entry), in the bundle's order."""
+    forget_expressions()
     made = _Maker(flat, n)
     reasons: dict[int, str] = {}
     held: dict[int, CatalogueEffect] = {}

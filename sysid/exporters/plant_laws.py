@@ -18,7 +18,7 @@ import sympy
 from sysid.errors import SysidError, input_error
 from sysid.exporters.c_printer import all_statements, reduced
 from sysid.exporters.c_text import Names, indented, wrapped
-from sysid.exporters.symbolic import Symbolic, expression, symbol
+from sysid.exporters.symbolic import Symbolic, expression, forget_expressions, symbol
 from sysid.io.channels import SIDES, VELOCITY_CHANNELS
 from sysid.io.rig import NO_LOAD, Load, Rig
 from sysid.plant import base, plant
@@ -65,6 +65,7 @@ def traced_plant(model: Model, effects: Sequence[CatalogueEffect], rig: Rig) -> 
 
     Raises InputError for an effect whose ports have no form in C.
     """
+    forget_expressions()
     return _Tracer(model, effects, rig).made()
 
 

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import sympy
+from sympy.core.cache import clear_cache
 
 from sysid.exporters.symbolic_names import (
     BINARY,
@@ -33,6 +34,15 @@ from sysid.exporters.symbolic_names import (
 
 def _function(name: str, *arguments: Any) -> Symbolic:
     return Symbolic(sympy.Function(name)(*arguments))
+
+
+def forget_expressions() -> None:
+    """Begin a trace without the expressions of others.
+
+    sympy compares equal expressions that are not one object part by part, and each part anew
+    wherever it is shared: what one trace keeps of another makes it many times slower.
+    """
+    clear_cache()
 
 
 def expression(value: Any) -> Any:

@@ -256,6 +256,12 @@ class PitchEccentricity(CatalogueEffect):
         moved = point.parameters.pitch_radius * change
         return displacement + (1.0 - self.lever_arm_only) * moved
 
+    def is_idle(self, port: str) -> bool:
+        """See `Effect`: where the lever arm alone varies, the piston's place stays."""
+        alone = self.lever_arm_only
+        known = isinstance(alone, int | float | np.ndarray | np.generic)
+        return port == "displacement" and known and bool(np.all(alone == 1.0))
+
 
 @dataclass(frozen=True)
 class LinkFlexibility(CatalogueEffect):
