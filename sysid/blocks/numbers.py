@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
+from typing import Any
 
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import Estimate, finite_or_none
 
 MINUS = "\N{MINUS SIGN}"
 MISSING = "\N{EM DASH}"
@@ -17,6 +19,7 @@ _UNITS = {
     "kg m2": "kg·m²",
     "kg/(s Pa^0.5)": "kg/(s·Pa⁰·⁵)",
     "kg/(s Pa)": "kg/(s·Pa)",
+    "m3/(s Pa)": "m³/(s·Pa)",
     "-": "",
 }
 # Times below this are shown in ms.
@@ -25,6 +28,15 @@ _SHORT_S = 0.1
 _PLAIN = range(-2, 6)
 # Digits of a parameter in a terminal; the most that are used to make an interval's ends differ.
 _FOUR, _MOST_DIGITS = ".4g", 9
+
+
+def known(content: Any) -> Any:
+    """Content for a file of JSON, with None for each number in it that is not finite."""
+    if isinstance(content, Mapping):
+        return {key: known(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [known(value) for value in content]
+    return finite_or_none(content) if isinstance(content, float) else content
 
 
 def unit(text: str) -> str:

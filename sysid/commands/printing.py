@@ -16,6 +16,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
+from sysid.blocks.numbers import known
 from sysid.blocks.progress import stage_bar
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table
@@ -92,8 +93,8 @@ def progress(doing: str = "") -> Progress:
 
 
 def print_json(content: Any) -> None:
-    """One JSON object on standard output and nothing else."""
-    print(json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False))
+    """One JSON object on standard output and nothing else; null for a number that is not known."""
+    print(json.dumps(known(content), indent=2, allow_nan=False, ensure_ascii=False))
 
 
 class Strong(str):

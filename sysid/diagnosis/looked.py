@@ -19,9 +19,10 @@ EVALUATIONS = 50_000
 Over ten times what searches with two missing effects make (2000 to 4000 of a lab's campaign).
 """
 
-Because = Literal["structure", "held-out errors", "unfinished search"]
+Because = Literal["structure", "held-out errors", "unfinished search", "one recording"]
 """Why a verdict is `unexplained`: structure that no effect explains; held-out tests far off though
-no balance shows structure; or a search of which something failed, and that found nothing."""
+no balance shows structure; a search of which something failed, and that found nothing; or errors
+far above the noise of a single recording, in which nothing can repeat."""
 
 
 def bounded(budget: float | None) -> AbstractContextManager[Limit]:

@@ -17,11 +17,14 @@ from sysid.types import FloatArray
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Remaining structure: channel (log format), regressor, share of the residual's variance."""
+    """Remaining structure: channel (log format), regressor, share of the residual's variance.
+
+    The share is None where it is not known, as of one recording.
+    """
 
     channel: str
     regressor: str
-    share: float
+    share: float | None
 
     def to_json(self) -> dict[str, Any]:
         """As `sysid diagnose --json` prints it (`docs/reference/command-line.md`)."""

@@ -121,6 +121,7 @@ _GROWN = 1.0 / 1.1
 _NO_STRUCTURE = {
     "held-out errors": "no balance shows why the held-out tests are simulated so badly",
     "unfinished search": "what failed in the search may be missing",
+    "one recording": "one recording cannot tell what the law lacks",
 }
 
 
@@ -128,15 +129,18 @@ def _remaining(content: Content) -> Iterator[str]:
     """The remaining structure by balance; if none counts, the reason comes first."""
     other = _NO_STRUCTURE.get(content.get("because") or "")
     said = (
-        "the residual of {0} depends most on {1} ({2} % of its variance)"
+        "the residual of {0} depends most on {1} ({2} of its variance)"
         if other
-        else "structure remains in {0}, strongest over {1} ({2} % of the residual's variance)"
+        else "structure remains in {0}, strongest over {1} ({2} of the residual's variance)"
     )
     if other:
         yield other
     for entry in content["unexplained"]:
-        share = number(100.0 * entry["share"], 2)
-        yield said.format(balance_of(entry["channel"]), regressor_name(entry["regressor"]), share)
+        share = entry["share"]
+        if share is None:
+            continue
+        part = f"{number(100.0 * share, 2)} %"
+        yield said.format(balance_of(entry["channel"]), regressor_name(entry["regressor"]), part)
 
 
 def remainder_lines(content: Content) -> tuple[str, ...]:
@@ -186,6 +190,11 @@ def advice_on_rest(content: Content) -> tuple[str, ...]:
     elif _is_undecided(content):
         lines.append(
             "What could not be examined may explain the remainder: the notices name what failed."
+        )
+    elif content.get("because") == "one recording":
+        lines.append(
+            "Record the test again from at least two other conditions (pressures, levels): what "
+            "repeats in all of them is the law's, and each is predicted by the others."
         )
     elif content["unexplained"] and not _NO_STRUCTURE.get(content.get("because") or ""):
         lines.append(

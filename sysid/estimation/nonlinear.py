@@ -9,7 +9,7 @@ identify. Standard errors are those of Bates, Watts (1988), Nonlinear Regression
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sysid.estimation.autocovariance import correlated_covariance
 from sysid.estimation.covariance import Covariance
 from sysid.estimation.jackknife import jackknife
-from sysid.estimation.linear import RANK_TOLERANCE, Estimate
+from sysid.estimation.linear import NORMAL, RANK_TOLERANCE, Estimate
 from sysid.types import FloatArray, IntArray
 
 Residuals = Callable[[FloatArray], FloatArray]
@@ -27,6 +27,9 @@ Jacobian = Callable[[FloatArray], FloatArray]
 
 # Step of a central difference that balances rounding against curvature.
 _CENTRAL_STEP = float(np.finfo(float).eps) ** (1.0 / 3.0)
+
+# So near to a bound, as a share of its scale, a parameter is stuck there.
+_AT_BOUND = 1e-6
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,37 @@ class LeastSquaresFit:
         left = self.residuals + self.jacobian @ inside
         return 1.0 - float(left @ left) / total
 
+    def at_bound_by_noise(self, covariance: Callable[[LeastSquaresFit], Covariance]) -> Bounded:
+        """The parameters whose minimum without bounds lies beyond one by no more than its error.
+
+        Their value is the bound: what cannot be negative is none. `covariance` of a fit without
+        these bounds; a parameter that the data drive farther out stays stuck.
+        """
+        own = set(self.diagnosis.at_bound)
+        if not own:
+            return Bounded(self, {})
+        size = np.linalg.norm(self.jacobian, axis=0)
+        size[size == 0.0] = np.inf
+        scaled = self.jacobian / size
+        moved = -np.linalg.lstsq(scaled, self.residuals, rcond=RANK_TOLERANCE)[0] / size
+        # Of the errors without the bounds: what these themselves add is no noise.
+        left = self.residuals + self.jacobian @ moved
+        free = replace(self._without_bounds(own), residuals=left)
+        found, unsure = covariance(free), {*free.diagnosis.unidentified, *free.diagnosis.tied}
+        steps = {}
+        for i, name in enumerate(self.names):
+            reach = max(NORMAL * found.std(i), _AT_BOUND * self.parameters[i].size)
+            if name in own - unsure and abs(moved[i]) <= reach < math.inf:
+                steps[name] = float(moved[i])
+        return Bounded(self._without_bounds(set(steps)), steps)
+
+    def _without_bounds(self, names: Collection[str]) -> LeastSquaresFit:
+        parameters = tuple(
+            replace(p, lower=-math.inf, upper=math.inf, scale=p.size) if p.name in names else p
+            for p in self.parameters
+        )
+        return replace(self, parameters=parameters)
+
     @cached_property
     def _free(self) -> NDArray[np.bool_]:
         """(p,): whether each parameter is off its bounds and has an influence."""
@@ -129,11 +163,10 @@ class LeastSquaresFit:
     @cached_property
     def diagnosis(self) -> SolverDiagnosis:
         """Which parameters are stuck, silent or tied together."""
-        # So near to a bound, as a share of its scale, a parameter is stuck there.
         at_bound = [
             p.name
             for p, v in zip(self.parameters, self.values, strict=True)
-            if min(v - p.lower, p.upper - v) <= 1e-6 * p.size
+            if min(v - p.lower, p.upper - v) <= _AT_BOUND * p.size
         ]
         sizes = np.array([p.size for p in self.parameters])
         reach = np.sqrt(np.sum(self.jacobian**2, axis=0)) * sizes
@@ -291,6 +324,26 @@ class LeastSquaresFit:
                 f"({low:.6g} to {high:.6g})"
             )
         return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """A fit with some of its parameters at bounds that noise alone put them to.
+
+    `fit` has no bounds on these, so that their errors count; `steps` by name, from the bound to the
+    minimum without it.
+    """
+
+    fit: LeastSquaresFit
+    steps: Mapping[str, float]
+
+    def estimate(self, name: str, covariance: Covariance) -> Estimate:
+        """As the fit's; the interval is that of the minimum without the bound."""
+        found, step = self.fit.estimate(name, covariance), self.steps.get(name, 0.0)
+        if not step:
+            return found
+        low, high = found.interval
+        return replace(found, interval=(low + step, high + step))
 
 
 def _without(factors: Sequence[FloatArray], i: int) -> FloatArray:

@@ -46,6 +46,7 @@ _TITLES = {
     "critical_ratio.exhaust": "Critical ratio, exhaust",
     "subsonic_index.fill": "Subsonic index, filling",
     "subsonic_index.exhaust": "Subsonic index, exhaust",
+    "wall_conductance_w_per_k": "Conductance of the tank's wall",
     "on_delay": "Delay, on",
     "off_delay": "Delay, off",
     "critical_ratio_fill": "Critical ratio, filling",

@@ -80,6 +80,7 @@ class DiscreteLaw(CorrelatedPart):
     flows, coefficients and delays. `law` names the law of each direction; one that obeys ISO 6358
     has `sonic_conductance` in m3/(s Pa) at ANR, `critical_ratio` and `subsonic_index`, and its
     numbers of the thesis' law are not identified. `estimates` has them by dotted keys.
+    `wall_conductance_w_per_k` is that of a tank's wall, from which its gas is warmed.
     """
 
     c_fill: Estimate
@@ -102,6 +103,7 @@ class DiscreteLaw(CorrelatedPart):
     sonic_conductance: Absent[ByDirection] = None
     critical_ratio: Absent[ByDirection] = None
     subsonic_index: Absent[ByDirection] = None
+    wall_conductance_w_per_k: Lenient[Estimate | None] = None
 
     @model_validator(mode="after")
     def _has_its_law(self) -> Self:

@@ -101,7 +101,7 @@ class CampaignFit:
 @dataclass(frozen=True, kw_only=True)
 class FitOptions(Reported):
     """`surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds; `law`
-    of on/off valves, "thesis", "iso6358" or "auto"."""
+    of on/off valves and tanks, "thesis", "iso6358" or "auto"."""
 
     surface: str = "both"
     seed: int = 0
@@ -153,7 +153,7 @@ def fit_campaign(campaign: Campaign, options: FitOptions) -> CampaignFit:
     assembly.notices += [*campaign.notices, *campaign.rig.notices, *campaign.copies(sources)]
     _add_friction(assembly)
     _add_valves(assembly, options)
-    _add_bench(assembly)
+    _add_bench(assembly, options.law)
     if not assembly.parts:
         raise _nothing(assembly)
     used = [s for s in sources if _is_used(s, assembly)]
@@ -253,13 +253,13 @@ def _friction_of(
     return found, Failure(why, error=NotIdentifiedError(why))
 
 
-def _add_bench(assembly: _Assembly) -> None:
+def _add_bench(assembly: _Assembly, law: str) -> None:
     """The law of a tank or a valve that was tested alone."""
     for kind in BENCH_KINDS:
         entries = assembly.campaign.select([kind])
         if entries:
             trials = assembly.read(entries)
-            assembly.add(kind, partial(bench_fit, kind, trials, assembly.campaign.rig))
+            assembly.add(kind, partial(bench_fit, kind, trials, assembly.campaign.rig, law))
 
 
 @dataclass(frozen=True)
@@ -343,7 +343,7 @@ def _fit_own(campaign: Campaign, options: FitOptions) -> CampaignFit:
 
 def _why_nothing(fitted: FittedLaw) -> str:
     """Why no parameter is identified, and the fix."""
-    at_bound = fitted.fit.diagnosis.at_bound
+    at_bound = set(fitted.fit.diagnosis.at_bound) - set(fitted.at_bounds)
     if not at_bound:
         return "its tests identify none of its parameters; excite its inputs more"
     words = []
@@ -361,7 +361,11 @@ def _why_nothing(fitted: FittedLaw) -> str:
 def _remarks(fitted: FittedLaw, loaded: LoadedComponent) -> list[str]:
     """Remarks on parameters stuck at a bound or tied, and on a law that explains too little."""
     diagnosed = fitted.fit.diagnosis
-    lines = [f"{name} ends at its bound" for name in diagnosed.at_bound]
+    lines = []
+    for name in diagnosed.at_bound:
+        within = name in fitted.at_bounds
+        why = ", within its error" if within else ", and the tests want it beyond: widen it"
+        lines.append(f"{name} ends at its bound{why}")
     if len(diagnosed.tied) > 1:
         lines.append(f"{' and '.join(diagnosed.tied)} are indistinguishable in these tests")
     judged = fitted.quality()

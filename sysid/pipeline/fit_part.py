@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+from sysid.errors import NotIdentifiedError
 from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
@@ -101,22 +102,30 @@ def are_readings(trials: Sequence[Trial]) -> bool:
     return bool(trials) and all(trial.is_readings for trial in trials)
 
 
-def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig) -> PartResult:
+def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig, law: str = "auto") -> PartResult:
     """The law of a part on a bench from its tests of a kind, with how well it follows them.
 
-    Raises InputError for a missing column, NotIdentifiedError where the tests identify no law.
+    `law` of a part that has several: by default the one that its tests are evidence for. Raises
+    InputError for a missing column, NotIdentifiedError where the tests identify no law.
     """
-    from sysid.diagnosis.bench.fitting import fit_law
+    from sysid.diagnosis.bench.law_choice import chosen_law
     from sysid.diagnosis.bench.registry import component_of
 
     component = component_of(kind, trials, rig)
-    fitted = fit_law(component, (), range(len(component.tests)))
+    choice = chosen_law(component, law)
+    fitted = choice.fitted
     judged = replace(fitted.quality(), contradicted=any_contradiction(trials))
+    if judged.explains_too_little and component.refuses_misfit:
+        raise NotIdentifiedError(
+            f"{kind}: nothing is identified: {judged.shortfall}, more than it explains; check "
+            "units, the rig file and which rows are of the test"
+        )
     # A missing effect may cause it, which the diagnosis then names from this number.
     asks = "sysid diagnose names what the law lacks, if the data are right"
     short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
-    part = component.part(fitted.base_estimates(), judged)
-    return FittedPart(part, notices=(*component.left_out, *short))
+    part = fitted.component.part(fitted.base_estimates(), judged)
+    said = [f"{kind}: {choice.why}"] if choice.why else []
+    return FittedPart(part, notices=(*component.left_out, *said, *short))
 
 
 @dataclass(frozen=True)

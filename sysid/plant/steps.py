@@ -1,4 +1,5 @@
-"""One step of states whose inputs are given (sampled): Heun's, and Rodas3 for stiff ones.
+"""One step of states whose inputs are given (sampled): Heun's, Rodas3 for stiff ones, and a
+fourth-order one for states of which some relax at a known rate.
 
 Motion with dry friction, choking and stops has events within a step and goes through `stepper`.
 States are sequences of numbers or arrays of any array library; Rodas3's, (s,), are jax's.
@@ -6,10 +7,18 @@ States are sequences of numbers or arrays of any array library; Rodas3's, (s,), 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from sysid.plant.base import Array
+from sysid.types import FloatArray
+
+# Below it the functions of an exponential step are series, of these factors from the last on.
+_SERIES = 0.5
+_SERIES_FACTORS = tuple(1.0 / math.factorial(k + 3) for k in reversed(range(11)))
 
 
 def heun(
@@ -22,6 +31,68 @@ def heun(
     trial = [s + step * r for s, r in zip(state, slopes, strict=True)]
     pairs = zip(state, slopes, slopes_then(trial), strict=True)
     return tuple(s + 0.5 * step * (r + q) for s, r, q in pairs)
+
+
+def relaxing_step(
+    state: Sequence[Array],
+    rates: Sequence[Array],
+    decays: Sequence[Array],
+    rates_at: Callable[[float, Sequence[Array]], Sequence[Array]],
+    step: float,
+) -> tuple[Array, ...]:
+    """States after `step` s, of order 4; those that relax at `decays` (1/s) at any such rate.
+
+    `rates` at the start, `rates_at` a share of the step later. With no decay it is Runge and
+    Kutta's; the part -decay x state is integrated exactly (Cox, Matthews, J. Comput. Phys. 176
+    (2002) 430-455), so that what follows its surroundings at once needs no short steps. numpy only.
+    """
+    gains = [_gains(step, np.asarray(d, dtype=float)) for d in decays]
+
+    def driven(values: Sequence[Array], slopes: Sequence[Array]) -> list[Array]:
+        return [r + d * v for v, r, d in zip(values, slopes, decays, strict=True)]
+
+    def moved(values: Sequence[Array], by: Sequence[Array]) -> list[Array]:
+        return [g[0] * v + g[1] * f for v, f, g in zip(values, by, gains, strict=True)]
+
+    first = driven(state, rates)
+    one = moved(state, first)
+    second = driven(one, rates_at(0.5, one))
+    two = moved(state, second)
+    third = driven(two, rates_at(0.5, two))
+    three = moved(one, [2.0 * t - f for t, f in zip(third, first, strict=True)])
+    fourth = driven(three, rates_at(1.0, three))
+    return tuple(
+        g[2] * v + g[3] * a + g[4] * (b + c) + g[5] * d
+        for v, a, b, c, d, g in zip(state, first, second, third, fourth, gains, strict=True)
+    )
+
+
+def _gains(step: float, decay: FloatArray) -> tuple[Any, ...]:
+    """Of half a step the decay and the gain, s; of a step the decay and the stages' weights, s."""
+    if not np.any(decay):
+        return 1.0, 0.5 * step, 1.0, step / 6.0, step / 3.0, step / 6.0
+    x = -step * decay
+    one, two, three = _phi(x)
+    weights = one - 3.0 * two + 4.0 * three, 2.0 * (two - 2.0 * three), 4.0 * three - two
+    return np.exp(0.5 * x), 0.5 * step * _phi(0.5 * x)[0], np.exp(x), *(step * w for w in weights)
+
+
+def _phi(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(e^x - 1) / x and its two successors, (phi - 1 / k!) / x, to rounding for x <= 0."""
+    small = np.abs(x) < _SERIES
+    z, far = np.where(small, x, 0.0), np.where(small, -1.0, x)
+    near_three: FloatArray = np.zeros_like(z)
+    for factor in _SERIES_FACTORS:
+        near_three = near_three * z + factor
+    near_two = z * near_three + 0.5
+    one = np.expm1(far) / far
+    two = (one - 1.0) / far
+    three = (two - 0.5) / far
+    return (
+        np.where(small, z * near_two + 1.0, one),
+        np.where(small, near_two, two),
+        np.where(small, near_three, three),
+    )
 
 
 def rodas3(rate: Callable[[Any], Any], x: Any, h: Any) -> Any:
@@ -72,4 +143,4 @@ def _solver(matrix: Any) -> Callable[[Any], Any]:
     return solve
 
 
-__all__ = ["heun", "rodas3"]
+__all__ = ["heun", "relaxing_step", "rodas3"]

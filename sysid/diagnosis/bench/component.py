@@ -25,6 +25,8 @@ from sysid.types import FloatArray, IntArray
 Effects = tuple[CatalogueEffect, ...]
 Further = dict[str, tuple[float, float]]
 """RMSE and noise floor by channel."""
+AUTO = "auto"
+"""The law that the training tests are evidence for."""
 NOT_SIMULATED = "held-out tests are not simulated"
 
 
@@ -54,6 +56,29 @@ class Component(ABC):
     """Share of the signal's RMS below which nothing is structure, however little noise there is."""
     has_constant = True
     """Whether the law has a constant of its own: the signal's spread is about its mean then."""
+
+    refuses_misfit = False
+    """Whether a fit that leaves more than it explains is refused, as no effect would mend it."""
+
+    @property
+    def law_name(self) -> str:
+        """The law's name, of a part that has several."""
+        return ""
+
+    def forms(self, law: str = AUTO) -> Sequence[Component]:
+        """The part under each law that its tests may follow, the simplest first; `law` one alone.
+
+        On the same rows, so that their errors compare.
+        """
+        return (self,)
+
+    def settled_as(self, form: Component) -> Component:
+        """The part under the law of one of its `forms`, on all of its rows."""
+        return form
+
+    def in_form_of(self, bundle: Bundle) -> Component:
+        """The part under the law that a bundle holds."""
+        return self
 
     @property
     @abstractmethod
@@ -284,6 +309,7 @@ def rmse(parts: Sequence[FloatArray]) -> float:
 
 
 __all__ = [
+    "AUTO",
     "NOT_SIMULATED",
     "PROBE",
     "Component",

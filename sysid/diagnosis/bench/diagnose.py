@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -31,6 +31,10 @@ from sysid.types import FloatArray
 
 _LEFT_OUT = "errors before and after are those of tests left out of the fit in turn"
 _NO_LOG = "no held-out log"
+_ONE_RECORDING = (
+    "one recording cannot tell which effects the law lacks, as nothing is left to predict: none "
+    "was tried; record the test at least twice more, from other conditions"
+)
 # The median of a squared normal deviate, over its mean.
 _MEDIAN_OF_SQUARES = 0.455
 # Rounds of reweighted least squares; of the largest residual: below it all count alike.
@@ -62,12 +66,13 @@ def diagnose_component(
     """
     if not fitted:
         raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
-    component = build(kind, fitted, rig)
+    component = build(kind, fitted, rig).in_form_of(bundle)
     given = component.law_of(bundle)
     selection = select(component, catalogue, progress, quick=quick)
     laws = [given, *(a.fitted.law for a in selection.additions)]
     progress("predicting the held-out tests, before and after")
-    outside, lacks_outside = _outside(kind, held_out, rig, build)
+    many = len(component.tests) > 1
+    outside, lacks_outside = _outside(kind, held_out, rig, bundle, build, many)
     if outside is not None:
         predicted = on_its_own(partial(_held_out, outside, laws))
         if isinstance(predicted, Failure):
@@ -81,14 +86,11 @@ def diagnose_component(
         errors = [{component.channel: error} for error in _cross_validated(selection)]
         floors = {component.channel: _of_correct_law(component, laws[-1], selection)}
     floor = floors[component.channel]
-    ambiguous = [a.repeats.sentence for a in selection.additions if a.repeats.sentence]
-    ambiguous += [effect.undecided_sentence for effect in selection.undecided]
-    ambiguous += [a.limit_sentence for a in selection.additions if a.limit_sentence]
-    full = full_sentence(selection.additions)
-    looked = [*selection.looked.sentences(), *([full] if full else [])]
-    notices = (*component.left_out, *lacks_outside, *ambiguous, *looked)
+    notices = (*component.left_out, *lacks_outside, *_of_search(selection))
     left = curves(component, given, laws[-1])
-    error = errors[-1].get(component.channel, selection.final.fit.residual_std)
+    error = errors[-1].get(component.channel, math.nan)
+    if not math.isfinite(error):
+        error = selection.final.fit.residual_std
     rest = left_over(component, outside, laws[-1], component.noise_floor(laws[-1]))
     is_visible = error >= component.precision * _size_of(component)
     structured = _repeating(rest, left, errors[0].get(component.channel, error))
@@ -98,6 +100,9 @@ def diagnose_component(
     far_off = nothing and is_visible and error > MISFIT * floor
     far_off = far_off and _typical(component, outside, selection.final) > MISFIT * floor
     because = why_unexplained(bool(structured), far_off, undecided)
+    if not many:
+        notices = (*notices, _ONE_RECORDING)
+        because = "one recording" if far_off else because
     if because == "held-out errors":
         notices = (*notices, _FAR_OFF_NOTICE)
     if selection.additions and floor > 0.0 and error > MISFIT * floor:
@@ -112,7 +117,9 @@ def diagnose_component(
     return Diagnosis(
         effects=evidence.found(errors),
         residual=residual(errors, floors),
-        unexplained=tuple(Unexplained(c.channel, c.regressor, c.share) for c in structured),
+        unexplained=tuple(
+            Unexplained(c.channel, c.regressor, c.share if many else None) for c in structured
+        ),
         remainder=() if rest is None else (rest,),
         evidence=evidence,
         because=because,
@@ -120,16 +127,29 @@ def diagnose_component(
     )
 
 
+def _of_search(selection: Selection) -> Iterator[str]:
+    """What a search leaves in doubt, and what it did not come to, a line each."""
+    yield from (a.repeats.sentence for a in selection.additions if a.repeats.sentence)
+    yield from (effect.undecided_sentence for effect in selection.undecided)
+    yield from (a.limit_sentence for a in selection.additions if a.limit_sentence)
+    yield from selection.looked.sentences()
+    if full := full_sentence(selection.additions):
+        yield full
+
+
 def _outside(
     kind: str,
     held_out: Sequence[Trial],
     rig: Rig,
+    bundle: Bundle,
     build: Callable[[str, Sequence[Trial], Rig], Component],
+    many: bool,
 ) -> tuple[Component | None, tuple[str, ...]]:
-    """The part of the held-out tests; why there is none."""
+    """The part of the held-out tests; why there is none. `many`: whether there are several others,
+    so that each has been left out in turn."""
     if not held_out:
-        return None, (f"{_NO_LOG}: {_LEFT_OUT}",)
-    found = on_its_own(lambda: build(kind, held_out, rig))
+        return None, (f"{_NO_LOG}: {_LEFT_OUT}" if many else _NO_LOG,)
+    found = on_its_own(lambda: build(kind, held_out, rig).in_form_of(bundle))
     if isinstance(found, Failure):
         return None, (f"held-out tests are not predicted: {found.reason}: {_LEFT_OUT}",)
     return found, ()
@@ -218,9 +238,10 @@ def _size_of(component: Component) -> float:
 
 
 def _cross_validated(selection: Selection) -> list[float]:
-    """RMSE of tests left out of the fit, of the law and after each addition."""
+    """RMSE of tests left out of the fit, of the law and after each addition; NaN of a single test,
+    as none was left out."""
     folds = [selection.folds, *(a.folds for a in selection.additions)]
-    return [math.sqrt(float(np.mean(squares))) for squares in folds]
+    return [math.sqrt(float(np.mean(f))) if f.size else math.nan for f in folds]
 
 
 def _errors(outside: Component, law: Law) -> dict[str, float]:

@@ -16,11 +16,18 @@ from sysid.diagnosis.bench.starting_points import (
     residuals_of,
     side_of,
 )
+from sysid.errors import NotIdentifiedError
 from sysid.estimation.autocovariance import error_model
 from sysid.estimation.covariance import Covariance
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nested import nested_p_value
-from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian_of_all, minimise
+from sysid.estimation.nonlinear import (
+    Bounded,
+    LeastSquaresFit,
+    Parameter,
+    central_jacobian_of_all,
+    minimise,
+)
 from sysid.estimation.quality import FitQuality, repeated_scatter, repeats_test, scatter_test
 from sysid.parallel import spend
 from sysid.parameters import Parts
@@ -66,12 +73,9 @@ class FittedLaw:
 
     def _estimate(self, name: str) -> Estimate:
         """A number with its interval, which ends where the number cannot be."""
-        found = self.fit.estimate(name, self._covariance)
+        found = self._bounded.estimate(name, self._covariance)
         own = next(p for p in self.fit.parameters if p.name == name)
-        if not found.identified:
-            return found
-        low, high = found.interval
-        return replace(found, interval=(max(low, own.lower), min(high, own.upper)))
+        return found.within(own.lower, own.upper)
 
     def part(self) -> Parts:
         """The law's section of a bundle, with how well it follows its tests."""
@@ -132,11 +136,23 @@ class FittedLaw:
         errors = error_model(nothing, self.fit.residuals, self._groups)
         return errors.independent_samples(np.unique_counts(self._groups).counts.tolist())
 
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """The parameters whose value is a bound: what the tests want beyond it is noise."""
+        return tuple(self._bounded.steps)
+
+    @cached_property
+    def _bounded(self) -> Bounded:
+        return self.fit.at_bound_by_noise(self._covariance_of)
+
     @cached_property
     def _covariance(self) -> Covariance:
+        return self._covariance_of(self._bounded.fit)
+
+    def _covariance_of(self, fit: LeastSquaresFit) -> Covariance:
         """By the correlation within tests, or by what differs between them if that gives more."""
-        within = self.fit.correlated_covariance(self._groups)
-        return within.at_least(self.fit.clustered_covariance(self._groups))
+        within = fit.correlated_covariance(self._groups)
+        return within.at_least(fit.clustered_covariance(self._groups))
 
     @cached_property
     def _groups(self) -> NDArray[np.intp]:
@@ -169,13 +185,27 @@ def fit_law(
         trials = [
             _minimise(component, _moved(own, fit), (*starts, first), tests)
             for first in first_guesses(component, fit, tuple(starts), kind, tests)
+            if _is_simulated(component, _moved(own, fit), (*starts, first), tests)
         ]
+        if not trials:
+            raise NotIdentifiedError(f"{kind.id} cannot be simulated on these tests")
         best = min(range(len(trials)), key=lambda i: trials[i].sum_of_squares)
         fit = trials[best]
         starts = list(
             with_values((*starts, kind.neutral(**side_of(kind, component))), fit.values[len(own) :])
         )
     return FittedLaw.of(component, kinds, tests, fit)
+
+
+def _is_simulated(
+    component: Component,
+    own: Sequence[Parameter],
+    effects: Sequence[CatalogueEffect],
+    tests: Sequence[int],
+) -> bool:
+    """Whether a fit can start here: all residuals are numbers."""
+    law = Law({p.name: p.value for p in own}, tuple(effects))
+    return all(np.isfinite(part).all() for part in component.residuals(law, tests))
 
 
 def _key(kind: type[CatalogueEffect], quantity: Quantity) -> str:
@@ -246,7 +276,9 @@ def _minimise(
         full = start.copy()
         full[free] = values
         exact = component.jacobian(law_at(own, effects, full), tests)
-        return by_differences(values) if exact is None else exact[:, free]
+        slopes = by_differences(values) if exact is None else exact[:, free]
+        # Where a neighbour cannot be simulated, the number is held.
+        return np.where(np.isfinite(slopes), slopes, 0.0)
 
     fit = minimise(
         lambda values: of_free([values])[0],

@@ -36,7 +36,7 @@ from sysid.diagnosis.search import (
     run,
 )
 from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
-from sysid.errors import Failure
+from sysid.errors import Failure, NotIdentifiedError
 from sysid.estimation.nonlinear import LeastSquaresFit
 from sysid.parallel import attempt, attempt_all, limited
 from sysid.plant.effects.catalogue import class_of
@@ -144,9 +144,9 @@ class _HeldOutRounds(Rounds[Addition]):
         with limited():
             self.base = fit_law(component, (), range(len(component.tests)))
             self.first = cross_validated(component, (), self.folds, self.base.law)
-        self.kinds = [
-            kind for kind in component.effects(catalogue) if component.quantities_of(kind)
-        ]
+        # Of a single test nothing can be left out, so that no effect can be judged.
+        tried = component.effects(catalogue) if self.folds else ()
+        self.kinds = [kind for kind in tried if component.quantities_of(kind)]
         self.steps, self.tried = [], ()
         self.undecided: tuple[Repeats, ...] = ()
         # Without each step that might be superfluous, the others fitted together.
@@ -294,7 +294,10 @@ def _attempt(
 
     None if these tests do not identify it, or a part with it could not have given them.
     """
-    fitted = fit_law(component, kinds, range(len(component.tests)), without.law)
+    try:
+        fitted = fit_law(component, kinds, range(len(component.tests)), without.law)
+    except NotIdentifiedError:
+        return None
     if not np.isfinite(fitted.fit.sum_of_squares) or not component.is_possible(fitted.law):
         return None
     p_value = fitted.p_value(without)

@@ -151,6 +151,8 @@ def _take(
     probes: Sequence[float],
 ) -> tuple[float, FloatArray]:
     """How much columns (n, k) explain of `rest` (n,) beyond a basis; coefficients (k,)."""
+    if not np.isfinite(columns).all():
+        return -math.inf, np.zeros(columns.shape[1])
     own = columns - basis @ (basis.T @ columns)
     sizes = np.linalg.norm(columns, axis=0)
     keep = np.linalg.norm(own, axis=0) > _OWN_SHARE * np.maximum(sizes, 1e-300)

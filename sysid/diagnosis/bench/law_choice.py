@@ -1,0 +1,72 @@
+"""Which of a part's laws its training tests follow, by evidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sysid.blocks.numbers import number
+from sysid.diagnosis.bench.component import AUTO, Component, rmse
+from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
+
+# Twice the log of the odds from which on a law is chosen: 20 to 1, as an error of 5 % allows.
+_DECIDED = 2.0 * math.log(20.0)
+
+
+@dataclass(frozen=True)
+class ChosenLaw:
+    """The fit of the law that was chosen, and a line on why; empty where there was no choice.
+
+    `is_decided`: whether the tests tell it from the others.
+    """
+
+    fitted: FittedLaw
+    why: str = ""
+    is_decided: bool = True
+
+
+def chosen_law(component: Component, law: str = AUTO) -> ChosenLaw:
+    """The law of a part that its tests follow; `law` requests one.
+
+    Schwarz's criterion of each law's fit, with as many samples as the best one's correlated
+    residuals are worth. Where the tests do not decide, the simplest that they do not rule out.
+    """
+    forms = component.forms(law)
+    if len(forms) == 1:
+        return ChosenLaw(_fit(component.settled_as(forms[0])))
+    fits = [_fit(form) for form in forms]
+    least = min(fits, key=lambda fit: fit.fit.sum_of_squares)
+    count = max(least.independent_samples, 2.0)
+    scores = [_criterion(fit, count) for fit in fits]
+    best = min(scores)
+    open_ones = [i for i, score in enumerate(scores) if score - best < _DECIDED]
+    place = open_ones[0]
+    chosen = fits[place]
+    final = component.settled_as(chosen.component)
+    found = chosen if final is chosen.component else _fit(final)
+    names = list(dict.fromkeys(fits[i].component.law for i in open_ones))  # type: ignore[attr-defined]
+    is_decided = len(names) == 1
+    return ChosenLaw(found, _why(fits, place, is_decided), is_decided)
+
+
+def _fit(component: Component) -> FittedLaw:
+    return fit_law(component, (), range(len(component.tests)))
+
+
+def _criterion(fitted: FittedLaw, count: float) -> float:
+    squares = max(fitted.fit.sum_of_squares, 1e-300)
+    return count * math.log(squares) + len(fitted.fit.values) * math.log(count)
+
+
+def _why(fits: Sequence[FittedLaw], place: int, is_decided: bool) -> str:
+    """The errors of the laws, and what follows."""
+    unit = fits[place].component.unit
+    errors = [f"{fit.component.law_name} {number(rmse([fit.fit.residuals]))}" for fit in fits]
+    said = f"law of the flow: {fits[place].component.law_name}"
+    if not is_decided:
+        said += ", the simplest of those that these tests do not distinguish"
+    return f"{said} (RMSE of the training tests, {unit}: {', '.join(errors)})"
+
+
+__all__ = ["ChosenLaw", "chosen_law"]

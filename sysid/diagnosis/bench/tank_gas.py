@@ -1,0 +1,315 @@
+"""A vessel of constant volume that empties through a port: pressures simulated in open loop.
+
+By the thesis the gas keeps its temperature, and its pressure follows the flow by 3.3.6. By ISO 6358
+the flow depends on the temperature of the gas, which cools as it expands and is warmed by the wall:
+its mass and temperature are states, and whatever the wall's conductance, from none (adiabatic) to
+all (isothermal), is integrated in the same steps.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sysid.plant import base, plant
+from sysid.plant.base import Array
+from sysid.plant.iso6358 import iso6358_flow
+from sysid.plant.ports import Model, Point
+from sysid.plant.steps import relaxing_step
+from sysid.types import BoolArray, FloatArray
+
+# Heat that a square metre of a vessel's wall gives still air, W/(m2 K): the scale of its
+# conductance, no number that anything depends on.
+_STILL_AIR_W_PER_M2_K = 10.0
+# A pressure that no vessel reaches, of the highest one at the start, and none below a vacuum.
+_MOST, _LEAST_PA = 10.0, 1.0
+_MOST_OF_A_STATE = 1e9
+_LEAST_ADIABATIC = 1e-9
+# Of the search for the time in a step at which a flow ceases to be choked.
+_HALVINGS = 40
+
+
+@dataclass(frozen=True)
+class Iso6358:
+    """The flow of ISO 6358 and the wall of the vessel; numbers, or one of each run.
+
+    `conductance` C, m3/(s Pa) at ANR, `ratio` b, `index` m, `adiabatic` the share that
+    `wall_conductance` gives.
+    """
+
+    conductance: Array
+    ratio: Array
+    index: Array
+    adiabatic: Array
+
+
+def wall_scale(volume: float) -> float:
+    """W/K: the conductance of the wall of a cube of `volume` (m3) in still air."""
+    area: float = 6.0 * volume ** (2.0 / 3.0)
+    return _STILL_AIR_W_PER_M2_K * area
+
+
+def wall_conductance(adiabatic: Array, volume: float) -> Array:
+    """W/K: infinite where the share is 0 (isothermal), none where it is 1 (adiabatic)."""
+    share = np.maximum(adiabatic, _LEAST_ADIABATIC)
+    return wall_scale(volume) * (1.0 - share) / share
+
+
+def adiabatic_share(conductance: float, volume: float) -> float:
+    """The inverse of `wall_conductance`."""
+    return 1.0 / (1.0 + conductance / wall_scale(volume))
+
+
+def simulated(
+    starts: FloatArray, times: FloatArray, model: Model, law: Iso6358 | None
+) -> tuple[FloatArray, FloatArray]:
+    """Pressures (m, runs) Pa and their rates at times (m,) s of runs from `starts` (runs,), Pa.
+
+    `law` None: the thesis'. What cannot be, as below a vacuum, is held at what can.
+    """
+    vessel = _BaseVessel(model) if law is None else _GasVessel(model, law)
+    pressures, rates = np.empty((2, len(times), len(starts)))
+    highest = _MOST * max(float(np.max(starts)), float(np.max(model.parameters.atmosphere)))
+    state = vessel.at_rest(starts)
+    for k, t in enumerate(times.tolist()):
+        slopes, decays = vessel.slopes(t, state)
+        pressures[k], rates[k] = vessel.shown(t, state, slopes)
+        if k == len(times) - 1:
+            break
+        step = float(times[k + 1]) - t
+
+        def ahead(share: float, state: Sequence[Array], time: Array = t, by: Array = step) -> Any:
+            return vessel.slopes(time + share * by, state)[0]
+
+        there = relaxing_step(state, slopes, decays, ahead, step)
+        share = vessel.changes(t, step, state, slopes, there)
+        if share is not None:
+            # To the change of the law, and on by the other one.
+            until, after = share * step, (1.0 - share) * step
+            middle = relaxing_step(state, slopes, decays, functools.partial(ahead, by=until), until)
+            vessel.change(share < 1.0)
+            slopes, decays = vessel.slopes(t + until, middle)
+            later = functools.partial(ahead, time=t + until, by=after)
+            there = relaxing_step(middle, slopes, decays, later, after)
+        state = vessel.held(there, highest)
+    return pressures, rates
+
+
+class _BaseVessel:
+    """The thesis' chamber: states are its pressure and those of the effects."""
+
+    own = 1
+
+    def __init__(self, model: Model) -> None:
+        self.model = model
+        self.names: tuple[str, ...] = ()
+        self.choked: BoolArray = np.zeros(0, dtype=bool)
+
+    def at_rest(self, starts: FloatArray) -> tuple[Array, ...]:
+        state = (starts, *self._of_effects(starts))
+        self.choked = self._above(0.0, state) >= 0.0
+        return state
+
+    def _above(self, time: Array, state: Sequence[Array]) -> FloatArray:
+        """How far the pressure is above that from which on the flow is choked, Pa, (runs,)."""
+        point = _point(time, state[0], self._extra(state), self.model)
+        return np.asarray(state[0] - plant.exhaust_boundary("a", point, self.model))
+
+    def changes(
+        self,
+        time: float,
+        step: float,
+        state: Sequence[Array],
+        slopes: Sequence[Array],
+        there: Sequence[Array],
+    ) -> FloatArray | None:
+        """The share of a step after which a run's flow ceases to be choked, 1 where it does not,
+        (runs,); None where no run's does. On the cubic through both ends of the step."""
+        ends = self._above(time + step, there)
+        crosses = self.choked & (ends < 0.0)
+        if not crosses.any():
+            return None
+        begins, rise = self._above(time, state), step * slopes[0]
+        end_rise = step * self.slopes(time + step, there)[0][0]
+        low, high = np.zeros(len(ends)), np.ones(len(ends))
+        for _ in range(_HALVINGS):
+            s = 0.5 * (low + high)
+            bend = (3.0 - 2.0 * s) * s * s
+            sides = s * (1.0 - s) * ((1.0 - s) * rise - s * end_rise)
+            is_above = begins + bend * (ends - begins) + sides > 0.0
+            low, high = np.where(is_above, s, low), np.where(is_above, high, s)
+        return np.where(crosses, high, 1.0)
+
+    def change(self, where: BoolArray) -> None:
+        """The runs whose flow is no longer choked."""
+        self.choked = self.choked & ~where
+
+    def _of_effects(self, starts: FloatArray) -> list[Array]:
+        extra = plant.initial_states(_point(0.0, starts, {}, self.model), self.model)
+        self.names = tuple(extra)
+        return list(extra.values())
+
+    def _extra(self, state: Sequence[Array]) -> dict[str, Array]:
+        return dict(zip(self.names, state[self.own :], strict=True))
+
+    def _others(self, point: Point, flow: Array) -> list[Array]:
+        if not self.names:
+            return []
+        found = plant.state_rates(point, {"a": flow, "b": 0.0 * flow}, self.model)
+        return [found[name] for name in self.names]
+
+    def slopes(
+        self, time: float, state: Sequence[Array]
+    ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+        point = _point(time, state[0], self._extra(state), self.model)
+        # As plant.discrete_flow has it, without the filling, which takes half the time.
+        valve = point.parameters.valve("a")
+        flow = base.exhaust_flow(
+            point.pressure_a,
+            plant.exhaust_pressure("a", point, self.model),
+            valve.choked_dis,
+            valve.c_dis,
+            self.choked,
+        )
+        flow = self._through(flow, point)
+        rate = plant.pressure_rate("a", flow, point, self.model)
+        rates = (rate, *self._others(point, flow))
+        return rates, (0.0,) * len(rates)
+
+    def _through(self, flow: Array, point: Point) -> Array:
+        flow = self.model.through("exhaust_flow", flow, "a", point)
+        return self.model.through("chamber_flow", flow, "a", point)
+
+    def shown(
+        self, time: float, state: Sequence[Array], slopes: Sequence[Array]
+    ) -> tuple[Array, Array]:
+        return state[0], slopes[0]
+
+    def held(self, state: Sequence[Array], highest: float) -> tuple[Array, ...]:
+        pressure = np.clip(_number(state[0]), _LEAST_PA, highest)
+        return (pressure, *map(_bounded, state[1:]))
+
+
+class _GasVessel(_BaseVessel):
+    """Gas with a temperature of its own: states are ln(mass / kg), z = ln(T / T0) and the effects'.
+
+    M dz/dt = (k - 1) m + (h / c_v) (1/e^z - 1) for the flow m out of mass M, as what leaves takes
+    its own enthalpy; the effects' change of the pressure's rate is heat.
+    """
+
+    own = 2
+
+    def __init__(self, model: Model, law: Iso6358) -> None:
+        super().__init__(model)
+        self.law = law
+        p = model.parameters
+        self.volume = plant.chamber_volume("a", 0.0, p)
+        self.wall = wall_conductance(law.adiabatic, float(np.max(self.volume)))
+
+    def at_rest(self, starts: FloatArray) -> tuple[Array, ...]:
+        p = self.model.at(0.0)
+        mass = starts * self.volume / (p.gas_constant * p.temperature)
+        return (np.log(mass), 0.0 * starts, *self._of_effects(starts))
+
+    def changes(self, *_: Any) -> FloatArray | None:
+        """Of ISO 6358 the flow has no corner."""
+        return None
+
+    def _pressure(self, p: base.Parameters, state: Sequence[Array]) -> Array:
+        return p.gas_constant * p.temperature / self.volume * np.exp(state[0] + state[1])
+
+    def slopes(
+        self, time: float, state: Sequence[Array]
+    ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+        model, z, per_kg = self.model, state[1], np.exp(-state[0])
+        p, warmer, heat = model.at(time), np.exp(z), 0.0
+        k, pressure = p.heat_capacity_ratio, self._pressure(p, state)
+        others: list[Array] = []
+        if model.effects:
+            point = _point(time, pressure, self._extra(state), model)
+            outside = plant.exhaust_pressure("a", point, model)
+            flow = self._through(-self._flow(pressure, outside, warmer, p), point)
+            own = base.pressure_rate(
+                pressure, flow, self.volume, 0.0, k, p.gas_constant, p.temperature
+            )
+            heat = (model.through("pressure_rate", own, "a", flow, point) - own) / pressure
+            others = self._others(point, flow)
+        else:
+            flow = -self._flow(pressure, p.atmosphere, warmer, p)
+        per_mass = flow * per_kg
+        # What comes in is at the room's temperature.
+        enthalpy = np.where(flow > 0.0, k / warmer, k) * per_mass
+        relaxing = self.wall * (k - 1.0) / p.gas_constant * per_kg
+        warming = enthalpy - per_mass + heat + relaxing * np.expm1(-z)
+        return (per_mass, warming, *others), (0.0, relaxing, *(0.0,) * len(self.names))
+
+    def _flow(self, pressure: Array, outside: Array, warmer: Array, p: base.Parameters) -> Array:
+        law, gas = self.law, p.temperature * np.where(pressure >= outside, warmer, 1.0)
+        return iso6358_flow(pressure, outside, law.conductance, law.ratio, law.index, gas)
+
+    def shown(
+        self, time: float, state: Sequence[Array], slopes: Sequence[Array]
+    ) -> tuple[Array, Array]:
+        pressure = self._pressure(self.model.at(time), state)
+        return pressure, pressure * (slopes[0] + slopes[1])
+
+    def held(self, state: Sequence[Array], highest: float) -> tuple[Array, ...]:
+        p = self.model.parameters
+        least, most = (
+            np.log(pressure * self.volume / (p.gas_constant * p.temperature))
+            for pressure in (_LEAST_PA, highest)
+        )
+        mass = np.clip(_number(state[0]), least, most)
+        # The gas of a vessel that empties is never colder or warmer than by this.
+        return (mass, np.clip(_number(state[1]), -3.0, 3.0), *map(_bounded, state[2:]))
+
+
+def _number(value: Array) -> Array:
+    return np.nan_to_num(value, nan=0.0)
+
+
+def _bounded(value: Array) -> Array:
+    return np.clip(_number(value), -_MOST_OF_A_STATE, _MOST_OF_A_STATE)
+
+
+def _point(time: float, pressure: Array, extra: Mapping[str, Array], model: Model) -> Point:
+    zero = np.zeros(np.shape(pressure))
+    # Without a chamber B its pressure is A's, so that nothing flows between the two.
+    return Point(
+        time, zero, zero, pressure, pressure, zero, zero, zero, zero, model.at(time), dict(extra)
+    )
+
+
+def grid(end: float, first: float, longest: float, growth: float) -> FloatArray:
+    """Times of the steps (m,) s from 0 to `end` or just beyond: the `first` of so many s, each
+    longer than the one before up to `longest`."""
+    times, step = [0.0], first
+    while times[-1] < end:
+        times.append(times[-1] + step)
+        step = min(step * growth, longest)
+    return np.array(times)
+
+
+def between(at: FloatArray, times: FloatArray, values: FloatArray, rates: FloatArray) -> FloatArray:
+    """Cubic Hermite interpolation at times (n,) of values (m, runs) with their rates, (n, runs)."""
+    k = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
+    step = (times[k + 1] - times[k])[:, None]
+    s = (at - times[k])[:, None] / step
+    bend = (3.0 - 2.0 * s) * s * s
+    slope = step * s * (1.0 - s) * ((1.0 - s) * rates[k] - s * rates[k + 1])
+    return np.asarray(values[k] + bend * (values[k + 1] - values[k]) + slope)
+
+
+__all__ = [
+    "Iso6358",
+    "adiabatic_share",
+    "between",
+    "grid",
+    "simulated",
+    "wall_conductance",
+    "wall_scale",
+]

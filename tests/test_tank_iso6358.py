@@ -1,0 +1,134 @@
+"""Tanks that obey ISO 6358: which law is chosen, C, b and the wall's conductance, the verdict."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from benchmarks.tanks import Draw, drawn
+from sysid.commands.printing import print_json
+from sysid.diagnosis.bench.diagnose import diagnose_component
+from sysid.diagnosis.bench.tank import tank
+from sysid.diagnosis.bench.tank_gas import Iso6358, grid, simulated
+from sysid.errors import NotIdentifiedError
+from sysid.estimation.nonlinear import Parameter, minimise
+from sysid.io.logs import Trial
+from sysid.parameters import Bundle, DiscreteLaw
+from sysid.pipeline.fit_part import bench_fit
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.steps import relaxing_step
+
+SOME = {
+    key: kind
+    for key, kind in catalogue().items()
+    if key in ("atmosphere-leakage", "pressure-offset", "tube-lag", "wall-heat-transfer")
+}
+
+
+def fitted(draw: Draw, law: str = "auto") -> tuple[DiscreteLaw, Bundle]:
+    parts = bench_fit("tank", draw.trials, draw.rig, law).part()
+    assert parts.valves is not None
+    discrete = parts.valves.side("a").discrete
+    assert discrete is not None
+    return discrete, Bundle.new(draw.rig, parts, [])
+
+
+def test_an_isothermal_tank_gives_c_and_b_and_lacks_nothing() -> None:
+    draw = drawn("iso", 205)
+    law, bundle = fitted(draw)
+    assert law.law_of("dis") == "iso6358"
+    for key, true in draw.truth.items():
+        estimate = law.estimates()[f"{key}.exhaust"]
+        assert estimate.value == pytest.approx(true, rel=0.01)
+        low, high = estimate.interval
+        assert low < high < 1.1 * estimate.value
+    assert not law.c_dis.identified
+    again = Bundle.model_validate(json.loads(json.dumps(bundle.to_json()))).valve("a").discrete
+    assert again is not None and again.to_json() == law.to_json()
+    found = diagnose_component("tank", draw.trials, (), draw.rig, bundle, SOME)
+    assert found.verdict == "adequate" and found.effects == ()
+    assert not any("Error" in line for line in found.notices)
+
+
+def test_one_recording_cannot_tell_and_its_json_has_no_nan(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    draw = drawn("warm", 203)
+    law, _ = fitted(draw)
+    assert law.law_of("dis") == "iso6358"
+    assert law.estimates()["sonic_conductance.exhaust"].holds(draw.truth["sonic_conductance"])
+    # A pressure by the thesis' law leaves far more than the noise.
+    forced, other = fitted(draw, "thesis")
+    assert forced.law_of("dis") == "thesis" and forced.c_dis.identified
+    found = diagnose_component("tank", draw.trials, (), draw.rig, other, SOME)
+    assert (found.verdict, found.because) == ("unexplained", "one recording")
+    assert any(line.startswith("one recording cannot tell") for line in found.notices)
+    print_json(found.to_json() | {"unknown": [np.nan, np.inf]})
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["unknown"] == [None, None]
+    assert [entry["share"] for entry in shown["unexplained"]] == [None]
+
+
+def test_pressures_that_follow_no_law_are_refused() -> None:
+    draw = drawn("iso", 205)
+    time = np.arange(60.0)
+    pressure = 3e5 + 1e5 * np.cos(0.4 * time)
+    wave = Trial("1", time, {"pressure_a_pa": pressure, "valve_a": 0.0 * time}, "wave.csv")
+    with pytest.raises(NotIdentifiedError, match="more than it explains"):
+        bench_fit("tank", [wave], draw.rig, "thesis")
+
+
+def test_a_wall_of_any_conductance_needs_no_short_steps() -> None:
+    """Against steps a tenth as long, from an adiabatic to an isothermal tank."""
+    part = tank(drawn("iso", 205).trials, drawn("iso", 205).rig)
+    from sysid.plant.ports import Model
+
+    model, shares = Model(part.base_parameters), np.array([1.0, 0.6, 0.05, 1e-4, 0.0])
+    one = np.ones(len(shares))
+    law = Iso6358(1.5e-8 * one, 0.3 * one, 0.5 * one, shares)
+    scale = part.base_parameters.offset_a * part.base_parameters.area_a / (84000.0 * 1.185 * 1.5e-8)
+    ends: list[NDArray[np.float64]] = []
+    for step in (0.03, 0.003):
+        times = grid(2.0 * float(scale), step * float(scale), step * float(scale), 1.0)
+        pressure, _ = simulated(6e5 * one, times, model, law)
+        ends.append(np.array([np.interp(float(scale), times, own) for own in pressure.T]))
+    assert np.abs(ends[0] / ends[1] - 1.0).max() < 2e-4
+    assert np.all(np.diff(ends[1]) > 0.0)  # the colder gas has the lower pressure
+
+
+def test_a_relaxing_step_is_of_fourth_order_and_exact_where_only_it_relaxes() -> None:
+    def wave(share: float, state: object, step: float = 0.1) -> tuple[float, ...]:
+        values = np.array(state)
+        return float(values[1]), float(-values[0])
+
+    state: tuple[float, ...] = (1.0, 0.0)
+    for _ in range(10):
+        state = relaxing_step(state, wave(0.0, state), (0.0, 0.0), wave, 0.1)  # type: ignore[assignment]
+    assert state[0] == pytest.approx(np.cos(1.0), abs=1e-6)
+    stiff = np.array([1e-3, 1.0, 1e4])
+    (after,) = relaxing_step(
+        (np.ones(3),), (1.0 - stiff,), (stiff,), lambda _, s: (1.0 - stiff * s[0],), 0.5
+    )
+    assert after == pytest.approx(np.exp(-0.5 * stiff) + (1.0 - np.exp(-0.5 * stiff)) / stiff)
+
+
+def test_a_value_at_its_bound_is_a_value_unless_the_data_want_it_beyond() -> None:
+    rng, x = np.random.default_rng(3), np.linspace(0.0, 1.0, 200)
+    parameters = [Parameter("gain", 1.0, "-"), Parameter("leak", 0.1, "-", 0.0)]
+    for leak, is_value in ((-0.03, True), (-0.5, False)):
+        y = 2.0 * x + leak * x**2 + 0.05 * rng.standard_normal(len(x))
+        fit = minimise(lambda p, y=y: y - p[0] * x - p[1] * x**2, parameters)  # type: ignore[misc]
+        assert fit.diagnosis.at_bound == ("leak",)
+        bounded = fit.at_bound_by_noise(lambda one: one.correlated_covariance())
+        assert (set(bounded.steps) == {"leak"}) == is_value
+        if is_value:
+            covariance = bounded.fit.correlated_covariance()
+            found = bounded.estimate("leak", covariance).within(0.0, np.inf)
+            assert found.value == pytest.approx(0.0, abs=1e-6)
+            assert found.interval[0] == 0.0 < found.interval[1] < 0.3
+            # What the leak might be is in the other number's error.
+            gain = bounded.estimate("gain", covariance)
+            assert gain.std > 1.5 * fit.estimate("gain").std
