@@ -13,6 +13,7 @@ from sysid.commands.options import (
     SEED,
     PathArgument,
     accept_assumed_option,
+    draws_option,
     effects_option,
     json_option,
     options,
@@ -80,7 +81,8 @@ _run_options = options(
         default=None,
         help="No quantisation, noise or filter between plant and controller.",
     ),
-    click.option("--seed", type=SEED, default=0, help="Seed of the sensor noise."),
+    click.option("--seed", type=SEED, default=0, help="Seed of the sensor noise and the draws."),
+    draws_option,
 )
 
 

@@ -10,6 +10,14 @@ import click
 
 PathArgument = click.Path(path_type=Path)
 SEED = click.IntRange(min=0)
+MOST_DRAWS = 1000
+draws_option = click.option(
+    "--draws",
+    type=click.IntRange(min=20, max=MOST_DRAWS),
+    metavar="N",
+    default=None,
+    help="Also with N models drawn from the errors of the bundle's numbers.",
+)
 
 
 def options(*decorators: Callable[[Any], Any]) -> Callable[[Any], Any]:

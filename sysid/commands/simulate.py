@@ -11,13 +11,15 @@ import click
 from sysid.blocks.numbers import number
 from sysid.blocks.tables import table
 from sysid.commands.options import (
+    SEED,
     PathArgument,
     bundle_option,
+    draws_option,
     effects_option,
     json_option,
     map_option,
 )
-from sysid.commands.printing import notices, print_blocks, print_json, written_lines
+from sysid.commands.printing import notices, print_blocks, print_json, progress, written_lines
 from sysid.pipeline.simulate import SimulatedLog, SimulateOptions, simulate_log
 
 
@@ -30,6 +32,8 @@ from sysid.pipeline.simulate import SimulatedLog, SimulateOptions, simulate_log
     type=click.Choice(SimulateOptions.valve_models),
     help="Default: the on/off law where the bundle has it.",
 )
+@draws_option
+@click.option("--seed", type=SEED, default=0, help="Seed of the draws.")
 @map_option
 @effects_option
 @json_option
@@ -37,7 +41,8 @@ def simulate(
     inputs: Path, bundle: Path, output: Path, maps: Sequence[str], as_json: bool, **options: Any
 ) -> None:
     """Open-loop simulation of the commands in INPUTS, a log."""
-    asked = SimulateOptions(**options)
+    given = {name: value for name, value in options.items() if value is not None}
+    asked = SimulateOptions(**given, progress=progress())
     _show(simulate_log(inputs, bundle, output, maps, asked), as_json)
 
 
@@ -53,9 +58,11 @@ def _show(simulated: SimulatedLog, as_json: bool) -> None:
         names += ["pressure_a_pa", "pressure_b_pa"]
         title += f", {simulated.valve_model} valves"
     rows = []
-    for trial, channels in zip(simulated.trials, simulated.channels, strict=True):
+    for at, (trial, channels) in enumerate(zip(simulated.trials, simulated.channels, strict=True)):
         ranges = [channels[name] for name in names]
         cells = [f"{number(float(r.min()), 4)} to {number(float(r.max()), 4)}" for r in ranges]
-        rows.append((trial.label or "-", f"{trial.time[-1] - trial.time[0]:.3g}", *cells))
-    shown = table(title, ("test", "s", *names), rows)
+        widths = [number(w, 2) for w in simulated.widths(at).values()]
+        rows.append((trial.label or "-", f"{trial.time[-1] - trial.time[0]:.3g}", *cells, *widths))
+    own = [f"{name}, 90 % band" for name in names] if simulated.bands else []
+    shown = table(title, ("test", "s", *names, *own), rows)
     print_blocks((shown, *written_lines([simulated.written])))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,8 @@ HORIZON = 40
 """Ticks that DVMPC predicts: the best of Table 5.3.1."""
 MOTOR_SHARE = 0.1
 """The motor's share of the cylinder's effort in backstepping, where the motor acts."""
+# Loops that are simulated at once.
+_BATCH = 32
 # Validation excludes samples within 1 % of the stroke from an end stop.
 _USABLE_TRAVEL = 0.98
 
@@ -260,16 +262,77 @@ def run_task(
         raise error_in_file(error, task.user_file) from None
 
 
+def run_draws(
+    task: Task,
+    plants: Sequence[Model],
+    duration: float = DURATION_S,
+    progress: Progress = no_progress,
+) -> list[ClosedLoopRun]:
+    """The run of a task on each of these plants in place of its own; the sensors' noise is one.
+
+    In batches of a fixed width: a run is the same in any company. Raises InputError for what a
+    user's file raises.
+    """
+    try:
+        return _run_draws(task, plants, duration, progress)
+    except SysidError:
+        raise
+    except Exception as error:
+        if task.user_file is None:
+            raise
+        raise error_in_file(error, task.user_file) from None
+
+
+def _run_draws(
+    task: Task, plants: Sequence[Model], duration: float, progress: Progress
+) -> list[ClosedLoopRun]:
+    from sysid.controllers.loop import closed_loop
+
+    found: list[ClosedLoopRun] = []
+    compiled = True
+    for first in range(0, len(plants), _BATCH):
+        part = plants[first : first + _BATCH]
+        progress(f"simulating draws {first + 1} to {first + len(part)} of {len(plants)}")
+        # The last batch is filled up with its last plant, so that one shape is compiled.
+        filled = [*part, *[part[-1]] * (min(_BATCH, len(plants)) - len(part))]
+        if compiled:
+            # Copies: a controller that keeps its state outside its memory shows it by changing.
+            controllers = [task.make() for _ in filled]
+            watch = Watch(controllers[0])
+            try:
+                runs = closed_loop(_on(task, controllers, filled), duration)
+            except _untraceable():
+                compiled = False
+            else:
+                compiled = not watch.changed()
+            if not compiled:
+                watch.restore()
+        if not compiled:
+            # Called from Python such a controller holds the state of one loop.
+            runs = [
+                closed_loop(_on(task, [task.make()], [plant]), duration, compiled=False)[0]
+                for plant in part
+            ]
+        found += runs[: len(part)]
+    return found
+
+
+def _on(task: Task, controllers: Sequence[Controller], plants: Sequence[Model]) -> list[Case]:
+    return [
+        replace(task.case(controller), plant=plant)
+        for controller, plant in zip(controllers, plants, strict=True)
+    ]
+
+
 def _run(task: Task, duration: float, progress: Progress) -> tuple[ClosedLoopRun, tuple[str, ...]]:
     from sysid.controllers.loop import closed_loop
-    from sysid.plant.jax_setup import jax
 
     progress(f"simulating {duration:g} s of the closed loop")
     controller = task.make()
     watch = Watch(controller)
     try:
         run = closed_loop([task.case(controller)], duration)[0]
-    except (jax.errors.JAXTypeError, jax.errors.JAXIndexError, jax.errors.UnexpectedTracerError):
+    except _untraceable():
         why = "its code branches on values or takes numpy arrays only"
     else:
         where = watch.changed()
@@ -282,6 +345,14 @@ def _run(task: Task, duration: float, progress: Progress) -> tuple[ClosedLoopRun
     return run, (f"{task.choice.controller}: called from Python at every tick, as {why}",)
 
 
+def _untraceable() -> tuple[type[Exception], ...]:
+    """What jax raises for a controller that it cannot compile."""
+    from sysid.plant.jax_setup import jax
+
+    errors = jax.errors
+    return errors.JAXTypeError, errors.JAXIndexError, errors.UnexpectedTracerError
+
+
 __all__ = [
     "CONTROLLERS",
     "HORIZON",
@@ -291,5 +362,6 @@ __all__ = [
     "check_rotary",
     "check_travel",
     "prepared",
+    "run_draws",
     "run_task",
 ]

@@ -20,7 +20,8 @@ from sysid.controllers.metrics import TrackingMetrics
 from sysid.controllers.modes import Mode
 from sysid.controllers.run_files import log_frame, write_run
 from sysid.controllers.shown import ShownLoop
-from sysid.controllers.task import Choice, Task, prepared, run_task
+from sysid.controllers.task import Choice, Task, prepared, run_draws, run_task
+from sysid.controllers.tracking_draws import TrackingDraws
 from sysid.controllers.trajectories import DURATION_S
 from sysid.controllers.tuning import Tuning
 from sysid.errors import input_error
@@ -30,6 +31,7 @@ from sysid.parameters.assembled_model import MEAN_FLOW_MODELS
 from sysid.pipeline.pages.loop import write_control_page
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
+from sysid.types import Progress
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,13 +54,15 @@ class ControlledRun(Shown):
     """A closed loop that was run: `metrics`, `faults`, the samples as `frame`.
 
     `run` holds every signal, true and measured; `task` what was run; `sources` name the
-    controller's bundle and the plant's.
+    controller's bundle and the plant's. `draws`: the same loop on plants drawn from the errors of
+    the plant's bundle.
     """
 
     run: ClosedLoopRun
     task: Task
     sources: tuple[str, str]
     notices: tuple[str, ...]
+    draws: TrackingDraws | None = None
 
     @property
     def metrics(self) -> TrackingMetrics:
@@ -117,6 +121,8 @@ class ControlledRun(Shown):
         found = [(text, getattr(self.metrics, name)) for name, text in _METRICS.items()]
         rows = [(text, number(1e3 * value)) for text, value in found if not math.isnan(value)]
         yield table("Errors of the true position", ("Metric", "mrad"), rows)
+        if self.draws is not None:
+            yield self.draws.table()
 
     def footnotes(self) -> Iterable[str]:
         """The faults that the loop reports, and the notices."""
@@ -142,7 +148,9 @@ class ControlledRun(Shown):
         with working_in(place):
             written = write_run(place, self.run, choice.mode, self.task.rig, comments)
             page = place / PAGE_NAME
-            (metrics,) = self.tables()
+            metrics = next(iter(self.tables()))
+            if self.draws is not None:
+                written += self.draws.write(place, comments)
             write_control_page(
                 page, self.shown, self.headline(), metrics, self._origin(), self.notices
             )
@@ -168,6 +176,7 @@ class ControlledRun(Shown):
         }
         return {
             **record,
+            **({} if self.draws is None else {"draws": self.draws.to_json()}),
             "options": list(self.task.choice.words),
             "faults": list(self.faults),
             "notices": list(self.notices),
@@ -190,6 +199,7 @@ class ControlOptions(Reported):
     perfect_sensors: bool = False
     duration_s: float = DURATION_S
     seed: int = 0
+    draws: int = 0
     effects: EffectSource = None
     accept_assumed: bool = False
 
@@ -227,7 +237,8 @@ def control(
     "averaged", "bipolynomial" or "ann". DVMPC's `horizon` in ticks, and whether its input may vary
     within it; `backstepping_type` 1 to 4 (Table 5.4.3: without compensation, motor's, feedforward,
     both); `estimate_payload` (None: where `payload_kg` is given in the vertical).
-    `perfect_sensors`: no counts, noise or filter. `seed` is that of the sensors' noise.
+    `perfect_sensors`: no counts, noise or filter. `draws`: on so many plants, drawn from the errors
+    of the plant's bundle, the loop runs too. `seed` is that of the sensors' noise and of the draws.
     `accept_assumed`: the controller may use assumed constants. Raises InputError for a rig or
     choice that cannot be run, NotIdentifiedError, with the missing key, for a bundle that lacks
     what controller or plant needs.
@@ -243,11 +254,26 @@ def control(
     task = prepared(choice, bundle, options.plant, own=own, catalogue=catalogue)
     with progress_or_shown(options.progress, "controlling") as tell:
         run, said = run_task(task, options.duration_s, tell)
+        draws = None
+        if options.draws:
+            draws, held = _drawn(task, options.plant or bundle, options, tell)
+            said = (*said, *held)
     sources = bundle.source, (options.plant or bundle).source
     if assumed := assumed_constants(bundle.rig):
         names = ", ".join(assumed)
         said = (f"the controller uses undeclared constants: {names}", *said)
-    return ControlledRun(run, task, sources, tuple(dict.fromkeys((*task.notices, *said))))
+    return ControlledRun(run, task, sources, tuple(dict.fromkeys((*task.notices, *said))), draws)
+
+
+def _drawn(
+    task: Task, plant: Bundle, options: ControlOptions, tell: Progress
+) -> tuple[TrackingDraws, tuple[str, ...]]:
+    """The loop on plants drawn about the task's, and what is not varied."""
+    from sysid.refinement.draws import posterior_draws
+
+    drawn = posterior_draws(plant, task.rig, task.plant, options.draws, options.seed)
+    runs = run_draws(task, drawn.models, options.duration_s, tell)
+    return TrackingDraws.of(options.seed, drawn.names, drawn.values, runs), drawn.notices()
 
 
 def _name(controller: type[Controller] | Controller) -> str:

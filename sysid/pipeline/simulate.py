@@ -7,6 +7,8 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from sysid.blocks.plots import legend, some_axes
 from sysid.blocks.progress import progress_or_shown
 from sysid.blocks.shown import Shown
@@ -35,6 +37,7 @@ from sysid.plant.trials import (
     simulated_table,
     starts_on_supply,
 )
+from sysid.refinement.bands import SHARE, Band, open_loop_bands
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -138,7 +141,10 @@ class Simulation(Shown):
 
 @dataclass(frozen=True)
 class SimulatedLog:
-    """The result of `sysid simulate`: each trial with its channels (n,), and notices."""
+    """The result of `sysid simulate`: each trial with its channels (n,), and notices.
+
+    `bands` of each trial, from `draws` models.
+    """
 
     trials: tuple[Trial, ...]
     channels: tuple[Mapping[str, FloatArray], ...]
@@ -147,10 +153,23 @@ class SimulatedLog:
     valve_model: str
     notices: tuple[str, ...]
     written: Path
+    bands: tuple[Mapping[str, Band], ...] = ()
+    draws: int = 0
+
+    def widths(self, test: int) -> dict[str, float]:
+        """The mean width of each channel's 90 % band in a test; empty without draws."""
+        if not self.bands:
+            return {}
+        return {name: float(np.mean(b.high - b.low)) for name, b in self.bands[test].items()}
 
     def to_json(self) -> dict[str, Any]:
         """The output of `sysid simulate --json`."""
+        own = {}
+        if self.bands:
+            widths = {t.label: self.widths(i) for i, t in enumerate(self.trials)}
+            own = {"draws": {"count": self.draws, "share": SHARE, "band_width": widths}}
         return {
+            **own,
             "written": str(self.written),
             "valve_model": self.valve_model,
             "tests": [t.label for t in self.trials],
@@ -161,12 +180,18 @@ class SimulatedLog:
 
 @dataclass(frozen=True)
 class SimulateOptions(Reported):
-    """The rig and the valve model; `effects`: those that the catalogue lacks."""
+    """The rig and the valve model; `effects`: those that the catalogue lacks.
+
+    `draws` (`simulate_log`): models drawn from the errors of the bundle's numbers, by `seed`, for a
+    90 % band about each channel.
+    """
 
     rig: Rig | None = None
     _: KW_ONLY
     valve_model: str | None = None
     effects: EffectSource = None
+    draws: int = 0
+    seed: int = 0
 
     valve_models: ClassVar[tuple[str, ...]] = VALVE_MODELS
     """What `valve_model` can be."""
@@ -237,12 +262,18 @@ def simulate_log(
         surfaces_for(bundle, rig, chosen),
         [starts_on_supply(trial, rig) for trial in log.trials],
     )
+    bands: list[Mapping[str, Band]] = []
+    if options.draws:
+        bands, held = _bands(bundle, rig, model, log.trials, chosen, options)
+        notices += held
+    columns = [
+        {**own, **(_band_columns(bands[i]) if bands else {})} for i, own in enumerate(channels)
+    ]
     source = f"simulated from: {log.path.name}, SHA-256 {log.sha256}"
-    write_table(
-        simulated_table(log.trials, channels, rig),
-        output,
-        [source, f"bundle: {bundle_path.name}", f"valve model: {chosen}"],
-    )
+    said = [source, f"bundle: {bundle_path.name}", f"valve model: {chosen}"]
+    if bands:
+        said.append(f"bands of {100 * SHARE:.0f} %: {options.draws} draws, seed {options.seed}")
+    write_table(simulated_table(log.trials, columns, rig), output, said)
     return SimulatedLog(
         log.trials,
         tuple(channels),
@@ -251,7 +282,35 @@ def simulate_log(
         chosen,
         tuple(dict.fromkeys(notices)),
         output,
+        tuple(bands),
+        options.draws,
     )
+
+
+def _bands(
+    bundle: Bundle,
+    rig: Rig,
+    model: Model,
+    trials: Sequence[Trial],
+    valve_model: str,
+    options: SimulateOptions,
+) -> tuple[list[Mapping[str, Band]], tuple[str, ...]]:
+    """The bands of each test, and notices of what is not varied."""
+    from sysid.refinement.draws import posterior_draws
+
+    if valve_model != DISCRETE:
+        raise input_error(
+            f"valve model {valve_model}",
+            "holds no errors from which to draw",
+            "give --valve-model discrete, or leave --draws out",
+        )
+    drawn = posterior_draws(bundle, rig, model, options.draws, options.seed)
+    return open_loop_bands(bundle, rig, drawn, trials, options.seed, options.tell), drawn.notices()
+
+
+def _band_columns(bands: Mapping[str, Band]) -> dict[str, FloatArray]:
+    ends = {"p05": "low", "p95": "high"}
+    return {f"{n}_{end}": getattr(b, at) for n, b in bands.items() for end, at in ends.items()}
 
 
 def _without_time(channels: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
