@@ -37,7 +37,7 @@ from sysid.plant.trials import (
     simulated_table,
     starts_on_supply,
 )
-from sysid.refinement.bands import SHARE, Band, open_loop_bands
+from sysid.refinement.bands import SHARE, MotionBand, open_loop_bands
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ class SimulatedLog:
     valve_model: str
     notices: tuple[str, ...]
     written: Path
-    bands: tuple[Mapping[str, Band], ...] = ()
+    bands: tuple[Mapping[str, MotionBand], ...] = ()
     draws: int = 0
 
     def widths(self, test: int) -> dict[str, float]:
@@ -262,7 +262,7 @@ def simulate_log(
         surfaces_for(bundle, rig, chosen),
         [starts_on_supply(trial, rig) for trial in log.trials],
     )
-    bands: list[Mapping[str, Band]] = []
+    bands: list[Mapping[str, MotionBand]] = []
     if options.draws:
         bands, held = _bands(bundle, rig, model, log.trials, chosen, options)
         notices += held
@@ -294,7 +294,7 @@ def _bands(
     trials: Sequence[Trial],
     valve_model: str,
     options: SimulateOptions,
-) -> tuple[list[Mapping[str, Band]], tuple[str, ...]]:
+) -> tuple[list[Mapping[str, MotionBand]], tuple[str, ...]]:
     """The bands of each test, and notices of what is not varied."""
     from sysid.refinement.draws import posterior_draws
 
@@ -308,7 +308,7 @@ def _bands(
     return open_loop_bands(bundle, rig, drawn, trials, options.seed, options.tell), drawn.notices()
 
 
-def _band_columns(bands: Mapping[str, Band]) -> dict[str, FloatArray]:
+def _band_columns(bands: Mapping[str, MotionBand]) -> dict[str, FloatArray]:
     ends = {"p05": "low", "p95": "high"}
     return {f"{n}_{end}": getattr(b, at) for n, b in bands.items() for end, at in ends.items()}
 

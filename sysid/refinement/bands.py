@@ -22,7 +22,7 @@ SHARE = 0.9
 
 
 @dataclass(frozen=True)
-class Band:
+class MotionBand:
     """`low` and `high` (n,) of a channel: a sample lies between them with a probability of 90 %."""
 
     low: FloatArray
@@ -40,7 +40,7 @@ def open_loop_bands(
     trials: Sequence[Trial],
     seed: int,
     progress: Progress = no_progress,
-) -> list[Mapping[str, Band]]:
+) -> list[Mapping[str, MotionBand]]:
     """The bands of each test's channels, from simulations of the drawn models.
 
     A band holds the errors of the bundle's numbers, friction's scatter from test to test, and the
@@ -57,7 +57,7 @@ def open_loop_bands(
 
 def _bands(
     trial: Trial, rig: Rig, models: Sequence[Model], rng: np.random.Generator
-) -> Mapping[str, Band]:
+) -> Mapping[str, MotionBand]:
     from sysid.plant.simulator import simulate
 
     start = inputs_from_trial(trial, rig, starts_on_supply(trial, rig))
@@ -72,7 +72,7 @@ def _bands(
     return {name: _band(np.array([s[name] for s in shown]), name, rig, rng) for name in names}
 
 
-def _band(values: FloatArray, name: str, rig: Rig, rng: np.random.Generator) -> Band:
+def _band(values: FloatArray, name: str, rig: Rig, rng: np.random.Generator) -> MotionBand:
     """The band of simulated values (draws, n) with a sensor's noise and resolution."""
     step, noise = rig.encoder_step, rig.sensors.pressure_noise_pa
     if name == rig.position_channel and step is not None:
@@ -82,7 +82,7 @@ def _band(values: FloatArray, name: str, rig: Rig, rng: np.random.Generator) -> 
     ended = values[np.isfinite(values).all(axis=1)]
     tail = 0.5 * (1.0 - SHARE)
     low, high = np.quantile(ended, [tail, 1.0 - tail], axis=0, method="weibull")
-    return Band(low, high)
+    return MotionBand(low, high)
 
 
-__all__ = ["SHARE", "Band", "open_loop_bands"]
+__all__ = ["SHARE", "MotionBand", "open_loop_bands"]
