@@ -15,7 +15,7 @@ from rich.console import Console
 
 from sysid.blocks.notebook import table_html
 from sysid.blocks.plain_text import table_text
-from sysid.blocks.progress import _Stages, in_notebook, progress_or_shown, stage_bar
+from sysid.blocks.progress import Stages, in_notebook, progress_or_shown, stage_bar
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import estimate_table, record_table, table
 from sysid.estimation.linear import Estimate
@@ -155,7 +155,7 @@ def test_a_notebook_shows_a_line_that_changes(monkeypatch: pytest.MonkeyPatch) -
 
 def test_stages_leave_the_time_that_is_expected_of_them() -> None:
     now = 0.0
-    stages = _Stages({"fit": 10.0, "diagnose": 30.0}, lambda: now)
+    stages = Stages({"fit": 10.0, "diagnose": 30.0}, lambda: now)
     stages.enter("fit")
     now = 4.0
     assert stages.total == 40.0 and stages.completed == 4.0

@@ -14,7 +14,7 @@ import figure_pages
 import format_pages
 import message_pages
 
-from sysid.commands.app import COMMANDS
+from sysid.commands.app import COMMANDS, home_of
 
 
 def write(path: Path, content: str | bytes) -> None:
@@ -30,7 +30,7 @@ def command_line() -> str:
     parts = ["# Command line\n\nEvery command, from the program's own declarations.\n"]
     for name in COMMANDS:
         parts.append(
-            f"```{{eval-rst}}\n.. click:: sysid.commands.{name}:{name}\n"
+            f"```{{eval-rst}}\n.. click:: sysid.commands.{home_of(name)}:{home_of(name)}\n"
             f"   :prog: sysid {name}\n```\n"
         )
     return "\n".join(parts)

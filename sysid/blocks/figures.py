@@ -67,7 +67,8 @@ class Line:
 @dataclass(frozen=True, eq=False)
 class Points:
     """Single points (n,); `shades` (n,) of 0 to 1 colours each. `marker`: matplotlib's "o", "s",
-    "D", "x", "_". `is_cloud`: so many that a page holds them as a bitmap."""
+    "D", "x", "_". `is_cloud`: so many that a page holds them as a bitmap. `tests`: the kind and the
+    label of the test that each is of, where a page may show it."""
 
     x: FloatArray
     y: FloatArray
@@ -79,6 +80,7 @@ class Points:
     alpha: float = 1.0
     is_cloud: bool = False
     shades: FloatArray | None = None
+    tests: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

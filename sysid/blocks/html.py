@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import functools
 import re
 from collections.abc import Iterable
 from dataclasses import replace
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sysid import __version__
+from sysid.blocks.sections import Block
 from sysid.blocks.standing import drawn
 from sysid.errors import escaped
 
@@ -63,6 +65,29 @@ def origin_of(page: str) -> frozenset[tuple[str, str]] | None:
     return frozenset((kind, digest) for kind, _, digest in pairs)
 
 
+@functools.cache
+def _block_template() -> Any:
+    """The template of one block without its page."""
+    import jinja2
+    from markupsafe import Markup
+
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_source),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=lambda value: value if isinstance(value, Markup) else _readable(value),
+    )
+    text = '{% import "macros.html" as macros %}{{ macros.block(b) }}'
+    return environment.from_string(text)
+
+
+def block_html(block: Block) -> str:
+    """A block without figures as markup, as it stands in a page."""
+    return str(_block_template().render(b=block))
+
+
 def _readable(value: Any) -> Any:
     """A text without the control characters that a file's names and labels may hold."""
     return escaped(value, keep="\n\t") if isinstance(value, str) else value
@@ -82,4 +107,4 @@ def _source(name: str) -> str | None:
     return template_text(name) if (_TEMPLATES / name).is_file() else None
 
 
-__all__ = ["fill", "moment", "origin_of", "origin_text", "template_text"]
+__all__ = ["block_html", "fill", "moment", "origin_of", "origin_text", "template_text"]

@@ -69,7 +69,7 @@ def _terminal_bar(doing: str) -> Iterator[Progress]:
         yield lambda line: bar.update(task, description=line)
 
 
-class _Stages:
+class Stages:
     """How far a sequence of stages has come, in the seconds that each is expected to take."""
 
     def __init__(self, expected: Mapping[str, float], clock: Callable[[], float]) -> None:
@@ -107,7 +107,7 @@ def stage_bar(
     from rich.progress import BarColumn, TextColumn
     from rich.progress import Progress as Bar
 
-    stages = _Stages(expected, time.monotonic)
+    stages = Stages(expected, time.monotonic)
     columns = (
         BarColumn(20),
         TextColumn("{task.fields[left]}", markup=False),
@@ -120,7 +120,7 @@ def stage_bar(
 
         def show() -> None:
             left = stages.total - stages.completed
-            bar.update(task, completed=stages.completed, left=f"about {_time_text(left)} left")
+            bar.update(task, completed=stages.completed, left=f"about {time_text(left)} left")
 
         def follow() -> None:
             while not over.wait(0.5):
@@ -140,8 +140,9 @@ def stage_bar(
             watcher.join()
 
 
-def _time_text(seconds: float) -> str:
+def time_text(seconds: float) -> str:
+    """A duration in seconds or minutes."""
     return f"{seconds:.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.0f} min"
 
 
-__all__ = ["in_notebook", "progress_or_shown", "stage_bar"]
+__all__ = ["Stages", "in_notebook", "progress_or_shown", "stage_bar", "time_text"]

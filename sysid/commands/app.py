@@ -35,6 +35,7 @@ _NO_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 
 COMMANDS = {
     "advise": "Which test to run next: expected standard errors, ties, sizes of effects.",
+    "app": "The workbench in the browser: look at logs, fit, try effects, compare and export.",
     "check": "Data quality of each LOG, and what it can and cannot identify.",
     "compare": "Parameters of several bundles side by side, and what moved.",
     "control": "Closed-loop simulation with a controller that reads BUNDLE.",
@@ -52,6 +53,13 @@ COMMANDS = {
     "validate": "Open-loop simulation of a bundle's model against a campaign's motion logs.",
 }
 """The first line of each command's help; `NAME` is the function of that name in `NAME.py`."""
+# This file has the name of one of them.
+_FILES = {"app": "workbench"}
+
+
+def home_of(name: str) -> str:
+    """The file of a command, without its suffix, and the function in it."""
+    return _FILES.get(name, name)
 
 
 class _ReaderGoneError(Exception):
@@ -68,7 +76,8 @@ class _App(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in self.commands:
             return None
-        command: click.Command = getattr(import_module(f"sysid.commands.{cmd_name}"), cmd_name)
+        home = home_of(cmd_name)
+        command: click.Command = getattr(import_module(f"sysid.commands.{home}"), home)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

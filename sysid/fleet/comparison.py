@@ -24,7 +24,7 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from sysid.blocks.drawing import plot_panels
-from sysid.blocks.figures import Mark, Panel, Points, Role, Scale, Span
+from sysid.blocks.figures import Figure, Mark, Panel, Points, Role, Scale, Span
 from sysid.blocks.numbers import estimate_cells as cells_of
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.shown import Shown
@@ -173,6 +173,10 @@ class Comparison(Shown):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Every number that both have, in standard errors of the difference from the first."""
+        return plot_panels(self.figure().panels, ax)[0]
+
+    def figure(self) -> Figure:
+        """What `plot` draws."""
         keys = list(dict.fromkeys((m.part, m.name) for m in self.movements if m.name))
         roles: tuple[Role, ...] = ("model", "second", "third", "fourth", "ink")
         half = t_quantile(math.inf, LEVEL)
@@ -184,7 +188,10 @@ class Comparison(Shown):
             marks.append(Points(moved, np.arange(len(keys), dtype=float), role, name))
         ticks = tuple((float(i), f"{part} {name}") for i, (part, name) in enumerate(keys))
         x = Scale("change, in standard errors of the difference")
-        return plot_panels((Panel(x, Scale(ticks=ticks), tuple(marks)),), ax)[0]
+        panel = Panel(x, Scale(ticks=ticks), tuple(marks))
+        size = (7.0, max(2.6, 0.22 * len(keys) + 1.0))
+        title = "What moved against the first"
+        return Figure("fig-moved", title, self.headline(), (panel,), size=size)
 
     def to_json(self) -> dict[str, Any]:
         """The object that `sysid compare --json` prints."""

@@ -38,6 +38,17 @@ def inputs_kept() -> Generator[None, None, None]:
         _inputs = before
 
 
+@contextlib.contextmanager
+def inputs_changed() -> Generator[None, None, None]:
+    """What is read in the block may be written over in it: to change inputs on purpose."""
+    global _inputs
+    before, _inputs = _inputs, None
+    try:
+        yield
+    finally:
+        _inputs = before
+
+
 def note_input(path: Path, *, is_bundle: bool = False) -> None:
     """Note that a file was read as an input (`inputs_kept`)."""
     if _inputs is not None:

@@ -49,13 +49,17 @@ class HeldOutError(Part):
 
 
 class EffectEntry(Part):
-    """An effect of the model by its id, its parameters by name (and `side`), and its evidence."""
+    """An effect of the model by its id, its parameters by name (and `side`), and its evidence.
+
+    `chosen_by`: "user" where a person chose it and no diagnosis did.
+    """
 
     id: str
     parameters: Annotated[dict[str, Estimate | Side], WithJsonSchema(_PARAMETERS)]
     p_value: Annotated[Number | None, WithJsonSchema(_SHARE)] = None
     holdout_rmse: Absent[dict[str, HeldOutError]] = None
     ambiguous_with: list[str] = Field(default_factory=list)
+    chosen_by: Absent[Literal["user"]] = None
 
     @classmethod
     def _check_form(cls, data: Mapping[str, Any]) -> None:

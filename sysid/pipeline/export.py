@@ -22,7 +22,8 @@ from sysid.parameters.assembled_model import effects_from_bundle
 from sysid.pipeline.request import Options, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 
-_FORMAT_OF = {".h": "c", ".mat": "mat", ".json": "json", ".fmu": "fmu", ".xml": "mjcf"}
+SUFFIXES = {".h": "c", ".mat": "mat", ".json": "json", ".fmu": "fmu", ".xml": "mjcf"}
+"""The format of a file by its suffix."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +69,7 @@ def export_file(source: Path, path: Path, options: ExportOptions) -> tuple[str, 
 def _exported(
     bundle: Bundle, path: str | Path, options: ExportOptions, sha256: str | None = None
 ) -> tuple[str, ...]:
-    chosen = options.format or _FORMAT_OF.get(Path(path).suffix.lower())
+    chosen = options.format or SUFFIXES.get(Path(path).suffix.lower())
     if chosen is None:
         known = ", ".join(FORMATS)
         raise input_error(path, "has no suffix that gives the format", f"pass format, of {known}")
@@ -92,6 +93,7 @@ __all__ = [
     "FMI_VERSIONS",
     "FORMATS",
     "NO_CONTROLLERS",
+    "SUFFIXES",
     "ExportOptions",
     "check_folder",
     "controllers_file",

@@ -106,7 +106,7 @@ def _panel(
 ) -> Figure:
     heading = f"{channel.title} over {regressor.title}"
     shown = np.random.default_rng(0).permutation(len(x))[:3000]
-    centre, low, middle, high = _binned(x, y)
+    centre, low, middle, high = binned(x, y)
     marks = (
         Points(x[shown], y[shown], "measured", marker=".", size=1.6, alpha=0.35, is_cloud=True),
         Band(centre, low, high, "second"),
@@ -129,7 +129,7 @@ def _panel(
     return Figure(id, f"Residual: {heading}", description, (panel,), heading, SMALL_PANEL)
 
 
-def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
+def binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
     """Centres (m,) and the 5, 50 and 95 % points of y in even bins of x that hold enough."""
     first, last = (float(p) for p in np.percentile(x, [0.5, 99.5]))
     edges = np.linspace(first, last, _BINS + 1)

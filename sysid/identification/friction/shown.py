@@ -107,7 +107,8 @@ def speed_figure(friction: Friction) -> Figure | None:
         if (half := _half_width(friction, grid, way)) is not None:
             marks.append(Band(grid, line - half, line + half, role))
         marks.append(Line(grid, line, role))
-        marks.append(Points(np.abs(speed[rows]), effort[rows], role, name, marker))
+        named = tuple(_named(t) for t, own in zip(trials, rows, strict=True) if own)
+        marks.append(Points(np.abs(speed[rows]), effort[rows], role, name, marker, tests=named))
     description = (
         f"Friction of {len(trials)} constant-effort tests, {number(float(effort.min()))} "
         f"to {number(float(effort.max()))} {effort_unit}, at speeds from "
@@ -129,7 +130,14 @@ def breakaway_figure(friction: Friction) -> Figure | None:
     place, way = _readings(trials, "position"), _readings(trials, "direction")
     effort = np.abs(_readings(trials, "breakaway"))
     marks: list[Mark] = [
-        Points(place[way == direction], effort[way == direction], role, name, marker)
+        Points(
+            place[way == direction],
+            effort[way == direction],
+            role,
+            name,
+            marker,
+            tests=tuple(_named(t) for t, w in zip(trials, way, strict=True) if w == direction),
+        )
         for direction, name, marker, role in _DIRECTIONS
         if np.any(way == direction)
     ]
@@ -157,6 +165,11 @@ def parameters_figure(estimates: Mapping[str, Estimate]) -> Figure:
     marks = (Intervals(*np.array(rows, dtype=float).reshape(-1, 4).T),)
     panel = Panel(Scale(ticks=ticks), Scale(), marks)
     return Figure("fig-friction", "Friction parameters", "", (panel,))
+
+
+def _named(test: TestUse) -> tuple[str, str]:
+    """The kind and the label of a test."""
+    return test.kind, test.test
 
 
 def _readings(trials: Sequence[TestUse], name: str) -> FloatArray:

@@ -78,7 +78,7 @@ def render_report(
     from sysid.blocks import svg
 
     with svg.styled():
-        parts = _parts(campaign, bundle, validation, diagnosis)
+        parts = report_parts(campaign, bundle, validation, diagnosis)
         sections, left_out = _sections(campaign, bundle, checks, parts, tell)
     tell("assembling the page")
     judged = _judged(bundle, validation, diagnosis)
@@ -116,14 +116,14 @@ def _other_rig(campaign: Campaign, bundle: Bundle) -> Iterator[str]:
         )
 
 
-_Part = tuple[str, str, str, Callable[[], Section | None]]
+ReportPart = tuple[str, str, str, Callable[[], Section | None]]
 
 
 def _sections(
     campaign: Campaign,
     bundle: Bundle,
     checks: Sequence[LogCheck],
-    parts: Sequence[_Part],
+    parts: Sequence[ReportPart],
     tell: Progress,
 ) -> tuple[list[Section], list[str]]:
     """The sections with content, and a line for each that is omitted."""
@@ -131,7 +131,7 @@ def _sections(
     from sysid.parameters.shown_fits import fits_section
     from sysid.pipeline.pages.provenance import provenance_section
 
-    told: list[_Part] = [
+    told: list[ReportPart] = [
         ("data", "Data and their quality", "", lambda: quality_section(campaign, checks)),
         ("fits", "How well the laws follow their tests", "", lambda: fits_section(bundle)),
         *parts,
@@ -158,12 +158,12 @@ def _written(build: Callable[[], Section | None]) -> Section | None:
     return built
 
 
-def _parts(
+def report_parts(
     campaign: Campaign,
     bundle: Bundle,
-    validation: ValidationResult | None,
-    diagnosis: Mapping[str, Any] | None,
-) -> list[_Part]:
+    validation: ValidationResult | None = None,
+    diagnosis: Mapping[str, Any] | None = None,
+) -> list[ReportPart]:
     """Each section's id, title, the line if it is missing ("": none), and its builder."""
     from sysid.pipeline.pages.next_steps import open_questions
 
@@ -359,4 +359,4 @@ def _json(item: Mapping[str, Any]) -> str:
     return text
 
 
-__all__ = ["render_report", "write_report"]
+__all__ = ["ReportPart", "render_report", "report_parts", "write_report"]

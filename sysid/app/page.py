@@ -1,0 +1,295 @@
+"""One window of the workbench: the screens, what was done last, and the job at work.
+
+Each window has its own choice of screen and of tests; files and the job belong to all of them
+(`Workbench`), and each looks every second whether they have changed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import traceback
+from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
+from typing import Any
+
+import panel as pn
+
+from sysid.app import parts
+from sysid.app.jobs import Job, own_code
+from sysid.app.screens import SCREENS, Screen
+from sysid.app.server import template_text
+from sysid.app.workbench import Workbench, command_line
+from sysid.blocks.interactive import Scheme
+from sysid.errors import Failure, InputError, SysidError, one_line
+
+_LOOK_MS = 700
+_MOST_LINES = 14
+
+pn.extension(notifications=False, loading_indicator=False)
+pn.config.css_files = ["style.css"]
+pn.config.throttled = True
+
+
+class Window:
+    """A browser's window on the workbench."""
+
+    def __init__(self, bench: Workbench, scheme: Scheme, first: str) -> None:
+        self.bench, self.scheme = bench, scheme
+        self.screens: dict[str, Screen] = {key: kind(self) for key, kind in SCREENS.items()}
+        self.current = first if first in self.screens else next(iter(self.screens))
+        self.message = ""
+        self.is_error = False
+        self.waiting: tuple[str, tuple[str, ...], Any] | None = None
+        self.top = parts.html("", css_classes=["markup", "bar"])
+        self.strip = parts.html("")
+        self.main = parts.column()
+        self.done = parts.html("")
+        self.asked = pn.widgets.TextInput(name="", visible=False)
+        self._stamp: tuple[Any, ...] = ()
+        self._job: Job | None = None
+        self._filling = 0
+
+    # --- drawing --------------------------------------------------------------------------
+
+    def draw_frame(self) -> None:
+        """The bar at the top, the strip of messages and work, and what was done last."""
+        self.top.object = self._top()
+        self.strip.object = self._strip()
+        self.done.object = self._done()
+
+    def _top(self) -> str:
+        bench, journal = self.bench, self.bench.journal
+        tabs = "".join(
+            f'<button type="button" class="tab{" on" if key == self.current else ""}" '
+            f'data-do="screen" data-value="{i}"'
+            f"{' aria-current=page' if key == self.current else ''}>"
+            f"<kbd>{i}</kbd> {parts.words(screen.title)}</button>"
+            for i, (key, screen) in enumerate(self.screens.items(), 1)
+        )
+        file = bench.campaign_file
+        name = "no campaign" if file is None else f"{file.parent.name}/{file.name}"
+        undo, redo = journal.undoable, journal.redoable
+        buttons = (
+            parts.button("Undo", "undo", off=undo is None, kind="small",
+                         title=f"Undo: {undo.what} (z)" if undo else "Nothing to undo")
+            + parts.button("Redo", "redo", off=redo is None, kind="small",
+                           title=f"Redo: {redo.what} (y)" if redo else "Nothing to redo")
+            + parts.button("Light" if self.scheme == "dark" else "Dark", "scheme", kind="small",
+                           title="The other colours")
+        )  # fmt: skip
+        return (
+            f'<div class="head"><strong>sysid</strong><span class="name">{parts.words(name)}'
+            f'</span><span class="tools">{buttons}</span></div>'
+            f'<nav aria-label="Screens">{tabs}</nav>'
+        )
+
+    def _strip(self) -> str:
+        text = ""
+        for code in self.bench.unasked():
+            text += (
+                f'<div class="ask">{parts.words(code)} is Python code of your own. It runs with '
+                f"your rights, in this program and in the commands. "
+                f"{parts.button('Allow it to run', 'allow', value=code, kind='small')}</div>"
+            )
+        if self.message:
+            kind = "error" if self.is_error else "info"
+            text += (
+                f'<div class="{kind}">{parts.words(self.message)} '
+                f"{parts.button('×', 'dismiss', kind='small', title='Dismiss')}</div>"
+            )
+        job = self.bench.job
+        if job is not None:
+            text += _job_bar(job)
+        return text
+
+    def _done(self) -> str:
+        bench = self.bench
+        if not bench.said:
+            return (
+                '<p class="muted">What you do here is shown at this place: the command, or the '
+                "lines of a file, that do the same.</p>"
+            )
+        lines = bench.lines.splitlines()
+        shown = "\n".join(lines[:_MOST_LINES])
+        more = f"\n... and {len(lines) - _MOST_LINES} more" if len(lines) > _MOST_LINES else ""
+        inner = f"<pre>{parts.words(shown + more)}</pre>" if lines else ""
+        return f"<h3>The same by hand</h3><code>{parts.words(bench.said)}</code>{inner}"
+
+    async def fill(self) -> None:
+        """Read what the current screen shows, in a thread, and draw it."""
+        self._filling += 1
+        number, screen = self._filling, self.screens[self.current]
+        self._stamp = self.bench.stamp()
+        try:
+            content = await asyncio.to_thread(screen.read)
+            if number != self._filling:
+                return
+            panes = screen.draw(content)
+        except SysidError as error:
+            panes = [parts.html(_lacking(screen, str(error)))]
+        except Exception as error:
+            if os.environ.get("SYSID_DEBUG"):
+                traceback.print_exc()
+            reason = f"{Failure.of(error).reason} (a fault in sysid itself)"
+            panes = [parts.html(parts.note(reason, "error"))]
+        screen.panes, screen.stamp = panes, self._stamp
+        self.main.objects = panes
+
+    def wait(self) -> None:
+        """Say that the screen is being made."""
+        screen = self.screens[self.current]
+        self.main.objects = [parts.html(f'<p class="muted wait">{parts.words(screen.title)} …</p>')]
+
+    # --- what a person does ---------------------------------------------------------------
+
+    async def heard(self, text: str) -> None:
+        """A message of the page: what was clicked or changed, and its value."""
+        try:
+            message = json.loads(text)
+            what, value = str(message["do"]), message.get("value")
+        except (ValueError, KeyError, TypeError):
+            return
+        await self.guarded(lambda: self._do(what, value))
+        self.draw_frame()
+
+    async def guarded(self, act: Callable[[], Awaitable[None]]) -> None:
+        """Do something; an error that a user can fix becomes a line at the top."""
+        try:
+            await act()
+        except SysidError as error:
+            self.tell(str(error), is_error=True)
+        except Exception as error:
+            if os.environ.get("SYSID_DEBUG"):
+                traceback.print_exc()
+            what = one_line(f"{type(error).__name__}: {error}")
+            self.tell(f"{what} (a fault in sysid itself)", is_error=True)
+
+    async def _do(self, what: str, value: Any) -> None:
+        bench = self.bench
+        if what == "screen":
+            await self.show(list(self.screens)[int(value) - 1])
+        elif what == "undo":
+            self.tell(f"undone: {bench.undo()}")
+        elif what == "redo":
+            self.tell(f"done again: {bench.redo()}")
+        elif what == "dismiss":
+            self.message = ""
+        elif what == "cancel":
+            if bench.job is not None:
+                await asyncio.to_thread(bench.job.cancel)
+        elif what == "close-job":
+            if bench.job is not None and bench.job.is_done:
+                bench.job = None
+        elif what == "allow":
+            bench.allowed.add(str(value))
+            bench.changes += 1
+        elif what == "upload-began":
+            self.tell(f"receiving {value}")
+        elif what == "upload-refused":
+            raise InputError(str(value))
+        elif what == "uploaded":
+            self.tell(f"{value} is in the folder")
+            await self.show("files")
+            await self.screens["files"].do("file", value)
+        else:
+            self.message = ""
+            await self.screens[self.current].do(what, value)
+
+    async def show(self, key: str) -> None:
+        """Go to a screen."""
+        if key not in self.screens:
+            return
+        self.current = key
+        self.draw_frame()
+        screen = self.screens[key]
+        if screen.panes and screen.stamp == self.bench.stamp():
+            self._filling += 1
+            self._stamp = screen.stamp
+            self.main.objects = screen.panes
+            return
+        self.wait()
+        await self.fill()
+
+    def tell(self, text: str, *, is_error: bool = False) -> None:
+        """A line at the top."""
+        self.message, self.is_error = text, is_error
+
+    def start(self, what: str, words: Sequence[str], expected: Any = None) -> None:
+        """Start a command, once the code that it would run was allowed."""
+        for code in own_code(words):
+            self.bench.check_allowed(code)
+        self._job = self.bench.start(what, words, expected)
+
+    async def look(self) -> None:
+        """Whether files or the job have changed, by this window, another or an editor."""
+        job = self.bench.job
+        if job is not None and job.is_done and job is self._job:
+            self._job = None
+            self.bench.ended(job)
+            await self.guarded(lambda: self._finished(job))
+        elif job is not None and not job.is_done:
+            self.strip.object = self._strip()
+        if self.bench.stamp() != self._stamp:
+            await self.fill()
+            self.draw_frame()
+
+    async def _finished(self, job: Job) -> None:
+        for screen in self.screens.values():
+            await screen.finished(job)
+
+
+def _job_bar(job: Job) -> str:
+    if job.is_done:
+        kind = "info" if job.code == 0 else "error"
+        output = "\n".join((*job.lines, job.output))[-8000:]
+        more = parts.fold("what it printed", f"<pre>{parts.words(output)}</pre>") if output else ""
+        close = parts.button("×", "close-job", kind="small", title="Dismiss")
+        return f'<div class="{kind} job">{parts.words(job.state)} {close}{more}</div>'
+    share = job.share
+    value = "" if share is None else f' value="{share:.3f}"'
+    cancel = parts.button("Cancel", "cancel", kind="small danger")
+    return (
+        f'<div class="info job"><progress max="1"{value} aria-label="{parts.words(job.what)}">'
+        f"</progress> {parts.words(job.state)} {cancel}"
+        f"<code>{parts.words(command_line(job.words))}</code></div>"
+    )
+
+
+def _lacking(screen: Screen, reason: str) -> str:
+    return f"<h2>{parts.words(screen.title)}</h2>{parts.note(reason, 'warn')}"
+
+
+def window(bench: Workbench) -> pn.Template:
+    """The page of one window."""
+    given = pn.state.session_args
+    said = [value.decode("utf-8", "replace") for value in given.get("scheme", [])]
+    scheme: Scheme = "dark" if said[:1] == ["dark"] else "light"
+    first = [value.decode("utf-8", "replace") for value in given.get("screen", [])]
+    made = Window(bench, scheme, first[0] if first else "")
+    page = pn.Template(template_text("page.html"), design=pn.theme.Native)
+    page.add_variable("scheme", scheme)
+    page.add_variable("script", template_text("page.js"))
+    for name in ("top", "strip", "main", "done", "asked"):
+        page.add_panel(name, getattr(made, name))
+    made.draw_frame()
+    made.wait()
+
+    document: Any = pn.state.curdoc
+
+    def heard(event: Any) -> None:
+        document.add_next_tick_callback(partial(made.heard, event.new))
+
+    async def loaded() -> None:
+        await made.fill()
+        document.add_periodic_callback(made.look, _LOOK_MS)
+
+    # All of it runs with the document locked, one after the other.
+    made.asked.param.watch(heard, "value")
+    onload: Any = pn.state.onload
+    onload(lambda: document.add_next_tick_callback(loaded))
+    return page
+
+
+__all__ = ["Window", "window"]

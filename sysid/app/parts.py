@@ -1,0 +1,213 @@
+"""What screens are made of: HTML whose elements say what they do, and blocks drawn with Bokeh.
+
+An element with `data-do` sends that text to the page when it is clicked or changed (`page.js`).
+Texts are escaped here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from html import escape
+from importlib import import_module
+from typing import Any
+
+from sysid.blocks.figures import Figure, Picture
+from sysid.blocks.html import block_html
+from sysid.blocks.interactive import Scheme, draw
+from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Section
+
+# Panel's classes have no annotations.
+pn: Any = import_module("panel")
+Chosen = Callable[[Figure, int, int], None]
+"""Called with a figure, the number of its cloud of points, and the point that was clicked."""
+_WIDE_PLOTS = 3
+
+
+def html(markup: str, **options: Any) -> Any:
+    """A pane of markup, as wide as its place."""
+    given = {"sizing_mode": "stretch_width", "margin": 0, "css_classes": ["markup"], **options}
+    return pn.pane.HTML(markup, **given)
+
+
+def words(text: object) -> str:
+    """A text as markup."""
+    return escape(str(text))
+
+
+def button(text: str, do: str, *, value: str = "", kind: str = "", off: bool = False,
+           title: str = "") -> str:  # fmt: skip
+    """A button that does something; `kind`: "primary", "small", "danger"."""
+    more = f' data-value="{words(value)}"' if value else ""
+    more += f' title="{words(title)}"' if title else ""
+    more += " disabled" if off else ""
+    return (
+        f'<button type="button" class="{kind}" data-do="{words(do)}"{more}>{words(text)}</button>'
+    )
+
+
+def select(do: str, options: Iterable[tuple[str, str]], chosen: str, label: str) -> str:
+    """A menu of (value, text); `label` names it to screen readers."""
+    inner = "".join(
+        f'<option value="{words(v)}"{" selected" if v == chosen else ""}>{words(t)}</option>'
+        for v, t in options
+    )
+    return f'<select data-do="{words(do)}" aria-label="{words(label)}">{inner}</select>'
+
+
+def entry(do: str, value: object, label: str, *, size: int = 8, hint: str = "",
+          kind: str = "text") -> str:  # fmt: skip
+    """A field for a text or a number."""
+    return (
+        f'<input type="{kind}" data-do="{words(do)}" value="{words(value)}" size="{size}" '
+        f'aria-label="{words(label)}" placeholder="{words(hint)}" autocomplete="off">'
+    )
+
+
+def tick(do: str, text: str, on: bool) -> str:
+    """A box to tick."""
+    state = " checked" if on else ""
+    return (
+        f'<label class="tick"><input type="checkbox" data-do="{words(do)}"{state}>'
+        f"{words(text)}</label>"
+    )
+
+
+def slider(do: str, low: float, high: float, step: float, value: float, label: str) -> str:
+    """A slider, which tells every move."""
+    return (
+        f'<input type="range" data-do="{words(do)}" min="{low!r}" max="{high!r}" '
+        f'step="{step!r}" value="{value!r}" aria-label="{words(label)}">'
+    )
+
+
+def rows(headings: Sequence[str], lines: Iterable[Sequence[str]], caption: str = "") -> str:
+    """A table of cells that are markup; a row that begins with "class:" has that class."""
+    head = "".join(f'<th scope="col">{words(h)}</th>' for h in headings)
+    body = ""
+    for line in lines:
+        cells = list(line)
+        kind = ""
+        if cells and cells[0].startswith("class:"):
+            kind = f' class="{cells.pop(0)[6:]}"'
+        body += f"<tr{kind}>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+    named = f"<caption>{words(caption)}</caption>" if caption else ""
+    return (
+        f'<div class="scroll"><table>{named}<thead><tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
+    )
+
+
+def listed(lines: Iterable[str]) -> str:
+    """Lines as a list; nothing without any."""
+    inner = "".join(f"<li>{words(line)}</li>" for line in lines)
+    return f"<ul>{inner}</ul>" if inner else ""
+
+
+def card(title: str, inner: str, kind: str = "") -> str:
+    """A box with a heading."""
+    return f'<section class="card {kind}"><h3>{words(title)}</h3>{inner}</section>'
+
+
+def note(text: str, kind: str = "muted") -> str:
+    """A paragraph; `kind` "error" or "warn" stands out."""
+    return f'<p class="{kind}">{words(text)}</p>'
+
+
+def fold(summary: str, inner: str, *, is_open: bool = False) -> str:
+    """Markup behind a summary."""
+    state = " open" if is_open else ""
+    return f"<details{state}><summary>{words(summary)}</summary>{inner}</details>"
+
+
+# --- blocks ---------------------------------------------------------------------------------
+
+
+def figure_pane(figure: Figure, scheme: Scheme, chosen: Chosen | None = None) -> Any:
+    """A figure drawn with Bokeh; a point that is clicked is told."""
+    drawn = draw(figure, scheme)
+    if chosen is not None and drawn.points:
+        from bokeh.models import TapTool
+
+        for plot in drawn.plots:
+            plot.add_tools(TapTool())
+        for number, source in enumerate(drawn.points):
+            source.selected.on_change("indices", _told(figure, number, chosen))
+    pane = pn.pane.Bokeh(drawn.layout, sizing_mode="stretch_width", margin=(0, 12, 8, 0))
+    pane.min_width = 300
+    return pane
+
+
+def _told(figure: Figure, number: int, chosen: Chosen) -> Callable[[str, Any, Any], None]:
+    def told(attr: str, old: Any, new: list[int]) -> None:
+        if new:
+            chosen(figure, number, new[0])
+
+    return told
+
+
+def block_panes(blocks: Iterable[Block], scheme: Scheme, chosen: Chosen | None = None) -> list[Any]:
+    """Panes for blocks: figures with Bokeh, what is text and tables as HTML."""
+    panes: list[Any] = []
+    for block in blocks:
+        if isinstance(block, FigureGroup):
+            panes += _group(block, scheme, chosen)
+        elif isinstance(block, Fold) and any(isinstance(b, FigureGroup) for b in block.blocks):
+            inner = block_panes(block.blocks, scheme, chosen)
+            panes.append(
+                pn.Card(*inner, title=block.summary, collapsed=True, sizing_mode="stretch_width")
+            )
+        elif not isinstance(block, Plot):
+            panes.append(html(block_html(block)))
+    return panes
+
+
+def _group(group: FigureGroup, scheme: Scheme, chosen: Chosen | None) -> list[Any]:
+    drawn = [
+        html(f'<div class="panel">{f.svg}</div>')
+        if isinstance(f, Picture)
+        else figure_pane(f, scheme, chosen)
+        for f in group.figures
+    ]
+    return [grid(drawn), html(f"<p class='muted'>{words(group.caption)}</p>")]
+
+
+def grid(panes: Sequence[Any], columns: int = _WIDE_PLOTS) -> Any:
+    """Panes next to each other, fewer where the window is narrow."""
+    return pn.FlexBox(
+        *panes,
+        sizing_mode="stretch_width",
+        css_classes=["plots", f"of-{min(len(panes), columns)}"],
+        margin=0,
+    )
+
+
+def section_panes(section: Section, scheme: Scheme, chosen: Chosen | None = None) -> list[Any]:
+    """A section of the report: its heading, its first paragraphs and its blocks."""
+    head = f"<h2>{words(section.title)}</h2>" + "".join(f"<p>{words(p)}</p>" for p in section.intro)
+    return [html(head), *block_panes(section.blocks, scheme, chosen)]
+
+
+def column(*panes: Any) -> Any:
+    """Panes below one another."""
+    return pn.Column(*panes, sizing_mode="stretch_width", margin=0)
+
+
+__all__ = [
+    "block_panes",
+    "button",
+    "card",
+    "column",
+    "entry",
+    "figure_pane",
+    "fold",
+    "grid",
+    "html",
+    "listed",
+    "note",
+    "rows",
+    "section_panes",
+    "select",
+    "slider",
+    "tick",
+    "words",
+]

@@ -1,0 +1,56 @@
+"""What a screen of the workbench is."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, ClassVar, Protocol
+
+from sysid.app.jobs import Job
+from sysid.app.workbench import Workbench
+from sysid.blocks.interactive import Scheme
+from sysid.errors import InputError
+
+
+class Host(Protocol):
+    """What a screen needs of its window."""
+
+    bench: Workbench
+    scheme: Scheme
+
+    def start(self, what: str, words: Sequence[str], expected: Any = None) -> None:
+        """Start a command; raises InputError while another is at work."""
+
+    def tell(self, text: str, *, is_error: bool = False) -> None:
+        """Show a line at the top."""
+
+
+class Screen(ABC):
+    """A screen of one window: `read` in a thread, then `draw`; `do` what a person does on it."""
+
+    title: ClassVar[str]
+
+    def __init__(self, window: Host) -> None:
+        self.window = window
+        self.bench = window.bench
+        self.panes: list[Any] = []
+        self.stamp: tuple[Any, ...] = ()
+
+    @abstractmethod
+    def read(self) -> Any:
+        """What is shown, from files and the library. Raises InputError. Touches no pane."""
+
+    @abstractmethod
+    def draw(self, content: Any) -> list[Any]:
+        """The panes that show it."""
+
+    async def do(self, what: str, value: Any) -> None:
+        """What a person did: the text of the element's `data-do`, and its value."""
+        raise InputError(f"{what}: the screen {self.title} does not know this; load the page anew")
+
+    async def finished(self, job: Job) -> None:
+        """A job of this window has ended."""
+        return
+
+
+__all__ = ["Screen"]

@@ -1,0 +1,120 @@
+"""Export: the report, and files for a controller."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from sysid.app import parts
+from sysid.app.screens.base import Screen
+from sysid.errors import InputError
+from sysid.io.files import make_folder
+from sysid.pipeline.export import SUFFIXES
+
+_NAMES = {"c": "C header", "mat": "MATLAB", "json": "flat JSON", "fmu": "FMU", "mjcf": "MuJoCo"}
+_SHOWN = (".html", *SUFFIXES)
+
+
+@dataclass(frozen=True)
+class ExportContent:
+    """The bundles, the one that is exported, and the files that there are."""
+
+    bundles: tuple[Path, ...]
+    chosen: Path | None
+    files: tuple[Path, ...]
+
+
+class ExportScreen(Screen):
+    """What leaves the workbench."""
+
+    title = "Export"
+
+    def __init__(self, window: Any) -> None:
+        super().__init__(window)
+        self.chosen: Path | None = None
+        self.accepts = False
+
+    def read(self) -> ExportContent:
+        bench = self.bench
+        bundles = tuple(bench.bundles())
+        if self.chosen not in bundles:
+            self.chosen = bench.best_bundle()
+        return ExportContent(bundles, self.chosen, tuple(self._files()))
+
+    def _files(self) -> Iterator[Path]:
+        results = self.bench.results
+        for path in sorted(results.rglob("*")) if results.is_dir() else ():
+            if path.suffix in _SHOWN and path.is_file() and "_check" not in path.parent.name:
+                yield path
+
+    def draw(self, content: ExportContent) -> list[Any]:
+        text = "<h2>Export</h2>"
+        if content.chosen is None:
+            return [parts.html(text + parts.note("No bundle yet: fit the campaign first."))]
+        names = [(self.bench.named(p), self.bench.named(p)) for p in content.bundles]
+        menu = parts.select("out-bundle", names, self.bench.named(content.chosen), "Bundle")
+        report = parts.button("Report", "out-report", kind="primary",
+                              title="sysid validate --report: one self-contained page")  # fmt: skip
+        files = "".join(
+            parts.button(_NAMES.get(kind, kind), f"out:{kind}") for kind in SUFFIXES.values()
+        )
+        tick = parts.tick("out-accept", "controllers may use assumed constants", self.accepts)
+        text += f"<div class='bar2'>{menu} {report} {files} {tick}</div>"
+        lines = [self._line(path) for path in content.files]
+        if lines:
+            text += parts.rows(("File", "Size", ""), lines, "Files that were written")
+        return [parts.html(text)]
+
+    def _line(self, path: Path) -> list[str]:
+        name = self.bench.named(path)
+        size = f"{path.stat().st_size / 1000.0:,.0f} kB"
+        if not path.is_relative_to(self.bench.folder):
+            return [parts.words(name), size, ""]
+        link = f"files/{quote(name)}"
+        shown = "open" if path.suffix == ".html" else "keep"
+        more = ' target="_blank" rel="noopener"' if shown == "open" else " download"
+        return [f"<b>{parts.words(name)}</b>", size, f'<a href="{link}"{more}>{shown}</a>']
+
+    async def do(self, what: str, value: Any) -> None:
+        act, _, rest = what.partition(":")
+        if act == "out-bundle":
+            self.chosen = self.bench.folder / str(value)
+            self.bench.changes += 1
+        elif act == "out-accept":
+            self.accepts = bool(value)
+        elif act == "out":
+            self._export(rest)
+        elif act == "out-report":
+            self._report()
+        else:
+            await super().do(what, value)
+
+    def _source(self) -> Path:
+        if self.chosen is None:
+            raise InputError("no bundle yet; fit the campaign first")
+        return self.chosen
+
+    def _export(self, kind: str) -> None:
+        bench, source = self.bench, self._source()
+        suffix = next(s for s, k in SUFFIXES.items() if k == kind)
+        folder = bench.results / "export"
+        make_folder(folder)
+        output = folder / f"{source.stem}{suffix}"
+        words = ["export", bench.named(source), "--format", kind, "-o", bench.named(output)]
+        words += ["--accept-assumed"] if self.accepts else []
+        what = f"writing {output.name}"
+        self.window.start(what, [*words, *bench.own_words(component=False)])
+
+    def _report(self) -> None:
+        bench, source = self.bench, self._source()
+        make_folder(bench.results)
+        output = bench.results / f"{source.stem}.html"
+        words = ["validate", bench.campaign().path.name, "--bundle", bench.named(source)]
+        words += ["--report", bench.named(output)]
+        self.window.start(f"writing {output.name}", [*words, *bench.own_words()])
+
+
+__all__ = ["ExportScreen"]

@@ -1,0 +1,342 @@
+"""Files: recordings of any format become logs of the campaign; the rig file is a form."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sysid.app import edits, parts
+from sysid.app.jobs import Job
+from sysid.app.screens.base import Screen
+from sysid.app.screens.mapping import Mapping, guessed_kind, plausibility
+from sysid.errors import InputError
+from sysid.io.bare_rig import read_bare_logs
+from sysid.io.campaign import Campaign
+from sysid.io.declaration import ChoiceKey, Key, NumberKey, declared_keys
+from sysid.io.kinds import KINDS
+from sysid.io.listing import channels_of
+from sysid.io.rig import constant_in, read_toml
+from sysid.io.rig_file import RIG_TABLES
+from sysid.io.rig_template import rig_text
+
+_HIDDEN = (".toml", ".py", ".md", ".html", ".h", ".png", ".txt~")
+_MOST_FILES = 200
+
+
+@dataclass(frozen=True)
+class FilesContent:
+    """The campaign (or why it has none), files beside it, and the rig file's content."""
+
+    campaign: Campaign | None
+    why: str
+    files: tuple[str, ...]
+    rig: dict[str, Any] | None
+    rig_why: str
+
+
+class FilesScreen(Screen):
+    """What recordings a campaign has, and what is known about the rig."""
+
+    title = "Files"
+
+    def __init__(self, window: Any) -> None:
+        super().__init__(window)
+        self.mapping: Mapping | None = None
+        self.pending: Mapping | None = None
+        self.shown: dict[str, Any] = {}
+        self.content: FilesContent | None = None
+        self.add = parts.html("")
+        self.form = parts.html("")
+        self.plausible = parts.html("")
+        self.adding = parts.html("")
+        self.logs = parts.html("")
+        self.rig = parts.html("")
+        self._asked = 0
+
+    # --- reading --------------------------------------------------------------------------
+
+    def read(self) -> FilesContent:
+        why, rig_why, rig = "", "", None
+        try:
+            campaign = self.bench.campaign()
+        except InputError as error:
+            campaign, why = None, str(error)
+        path = self.bench.rig_file
+        if path is not None:
+            try:
+                rig = read_toml(path, "a rig file")
+            except InputError as error:
+                rig_why = str(error)
+        return FilesContent(campaign, why, tuple(self._files(campaign)), rig, rig_why)
+
+    def _files(self, campaign: Campaign | None) -> Iterator[str]:
+        """Files of the folder that may be recordings and are no logs of the campaign yet."""
+        known = {e.path.resolve() for e in campaign.logs} if campaign else set()
+        found = sorted(self.bench.folder.iterdir())
+        for path in found[:_MOST_FILES]:
+            usual = not path.name.startswith(".") and path.suffix not in _HIDDEN
+            is_new = usual and path.is_file() and path.resolve() not in known
+            if is_new and (path.suffix != ".json" or path not in self.bench.bundles()):
+                yield path.name
+
+    # --- drawing --------------------------------------------------------------------------
+
+    def draw(self, content: FilesContent) -> list[Any]:
+        self.content = content
+        self.add.object = self._add()
+        self.logs.object = self._logs()
+        self.rig.object = self._rig()
+        return [self.add, self.form, self.plausible, self.adding, self.logs, self.rig]
+
+    def _add(self) -> str:
+        content = self.content
+        assert content is not None
+        chosen = self.mapping.path.name if self.mapping else ""
+        files = [("", "choose a file of the folder"), *((f, f) for f in content.files)]
+        menu = parts.select("file", files, chosen, "A file of the folder")
+        pick = parts.button("Choose files …", "choose-file", kind="primary")
+        return (
+            '<h2>Recordings</h2><div class="drop">Drop files here: oscilloscopes, PLC traces, NI, '
+            "MATLAB, Excel, Parquet, CSV and what else <code>sysid convert</code> reads. "
+            f"They are copied into the campaign's folder. {pick} or {menu}</div>"
+        )
+
+    def _draw_mapping(self) -> None:
+        mapping = self.mapping
+        self.form.object = "" if mapping is None else mapping.form()
+        self.adding.object = "" if mapping is None else self._adding(mapping)
+        if mapping is None:
+            self.plausible.object = ""
+
+    def _adding(self, mapping: Mapping) -> str:
+        kinds = [("", "kind of test"), *((k, k) for k in KINDS)]
+        uses = [("fit", "training"), ("holdout", "held out")]
+        valves = [("", "no valve"), ("a", "valve A"), ("b", "valve B")]
+        text = "Add to the campaign" if mapping.is_in_format else "Convert and add to the campaign"
+        return (
+            '<div class="bar2">'
+            + parts.select("add-kind", kinds, mapping.kind, "Kind of test")
+            + parts.select("add-use", uses, mapping.use, "Use")
+            + parts.select("add-valve", valves, mapping.valve, "Valve")
+            + parts.button(text, "add", kind="primary", off=not mapping.kind)
+            + parts.button("Close", "close-file")
+            + "</div>"
+        )
+
+    def _logs(self) -> str:
+        content = self.content
+        assert content is not None
+        if content.campaign is None:
+            return "<h2>Campaign</h2>" + parts.note(content.why, "warn")
+        lines = []
+        for number, entry in enumerate(content.campaign.logs):
+            held = entry.use == "holdout"
+            valve = f", valve {entry.valve.upper()}" if entry.valve else ""
+            maps = ", ".join(map(str, entry.mapping.values()))
+            kinds = [(k, k) for k in dict.fromkeys((entry.kind, *KINDS))]
+            lines.append([
+                f"<b>{parts.words(entry.file)}</b>",
+                parts.select(f"log-kind:{number}", kinds, entry.kind, f"Kind of {entry.file}")
+                + parts.words(valve),
+                parts.button("held out" if held else "training", f"log-use:{number}", kind="small",
+                             title="Train on it" if held else "Hold it out"),
+                f"{len(entry.exclude)}" if entry.exclude else "",
+                f"<code>{parts.words(maps)}</code>" if maps else "",
+                parts.button("Remove", f"log-remove:{number}", kind="small",
+                             title="Take it out of the campaign; the file stays"),
+            ])  # fmt: skip
+        head = ("Log", "Kind of test", "Use", "Excluded", "Columns", "")
+        notices = parts.listed(content.campaign.notices)
+        return "<h2>Campaign</h2>" + parts.rows(head, lines) + notices
+
+    # --- the rig --------------------------------------------------------------------------
+
+    def _rig(self) -> str:
+        content = self.content
+        assert content is not None
+        if content.rig is None:
+            why = content.rig_why or "no rig file yet; it is made with the first log"
+            return "<h2>Rig</h2>" + parts.note(why, "warn")
+        ask = parts.button("What do the logs show?", "rig-shown")
+        sections = "".join(self._section(name, content.rig) for name in RIG_TABLES)
+        return f"<h2>Rig</h2><p>{ask}</p><div class='cards'>{sections}</div>"
+
+    def _section(self, name: str, content: dict[str, Any]) -> str:
+        keys = declared_keys(RIG_TABLES[name])
+        motion: Any = content.get("rig", {}).get("motion", "rotary")
+        table = content.get(name, {})
+        lines = []
+        for key, declared in keys.items():
+            if key not in table and declared.line(motion) is None:
+                continue
+            lines.append(self._field(name, key, declared, content))
+        shown = "the logs show" if any(k.startswith(f"{name}.") for k in self.shown) else ""
+        inner = parts.rows(("", "", "", shown), lines)
+        if name not in content:
+            return parts.fold(f"[{name}]: not given", inner)
+        return parts.card(f"[{name}]", inner)
+
+    def _field(self, section: str, key: str, declared: Key, content: dict[str, Any]) -> list[str]:
+        value = content.get(section, {}).get(key, "")
+        what, label = f"rig:{section}:{key}", f"[{section}] {key}"
+        unit = ""
+        if isinstance(declared, ChoiceKey):
+            options = [(one, one) for one in declared.allowed]
+            field = parts.select(what, options, str(value), label)
+        else:
+            field = parts.entry(what, value, label, size=11)
+        if isinstance(declared, NumberKey):
+            limits = declared.range
+            reach = f"{limits.lower:g} to {limits.upper:g}"
+            unit = f'<small title="{reach}">{parts.words(limits.unit)}</small>'
+        assumed = f"{section}.{key}" in content.get("assumed", ())
+        mark = ' <small class="warn">assumed</small>' if assumed else ""
+        name = f'<span title="{parts.words(declared.description)}">{parts.words(key)}</span>{mark}'
+        shown = self.shown.get(f"{section}.{key}")
+        take = "" if shown is None else parts.button(
+            f"{shown:.6g}" if isinstance(shown, float) else str(shown), f"take:{section}:{key}",
+            kind="small", title="Take this value",
+        )  # fmt: skip
+        return [name, field, unit, take]
+
+    # --- what is done ---------------------------------------------------------------------
+
+    async def do(self, what: str, value: Any) -> None:
+        act, _, rest = what.partition(":")
+        if act == "file":
+            await self._open(str(value))
+        elif act in ("map", "map-more") and self.mapping is not None:
+            await self._map(act, rest, value)
+        elif act in ("add-kind", "add-use", "add-valve") and self.mapping is not None:
+            setattr(self.mapping, act.removeprefix("add-"), str(value))
+            self.adding.object = self._adding(self.mapping)
+        elif act == "add" and self.mapping is not None:
+            self._add_log(self.mapping)
+        elif act == "close-file":
+            self.mapping = None
+            self._draw_mapping()
+        elif act.startswith("log-"):
+            self._change_log(act, int(rest), value)
+        elif act == "rig-shown":
+            await self._show_what_logs_show()
+        elif act in ("rig", "take"):
+            self._change_rig(
+                rest, self.shown.get(rest.replace(":", ".")) if act == "take" else value
+            )
+
+    async def _open(self, name: str) -> None:
+        if not name:
+            return
+        path = self.bench.folder / Path(name).name
+        self.mapping = None
+        self._draw_mapping()
+        listings = await asyncio.to_thread(channels_of, [path])
+        self.mapping = Mapping(path, listings[0])
+        self._draw_mapping()
+        await self._check()
+
+    async def _map(self, act: str, rest: str, value: Any) -> None:
+        assert self.mapping is not None
+        if act == "map-more":
+            self.mapping.more[rest] = str(value)
+        else:
+            place, _, key = rest.partition(":")
+            self.mapping.chosen(int(place), key, value)
+        await self._check()
+
+    async def _check(self) -> None:
+        """What the log would be, anew after each choice; an older answer is not shown."""
+        mapping = self.mapping
+        assert mapping is not None
+        self._asked += 1
+        number = self._asked
+        text = await asyncio.to_thread(plausibility, mapping, self.bench.rig_file)
+        if number != self._asked or mapping is not self.mapping:
+            return
+        self.plausible.object = parts.card("What this log would be", text)
+        if not mapping.kind:
+            mapping.kind = guessed_kind(text, KINDS)
+        self.adding.object = self._adding(mapping)
+
+    def _add_log(self, mapping: Mapping) -> None:
+        if mapping.is_in_format:
+            self._enter(mapping, mapping.path.name)
+            return
+        output = f"{mapping.path.stem}.csv"
+        number = 2
+        while (self.bench.folder / output).exists():
+            output, number = f"{mapping.path.stem}-{number}.csv", number + 1
+        self.pending = mapping
+        self.window.start(f"converting {mapping.path.name}", mapping.words(output))
+
+    async def finished(self, job: Job) -> None:
+        mapping, self.pending = self.pending, None
+        if mapping is not None and job.words[0] == "convert" and job.code == 0:
+            self._enter(mapping, job.words[3])
+
+    def _enter(self, mapping: Mapping, file: str) -> None:
+        """A converted file into the campaign, which is made where there is none."""
+        bench = self.bench
+        assert bench.campaign_file is not None
+        if bench.rig_file is None:
+            log = bench.folder / file
+            bare = read_bare_logs([log], {})
+            text = rig_text(bare.rig.content, log.name)
+            bench.change(
+                bench.folder / "rig.toml", "a rig file of what the log shows", lambda _: text
+            )
+        edit = edits.log_added(file, mapping.kind, mapping.use, mapping.valve or None)
+
+        def with_rig(text: str) -> str:
+            return edit(text or 'rig = "rig.toml"\n')
+
+        bench.change(bench.campaign_file, f"{file} added", with_rig)
+        self.mapping = None
+        self._draw_mapping()
+
+    def _change_log(self, act: str, number: int, value: Any) -> None:
+        bench = self.bench
+        assert bench.campaign_file is not None
+        entry = bench.campaign().logs[number]
+        if act == "log-remove":
+            edit, said = edits.log_removed(number, entry.file), "taken out"
+        elif act == "log-use":
+            use = "fit" if entry.use == "holdout" else "holdout"
+            edit = edits.log_changed(number, entry.file, "use", use)
+            said = "training" if use == "fit" else "held out"
+        else:
+            edit = edits.log_changed(number, entry.file, "kind", str(value))
+            said = str(value)
+        bench.change(bench.campaign_file, f"{entry.file}: {said}", edit)
+
+    async def _show_what_logs_show(self) -> None:
+        campaign = self.bench.campaign()
+        plain = [entry for entry in campaign.logs if not (entry.mapping or entry.shared)]
+        if not plain:
+            raise InputError("every log has columns of its own names; convert one to see this")
+        paths = [entry.path for entry in plain]
+        bare = await asyncio.to_thread(read_bare_logs, paths, {})
+        self.shown = {key: constant_in(bare.rig.content, key) for key in bare.shown}
+        self.rig.object = self._rig()
+
+    def _change_rig(self, rest: str, value: Any) -> None:
+        section, _, key = rest.partition(":")
+        path = self.bench.rig_file
+        declared = declared_keys(RIG_TABLES[section])[key]
+        assert path is not None
+        given: float | str | None = str(value).strip() or None
+        if given is not None and isinstance(declared, NumberKey):
+            try:
+                given = float(str(given).replace(",", "."))
+            except ValueError:
+                raise InputError(f"[{section}] {key}: {value!r} is no number; give one") from None
+        said = "taken out" if given is None else f"= {given}"
+        self.bench.change(
+            path, f"[{section}] {key} {said}", edits.constant_set(section, key, given)
+        )
+
+
+__all__ = ["FilesScreen"]

@@ -1,0 +1,134 @@
+"""Can it identify?: parameters by tests, and of what is missing the test that would give it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any
+
+from sysid.app import parts
+from sysid.app.jobs import Job
+from sysid.app.screens.base import Screen
+from sysid.app.workbench import stamp_of
+from sysid.blocks.html import block_html
+from sysid.pipeline.check import check_campaign
+
+# A matrix of more logs than these is read as a list.
+_MOST_LOGS = 16
+_ADVICE = "advice"
+
+
+@dataclass(frozen=True)
+class IdentifyContent:
+    """The check of the campaign; the bundle that advice may start from; whether code is own."""
+
+    check: Any
+    bundle: Path | None
+    is_own: bool
+
+
+class IdentifyScreen(Screen):
+    """Whether the tests are enough, before anything is fitted."""
+
+    title = "Can it identify?"
+
+    def read(self) -> IdentifyContent:
+        campaign = self.bench.campaign()
+        key = ("check", self.bench.campaign_key())
+        check = self.bench.kept(key, lambda: check_campaign(campaign))
+        is_own = self.bench.component is not None
+        return IdentifyContent(check, self.bench.best_bundle(), is_own)
+
+    def draw(self, content: IdentifyContent) -> list[Any]:
+        check = content.check
+        head = f"<h2>Can it identify?</h2><p class='sentence'>{parts.words(check.answer)}</p>"
+        if check.contradictions:
+            head += parts.card("Contradictions", parts.listed(check.contradictions), "poor")
+        missing = "".join(_missing(check.answers))
+        if missing:
+            head += f'<div class="cards">{missing}</div>'
+        is_small = len(check.training) <= _MOST_LOGS
+        table = _matrix(check) if is_small else block_html(check.table())
+        remarks = parts.listed(f"{entry.file}: {line}" for entry, line in check.remarks())
+        quality = parts.fold("Quality of the logs", remarks) if remarks else ""
+        logs = "".join(_log(one) for one in check.logs)
+        each = parts.fold("Each log by itself", logs)
+        return [parts.html(head + table + quality + each), parts.html(self._advice(content))]
+
+    def _advice(self, content: IdentifyContent) -> str:
+        if content.is_own:
+            return ""
+        text = "<h2>Which test to run next</h2>"
+        if content.bundle is None:
+            said = "Fit the campaign first: what a further test would add follows from its model."
+            return text + parts.note(said)
+        named = self.bench.named(content.bundle)
+        text += parts.note(
+            f"What each of a list of further tests would add to {named}, the smallest size of "
+            "every effect that they would show, and what distinguishes ties; a minute or more."
+        )
+        text += parts.button("Ask for advice", "identify-advise", kind="primary")
+        kept = self.bench.journal.kept.get(_ADVICE)
+        if isinstance(kept, dict):
+            old = kept.get("of") != list(stamp_of(content.bundle) or ())
+            note = parts.note("made from another bundle", "warn") if old else ""
+            text += f"{note}<pre>{parts.words(kept.get('text', ''))}</pre>"
+        return text
+
+    async def do(self, what: str, value: Any) -> None:
+        if what != "identify-advise":
+            await super().do(what, value)
+            return
+        bundle = self.bench.best_bundle()
+        campaign = self.bench.campaign()
+        if bundle is not None:
+            words = ["advise", campaign.path.name, "--bundle", self.bench.named(bundle)]
+            self.window.start("advising", [*words, *self.bench.own_words(component=False)])
+
+    async def finished(self, job: Job) -> None:
+        if job.words[0] == "advise" and job.code == 0:
+            bundle = self.bench.folder / job.words[3]
+            advice = {"text": job.output, "of": list(stamp_of(bundle) or ())}
+            self.bench.journal.keep(_ADVICE, advice)
+
+
+def _missing(answers: Iterable[Any]) -> Iterator[str]:
+    """A card for each test that would identify something that no log does."""
+    lacking: dict[str, list[Any]] = {}
+    for one in answers:
+        if not one.identified:
+            lacking.setdefault(one.needs or one.reason, []).append(one)
+    for needs, own in lacking.items():
+        names = ", ".join(one.parameter for one in own)
+        why = next((one.reason for one in own if one.reason and one.reason != needs), "")
+        inner = f"<p>{parts.words(needs)}</p>" + (parts.note(why) if why else "")
+        yield parts.card(f"Not identified: {names}", inner, "fair")
+
+
+def _matrix(check: Any) -> str:
+    """Parameters by training logs."""
+    files = [entry.file for entry in check.training]
+    names = [PurePath(file).stem for file in files]
+    lines = []
+    for one in check.answers:
+        cells = ['<span aria-label="yes">●</span>' if f in one.logs else "" for f in files]
+        if one.together and not one.logs:
+            said = f"by all together: {one.reason}" if one.reason else "by all together"
+        elif one.identified and not one.logs:
+            said = one.reason
+        else:
+            said = "" if one.identified else "not identified"
+        kind = "class:" if one.identified else "class:broken"
+        lines.append([kind, f"<b>{parts.words(one.parameter)}</b>", *cells, parts.words(said)])
+    text = parts.rows(("", *names, ""), lines, "Which log identifies which parameter by itself")
+    return f'<div class="matrix">{text}</div>'
+
+
+def _log(check: Any) -> str:
+    tables = "".join(block_html(table) for table in check.tables() if table.rows)
+    notes = parts.listed((*check.contradicts, *check.notices, *check.left_out()))
+    return parts.fold(check.headline(), notes + tables)
+
+
+__all__ = ["IdentifyScreen"]

@@ -1,0 +1,241 @@
+"""A file of another program: its channels, and what each of them is in the log format."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from sysid.app import parts
+from sysid.blocks.html import block_html
+from sysid.errors import InputError
+from sysid.io.conversion import convert
+from sysid.io.listing import ListedChannel, Listing
+from sysid.io.units import CANONICAL_UNITS
+from sysid.pipeline.check import check_file
+
+_PRESSURE = "_pa"
+# More channels than these are not all shown; those that are mapped are.
+_MOST_CHANNELS = 60
+# What `convert` is told besides, as it is written on the command line, and its name there.
+_MORE = (
+    ("period_s", "--period", "Sampling period, s, if no column holds the time"),
+    ("delimiter", "--delimiter", "Delimiter of a text file"),
+    ("decimal", "--decimal", "Decimal separator"),
+    ("skip_rows", "--skip-rows", "Lines to skip at the top"),
+    ("sheet", "--sheet", "Sheet of a workbook"),
+    ("rows", "--rows", "Rows to keep, FIRST:LAST"),
+    ("trim", "--trim", "Seconds of each test to keep, FROM:TO"),
+    ("resample_s", "--resample", "Even sampling period of the log, s"),
+    ("atmosphere_pa", "--atmosphere", "Atmospheric pressure, Pa, for gauge pressures"),
+)
+_NUMBERS = {"period_s": float, "skip_rows": int, "resample_s": float, "atmosphere_pa": float}
+
+
+@dataclass(frozen=True)
+class Assigned:
+    """What a channel is: the log's column, and how its readings become that column's unit.
+
+    `readings` and `values` are the ends of a sensor's range, in order.
+    """
+
+    target: str = ""
+    unit: str = ""
+    is_gauge: bool = False
+    is_reversed: bool = False
+    readings: tuple[str, str] = ("", "")
+    values: tuple[str, str] = ("", "")
+
+    def entry(self, column: str) -> str:
+        """The entry of --map. Raises InputError for half a range."""
+        si = CANONICAL_UNITS.get(self.target) or ""
+        given = [text for text in (*self.readings, *self.values) if text]
+        unit = self.unit + ("(g)" if self.is_gauge else "")
+        if given:
+            if len(given) < 4:
+                what = f"{column}: a sensor's range has two readings and their two values"
+                raise InputError(f"{what}; fill in all four, or none")
+            ends = self.values[::-1] if self.is_reversed else self.values
+            return f"{self.target}={column}:{'..'.join(self.readings)} -> {'..'.join(ends)} " + (
+                unit if self.unit else f"{si}{unit}"
+            )
+        if self.is_reversed:
+            return f"{self.target}={column}:-1 {unit if self.unit else si + unit}"
+        if unit:
+            return f"{self.target}={column}:{unit if self.unit else si + unit}"
+        return f"{self.target}={column}" + (":" if ":" in column else "")
+
+
+@dataclass
+class Mapping:
+    """A file's listing, and what was chosen for each of its channels."""
+
+    path: Path
+    listing: Listing
+    assigned: dict[str, Assigned] = field(default_factory=dict)
+    more: dict[str, str] = field(default_factory=dict)
+    kind: str = ""
+    use: str = "fit"
+    valve: str = ""
+
+    def __post_init__(self) -> None:
+        for channel in self.listing.channels:
+            names = (channel.name, *channel.also)
+            own = next((name for name in names if name in CANONICAL_UNITS), "")
+            self.assigned[channel.name] = Assigned(own)
+
+    @property
+    def is_in_format(self) -> bool:
+        """Whether the file is a log as it stands: all its mapped columns have their own names."""
+        named = {name: one for name, one in self.assigned.items() if one.target}
+        plain = all(one == Assigned(name) for name, one in named.items())
+        return plain and "time_s" in named and self.path.suffix in (".csv", ".parquet")
+
+    def entries(self) -> list[str]:
+        """The entries of --map."""
+        return [one.entry(name) for name, one in self.assigned.items() if one.target]
+
+    def options(self) -> dict[str, Any]:
+        """What `convert` is told besides. Raises InputError for a text that is no number."""
+        found: dict[str, Any] = {}
+        for name, option, _ in _MORE:
+            text = self.more.get(name, "").strip()
+            if not text:
+                continue
+            try:
+                found[name] = _NUMBERS.get(name, str)(text)
+            except ValueError:
+                raise InputError(f"{option}: {text!r} is no number; give one, or nothing") from None
+        return found
+
+    def words(self, output: str) -> list[str]:
+        """The command that converts the file."""
+        words = ["convert", self.path.name, "-o", output]
+        for one in self.entries():
+            words += ["--map", one]
+        for name, option, _ in _MORE:
+            if self.more.get(name, "").strip():
+                words += [option, self.more[name].strip()]
+        return words
+
+    def chosen(self, place: int, key: str, value: Any) -> None:
+        """A choice for the channel at `place` of the listing."""
+        name = self.listing.channels[place].name
+        one = self.assigned[name]
+        text: Any = value if isinstance(value, bool) else str(value).strip()
+        if key in ("r0", "r1", "v0", "v1"):
+            attribute = "readings" if key[0] == "r" else "values"
+            pair = list(getattr(one, attribute))
+            pair[int(key[1])] = str(text)
+            key, text = attribute, tuple(pair)
+        given: dict[str, Any] = {key: text}
+        self.assigned[name] = replace(one, **given)
+
+    # --- as it is shown -------------------------------------------------------------------
+
+    def form(self) -> str:
+        """The channels, each with a menu of what it is."""
+        shown = self.listing.channels[:_MOST_CHANNELS]
+        lines = [self._line(i, channel) for i, channel in enumerate(shown)]
+        head = ("Channel", "Unit", "Rate", "First values", "is", "in", "gauge", "reversed",
+                "two-point range (reading → value)")  # fmt: skip
+        hidden = len(self.listing.channels) - len(shown)
+        said = parts.note(f"{hidden} more channels are not shown") if hidden > 0 else ""
+        skipped = "".join(
+            f"<li>{parts.words(n)}: {parts.words(why)}</li>"
+            for n, why in self.listing.skipped.items()
+        )
+        listed = parts.fold("not channels", f"<ul>{skipped}</ul>") if skipped else ""
+        more = "".join(
+            f'<label class="field">{parts.words(text)} '
+            f"{parts.entry(f'map-more:{name}', self.more.get(name, ''), text)}</label>"
+            for name, _, text in _MORE
+        )
+        caption = f"{self.path.name}: {self.listing.format}, {len(self.listing.channels)} channels"
+        return (
+            parts.rows(head, lines, caption) + said + listed
+            + parts.fold("How the file is read", f'<div class="fields">{more}</div>')
+        )  # fmt: skip
+
+    def _line(self, place: int, channel: ListedChannel) -> list[str]:
+        one = self.assigned[channel.name]
+        targets = [("", "—"), *((name, name) for name in CANONICAL_UNITS)]
+        first = ", ".join("" if v is None else _short(v) for v in channel.first)
+        rate = "" if channel.period_s is None else f"{1.0 / channel.period_s:.4g} Hz"
+        what = f"map:{place}:"
+        ends = "".join(
+            parts.entry(f"{what}{key}", text, f"{channel.name}, {label}", size=3)
+            + (" → " if key == "r1" else " ")
+            for key, text, label in (
+                ("r0", one.readings[0], "first reading"), ("r1", one.readings[1], "last reading"),
+                ("v0", one.values[0], "value of the first"), ("v1", one.values[1], "of the last"),
+            )
+        )  # fmt: skip
+        return [
+            "class:on" if one.target else "class:",
+            f"<b>{parts.words(channel.name)}</b>", parts.words(channel.unit or ""),
+            rate, parts.words(first),
+            parts.select(f"{what}target", targets, one.target, f"{channel.name} is"),
+            parts.entry(f"{what}unit", one.unit, f"{channel.name}, unit", size=5,
+                        hint=channel.unit or CANONICAL_UNITS.get(one.target) or ""),
+            parts.tick(f"{what}is_gauge", "", one.is_gauge),
+            parts.tick(f"{what}is_reversed", "", one.is_reversed),
+            f'<span class="ends">{ends}</span>',
+        ]  # fmt: skip
+
+
+def plausibility(chosen: Mapping, rig: Path | None) -> str:
+    """What the log would be: converted into a folder that is thrown away, and checked."""
+    try:
+        entries = chosen.entries()
+        if not entries:
+            return parts.note("Say for each channel that you need what it is: time_s first.")
+        with tempfile.TemporaryDirectory(prefix="sysid-app-") as folder:
+            output = Path(folder) / f"{chosen.path.stem}.parquet"
+            given = chosen.options()
+            made = convert(chosen.path, output, maps=entries, **given)
+            found, said = check_file(output, rig, {}, ())
+    except InputError as error:
+        return parts.note(str(error), "error")
+    lines = (*found.contradicts, *made.notices, *said, *found.notices)
+    listed = parts.listed(_named(line, chosen) for line in dict.fromkeys(lines))
+    tables = "".join(block_html(table) for table in found.tables() if table.rows)
+    kinds = ", ".join(f"{count} × {kind}" for kind, count in found.kinds.items())
+    head = (
+        f"{kinds}; {found.rows:,} rows, {found.duration_s:.4g} s, every {found.period_s:.4g} s, "
+        f"{found.gaps or 'no'} gaps"
+    )
+    bad = "warn" if found.contradicts else ""
+    return (
+        f'<p class="{bad}"><b>{parts.words(found.answer)}</b></p><p>{parts.words(head)}</p>'
+        f"{listed}{tables}"
+    )
+
+
+def _named(line: str, chosen: Mapping) -> str:
+    """A notice that names the file, not the one that was thrown away."""
+    parts_of = line.split(f"{chosen.path.stem}.parquet")
+    return line if len(parts_of) == 1 else f"{chosen.path.name}{parts_of[-1]}"
+
+
+def guessed_kind(text: str, kinds: Sequence[str]) -> str:
+    """The kind of test that a check found most of; empty for none that a campaign has."""
+    found = list(_kinds_in(text, kinds))
+    return found[0] if found else ""
+
+
+def _kinds_in(text: str, kinds: Sequence[str]) -> Iterator[str]:
+    head = text.partition("</p><p>")[2].partition(";")[0]
+    for part in head.split(", "):
+        kind = part.partition(" × ")[2]
+        if kind in kinds:
+            yield kind
+
+
+def _short(value: float | str) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)[:24]
+
+
+__all__ = ["Assigned", "Mapping", "guessed_kind", "plausibility"]

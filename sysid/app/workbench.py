@@ -1,0 +1,323 @@
+"""What all windows of the workbench share: a campaign's files, its changes, and the job at work.
+
+The files are the truth. They are read again when they have changed, by whomever; another window's
+change, an editor's and a restart are the same thing.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import shlex
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from sysid.app import edits
+from sysid.app.jobs import Job
+from sysid.app.journal import FileChange, Journal
+from sysid.errors import InputError, input_error
+from sysid.io.campaign import Campaign, CampaignLog
+from sysid.io.files import write_atomic
+from sysid.io.rig import Rig
+from sysid.io.samples import Log
+from sysid.pipeline.explore import ExploredTest, explore, motion_tests
+from sysid.pipeline.files import read_bundle, read_campaign, read_rig
+
+Result = TypeVar("Result")
+# Results that are kept by what they were made from: a campaign's logs, and figures of them.
+_MOST_KEPT = 64
+_DURATIONS = "seconds by command"
+
+
+@dataclass
+class Workbench:
+    """A folder with its campaign file, results beside it, and what is done with them.
+
+    `options` are further words for every command that takes them (`--effects`, `--component`):
+    code of the user's own, which runs once it has been `allowed`.
+    """
+
+    folder: Path
+    campaign_file: Path | None
+    results: Path
+    component: str | None = None
+    effects: Path | None = None
+    allowed: set[str] = field(default_factory=set)
+    job: Job | None = None
+    said: str = ""
+    lines: str = ""
+    changes: int = 0
+    _rig_path: Path | None = None
+    _kept: OrderedDict[Any, Any] = field(default_factory=OrderedDict)
+    _lock: threading.RLock = field(default_factory=threading.RLock)
+
+    def __post_init__(self) -> None:
+        self.journal = Journal.read(self.folder)
+
+    # --- files ----------------------------------------------------------------------------
+
+    def stamp(self) -> tuple[Any, ...]:
+        """Changes whenever a file of the campaign or a result does, or a job."""
+        paths = [self.campaign_file, self.rig_file, *sorted(self.results.glob("*.json"))]
+        job = self.job
+        return (self.changes, *map(stamp_of, paths), None if job is None else id(job))
+
+    @property
+    def rig_file(self) -> Path | None:
+        """The campaign's rig file; without a campaign the folder's, where it has one."""
+        campaign = self.campaign_or_none()
+        if campaign is not None:
+            return Path(campaign.rig.source)
+        path = self.folder / "rig.toml"
+        return path if path.is_file() else None
+
+    def campaign_or_none(self) -> Campaign | None:
+        """The campaign; None where there is none, or it cannot be read."""
+        try:
+            return self.campaign()
+        except InputError:
+            return None
+
+    def campaign(self) -> Campaign:
+        """The campaign as it stands. Raises InputError."""
+        path = self.campaign_file
+        if path is None:
+            raise InputError("no campaign yet; make one on the screen Files")
+        if not path.is_file():
+            raise input_error(path, "no such file", "make one on the screen Files")
+        if self.component is not None:
+            self.check_allowed(self.component)
+        files = [path, self._rig_path, *sorted(path.parent.glob("*.toml"))]
+        found = self.kept(("campaign", *map(stamp_of, files)), lambda: self._reader(path))
+        self._rig_path = Path(found.rig.source)
+        return found
+
+    def campaign_key(self) -> tuple[Any, ...]:
+        """Changes whenever the campaign file, the rig file or a log does. Raises InputError."""
+        campaign = self.campaign()
+        paths = [campaign.path, Path(campaign.rig.source), *(e.path for e in campaign.logs)]
+        return tuple(map(stamp_of, paths))
+
+    def explored(self, path: Path) -> tuple[ExploredTest, ...]:
+        """The training tests of motion as a bundle's model gives them; none without any.
+
+        Raises InputError and NotIdentifiedError as `explore`.
+        """
+        campaign, bundle = self.campaign(), self.bundle(path)
+        motion, files = motion_tests(campaign, "fit"), self.effects_file()
+        if not motion:
+            return ()
+        key = ("explored", self.campaign_key(), stamp_of(path), stamp_of(files))
+        return self.kept(key, lambda: tuple(explore(motion, campaign.rig, bundle, effects=files)))
+
+    def rig(self) -> Rig:
+        """The rig as it stands. Raises InputError."""
+        if self.campaign_file is not None and self.campaign_file.is_file():
+            return self.campaign().rig
+        path = self.folder / "rig.toml"
+        return self.kept(("rig", stamp_of(path)), lambda: read_rig(path))
+
+    def log(self, entry: CampaignLog) -> Log:
+        """The log of an entry, read once for as long as nothing of it changes."""
+        campaign = self.campaign()
+        key = ("log", repr(entry), stamp_of(entry.path), stamp_of(Path(campaign.rig.source)))
+        return self.kept(key, lambda: campaign.read(entry))
+
+    def bundles(self) -> list[Path]:
+        """The bundles among the results, the folder and the folders in it."""
+        places = [self.results, self.folder]
+        found = [path for place in places for path in sorted(place.glob("*.json"))]
+        return [path for path in dict.fromkeys(found) if self._is_bundle(path)]
+
+    def _is_bundle(self, path: Path) -> bool:
+        def look() -> bool:
+            try:
+                with path.open("rb") as file:
+                    return b'"sysid-bundle/' in file.read(4096)
+            except OSError:
+                return False
+
+        return self.kept(("is bundle", stamp_of(path)), look)
+
+    def best_bundle(self) -> Path | None:
+        """The bundle that a run made last, else any; None without one."""
+        found = self.bundles()
+        named = [self.result(name) for name in ("bundle.json", "fitted.json")]
+        return next((path for path in named if path in found), found[0] if found else None)
+
+    def bundle(self, path: Path) -> Any:
+        """A bundle, read once for as long as its file stays."""
+        return self.kept(("bundle", stamp_of(path)), lambda: read_bundle(path))
+
+    def named(self, path: Path) -> str:
+        """A path as the commands of this page name it."""
+        try:
+            return path.relative_to(self.folder).as_posix()
+        except ValueError:
+            return str(path)
+
+    def result(self, name: str) -> Path:
+        """A file of the results."""
+        return self.results / name
+
+    def diagnosis(self) -> dict[str, Any] | None:
+        """The diagnosis of the last run, as written; None without one."""
+        path = self.result("diagnosis.json")
+
+        def read() -> dict[str, Any] | None:
+            try:
+                content = json.loads(path.read_text("utf-8"))
+            except (OSError, ValueError):
+                return None
+            return content if isinstance(content, dict) and "verdict" in content else None
+
+        return self.kept(("diagnosis", stamp_of(path)), read)
+
+    def kept(self, key: Any, make: Callable[[], Result]) -> Result:
+        """What `make` gives, made once for each key; the least used are forgotten."""
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]  # type: ignore[no-any-return]
+        made = make()
+        with self._lock:
+            self._kept[key] = made
+            while len(self._kept) > _MOST_KEPT:
+                self._kept.popitem(last=False)
+        return made
+
+    # --- changes --------------------------------------------------------------------------
+
+    def show(self, said: str, lines: str = "") -> None:
+        """What was done last: as a command, or as lines of a file."""
+        self.said, self.lines = said, lines
+        self.changes += 1
+
+    def change(self, path: Path, what: str, edit: edits.Edit) -> None:
+        """FileChange a campaign or rig file, if it can be read afterwards. Raises InputError."""
+        with self._lock:
+            before = path.read_text("utf-8") if path.is_file() else None
+            try:
+                after = edit(before or "")
+            except ValueError as error:  # what tomlkit cannot parse
+                raise input_error(path, f"is not TOML: {error}", "fix it in your editor") from None
+            if after == before:
+                return
+            self._check(path, after)
+            write_atomic(path, after)
+            self.journal.made(FileChange(what, path.name, before, after))
+            self.show(f"{self.named(path)}: {what}", edits.changed_lines(before or "", after))
+
+    def _check(self, path: Path, text: str) -> None:
+        """Read the new text as the file would be read, next to it. Raises InputError."""
+        trial = path.with_name(f".sysid-{secrets.token_hex(6)}.tmp")
+        read: Callable[[Path], Any] = read_rig
+        if path == self.campaign_file:
+            read = self._reader
+            if "[[log]]" not in text:  # a campaign's first line is the rig; its first log may wait
+                return
+        try:
+            write_atomic(trial, text)
+            read(trial)
+        except InputError as error:
+            raise InputError(str(error).replace(str(trial), path.name)) from None
+        finally:
+            trial.unlink(missing_ok=True)
+
+    def _reader(self, path: Path) -> Campaign:
+        return read_campaign(path, component=self.component)
+
+    def undo(self) -> str:
+        """Take the last change back; what it was."""
+        with self._lock:
+            step = self.journal.undo()
+            lines = edits.changed_lines(step.after, step.before or "")
+            self.show(f"{step.file}: undone: {step.what}", lines)
+        return step.what
+
+    def redo(self) -> str:
+        """Make the change again that was undone last; what it is."""
+        with self._lock:
+            step = self.journal.redo()
+            lines = edits.changed_lines(step.before or "", step.after)
+            self.show(f"{step.file}: {step.what}", lines)
+        return step.what
+
+    # --- work -----------------------------------------------------------------------------
+
+    def own_words(self, *, effects: bool = True, component: bool = True) -> tuple[str, ...]:
+        """The words for the user's own code, where there is any and a command takes it."""
+        words: list[str] = []
+        if effects and self.effects is not None:
+            words += ["--effects", str(self.effects)]
+        if component and self.component is not None:
+            words += ["--component", self.component]
+        return tuple(words)
+
+    def effects_file(self) -> Path | None:
+        """The file of further effects, once it may run. Raises InputError before."""
+        if self.effects is not None:
+            self.check_allowed(str(self.effects))
+        return self.effects
+
+    def check_allowed(self, code: str) -> None:
+        """Raises InputError for code of the user's own that was not allowed yet."""
+        if code not in self.allowed:
+            raise InputError(f"{code} is Python code of your own; allow it to run at the top")
+
+    def unasked(self) -> list[str]:
+        """The user's own files that wait to be allowed."""
+        given = (self.component, None if self.effects is None else str(self.effects))
+        return [code for code in given if code is not None and code not in self.allowed]
+
+    def start(self, what: str, words: Sequence[str], expected: Any = None) -> Job:
+        """Start a command. Raises InputError while another is at work."""
+        with self._lock:
+            if self.job is not None and not self.job.is_done:
+                raise InputError(f"{self.job.what} is at work; wait for it, or cancel it")
+            waiting = self.unasked()
+            if any(word in words for word in ("--effects", "--component")) and waiting:
+                self.check_allowed(waiting[0])
+            durations = self.journal.kept.get(_DURATIONS, {})
+            usual = {words[0]: durations[words[0]]} if words[0] in durations else {}
+            job = Job(what, tuple(words), self.folder, expected or usual)
+            job.start()
+            self.job = job
+            self.show(job.command)
+        return job
+
+    def ended(self, job: Job) -> None:
+        """Note how long a command took, for the next one's time left."""
+        if job.code == 0 and not job.cancelled:
+            durations = self.journal.kept.get(_DURATIONS, {})
+            name = job.words[0]
+            self.journal.keep(_DURATIONS, {**durations, name: round(job.seconds, 1)})
+        self.changes += 1
+
+    def close(self) -> None:
+        """End the job at work."""
+        if self.job is not None:
+            self.job.cancel()
+
+
+def stamp_of(path: Path | None) -> tuple[str, int, int] | None:
+    """What changes when a file does; None where there is none."""
+    if path is None:
+        return None
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return str(path), found.st_mtime_ns, found.st_size
+
+
+def command_line(words: Sequence[str]) -> str:
+    """A command as it is typed."""
+    return shlex.join(["sysid", *words])
+
+
+__all__ = ["Workbench", "command_line", "stamp_of"]

@@ -1,0 +1,72 @@
+"""`sysid app`: the workbench in the browser."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import click
+
+from sysid.commands.options import PathArgument, component_option, effects_option
+from sysid.errors import input_error
+from sysid.io.files import inputs_changed
+from sysid.pipeline.files import read_campaign
+
+_NEEDED = ("panel", "tomlkit")
+
+
+@click.command("app")
+@click.argument("campaign", type=PathArgument, required=False)
+@click.option(
+    "-o", "results", type=PathArgument, help="Folder of results (default: results, next to it)."
+)
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1 (default: any)."
+)
+@click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
+@effects_option
+@component_option
+def workbench(
+    campaign: Path | None,
+    results: Path | None,
+    port: int,
+    no_browser: bool,
+    effects: Path | None,
+    component: str | None,
+) -> None:
+    """The workbench in the browser: look at logs, fit, try effects, compare and export.
+
+    Only this machine reaches it, and only by the address that is printed. Without CAMPAIGN, that of
+    the folder is opened, or one is made. Own code (--effects, --component) runs once the page was
+    told that it may. Ctrl-C ends it.
+    """
+    missing = [name for name in _NEEDED if find_spec(name) is None]
+    if missing:
+        fix = 'pip install "sysid[app]"'
+        raise input_error("sysid app", f"{' and '.join(missing)} is not installed", fix)
+    from sysid.app.server import serve
+    from sysid.app.workbench import Workbench
+
+    path = campaign or Path("campaign.toml")
+    if campaign is not None and component is None:
+        read_campaign(path)
+    if path.is_dir():
+        raise input_error(path, "is a folder", "give the campaign file in it")
+    folder = path.resolve().parent
+    bench = Workbench(
+        folder,
+        folder / path.name,
+        (folder / "results" if results is None else results.resolve()),
+        component,
+        effects,
+    )
+    with inputs_changed():
+        serve(bench, port, _tell, opens_browser=not no_browser)
+
+
+def _tell(address: str) -> None:
+    click.echo(f"sysid app: {address}")
+    click.echo("Only this machine reaches it. Ctrl-C ends it.")
+
+
+__all__ = ["workbench"]

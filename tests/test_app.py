@@ -1,0 +1,521 @@
+"""The workbench in the browser: who gets in, its screens in Chromium, changes and jobs."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_campaign import write_small
+
+pytest.importorskip("panel", reason="panel is absent")
+
+from sysid.app import edits
+from sysid.app.jobs import Job
+from sysid.app.journal import FileChange, Journal
+from sysid.app.screens.mapping import Assigned
+from sysid.app.server import Gate
+from sysid.app.traces import BUCKETS, Curve, TracePanel, TraceView
+from sysid.app.workbench import Workbench
+from sysid.blocks.figures import Scale
+from sysid.errors import InputError
+from sysid.io.campaign import read_campaign
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+CHROMIUM = Path("/usr/bin/chromium")
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+_TEXT_OF = """(place) => {
+  const collect = (node) => {
+    if (node.nodeType === Node.TEXT_NODE) return node.data + " ";
+    if (["STYLE", "SCRIPT", "LINK"].includes(node.nodeName)) return "";
+    const inner = node.shadowRoot ? [...node.shadowRoot.childNodes] : [];
+    return [...inner, ...node.childNodes].map(collect).join("");
+  };
+  return collect(document.querySelector(place)).replace(/\\s+/g, " ");
+}"""
+WAIT_MS = 150_000
+
+
+@dataclass
+class Server:
+    """A `sysid app` in a process of its own."""
+
+    folder: Path
+    process: Any = None
+    address: str = ""
+
+    def start(self) -> Server:
+        """Start it, and wait for its address."""
+        with (self.folder / "server.err").open("w") as said:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "sysid", "app", "campaign.toml", "--no-browser"],
+                cwd=self.folder,
+                stdout=subprocess.PIPE,
+                stderr=said,
+                text=True,
+            )
+        for line in self.process.stdout:
+            found = re.search(r"http://\S+", line)
+            if found:
+                self.address = found[0]
+                return self
+        raise AssertionError((self.folder / "server.err").read_text("utf-8"))
+
+    @property
+    def port(self) -> int:
+        return int(re.findall(r":(\d+)/", self.address)[0])
+
+    @property
+    def token(self) -> str:
+        return self.address.partition("token=")[2]
+
+    def ask(self, path: str, method: str = "GET", body: bytes = b"", **headers: str) -> Any:
+        """A request; the answer with its body read."""
+        given = {name.replace("_", "-"): value for name, value in headers.items()}
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        connection.request(method, path, body or None, given)
+        answer = connection.getresponse()
+        answer.text = answer.read().decode("utf-8", "replace")  # type: ignore[attr-defined]
+        connection.close()
+        return answer
+
+    def kill(self, number: int = signal.SIGKILL) -> int:
+        """End it, by default without a chance to say anything."""
+        self.process.send_signal(number)
+        code = self.process.wait(20)
+        self.process.stdout.close()
+        return int(code)
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    """Until something holds; an assertion that it does after a while."""
+    until = time.monotonic() + WAIT_MS / 1000.0
+    while not holds() and time.monotonic() < until:
+        time.sleep(0.05)
+    assert holds()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    folder = tmp_path_factory.mktemp("app")
+    write_small(folder)
+    (folder / "results").mkdir()
+    shutil.copy(
+        REPOSITORY / "datasets/thesis/reference_bundle.json", folder / "results/fitted.json"
+    )
+    running = Server(folder).start()
+    yield running
+    if running.process.poll() is None:
+        running.kill()
+
+
+@dataclass
+class Page:
+    """A window, and what it complained about."""
+
+    server: Server
+    page: Any
+    faults: list[str] = field(default_factory=list)
+
+    def open(self) -> Page:
+        self.page.set_default_timeout(WAIT_MS)
+        self.page.on("pageerror", lambda error: self.faults.append(str(error)))
+        self.page.on("request", self._asked)
+        self.page.goto(self.server.address)
+        self.page.wait_for_selector("h2")
+        return self
+
+    def _asked(self, request: Any) -> None:
+        if not request.url.startswith((f"http://127.0.0.1:{self.server.port}/", "data:", "blob:")):
+            self.faults.append(f"asked for {request.url}")
+
+    def show(self, key: str) -> None:
+        """Go to a screen by its key."""
+        self.page.locator("#main").focus()
+        self.page.keyboard.press(key)
+        self.page.wait_for_function(
+            "(key) => { const find = (root) => { for (const n of root.querySelectorAll('*')) {"
+            " if (n.matches('button.tab.on')) return n.dataset.value;"
+            " if (n.shadowRoot) { const f = find(n.shadowRoot); if (f) return f; } } };"
+            " return find(document) === key; }",
+            arg=key,
+        )
+        self.page.locator(".wait").wait_for(state="detached")
+        self.page.locator("#main h2").first.wait_for()
+
+    def text(self, place: str) -> str:
+        """The text of a part of the page, that in shadow roots too."""
+        return str(self.page.evaluate(_TEXT_OF, place))
+
+    def lacking(self, wanted: Sequence[str]) -> list[str]:
+        """Which of these texts the screen does not show."""
+        text = self.text("#main")
+        return [one for one in wanted if one not in text]
+
+    def say(self, kind: str) -> str:
+        """The message at the top, once there is one."""
+        message = self.page.locator(f"div.{kind}").first
+        message.wait_for()
+        return str(message.inner_text())
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Headless Chromium; skips visibly where it or playwright is absent."""
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is absent")
+    if not CHROMIUM.exists():
+        pytest.skip(f"{CHROMIUM} is absent")
+    with api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def window(server: Server, browser: Any) -> Page:
+    context = browser.new_context(viewport={"width": 1400, "height": 900}, color_scheme="light")
+    return Page(server, context.new_page()).open()
+
+
+# --- who gets in ----------------------------------------------------------------------------
+
+
+def test_only_the_token_lets_in(server: Server) -> None:
+    host = f"127.0.0.1:{server.port}"
+    for path in ("/", "/workbench", "/style.css", "/files/campaign.toml", "/workbench/ws"):
+        assert server.ask(path).status == 403
+        assert server.ask(f"{path}?token=wrong").status == 403
+    entered = server.ask(f"/?token={server.token}")
+    cookie = entered.headers["Set-Cookie"]
+    assert entered.status == 200
+    assert "HttpOnly" in cookie and "SameSite=Strict" in cookie
+    pair = cookie.partition(";")[0]
+    assert server.ask("/style.css", Cookie=pair).status == 200
+    assert server.ask("/style.css", Cookie=pair, Origin="http://evil.example").status == 403
+    assert server.ask("/style.css", Cookie=pair, Origin=f"http://{host}").status == 200
+    assert server.ask("/style.css", Cookie=pair, Host="evil.example").status == 403
+    assert server.ask("/style.css", Cookie=pair, Sec_Fetch_Site="cross-site").status == 403
+
+
+def test_a_websocket_passes_the_same_gate(server: Server) -> None:
+    asked = {
+        "Upgrade": "websocket", "Connection": "Upgrade", "Sec_WebSocket_Version": "13",
+        "Sec_WebSocket_Key": "c3lzaWQgd29ya2JlbmNoIQ==",
+    }  # fmt: skip
+    pair = f"sysid-app-{server.port}={server.token}"
+    assert server.ask("/workbench/ws", **asked).status == 403
+    other = server.ask("/workbench/ws", Cookie=pair, Origin="http://evil.example", **asked)
+    assert other.status == 403
+
+
+def test_it_listens_on_this_machine_alone(server: Server) -> None:
+    listening = Path("/proc/net/tcp")
+    if not listening.exists():
+        pytest.skip("/proc/net/tcp is absent")
+    lines = [line.split() for line in listening.read_text().splitlines()[1:]]
+    wanted = f":{server.port:04X}"
+    addresses = {w[1] for w in lines if w[1].endswith(wanted) and w[3] == "0A"}
+    assert addresses == {f"0100007F{wanted}"}
+
+
+def test_files_of_the_folder_alone_are_given(server: Server) -> None:
+    pair = f"sysid-app-{server.port}={server.token}"
+    (server.folder / "page.html").write_text("<p>one</p>", "utf-8")
+    given = server.ask("/files/page.html", Cookie=pair)
+    assert given.status == 200 and "sandbox" in given.headers["Content-Security-Policy"]
+    for path in ("/files/rig.toml", "/files/../../etc/passwd", "/files/%2e%2e/%2e%2e/etc/hosts"):
+        assert server.ask(path, Cookie=pair).status == 404
+
+
+def test_an_upload_is_bounded_and_replaces_nothing(server: Server) -> None:
+    pair = f"sysid-app-{server.port}={server.token}"
+    before = (server.folder / "motion_discrete.parquet").read_bytes()
+    sent = server.ask("/upload/motion_discrete.parquet", "PUT", b"other", Cookie=pair)
+    assert (sent.status, sent.text) == (200, "motion_discrete-2.parquet")
+    assert (server.folder / "motion_discrete.parquet").read_bytes() == before
+    (server.folder / sent.text).unlink()
+    for name in ("..%2fevil.csv", ".hidden", "own.py", "campaign.toml"):
+        refused = server.ask(f"/upload/{name}", "PUT", b"x", Cookie=pair)
+        assert refused.status == 400 or refused.text == "evil.csv"
+    assert not (server.folder.parent / "evil.csv").exists()
+    (server.folder / "evil.csv").unlink(missing_ok=True)
+    many = {"Cookie": pair, "Content_Length": str(10**13)}
+    assert server.ask("/upload/long.csv", "PUT", b"", **many).status == 400
+    assert not list(server.folder.glob(".sysid-*.tmp"))
+
+
+# --- screens --------------------------------------------------------------------------------
+
+SHOWN = {
+    "1": ("Recordings", "friction_sliding.parquet", "[cylinder]", "pitch_radius_m"),
+    "2": ("Tests", "friction_static", "Exclude the whole test", "training"),
+    "3": ("not identified", "static friction", "friction_sliding", "Which test to run next"),
+    "4": ("Run everything", "results/fitted.json", "Friction parameters"),
+    "5": ("Measured less simulated", "RMSE", "motion_discrete.parquet, test 1"),
+    "6": ("Run the diagnosis", "Stribeck", "Choose an effect"),
+    "7": ("Compare", "Choose two bundles"),
+    "8": ("C header", "flat JSON", "results/fitted.json"),
+}
+
+
+@pytest.mark.parametrize("key", SHOWN)
+def test_a_screen_shows_its_content(key: str, window: Page) -> None:
+    window.show(key)
+    wait_until(lambda: set(window.lacking(SHOWN[key])) == set())
+    assert window.faults == []
+
+
+def test_a_file_that_is_no_log_is_one_line(window: Page) -> None:
+    (window.server.folder / "photo.csv").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 20)
+    window.show("1")
+    window.page.locator("select[data-do=file]").wait_for()
+    window.page.reload()
+    window.page.wait_for_selector("h2")
+    window.page.locator("select[data-do=file]").select_option("photo.csv")
+    assert "photo.csv: is" in window.say("error")
+    assert window.faults == []
+
+
+def test_two_windows_on_one_campaign(window: Page) -> None:
+    path = window.server.folder / "campaign.toml"
+    before = path.read_text("utf-8")
+    other = Page(window.server, window.page.context.new_page()).open()
+    window.show("2")
+    other.show("2")
+    window.page.locator("input[data-do=look-why]").fill("cable torn")
+    window.page.locator("input[data-do=look-why]").press("Tab")
+    window.page.locator("button[data-do=look-exclude-test]").click()
+    other.page.get_by_text("excluded: test 1: cable torn").wait_for()
+    assert read_campaign(path).logs[0].exclude[0].why == "cable torn"
+    wait_until(lambda: 'why = "cable torn"' in window.text(".done"))
+    other.page.locator("#main").focus()
+    other.page.keyboard.press("z")
+    window.page.locator("#main").get_by_text("cable torn").wait_for(state="detached")
+    wait_until(lambda: path.read_text("utf-8") == before)
+    other.page.close()
+
+
+def test_a_labs_file_becomes_a_log(window: Page) -> None:
+    import numpy as np
+
+    folder = window.server.folder
+    time_ms = np.arange(3000)
+    angle = np.degrees(0.4 * np.sin(time_ms / 300.0))
+    lines = [
+        f"{t};{a:.6f};{2.0 * np.sin(t / 300.0):.5f}" for t, a in zip(time_ms, angle, strict=True)
+    ]
+    (folder / "lab.csv").write_text("\n".join(["clock;angle;drive", *lines]), "utf-8")
+    kept = (folder / "campaign.toml").read_text("utf-8")
+    window.page.reload()
+    window.show("1")
+    page = window.page
+    page.locator("select[data-do=file]").select_option("lab.csv")
+    for place, target, unit in (
+        (0, "time_s", "ms"),
+        (1, "theta_rad", "deg"),
+        (2, "motor_volts", "V"),
+    ):
+        page.locator(f"select[data-do='map:{place}:target']").select_option(target)
+        page.locator(f"input[data-do='map:{place}:unit']").fill(unit)
+    page.locator("input[data-do='map:2:unit']").press("Enter")
+    wait_until(lambda: "3,000 rows, 2.999 s, every 0.001 s" in window.text("#main"))
+    page.locator("select[data-do=add-kind]").select_option("motion-motor")
+    page.locator("button[data-do=add]:not([disabled])").click()
+    wait_until(lambda: 'file = "lab-2.csv"' in (folder / "campaign.toml").read_text("utf-8"))
+    assert "--map time_s=clock:ms" in window.text(".strip")
+    log = read_campaign(folder / "campaign.toml").read(
+        read_campaign(folder / "campaign.toml").logs[-1]
+    )
+    assert log.trials[0]["theta_rad"] == pytest.approx(np.radians(angle), abs=1e-7)
+    page.locator("button[data-do=undo]").click()
+    wait_until(lambda: (folder / "campaign.toml").read_text("utf-8") == kept)
+    assert window.faults == []
+
+
+def test_an_effect_is_tried(window: Page) -> None:
+    window.show("6")
+    page = window.page
+    page.locator("button[data-do='fx-choose:torque-offset']").click()
+    wait_until(lambda: "RMSE without" in window.text("#main"))
+    before = window.text("#main")
+    page.locator("input[data-do='fx-set:0']").press("End")
+    wait_until(lambda: window.text("#main") != before)
+    assert page.locator("button[data-do=fx-held-out]").is_disabled()
+    page.locator("button[data-do=fx-freeze]").click()
+    page.locator("button[data-do=fx-held-out]:not([disabled])").click()
+    wait_until(lambda: "looked at: 1 times" in window.text("#main"))
+    found = json.loads((window.server.folder / "results/explored.json").read_text("utf-8"))
+    assert [(e["id"], e["chosen_by"]) for e in found["effects"]] == [("torque-offset", "user")]
+    assert found["provenance"]["options"]["exploration"]["held_out_looks"] == 1
+    assert window.faults == []
+
+
+def test_a_job_is_cancelled_in_the_page(window: Page) -> None:
+    window.show("4")
+    window.page.locator("button[data-do=fit-run]").click()
+    window.page.locator("button[data-do=cancel]").click()
+    wait_until(lambda: "cancelled; nothing was left half-written" in window.text(".strip"))
+    assert "sysid run campaign.toml -o results" in window.text(".done")
+    assert not list((window.server.folder / "results").glob("**/.sysid-*.tmp"))
+
+
+def test_a_narrow_dark_window(server: Server, browser: Any) -> None:
+    context = browser.new_context(viewport={"width": 800, "height": 900}, color_scheme="dark")
+    page = Page(server, context.new_page()).open()
+    page.show("2")
+    wide = page.page.evaluate("document.documentElement.scrollWidth")
+    colour = page.page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert wide <= 800
+    assert colour == "rgb(21, 24, 28)"
+    assert page.faults == []
+    context.close()
+
+
+# --- changes --------------------------------------------------------------------------------
+
+CAMPAIGN = """\
+# our bench, March
+rig = "rig.toml"
+
+[[log]]
+kind = "friction-static"   # ramps
+file = "a.csv"
+
+[[log]]
+kind = "motion-motor"
+file = "b.csv"
+use = "holdout"
+"""
+
+
+def test_a_change_leaves_the_rest_of_a_file_alone() -> None:
+    text = edits.excluded(0, "a.csv", "7", (1.5, 2.0), "hit a stop")(CAMPAIGN)
+    (line,) = set(text.splitlines()) - set(CAMPAIGN.splitlines())
+    assert line == 'exclude = [{test = "7", from_s = 1.5, to_s = 2.0, why = "hit a stop"}]'
+    assert edits.included(0, "a.csv", 0)(text) == CAMPAIGN
+    text = edits.log_changed(1, "b.csv", "use", "fit")(CAMPAIGN)
+    assert edits.changed_lines(CAMPAIGN, text) == '-use = "holdout"\n+use = "fit"'
+    with pytest.raises(InputError, match="has moved meanwhile"):
+        edits.log_changed(0, "b.csv", "use", "fit")(CAMPAIGN)
+
+
+def test_undo_leaves_alone_what_an_editor_changed(tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text("a = 2\n", "utf-8")
+    Journal.read(tmp_path).made(FileChange("a set", "rig.toml", "a = 1\n", "a = 2\n"))
+    journal = Journal.read(tmp_path)  # as after a restart
+    assert journal.undo().what == "a set"
+    assert (tmp_path / "rig.toml").read_text("utf-8") == "a = 1\n"
+    Journal.read(tmp_path).redo()
+    (tmp_path / "rig.toml").write_text("a = 3\n", "utf-8")
+    with pytest.raises(InputError, match="changed outside the workbench"):
+        Journal.read(tmp_path).undo()
+    assert (tmp_path / "rig.toml").read_text("utf-8") == "a = 3\n"
+
+
+def test_a_change_that_cannot_be_read_is_not_made(tmp_path: Path) -> None:
+    path = write_small(tmp_path)
+    bench = Workbench(tmp_path, path, tmp_path / "results")
+    rig = bench.rig_file
+    assert rig is not None
+    before = rig.read_text("utf-8")
+    with pytest.raises(InputError, match=r"rig.toml: \[air\] temperature_k = 25"):
+        bench.change(rig, "degrees", edits.constant_set("air", "temperature_k", 25.0))
+    assert rig.read_text("utf-8") == before
+    assert not list(tmp_path.glob(".sysid-*"))
+
+
+@pytest.mark.parametrize(
+    ("assigned", "entry"),
+    [
+        (Assigned("time_s", "ms"), "time_s=t:ms"),
+        (Assigned("position_m", is_reversed=True), "position_m=t:-1 m"),
+        (Assigned("pressure_a_pa", "bar", is_gauge=True), "pressure_a_pa=t:bar(g)"),
+        (
+            Assigned("pressure_a_pa", "bar", True, False, ("0.5", "4.5"), ("0", "10")),
+            "pressure_a_pa=t:0.5..4.5 -> 0..10 bar(g)",
+        ),
+    ],
+)
+def test_what_a_menu_says_is_an_entry_of_map(assigned: Assigned, entry: str) -> None:
+    from sysid.io.units import parse_map
+
+    assert assigned.entry("t") == entry
+    assert parse_map([entry])[assigned.target].column == "t"
+
+
+def test_a_million_samples_are_thinned_to_the_window() -> None:
+    import numpy as np
+
+    time_s = np.arange(1_000_000) * 1e-3
+    values = np.sin(time_s)
+    values[654_321] = 9.0
+    traces = TraceView([TracePanel(Scale("x"), (Curve(time_s, values, "x"),))], "light")
+    (_, source) = traces.sources[0]
+    assert len(source.data["x"]) <= 2 * BUCKETS + 2 and source.data["y"].max() == 9.0
+    traces.range.start, traces.range.end = 654.0, 655.0
+    shown = source.data["x"]
+    assert 1000 <= len(shown) <= 1004 and shown[0] >= 653.9 and shown[-1] <= 655.1
+
+
+def test_a_gate_is_as_strict_for_its_own_page() -> None:
+    assert len(Gate(1).token) >= 32 and Gate(1).token != Gate(1).token
+
+
+# --- jobs -----------------------------------------------------------------------------------
+
+
+def processes_of(group: int) -> list[int]:
+    """The processes of a group that have not ended."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[2]) == group and fields[0] != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+def test_a_cancelled_job_leaves_nothing(tmp_path: Path) -> None:
+    write_small(tmp_path)
+    job = Job("running", ("run", "campaign.toml", "-o", "results"), tmp_path, {"check": 4.0})
+    job.start()
+    until = time.monotonic() + 30.0
+    while not job.lines and time.monotonic() < until:
+        time.sleep(0.02)
+    assert job.share is not None and "left" in job.state
+    group = job._process.pid
+    job.cancel()
+    assert job.cancelled and "cancelled" in job.state
+    if Path("/proc").is_dir():
+        assert processes_of(group) == []
+    left = [p for p in (tmp_path / "results").glob("**/*") if p.suffix == ".tmp"]
+    assert left == []
+
+
+def test_a_killed_server_loses_nothing_and_leaves_nothing(server: Server) -> None:
+    """The last test of the module's server: it is killed."""
+    from sysid.app.journal import JOURNAL_FILE
+
+    folder = server.folder
+    kept = (folder / "campaign.toml").read_bytes()
+    journal = Journal.read(folder)
+    assert server.kill() == -signal.SIGKILL
+    again = Server(folder).start()
+    assert again.ask(f"/?token={again.token}").status == 200
+    assert again.ask(f"/?token={server.token}").status == 403
+    assert (folder / "campaign.toml").read_bytes() == kept
+    if (folder / JOURNAL_FILE).exists():
+        assert Journal.read(folder) == journal
+    assert again.kill(signal.SIGINT) == 0
