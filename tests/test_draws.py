@@ -18,6 +18,7 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.logs import read_log
 from sysid.io.rig import rig_from_content
+from sysid.io.toml_text import toml_text
 from sysid.parameters import Bundle, Parts, read_bundle, write_bundle
 from sysid.parameters.friction import Friction
 from sysid.parameters.valves import FittedValves
@@ -155,6 +156,22 @@ def test_simulate_writes_bands(
     frame = pd.read_csv(tmp_path / "one.csv", comment="#")
     assert (frame["theta_rad_p05"] <= frame["theta_rad_p95"]).all()
     assert main([*words, "--draws", "20", "--valve-model", "averaged", "-o", "x.csv"]) in (2, 3)
+
+
+def test_validate_counts_what_lies_in_the_bands(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "rig.toml").write_text(toml_text(read_bundle(folder / "bundle.json").rig.content))
+    (tmp_path / "motor.csv").write_bytes((folder / "motor.csv").read_bytes())
+    entry = '[[log]]\nkind = "motion-motor"\nfile = "motor.csv"\nuse = "holdout"\n'
+    (tmp_path / "campaign.toml").write_text(f'rig = "rig.toml"\n{entry}')
+    words = ["validate", str(tmp_path / "campaign.toml"), "--bundle", str(folder / "bundle.json")]
+    assert main([*words, "--draws", "20", "--json"]) == 0
+    bands = json.loads(capsys.readouterr().out)["bands"]
+    (log,) = bands["logs"]
+    assert bands["draws"] == 20 and log["use"] == "holdout"
+    assert set(log["in_band"]) == {"theta_rad", "pressure_a_pa", "pressure_b_pa"}
+    assert all(0.5 < share <= 1.0 for share in log["in_band"].values())
 
 
 # --- closed loop -----------------------------------------------------------------------

@@ -11,10 +11,12 @@ import click
 
 from sysid.blocks.tables import Table
 from sysid.commands.options import (
+    SEED,
     PathArgument,
     bundle_option,
     campaign_argument,
     component_option,
+    draws_option,
     effects_option,
     exclude_option,
     json_option,
@@ -29,7 +31,7 @@ from sysid.commands.printing import (
 )
 from sysid.pipeline.files import read_bundle, read_with
 from sysid.pipeline.report import PageOptions, write_results
-from sysid.pipeline.validate import ValidateOptions
+from sysid.pipeline.validate import BandCoverage, ValidateOptions, coverage
 from sysid.pipeline.validate import validate as workflow
 from sysid.types import Progress, no_progress
 
@@ -39,6 +41,8 @@ from sysid.types import Progress, no_progress
 @bundle_option
 @report_option
 @click.option("-o", "output", type=PathArgument, help="Write the bundle with its validation.")
+@draws_option
+@click.option("--seed", type=SEED, default=0, help="Seed of the draws.")
 @effects_option
 @component_option
 @exclude_option
@@ -57,10 +61,13 @@ class Validated:
     table: Table
     notices: tuple[str, ...]
     written: tuple[Path, ...]
+    bands: BandCoverage | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The output of `sysid validate --json`."""
+        own = {} if self.bands is None else {"bands": self.bands.to_json()}
         return {
+            **own,
             "validation": self.content,
             "notices": list(self.notices),
             "written": [str(path) for path in self.written],
@@ -73,7 +80,8 @@ def _show(validated: Validated, as_json: bool) -> None:
     if as_json:
         print_json(validated.to_json())
         return
-    print_blocks((validated.table, *written_lines(validated.written)))
+    bands = () if validated.bands is None else (validated.bands.table(),)
+    print_blocks((validated.table, *bands, *written_lines(validated.written)))
 
 
 def validate_campaign(
@@ -84,23 +92,29 @@ def validate_campaign(
     output: Path | None = None,
     component: str | None = None,
     exclude: Sequence[str] = (),
+    draws: int | None = None,
+    seed: int = 0,
     progress: Progress = no_progress,
     **options: Any,
 ) -> Validated:
     """Simulate a campaign's motion logs open loop with a bundle's model.
 
-    `component`: a file of the user's own, which is executed; `exclude` names what is not read;
+    `draws`: models for bands about the simulation, by `seed`; `component`: a file of the user's
+    own, which is executed; `exclude` names what is not read;
     `options` are those of `ValidateOptions`. Raises InputError for unusable files,
     NotIdentifiedError where the bundle lacks what the simulation needs.
     """
     campaign = read_with(campaign_path, component, progress, exclude)
     bundle = read_bundle(bundle_path)
-    result = workflow(campaign, bundle, ValidateOptions(**options, progress=progress))
+    asked = ValidateOptions(**options, progress=progress)
+    result = workflow(campaign, bundle, asked)
+    bands = coverage(campaign, bundle, draws, seed, asked) if draws else None
     record = result.record()
     bundle = bundle.replaced(validation=record)
     bundle = bundle.with_sources(campaign.sources("holdout"))
     page = PageOptions(validation=result, progress=progress)
     unseen = write_results(campaign, bundle, page, output, report)
-    notices = (*unseen, *campaign.notices, *campaign.rig.notices, *result.notices)
+    said = () if bands is None else bands.notices
+    notices = (*unseen, *campaign.notices, *campaign.rig.notices, *result.notices, *said)
     written = tuple(path for path in (output, report) if path is not None)
-    return Validated(bundle.to_json()["validation"], record.table(), notices, written)
+    return Validated(bundle.to_json()["validation"], record.table(), notices, written, bands)

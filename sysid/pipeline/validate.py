@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 from sysid.blocks.progress import progress_or_shown
 from sysid.components.loading import component_in
+from sysid.errors import input_error
 from sysid.io.campaign import MOTION_KINDS, SIMULATED_KINDS, Campaign
 from sysid.parameters import Bundle
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
+from sysid.refinement.bands import BandCoverage, band_coverage
 from sysid.validation.results import ValidationResult
 
 
@@ -58,4 +60,21 @@ def is_validated(campaign: Campaign, bundle: Bundle) -> bool:
     return bool(is_whole and campaign.select(SIMULATED_KINDS, None))
 
 
-__all__ = ["ValidateOptions", "is_validated", "validate"]
+def coverage(
+    campaign: Campaign, bundle: Bundle, draws: int, seed: int, options: ValidateOptions
+) -> BandCoverage:
+    """The share of each motion log's samples within 90 % bands by `draws` drawn models.
+
+    Raises InputError for a component of the user's own, or a campaign without motion logs.
+    """
+    if component_in(campaign) is not None:
+        raise input_error(
+            campaign.path,
+            "is of a component of your own",
+            "bands are drawn of actuators: omit --draws",
+        )
+    model = bundle.model(campaign.rig, catalogue_from(options.effects))
+    return band_coverage(campaign, bundle, model, draws, seed, options.tell)
+
+
+__all__ = ["BandCoverage", "ValidateOptions", "coverage", "is_validated", "validate"]

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from sysid.blocks.tables import Table, table
+from sysid.errors import input_error
+from sysid.io.campaign import SIMULATED_KINDS, Campaign
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
@@ -14,7 +18,9 @@ from sysid.parameters import Bundle
 from sysid.plant.ports import Model
 from sysid.plant.sensors import measured_channels, true_start
 from sysid.plant.trials import inputs_from_trial, starts_on_supply
-from sysid.refinement.draws import PosteriorDraws, with_test_scatter
+from sysid.recording.motion_tests import prepare_all
+from sysid.refinement.draws import PosteriorDraws, posterior_draws, with_test_scatter
+from sysid.refinement.refine import SEGMENT_S
 from sysid.types import FloatArray, Progress, no_progress
 
 SHARE = 0.9
@@ -85,4 +91,72 @@ def _band(values: FloatArray, name: str, rig: Rig, rng: np.random.Generator) -> 
     return MotionBand(low, high)
 
 
-__all__ = ["SHARE", "MotionBand", "open_loop_bands"]
+@dataclass(frozen=True)
+class LogCoverage:
+    """A log's `share` of samples within the bands, by channel, and its `use`."""
+
+    file: str
+    use: str
+    share: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class BandCoverage:
+    """How much of the motion logs lies in the bands of `draws` drawn models."""
+
+    draws: int
+    logs: tuple[LogCoverage, ...]
+    notices: tuple[str, ...]
+
+    def table(self) -> Table:
+        """One row per log, in percent."""
+        names = tuple(self.logs[0].share)
+        rows = [
+            (log.file, log.use, *(f"{100.0 * log.share[n]:.0f}" for n in names))
+            for log in self.logs
+        ]
+        title = f"Samples in the {100 * SHARE:.0f} % band of {self.draws} draws, %"
+        return table(title, ("log", "use", *names), rows)
+
+    def to_json(self) -> dict[str, Any]:
+        """The object `bands` that `sysid validate --draws --json` prints."""
+        logs = [{"file": g.file, "use": g.use, "in_band": dict(g.share)} for g in self.logs]
+        return {"draws": self.draws, "share": SHARE, "logs": logs}
+
+
+def band_coverage(
+    campaign: Campaign,
+    bundle: Bundle,
+    model: Model,
+    draws: int,
+    seed: int,
+    progress: Progress = no_progress,
+) -> BandCoverage:
+    """The share of each motion log's samples in the bands about the bundle's model.
+
+    Samples count until the arm comes near an end stop. Raises InputError without a motion log,
+    NotIdentifiedError where nothing can be drawn.
+    """
+    rig = campaign.rig
+    drawn = posterior_draws(bundle, rig, model, draws, seed)
+    found, notices = [], list(drawn.notices())
+    for entry in campaign.select(SIMULATED_KINDS, use=None):
+        log = campaign.read(entry)
+        tests, said = prepare_all(log.trials, entry.kind, rig, SEGMENT_S)
+        notices += said
+        bands = open_loop_bands(bundle, rig, drawn, [t.trial for t in tests], seed, progress)
+        inside: dict[str, list[FloatArray]] = {}
+        for test, own in zip(tests, bands, strict=True):
+            for name in own.keys() & test.trial.channels.keys():
+                held = own[name].holds(test.trial[name])
+                inside.setdefault(name, []).append(held[: test.counted(test.whole)])
+        share = {n: float(np.concatenate(inside[n]).mean()) for n in bands[0] if n in inside}
+        found.append(LogCoverage(entry.file, entry.use, share))
+    if not found:
+        raise input_error(
+            campaign.path, "lists no motion log to compare with bands", "add one, or omit --draws"
+        )
+    return BandCoverage(draws, tuple(found), tuple(dict.fromkeys(notices)))
+
+
+__all__ = ["SHARE", "BandCoverage", "LogCoverage", "MotionBand", "band_coverage", "open_loop_bands"]
