@@ -35,6 +35,7 @@ _BENCH_CHANNELS = (
     Channel("velocity_rad_per_s", "Speed", "rad/s", 1.0, "mrad/s", 1e3),
     Channel("motor_force_n", "Force", "N", 1.0, "N", 1.0),
     Channel("flow_a_kg_s", "Flow", "g/s", 1e3, "mg/s", 1e6),
+    Channel("upstream_pressure_pa", "Pressure upstream", "kPa", 1e-3, "Pa", 1.0),
     Channel("flow_up_kg_s", "Flow, duty rising", "g/s", 1e3, "mg/s", 1e6),
     Channel("flow_down_kg_s", "Flow, duty falling", "g/s", 1e3, "mg/s", 1e6),
     Channel("log_time_to_pressure", "Logarithm of the time", "-", 1.0, "-", 1.0),

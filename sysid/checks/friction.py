@@ -159,12 +159,11 @@ def bench_fit(
 ) -> tuple[Mapping[str, Estimate], Sequence[str]]:
     """The law that tests of a part on a bench give, without effects, by the keys of a bundle, and
     the recording of each of its tests."""
-    from sysid.diagnosis.bench.fitting import fit_law
+    from sysid.diagnosis.bench.law_choice import chosen_law
     from sysid.diagnosis.bench.registry import component_of
 
     component = component_of(kind, trials, rig)
-    fitted = fit_law(component, (), range(len(component.tests)))
-    return fitted.base_estimates(), component.tests
+    return chosen_law(component).fitted.base_estimates(), component.tests
 
 
 __all__ = ["Identification", "bench_fit", "friction_identified", "friction_together"]

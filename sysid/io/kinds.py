@@ -84,7 +84,7 @@ TEST_KINDS = (
     TestKind(
         "valve-flow",
         "bench",
-        "a valve on a bench: settled flow over duty",
+        "a valve or restriction on a bench: settled flow over duty, or over its two pressures",
         column="flow_a_kg_s",
         optional=True,
     ),

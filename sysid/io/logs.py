@@ -43,6 +43,8 @@ _SELDOM_NEEDED = (
     "velocity_rad_per_s",
     "velocity_m_per_s",
     "flow_a_kg_s",
+    "upstream_pressure_pa",
+    "downstream_pressure_pa",
     "time_to_pressure_s",
     "pwm_period_s",
     "pump_volts",

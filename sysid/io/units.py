@@ -77,6 +77,8 @@ LOG_COLUMNS: dict[str, FormatColumn] = {
     "motor_volts": FormatColumn("V", "the motor's command in place of its effort"),
     "pump_volts": FormatColumn("V", "command of the pump that fills a tank"),
     "flow_a_kg_s": FormatColumn("kg/s", "settled flow through a valve"),
+    "upstream_pressure_pa": FormatColumn("Pa", "pressure before a valve or restriction"),
+    "downstream_pressure_pa": FormatColumn("Pa", "pressure behind a valve or restriction"),
     "time_to_pressure_s": FormatColumn("s", "time that filling or emptying took"),
     "pwm_period_s": FormatColumn("s", "period of a reading's PWM"),
     "temperature_k": FormatColumn("K", "ambient temperature"),

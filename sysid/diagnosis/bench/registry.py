@@ -8,6 +8,7 @@ from sysid.diagnosis.bench.axis import axis
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.friction_readings import KIND as FRICTION_POINTS
 from sysid.diagnosis.bench.friction_readings import friction_points
+from sysid.diagnosis.bench.restriction import is_over_pressures, restriction
 from sysid.diagnosis.bench.tank import KIND as TANK
 from sysid.diagnosis.bench.tank import tank
 from sysid.diagnosis.bench.valve_flow import KIND as VALVE_FLOW
@@ -22,10 +23,18 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 
 AXIS = "friction-motion"
+
+
+def _flow(trials: Sequence[Trial], rig: Rig) -> Component:
+    """Settled flows: over two pressures, or over the duty."""
+    over_pressures = bool(trials) and all(map(is_over_pressures, trials))
+    return restriction(trials, rig) if over_pressures else valve_flow(trials, rig)
+
+
 _BUILDERS: dict[str, Callable[[Sequence[Trial], Rig], Component]] = {
     AXIS: axis,
     TANK: tank,
-    VALVE_FLOW: valve_flow,
+    VALVE_FLOW: _flow,
     VALVE_TIME: valve_time,
     FRICTION_POINTS: friction_points,
 }

@@ -29,6 +29,7 @@ _STILL_AIR_W_PER_M2_K = 10.0
 _MOST, _LEAST_PA = 10.0, 1.0
 _MOST_OF_A_STATE = 1e9
 _LEAST_ADIABATIC = 1e-9
+_FIRST_STEP = 1e-3
 # Of the search for the time in a step at which a flow ceases to be choked.
 _HALVINGS = 40
 
@@ -285,12 +286,16 @@ def _point(time: float, pressure: Array, extra: Mapping[str, Array], model: Mode
 
 
 def grid(end: float, first: float, longest: float, growth: float) -> FloatArray:
-    """Times of the steps (m,) s from 0 to `end` or just beyond: the `first` of so many s, each
-    longer than the one before up to `longest`."""
-    times, step = [0.0], first
+    """Times of the steps (m,) s from 0 to `end` or just beyond, each longer than the one before.
+
+    From a thousandth of `first` s doubled up to it, then by `growth` up to `longest`: at the start
+    the gas of a conducting tank goes over to its quasi-steady temperature, in as short a time as
+    may be, and the rates at both ends of a step say nothing of what lies between.
+    """
+    times, step = [0.0], _FIRST_STEP * first
     while times[-1] < end:
         times.append(times[-1] + step)
-        step = min(step * growth, longest)
+        step = min(2.0 * step, first) if step < first else min(step * growth, longest)
     return np.array(times)
 
 
