@@ -92,7 +92,7 @@ class Server:
     def kill(self, number: int = signal.SIGKILL) -> int:
         """End it, by default without a chance to say anything."""
         self.process.send_signal(number)
-        code = self.process.wait(20)
+        code = self.process.wait(120)
         self.process.stdout.close()
         return int(code)
 

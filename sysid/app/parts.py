@@ -173,7 +173,8 @@ def _group(group: FigureGroup, scheme: Scheme, chosen: Chosen | None) -> list[An
 
 def grid(panes: Sequence[Any], columns: int = _WIDE_PLOTS) -> Any:
     """Panes next to each other, fewer where the window is narrow."""
-    return pn.FlexBox(
+    # A column of Bokeh holds its children itself: the page's style makes a grid of it.
+    return pn.Column(
         *panes,
         sizing_mode="stretch_width",
         css_classes=["plots", f"of-{min(len(panes), columns)}"],

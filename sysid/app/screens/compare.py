@@ -20,6 +20,7 @@ from sysid.pipeline.compare import compare
 from sysid.pipeline.explore import ExploredTest
 
 _MOST = 5
+_USUAL = ("fitted.json", "bundle.json")
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,9 @@ class CompareScreen(Screen):
         paths = tuple(bench.bundles())
         names = {bench.named(path): path for path in paths}
         if self.chosen is None:
-            self.chosen = list(names)[:2]
+            # What a diagnosis and a refinement have changed of the fit.
+            usual = [n for n in map(bench.named, map(bench.result, _USUAL)) if n in names]
+            self.chosen = usual if len(usual) == len(_USUAL) else list(names)[:2]
         chosen = tuple(names[name] for name in self.chosen if name in names)
         bundles = [bench.bundle(path) for path in chosen]
         if len(bundles) < 2:
