@@ -50,6 +50,7 @@ class Window:
         self._stamp: tuple[Any, ...] = ()
         self._job: Job | None = None
         self._filling = 0
+        self._heard = 0
 
     # --- drawing --------------------------------------------------------------------------
 
@@ -145,13 +146,15 @@ class Window:
     # --- what a person does ---------------------------------------------------------------
 
     async def heard(self, text: str) -> None:
-        """A message of the page: what was clicked or changed, and its value."""
+        """Messages of the page, some heard before: what was clicked or changed, and its value."""
         try:
-            message = json.loads(text)
-            what, value = str(message["do"]), message.get("value")
-        except (ValueError, KeyError, TypeError):
+            messages = [(str(m["do"]), m.get("value"), int(m["count"])) for m in json.loads(text)]
+        except (ValueError, KeyError, TypeError, AttributeError):
             return
-        await self.guarded(lambda: self._do(what, value))
+        for what, value, number in messages:
+            if number > self._heard:
+                self._heard = number
+                await self.guarded(partial(self._do, what, value))
         self.draw_frame()
 
     async def guarded(self, act: Callable[[], Awaitable[None]]) -> None:

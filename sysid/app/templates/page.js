@@ -2,6 +2,7 @@
 // What a person does on the page goes to the program as one message; elements say what with
 // data-do. They stand in shadow roots, so that one listener for all follows the composed path.
 let count = 0;
+const recent = [];
 let last = null;
 function asked() {
   for (const doc of Bokeh.documents) {
@@ -15,7 +16,11 @@ function send(what, value) {
   if (model === null) return;
   last = [what, value];
   count += 1;
-  model.value = JSON.stringify({ do: what, value: value ?? null, count });
+  recent.push({ do: what, value: value ?? null, count });
+  if (recent.length > 40) recent.shift();
+  // Values that follow one another quickly may reach the program as the last one alone: each
+  // brings those before it, and the program does what it has not done yet.
+  model.value = JSON.stringify(recent);
 }
 function element(event, kind) {
   for (const node of event.composedPath()) {
