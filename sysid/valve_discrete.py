@@ -100,7 +100,7 @@ def _valves(trials: Sequence[Trial], valve: str | None, rig: Rig) -> list[str]:
             raise input_error("valve", f"{valve!r} is neither a nor b", "write a or b")
         rig.require_side(valve, trials[0].source)
         return [valve]
-    names = [f"valve_{v}" for v in rig.sides]
+    names = [f"valve_{rig.filled_by(v)}" for v in rig.sides]
     if not any(name in t for name in names for t in trials):
         raise _no_command(trials[0], names)
     switched = [v for v in rig.sides if any(is_switched(t, v) for t in trials)]

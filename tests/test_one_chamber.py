@@ -28,6 +28,7 @@ from sysid.parameters import Bundle, Parts
 from sysid.plant import base, plant
 from sysid.plant.base import ValveParameters, parameters_from_rig
 from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.ports import Model, Point
 from sysid.plant.trials import simulate_trials
 from sysid.recording.motion_tests import prepare
 from sysid.valve_discrete import fit_valve_discrete
@@ -271,6 +272,111 @@ def test_no_surface_is_fitted_under_a_vacuum(rig_text: str) -> None:
     rig = one_chamber(rig_text, air={"supply_pressure_pa": 3e4})
     with pytest.raises(NotIdentifiedError, match="the supply is a vacuum, under which no PWM"):
         fit_valve_pwm([], rig)
+
+
+# --- a fill and a bleed valve -------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def shut(tmp_path_factory: pytest.TempPathFactory) -> tuple[GeneratedCampaign, Path]:
+    made = make_one_chamber_campaign(
+        7,
+        motion="linear",
+        with_motor=False,
+        bleeds=True,
+        kinds=("valve-discrete", "motion-discrete"),
+    )
+    place = tmp_path_factory.mktemp("shut")
+    write_campaign(place, made, "generated")
+    return made, place
+
+
+def with_arrangement(rig_text: str, chambers: list[str]) -> Rig:
+    valves = {"arrangement": "fill-and-bleed"}
+    found = content(rig_text, cylinder={"chambers": chambers}, valves=valves)
+    return rig_from_content(found, "rig.toml")
+
+
+def test_two_valves_are_of_one_chamber(rig_text: str) -> None:
+    rig = with_arrangement(rig_text, ["a"])
+    assert rig.bleeds and rig.valve_names == ("a_fill", "a_bleed")
+    with pytest.raises(InputError, match="on a rig with two chambers, of which no model"):
+        with_arrangement(rig_text, ["a", "b"])
+    with pytest.raises(InputError, match="arrangement = '5/3' is unknown; write one of '3/2'"):
+        rig_from_content(content(rig_text, valves={"arrangement": "5/3"}), "rig.toml")
+
+
+def test_commands_of_other_valves_are_one_line(
+    shut: tuple[GeneratedCampaign, Path], tmp_path: Path
+) -> None:
+    _, place = shut
+    rig = read_rig(place / "rig.toml")
+    plain = {**rig.content, "valves": dict.fromkeys(("on_delay_s", "off_delay_s"), 0.002)}
+    with pytest.raises(InputError, match="holds valve_a_fill, a command of two on/off valves"):
+        read_log(place / "motion_discrete.csv", rig_from_content(plain, "rig.toml"))
+    text = (place / "motion_discrete.csv").read_text("utf-8")
+    (tmp_path / "log.csv").write_text(text.replace("valve_a_fill", "valve_a"), "utf-8")
+    with pytest.raises(InputError, match="holds valve_a, a command of 3/2 valves"):
+        read_log(tmp_path / "log.csv", rig)
+
+
+def test_a_fill_and_a_bleed_valve(shut: tuple[GeneratedCampaign, Path]) -> None:
+    made, place = shut
+    log, law = log_of(place, "valve_discrete_a"), made.rig.truth.valve_a
+    assert log.rig is not None and not log.contradictions
+    found = fit_valve_discrete(log.trials, log.rig, find_ratio=False)["a"].estimates
+    for key, true in dataclasses.asdict(law).items():
+        assert abs(found[key].value - true) < 4.0 * found[key].std, key
+    delay = made.rig.content["valves"]["on_delay_s"]
+    assert abs(found["on_delay_s"].value - delay) < 4.0 * found["on_delay_s"].std
+    assert not found["off_delay_s"].identified
+
+
+def test_a_shut_chamber_is_the_generators(shut: tuple[GeneratedCampaign, Path]) -> None:
+    made, place = shut
+    log, t = log_of(place, "motion_discrete_2"), made.rig.truth
+    factors, law = made.log("motion_discrete_2").tests[0].truth, t.valve_a
+    assert log.rig is not None
+    truth = parameters_from_rig(
+        log.rig,
+        static_effort=t.static_friction * factors["static_factor"],
+        coulomb_effort=t.coulomb_friction * factors["sliding_factor"],
+        viscous=t.viscous_friction * factors["sliding_factor"],
+        valve_a=ValveParameters(
+            law.choked_flow_fill_kg_s, law.choked_flow_dis_kg_s, law.c_fill, law.c_dis
+        ),
+    )
+    (run,) = simulate_trials(log.trials, log.rig, truth)
+    measured = log.trials[0]
+    both_off = (measured["valve_a_fill"] == 0.0) & (measured["valve_a_bleed"] == 0.0)
+    assert np.mean(both_off) > 0.3 and np.ptp(measured["pressure_a_pa"][both_off]) > 2e4
+    noise = np.std(run["pressure_a_pa"] - measured["pressure_a_pa"])
+    assert noise < 1.1 * t.pressure_noise_pa
+    way = np.ptp(measured["position_m"])
+    assert np.max(np.abs(run["position_m"] - measured["position_m"])) < 0.01 * way
+
+
+def test_flows_of_two_valves_add_up(rig_text: str) -> None:
+    rig = with_arrangement(rig_text, ["a"])
+    law = ValveParameters(7e-4, 3e-4, 1.5e-6, 3.7e-9)
+    p = parameters_from_rig(rig, static_effort=0.0, coulomb_effort=0.0, viscous=0.0, valve_a=law)
+    state = dict.fromkeys(("time", "position", "velocity", "motor", "direction"), np.zeros(4))
+    fills, bleeds = np.array([0.0, 1.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0, 1.0])
+    pressure = np.full(4, 1.5e5)
+    point = Point(
+        **state,
+        pressure_a=pressure,
+        pressure_b=np.full(4, 1e5),
+        open_a=fills,
+        open_b=bleeds,
+        parameters=p,
+    )
+    # At 1.5 bar of 3: filling choked, emptying not.
+    flow = plant.discrete_flow("a", fills > 0.0, point, Model(p))
+    out = 3.7e-9 * (1e5 - 1.5e5)
+    assert flow == pytest.approx([0.0, 7e-4, out, 7e-4 + out])
+    assert plant.shared_flow("a", fills, point, Model(p)) == pytest.approx(flow)
+    assert not np.any(plant.discrete_flow("b", fills > 0.0, point, Model(p)))
 
 
 # --- commands -----------------------------------------------------------------------------

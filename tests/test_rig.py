@@ -51,6 +51,7 @@ ENDINGS = {
 NOT_IN_TEMPLATE = {
     ("tank", "volume_m3"),
     ("cylinder", "chambers"),
+    ("valves", "arrangement"),
     ("spring", "stiffness_nm_per_rad"),
     ("spring", "preload_nm"),
     ("spring", "stiffness_n_per_m"),

@@ -32,6 +32,10 @@ _DECIMALS = {
     "valve_a": 0,
     "valve_b": 0,
     "encoder_counts": 0,
+    "duty_a_fill": 4,
+    "duty_a_bleed": 4,
+    "valve_a_fill": 0,
+    "valve_a_bleed": 0,
 }
 
 

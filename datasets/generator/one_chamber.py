@@ -48,11 +48,13 @@ def random_one_chamber_rig(
     motion: str | None = None,
     with_motor: bool | None = None,
     vacuum: bool = False,
+    bleeds: bool = False,
 ) -> GeneratedRig:
     """A rig with chamber A and a return spring; what is not given is drawn.
 
     Rotary or linear; with or without a motor next to the cylinder; `vacuum`: its supply is one, and
-    the spring holds the piston at the other end. The spring is as stiff as `SPRING_SHARE` says.
+    the spring holds the piston at the other end; `bleeds`: a fill and a bleed valve, shut while
+    both are off. The spring is as stiff as `SPRING_SHARE` says.
     """
     drawn_motion = "linear" if rng.random() < 0.5 else "rotary"
     drawn_motor = bool(rng.random() < 0.5)
@@ -61,6 +63,8 @@ def random_one_chamber_rig(
     cylinder = content["cylinder"]
     del cylinder["area_b_m2"], cylinder["offset_b_m"]
     cylinder["chambers"] = ["a"]
+    if bleeds:
+        content["valves"]["arrangement"] = "fill-and-bleed"
     if vacuum:
         content["air"]["supply_pressure_pa"] = round(float(rng.uniform(*VACUUM_PA)), -3)
         # What a full vacuum moves is less than what 3 bar do.
@@ -156,14 +160,19 @@ class _Maker:
             sine = friction_tests.clipped_sine(
                 held[-1] + 1, period, frequency, phase, amplitude, rng.uniform(0.7, 1.0)
             )
-            duty = rounded_duty(np.clip(middle + sine, 0.004, 0.95))[held]
+            duty, bleed = rounded_duty(np.clip(middle + sine, 0.004, 0.95))[held], None
+            if rig.bleeds:  # one fills, the other one empties, and in between both are shut
+                size = rng.uniform(0.5, 1.5) * amplitude
+                shift = rng.uniform(-0.02, 0.04)
+                duty = rounded_duty(np.clip(size * sine / amplitude - shift, 0.0, 0.95))[held]
+                bleed = rounded_duty(np.clip(-size * sine / amplitude - shift, 0.0, 0.95))[held]
             motor = np.zeros(n)
             if with_motor:
                 size = rng.uniform(0.1, 0.3) * rig.max_effort
                 motor = friction_tests.clipped_sine(
                     n, rig.row_period, 1.7 * frequency, phase, size, 0.8
                 )
-            return Commands(rounded_effort(motor, rig), duty_a=duty)
+            return Commands(rounded_effort(motor, rig), duty_a=duty, bleed=bleed)
 
         return self._tried(label, rng, draw)
 
@@ -173,15 +182,18 @@ class _Maker:
         n = round(duration / rig.row_period)
 
         def draw(progress: float) -> Commands:
-            valve = np.zeros(n)
+            valve, bleed = np.zeros(n), np.zeros(n)
             row = round(rng.uniform(0.25, 0.6) / rig.row_period)
             longest = 0.2 * (1.0 - 0.8 * progress) + 0.02
             while row < n:
                 pulse = np.exp(rng.uniform(np.log(0.008), np.log(longest)))
                 length = max(1, round(float(pulse) / rig.row_period))
-                valve[row : row + length] = 1.0
+                # Of two valves either one, and a pause in which both are shut.
+                own = bleed if rig.bleeds and rng.random() < 0.5 else valve
+                own[row : row + length] = 1.0
                 row += length + round(rng.uniform(0.03, 0.5) / rig.row_period)
-            return Commands(np.zeros(n), valve_a=valve)
+            both = bleed if rig.bleeds else None
+            return Commands(np.zeros(n), valve_a=valve, bleed=both)
 
         return self._tried(label, rng, draw)
 
@@ -199,7 +211,7 @@ class _Maker:
                 rng.uniform(0.6, 1.25) * rig.max_effort,
                 rng.uniform(0.6, 0.95),
             )
-            return Commands(rounded_effort(sine, rig), valve_a=np.zeros(n))
+            return Commands(rounded_effort(sine, rig), valve_a=np.zeros(n), bleed=np.zeros(n))
 
         return self._tried(label, rng, draw, 0.15)
 
@@ -248,6 +260,9 @@ class _Maker:
             lambda i, t, r: valve_tests.discrete_test(rig, t, "a", noise, r),
             valve="a",
         )
+        if rig.bleeds:
+            yield from self._motions(more)
+            return
         duties = [(d, f) for f in (True, False) for d in valve_tests.duties(duty_step)]
         yield _Planned(
             "valve_pwm_a",
@@ -255,8 +270,11 @@ class _Maker:
             lambda i, t, r: valve_tests.pwm_test(rig, t, "a", *duties[i], noise, r),
             valve="a",
         )
+        yield from self._motions(more)
+
+    def _motions(self, more: int) -> Iterator[_Planned]:
         for suffix, use, count in (("", "fit", 2 + more), ("_2", "holdout", 1)):
-            if has_motor:
+            if "motor" in self.rig.content:
                 yield _Planned(
                     f"motion_motor{suffix}", count, lambda i, t, r: self.motor(t, 7.0, r), use
                 )
@@ -308,6 +326,7 @@ def make_one_chamber_campaign(
     motion: str | None = None,
     with_motor: bool | None = None,
     vacuum: bool = False,
+    bleeds: bool = False,
     effects: tuple[Injected, ...] = (),
     duty_step: float = 0.06,
     more: int = 0,
@@ -315,7 +334,7 @@ def make_one_chamber_campaign(
 ) -> GeneratedCampaign:
     """A campaign of a drawn one-chamber rig; arguments as in `random_one_chamber_rig` and
     `campaign.make_campaign`. Raises ValueError where a rig can make no test of a kind."""
-    rig = random_one_chamber_rig(stream(seed, "rig", 1000), motion, with_motor, vacuum)
+    rig = random_one_chamber_rig(stream(seed, "rig", 1000), motion, with_motor, vacuum, bleeds)
     rig = dataclasses.replace(rig, effects=effects)
     maker = _Maker(rig, scatter, rig.truth.pressure_noise_pa)
     logs = maker.logs(seed, duty_step, more, kinds)

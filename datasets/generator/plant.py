@@ -39,9 +39,11 @@ N_STATES = 4
 # Mode.
 SLIDE = 0  # -1, +1: moving that way; 0: stuck
 HELD = 1  # 1: the piston is clamped, as in the valve tests
-OPEN_A, OPEN_B = 2, 3  # 1: chamber on the supply, 0: on the exhaust
+OPEN_A, OPEN_B = 2, 3  # 1: chamber on the supply, 0: on the exhaust, 2: shut
 REGIME_A, REGIME_B = 4, 5
 N_MODES = 6
+
+SHUT = 2
 
 # Regime of a chamber's flow.
 UNCHOKED, CHOKED, BOUNDARY, ABOVE_SUPPLY = 0, 1, 2, 3
@@ -167,6 +169,8 @@ def pressure_rate(
     volume_rate = c.direction * velocity * p.radius * c.area
     if opened == 1:
         flow = fill_flow(pressure, regime, c, p)
+    elif opened == SHUT:
+        flow = 0.0
     else:
         flow = exhaust_flow(pressure, regime, c, p)
     enthalpy = p.gas_constant * p.temperature * flow
@@ -208,6 +212,8 @@ def choked_boundary(opened: int, p: Plant) -> float:
 @compiled
 def regime_at(pressure: float, opened: int, p: Plant) -> int:
     """The regime that a pressure is in when a valve has just switched."""
+    if opened == SHUT:
+        return UNCHOKED
     if opened == 1:
         if pressure <= CRITICAL_RATIO * p.supply:
             return CHOKED
@@ -230,6 +236,8 @@ def regime_margin(
     x: FloatArray, channel: int, opened: int, regime: int, c: Chamber, p: Plant
 ) -> float:
     """Positive while the regime holds, Pa (on the boundary: Pa/s)."""
+    if opened == SHUT:
+        return 1.0
     pressure = float(x[channel])
     boundary = choked_boundary(opened, p)
     if regime == BOUNDARY:

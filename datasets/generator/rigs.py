@@ -83,6 +83,11 @@ class GeneratedRig:
         return tuple(self.content["cylinder"].get("chambers", ("a", "b")))
 
     @property
+    def bleeds(self) -> bool:
+        """Whether chamber A has two on/off valves, and is shut while both are off."""
+        return bool(self.content["valves"].get("arrangement") == "fill-and-bleed")
+
+    @property
     def max_effort(self) -> float:
         if "motor" not in self.content:
             return 0.0

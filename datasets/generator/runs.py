@@ -9,7 +9,7 @@ import numpy as np
 
 from datasets.generator.effects import simulate as with_effects
 from datasets.generator.integrator import integrate
-from datasets.generator.plant import FloatArray, Plant
+from datasets.generator.plant import SHUT, FloatArray, Plant
 from datasets.generator.rigs import GeneratedRig
 from datasets.generator.sensors import measured
 from datasets.generator.timing import (
@@ -17,6 +17,7 @@ from datasets.generator.timing import (
     merged,
     movements,
     no_edges,
+    of_two_valves,
     pwm_commands,
     switched_commands,
 )
@@ -34,6 +35,7 @@ class Commands:
     duty_a: FloatArray | None = None
     duty_b: FloatArray | None = None
     log_motor: bool = True
+    bleed: FloatArray | None = None  # of A's second valve, which empties it: on/off, or its duty
 
     def columns(self, rig: GeneratedRig) -> dict[str, FloatArray]:
         """The commanded columns under the log format's names."""
@@ -41,6 +43,11 @@ class Commands:
         given = {name: getattr(self, name) for name in names}
         columns = {name: value for name, value in given.items() if value is not None}
         columns = {name: value for name, value in columns.items() if name[-1] in rig.sides}
+        if rig.bleeds:
+            columns = {f"{name}_fill": value for name, value in columns.items()}
+            if self.bleed is not None:
+                stem = "valve" if self.duty_a is None else "duty"
+                columns[f"{stem}_a_bleed"] = self.bleed
         if self.log_motor and "motor" in rig.content:
             columns["motor_force_n" if rig.is_linear else "motor_torque_nm"] = self.motor
         return columns
@@ -91,6 +98,10 @@ def simulated(
         _command_edges(rig, commands.valve_a, commands.duty_a, start.opened[0]),
         _command_edges(rig, commands.valve_b, commands.duty_b, start.opened[1]),
     )
+    if rig.bleeds:
+        pulsed = commands.duty_a is not None
+        of_bleed = (None, commands.bleed) if pulsed else (commands.bleed, None)
+        asked = asked[0], _command_edges(rig, *of_bleed, 0)
     initial = np.array([start.position, 0.0, start.pressure_a, start.pressure_b])
     if rig.effects:
         motor = np.ascontiguousarray(commands.motor, dtype=np.float64)
@@ -98,6 +109,9 @@ def simulated(
             rig, plant, motor, asked, initial, start.opened, start.held, band, tolerance
         )
     edges = [_movements(rig, asked[i], start.opened[i]) for i in (0, 1)]
+    opened = start.opened
+    if rig.bleeds:
+        edges, opened = [of_two_valves(*edges), no_edges()], (SHUT, 0)
     time, valve, state = merged(*edges)
     states, rows = integrate(
         plant,
@@ -107,7 +121,7 @@ def simulated(
         valve,
         state,
         initial,
-        np.array(start.opened, dtype=np.int64),
+        np.array(opened, dtype=np.int64),
         start.held,
         np.array(band, dtype=np.float64),
         tolerance,

@@ -70,6 +70,19 @@ def movements(
     return moved[:count], to[:count]
 
 
+def of_two_valves(fills: Edges, bleeds: Edges) -> Edges:
+    """A chamber's state (1: on the supply, 0: exhaust, 2: shut) by its two valves' movements.
+
+    Both are off before; where both are open, the chamber is taken to be on the supply.
+    """
+    time, valve, state = merged(fills, bleeds)
+    opened, to = [0, 0], np.empty(time.size, dtype=np.int64)
+    for i in range(time.size):
+        opened[valve[i]] = int(state[i])
+        to[i] = 1 if opened[0] else (0 if opened[1] else 2)
+    return time, to
+
+
 def merged(a: Edges, b: Edges) -> tuple[FloatArray, IntArray, IntArray]:
     """Both valves' movements in order of time: times (m,) s, valves (0: A, 1: B), states."""
     time = np.concatenate((a[0], b[0]))

@@ -9,6 +9,7 @@ from datasets.generator.runs import Commands, GeneratedTest, Start, logged, simu
 from datasets.generator.sensors import rounded_duty
 
 DISCRETE_S, ON_S, OFF_S = 6.0, 1.0, 4.0
+BETWEEN_S = 0.2  # in which two valves keep a chamber shut
 PWM_SHORTEST_S, PWM_LONGEST_S = 1.0, 1.2
 
 
@@ -35,7 +36,11 @@ def discrete_test(
     command, idle = np.zeros(n), np.zeros(n)
     command[on:off] = 1.0
     a, b = (command, idle) if valve == "a" else (idle, command)
-    commands = Commands(np.zeros(n), valve_a=a, valve_b=b, log_motor=False)
+    bleed = None
+    if rig.bleeds:  # shut for a while, then emptied by the other valve
+        bleed = np.zeros(n)
+        bleed[off + round(BETWEEN_S / rig.row_period) :] = 1.0
+    commands = Commands(np.zeros(n), valve_a=a, valve_b=b, log_motor=False, bleed=bleed)
     states = simulated(rig, rig.plant(), commands, held_start(rig, valve, False))
     return logged(label, rig, commands, states, noise_pa, rng, {"on_row": on, "off_row": off})
 

@@ -16,7 +16,7 @@ from sysid.identification.valve_discrete.start import flows_not_shown
 from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.channels import DUTIES, SWITCHES
 from sysid.io.logs import Trial
-from sysid.io.rig import Air, Rig
+from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import FloatArray
@@ -72,15 +72,16 @@ def excitation(by_kind: TrialsByKind, rig: Rig) -> Iterator[str]:
 def _discrete(trials: Sequence[Trial], rig: Rig, valve: str) -> Iterator[Identification]:
     """The flows of an on/off valve: those that a fit of the tests finds in their samples."""
     pressure = f"pressure_{valve}_pa"
-    used = [t for t in trials if is_active(t, f"valve_{valve}") and pressure in t]
+    fills = f"valve_{rig.filled_by(valve)}"
+    used = [t for t in trials if is_active(t, fills) and pressure in t]
     title = f"valve {valve.upper()}"
     needs = f"needs a valve-discrete test of {title}: piston held, on 3 s, off"
-    if trials and not any(is_active(t, f"valve_{valve}") for t in trials):
-        needs = f"valve_{valve} is not logged, or never switched on: {needs}"
+    if trials and not any(is_active(t, fills) for t in trials):
+        needs = f"{fills} is not logged, or never switched on: {needs}"
     lacking = dict.fromkeys(_FLOW_NAMES, needs)
     counts = dict.fromkeys(_FLOW_NAMES, 0)
     if used and rig.air is not None:
-        counts = _in_regime(used, rig.air, valve)
+        counts = _in_regime(used, rig, valve)
         try:
             lacking = flows_not_shown(used, rig, valve)
         except (InputError, NotIdentifiedError) as error:
@@ -90,12 +91,13 @@ def _discrete(trials: Sequence[Trial], rig: Rig, valve: str) -> Iterator[Identif
         yield Identification(f"{title} {shown}", name not in lacking, reason)
 
 
-def _in_regime(trials: Sequence[Trial], air: Air, valve: str) -> dict[str, int]:
+def _in_regime(trials: Sequence[Trial], rig: Rig, valve: str) -> dict[str, int]:
     """How many samples show each flow, choked or not, by its name in a bundle."""
+    air, fills = rig.require("air", "which the valve law needs"), f"valve_{rig.filled_by(valve)}"
     boundary_fill = CRITICAL_RATIO * air.supply_pressure_pa
     boundary_dis = air.atmospheric_pressure_pa / CRITICAL_RATIO
-    filling = np.concatenate([t[f"pressure_{valve}_pa"][t[f"valve_{valve}"] > 0] for t in trials])
-    exhaust = np.concatenate([_after_on(t, valve) for t in trials])
+    filling = np.concatenate([t[f"pressure_{valve}_pa"][t[fills] > 0] for t in trials])
+    exhaust = np.concatenate([_after_on(t, valve, fills) for t in trials])
     inside = (
         filling < boundary_fill,
         filling > boundary_fill,
@@ -106,8 +108,10 @@ def _in_regime(trials: Sequence[Trial], air: Air, valve: str) -> dict[str, int]:
     return dict(zip(_FLOW_NAMES, found, strict=True))
 
 
-def _after_on(trial: Trial, valve: str) -> FloatArray:
-    command = trial[f"valve_{valve}"] > 0
+def _after_on(trial: Trial, valve: str, fills: str) -> FloatArray:
+    if f"valve_{valve}_bleed" in trial:
+        return trial[f"pressure_{valve}_pa"][trial[f"valve_{valve}_bleed"] > 0]
+    command = trial[fills] > 0
     first = int(np.argmax(command))
     later = ~command
     later[:first] = False

@@ -18,6 +18,7 @@ def simulated_channels(position: str) -> tuple[str, ...]:
 VELOCITY_CHANNELS = {"theta_rad": "velocity_rad_per_s", "position_m": "velocity_m_per_s"}
 """The channel of the speed that goes with a log's position channel."""
 
-DUTIES = ("duty_a", "duty_b")
-SWITCHES = ("valve_a", "valve_b")
+_OF_TWO_VALVES = ("a_fill", "a_bleed", "b_fill", "b_bleed")
+DUTIES = ("duty_a", "duty_b", *(f"duty_{name}" for name in _OF_TWO_VALVES))
+SWITCHES = ("valve_a", "valve_b", *(f"valve_{name}" for name in _OF_TWO_VALVES))
 VALVE_COMMANDS = (*SWITCHES, *DUTIES)

@@ -441,8 +441,27 @@ def _convert_motor(reading: LogReading) -> None:
                 reading.contradict("motor", line + hint)
 
 
+def _check_arrangement(reading: LogReading) -> None:
+    """InputError for commands of other valves than the rig file declares."""
+    rig = reading.rig
+    for name in VALVE_COMMANDS:
+        values = reading.columns.get(name)
+        is_of_two = name.endswith(("_fill", "_bleed"))
+        if values is None or is_of_two == rig.bleeds or not np.any(_known(values)):
+            continue
+        said = "two on/off valves a chamber" if is_of_two else "3/2 valves"
+        other = "fill-and-bleed" if is_of_two else "3/2"
+        mine = ", ".join(f"{name.split('_')[0]}_{own}" for own in rig.valve_names)
+        raise input_error(
+            reading.where,
+            f"holds {name}, a command of {said}, which {rig.source} does not declare",
+            f'write [valves] arrangement = "{other}" there, or map {mine}',
+        )
+
+
 def _check_values(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> None:
     """Units and ranges of every channel, over the whole file."""
+    _check_arrangement(reading)
     rig, columns, where = reading.rig, reading.columns, reading.where
     for name in PRESSURES:
         if name in columns:
@@ -460,7 +479,7 @@ def _check_values(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> No
                     f"{where}, {reading.table.place(int(bad[0]))}",
                     f"{name} = {columns[name][bad[0]]:g} is neither 0 nor 1",
                     f"write 0 (off) or 1 (on), a measured coil voltage too; a duty belongs in "
-                    f"duty_{name[-1]}",
+                    f"duty_{name.removeprefix('valve_')}",
                 )
         else:
             known = _known(columns[name])

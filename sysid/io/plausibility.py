@@ -334,7 +334,7 @@ def check_rest(where: str, pressures: Mapping[str, FloatArray], rig: Rig) -> str
 
     Only of a rig whose valves vent its chambers: others may stand under a regulator's pressure.
     """
-    if rig.air is None or rig.valves is None or not pressures:
+    if rig.air is None or rig.valves is None or rig.bleeds or not pressures:
         return None
     ambient = float(rig.air.atmospheric_pressure_pa)
     rests = [float(np.median(values)) for values in pressures.values()]

@@ -167,6 +167,23 @@ class Rig:
         """The channels of its chambers' pressures; none of a motor alone."""
         return () if self.is_motor_alone else CHAMBER_PRESSURES[: len(self.sides)]
 
+    @property
+    def bleeds(self) -> bool:
+        """Whether a chamber has two on/off valves: one fills it, one empties it."""
+        return self.valves is not None and self.valves.arrangement == "fill-and-bleed"
+
+    @property
+    def valve_names(self) -> tuple[str, ...]:
+        """What its valves' commands are named after: `valve_a`, or `valve_a_fill`, `valve_a_bleed`.
+
+        At most two: of chambers A and B, or the fill and the bleed valve of one chamber.
+        """
+        return ("a_fill", "a_bleed") if self.bleeds else self.sides
+
+    def filled_by(self, side: str) -> str:
+        """The name of the valve that fills a chamber."""
+        return f"{side}_fill" if self.bleeds else side
+
     def require_side(self, side: str, what: str) -> None:
         """InputError, which names `what` asks, where the rig lacks a chamber and its valve."""
         if side not in self.sides:
@@ -489,6 +506,13 @@ def _check_together(rig: Rig) -> None:
             "add its distance from the shaft",
         )
     _check_spring(rig)
+    if rig.bleeds and len(rig.sides) > 1:
+        raise input_error(
+            rig.source,
+            '[valves] arrangement = "fill-and-bleed" on a rig with two chambers, of which no model '
+            "is made yet",
+            'write [cylinder] chambers = ["a"] if there is one, or leave the valves out',
+        )
     if cylinder is None:
         return
     if not rig.is_linear and "pitch_radius_m" not in rig.content["cylinder"]:

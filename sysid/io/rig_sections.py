@@ -7,10 +7,10 @@ complete.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from sysid.io.channels import SIDES
-from sysid.io.declaration import ListKey, NumberKey, Range, TemplateLine, TomlSection
+from sysid.io.declaration import ChoiceKey, ListKey, NumberKey, Range, TemplateLine, TomlSection
 
 
 class Air(TomlSection):
@@ -59,6 +59,8 @@ class Air(TomlSection):
         ),
     ]
 
+
+Arrangement = Literal["3/2", "fill-and-bleed"]
 
 _OPEN_SIDE = {"area_b_m2": 1e-15, "offset_b_m": 1e18}
 """What stands for chamber B where the piston's other side is open to the atmosphere: a piston of no
@@ -313,9 +315,17 @@ class Pwm(TomlSection):
 
 
 class Valves(TomlSection):
-    """`[valves]`: declared delays from command to opening and to closing."""
+    """`[valves]`: which there are, and declared delays from command to opening and to closing."""
 
     table: ClassVar[str] = "valves"
+
+    arrangement: Annotated[
+        Arrangement,
+        ChoiceKey(
+            'One 3/2 valve a chamber, or two on/off valves: "fill-and-bleed", both off is shut.',
+            ("3/2", "fill-and-bleed"),
+        ),
+    ] = "3/2"
 
     on_delay_s: Annotated[
         float,

@@ -72,6 +72,16 @@ LOG_COLUMNS: dict[str, FormatColumn] = {
     "valve_b": FormatColumn("dimensionless", "the same of valve B"),
     "duty_a": FormatColumn("dimensionless", "PWM duty of valve A, 0 to 1"),
     "duty_b": FormatColumn("dimensionless", "the same of valve B"),
+    **{
+        f"{stem}_{side}_{valve}": FormatColumn(
+            "dimensionless",
+            f"{'on/off command' if stem == 'valve' else 'PWM duty'} of the valve that "
+            f"{'fills' if valve == 'fill' else 'empties'} chamber {side.upper()}, of two valves",
+        )
+        for stem in ("valve", "duty")
+        for side in ("a", "b")
+        for valve in ("fill", "bleed")
+    },
     "motor_torque_nm": FormatColumn("N*m", "torque of the motor at the output shaft"),
     "motor_force_n": FormatColumn("N", "force of the motor, linear rigs"),
     "motor_volts": FormatColumn("V", "the motor's command in place of its effort"),

@@ -284,6 +284,8 @@ def surfaces_from_bundle(bundle: BundleContent, rig: Rig, kind: str) -> tuple[An
     InputError where surfaces were fitted at another PWM period or supply than the rig's, at which
     they do not hold.
     """
+    if rig.bleeds:
+        return None  # its valves are followed pulse by pulse
     if kind == AVERAGED:
         laws = {side: _averaged_law(bundle, rig, side) for side in rig.sides}
         a, b = laws["a"], laws.get("b", _no_averaged_law(rig))

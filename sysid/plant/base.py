@@ -60,8 +60,9 @@ class Parameters:
     `supply_reference`, to which choked filling is proportional. Gravity is
     `gravity_moment` sin(position) + `weight`: the first on a rotary rig, the second on a
     linear one. A return spring resists positive motion with `preload` + `stiffness` position;
-    None: there is none. A chamber that a rig lacks is the atmosphere: a piston of no area before a
-    room, with a valve that passes nothing.
+    None: there is none. Where `bleeds`, the two valves are chamber A's, which A's fills and B's
+    empties, by A's laws, each by its own delays. A chamber that a rig lacks is the atmosphere: a
+    piston of no area before a room, with a valve that passes nothing.
     """
 
     # mechanics: Nm, Nm s/rad, kg m2 (linear: N, N s/m, kg)
@@ -118,6 +119,8 @@ class Parameters:
     sonic_conductance_dis_b: Array | None = None
     critical_ratio_dis_b: Array | None = None
     subsonic_index_dis_b: Array | None = None
+    # whether valve B is the one that empties chamber A, which is shut while both are off
+    bleeds: Array = False
 
     def replace(self, **changes: Array) -> Parameters:
         """A copy with some fields changed."""
@@ -252,6 +255,7 @@ def bare_parameters(rig: Rig) -> Parameters:
         **dict.fromkeys(_FLOWS, 0.0),
         pwm_period=1.0,
         **dict(zip(SPRING_NAMES, rig.spring_law or (None, None), strict=True)),
+        bleeds=rig.bleeds,
     )
 
 

@@ -120,8 +120,19 @@ def breakaway_effort(applied: Array, point: Point, model: Model) -> Array:
 
 
 def discrete_flow(side: str, choked: Array, point: Point, model: Model) -> Array:
-    """Flow into a chamber by the discrete law, kg/s; on where `is_open`."""
+    """Flow into a chamber by the discrete law, kg/s; on where `is_open`.
+
+    Of two valves a chamber, `choked` is that of the one that fills where both are open.
+    """
     xp = array_namespace(point.pressure_a, point.position)
+    if point.parameters.bleeds:
+        opened = point.is_open(side) > 0
+        boundary = exhaust_boundary(side, point, model)
+        empties = xp.where(opened, point.pressure(side) >= boundary, choked)
+        filling = _filling(side, choked, point, model)
+        emptying = _exhausting(side, empties, point, model)
+        flow = xp.where(opened, filling, 0.0) + xp.where(point.vents(side) > 0, emptying, 0.0)
+        return model.through("chamber_flow", flow, side, point)
     flow = xp.where(
         point.is_open(side) > 0,
         _filling(side, choked, point, model),
@@ -139,12 +150,17 @@ def shared_flow(side: str, share: Array, point: Point, model: Model) -> Array:
     # A port reads both valves: where one effect couples the sides, the other keeps its share.
     on: dict[str, Any] = {f"open_{side}": 1.0 + 0.0 * pressure}
     off: dict[str, Any] = {f"open_{side}": 0.0 * pressure}
+    if point.parameters.bleeds:
+        on["open_b"], off["open_b"] = 0.0 * pressure, 1.0 + 0.0 * pressure
     opened, closed = dataclasses.replace(point, **on), dataclasses.replace(point, **off)
     fills = pressure <= filling_boundary(side, opened, model)
     empties = pressure >= exhaust_boundary(side, closed, model)
     # In each direction the half of `discrete_flow` that applies there.
     filling = _filling(side, fills, opened, model)
     exhausting = _exhausting(side, empties, closed, model)
+    if point.parameters.bleeds:
+        flow = share * filling + point.vents(side) * exhausting
+        return model.through("chamber_flow", flow, side, point)
     return share * model.through("chamber_flow", filling, side, opened) + (
         1.0 - share
     ) * model.through("chamber_flow", exhausting, side, closed)

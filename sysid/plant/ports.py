@@ -51,6 +51,12 @@ class Point:
         """Whether the valve is on (averaged valve model: the duty)."""
         return self.open_a if side == "a" else self.open_b
 
+    def vents(self, side: str) -> Array:
+        """Whether a chamber's valve lets air out (averaged valve model: the share of the time)."""
+        if not self.parameters.bleeds:
+            return 1.0 - self.is_open(side)
+        return self.open_b if side == "a" else 0.0 * self.open_b
+
 
 class Effect:
     """Every port, neutral. Derive, add fields (floats or arrays over runs), override.

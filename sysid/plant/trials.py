@@ -46,12 +46,13 @@ def inputs_from_trial(
 
     if len(trial) < 2:
         raise input_error(trial.source, "has fewer than two rows", "give a longer test")
-    commands = [
-        _valve_command(trial, side, on) if side in rig.sides else None
-        for side, on in zip(SIDES, starts_on, strict=True)
+    commands: list[ValveCommand | None] = [
+        _valve_command(trial, name, on)
+        for name, on in zip(rig.valve_names, starts_on, strict=False)
     ]
+    commands += [None] * (len(SIDES) - len(commands))
     if rig.effort_channel not in trial and commands == [None, None]:
-        names = [f"{stem}_{side}" for stem in ("duty", "valve") for side in rig.sides]
+        names = [f"{stem}_{side}" for stem in ("duty", "valve") for side in rig.valve_names]
         raise input_error(
             trial.source,
             "holds no command",

@@ -25,7 +25,7 @@ def check_channels(trial: Trial, kind: str, rig: Rig) -> None:
         needed.append(rig.effort_channel)
     else:
         prefix = "duty" if kind == "motion-pwm" else "valve"
-        needed += [*(f"{prefix}_{side}" for side in rig.sides), *rig.pressure_channels]
+        needed += [*(f"{prefix}_{name}" for name in rig.valve_names), *rig.pressure_channels]
     trial.require(needed, f"which simulating a {kind} test needs")
     if len(trial) < MIN_ROWS:
         raise input_error(

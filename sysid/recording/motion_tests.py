@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import Failure, error_of, input_error, on_its_own
-from sysid.io.channels import CHAMBER_PRESSURES, SIDES
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import rows_per_ripple
@@ -85,7 +85,7 @@ class MotionTest(Recording):
     @cached_property
     def commands(self) -> Commands:
         """Commands (n,) of valves A and B, None for a valve that stays off."""
-        return commands_of(self.trial, self.pulsed)
+        return commands_of(self.trial, self.pulsed, self.rig)
 
     @cached_property
     def measured(self) -> FloatArray:
@@ -127,12 +127,12 @@ def prepare(
     """
     check_channels(trial, kind, rig)
     check_sampling(trial, kind, rig)
-    _check_commands(trial, kind)
+    _check_commands(trial, kind, rig)
     pulsed = kind == "motion-pwm"
     stride = rows_per_ripple(trial, rig) if pulsed else None
     measured = measured_channels(trial, rig)
     noise = channel_noise(measured, stride or 1, rig.sensors.pressure_noise_pa)
-    a, b = (valve_edges(trial.time, u, pulsed, rig) for u in commands_of(trial, pulsed))
+    a, b = (valve_edges(trial.time, u, pulsed, rig) for u in commands_of(trial, pulsed, rig))
     edges, notices = (a, b), _not_logged(trial, rig)
     test = MotionTest(
         trial=trial,
@@ -249,10 +249,10 @@ def _stop_notice(test: MotionTest) -> str:
     )
 
 
-def _check_commands(trial: Trial, kind: str) -> None:
+def _check_commands(trial: Trial, kind: str, rig: Rig) -> None:
     other = "valve" if kind == "motion-pwm" else "duty"
-    for side in SIDES:
-        name = f"{other}_{side}"
+    for valve in rig.valve_names:
+        name = f"{other}_{valve}"
         if name in trial and bool(np.any(trial[name] != 0.0)):
             raise input_error(
                 trial.source,
@@ -261,10 +261,11 @@ def _check_commands(trial: Trial, kind: str) -> None:
             )
 
 
-def commands_of(trial: Trial, pulsed: bool) -> Commands:
-    """Commands (n,) of valves A and B, None for a valve that stays off."""
+def commands_of(trial: Trial, pulsed: bool, rig: Rig) -> Commands:
+    """Commands (n,) of a rig's two valves, None for one that stays off or that there is not."""
     prefix = "duty" if pulsed else "valve"
-    a, b = (trial.channels.get(f"{prefix}_{side}") for side in SIDES)
+    found = [trial.channels.get(f"{prefix}_{name}") for name in rig.valve_names]
+    a, b = [*found, None][:2]
     return a, b
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.io.campaign import CampaignLog
-from sysid.io.channels import SIDES, simulated_channels
+from sysid.io.channels import simulated_channels
 from sysid.io.rig import Rig
 from sysid.recording.motion_tests import MotionTest
 from sysid.types import FloatArray
@@ -86,9 +86,9 @@ def _named_inputs(test: MotionTest, rig: Rig, rows: slice) -> dict[str, FloatArr
     """The commands in these rows, by name."""
     prefix = "duty" if test.pulsed else "valve"
     inputs = {rig.effort_channel: test.commanded[rows]}
-    for side, command in zip(SIDES, test.commands, strict=True):
+    for name, command in zip(test.rig.valve_names, test.commands, strict=False):
         if command is not None:
-            inputs[f"{prefix}_{side}"] = command[rows]
+            inputs[f"{prefix}_{name}"] = command[rows]
     return inputs
 
 

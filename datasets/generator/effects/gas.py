@@ -25,6 +25,7 @@ from datasets.generator.plant import (
     POSITION,
     PRESSURE_A,
     PRESSURE_B,
+    SHUT,
     VELOCITY,
     FloatArray,
     IntArray,
@@ -201,6 +202,8 @@ def valve_flows(x: FloatArray, mode: IntArray, time: float, p: Any, k: Any) -> t
         icing -= k.icing * (1.0 - np.exp(-time / k.icing_time_s))
     if mode[OPEN_A] == 1:
         a = fill_flow(x[PRESSURE_A], supply_a, p.a, p, k)
+    elif mode[OPEN_A] == SHUT:
+        a = 0.0
     else:
         a = -icing * exhaust_flow(x[PRESSURE_A], back_a, p.a, p, k)
     if mode[OPEN_B] == 1:

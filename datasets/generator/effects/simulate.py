@@ -14,9 +14,9 @@ from datasets.generator.effects.integrator import (
 )
 from datasets.generator.effects.knobs import changed_plant, knobs_of, plant_record, step_s
 from datasets.generator.effects.timing import changed_movements
-from datasets.generator.plant import FloatArray, IntArray, Plant
+from datasets.generator.plant import SHUT, FloatArray, IntArray, Plant
 from datasets.generator.rigs import GeneratedRig
-from datasets.generator.timing import Edges, merged
+from datasets.generator.timing import Edges, merged, no_edges, of_two_valves
 
 
 def simulated(
@@ -48,10 +48,12 @@ def simulated(
             float(delays["off_delay_s"]),
             opened[i],
             k,
-            "ab"[i],
+            "a" if rig.bleeds else "ab"[i],
         )
         for i in (0, 1)
     ]
+    if rig.bleeds:
+        edges, opened = [of_two_valves(*edges), no_edges()], (SHUT, 0)
     time, valve, state = merged(*edges)
     opened_array: IntArray = np.array(opened, dtype=np.int64)
     step = tolerance * step_s(rig.effects, time.size > 0)

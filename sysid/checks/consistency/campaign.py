@@ -273,8 +273,9 @@ def _air(trials: Sequence[Trial], name: str, rig: Rig) -> Iterator[Reading]:
         flows = [f for t in trials for f in filling_flows(t, side, rig)]
         if flows:
             yield Reading(_FLOWS[side], name, *interval_of(flows, _LEAST_OF_FLOW))
+        vents = rig.valves is not None and not rig.bleeds
         # Without valves that vent it, a chamber may stand under a regulator's pressure.
-        rests = rest_pressures(trials, f"pressure_{side}_pa", ambient) if rig.valves else []
+        rests = rest_pressures(trials, f"pressure_{side}_pa", ambient) if vents else []
         if rests:
             yield Reading(_RESTS[side], name, *interval_of(rests, LEAST_OF_PRESSURE))
         filled = filled_pressures(trials, side, ambient)

@@ -50,7 +50,9 @@ def near_boundaries(
         low, high = reduce(np.minimum, bounds), reduce(np.maximum, bounds)
         return np.asarray((pressure > low - margin) & (pressure < high + margin))
 
-    return ((share > 0.0) & within(fills, fill)) | ((share < 1.0) & within(exhausts, exhaust))
+    vents = point_of(traces, model).vents(side)
+    near = ((share > 0.0) & within(fills, fill)) | ((vents > 0.0) & within(exhausts, exhaust))
+    return np.asarray(near)
 
 
 __all__ = ["near_boundaries"]

@@ -27,6 +27,7 @@ from sysid.diagnosis.actuator.equation_error import (
     equation_error,
 )
 from sysid.diagnosis.actuator.samples import Rows, Traces, Windows, windows
+from sysid.diagnosis.actuator.states import point_of
 from sysid.diagnosis.actuator.twins import SensorNoise, retraced
 from sysid.estimation.autoregression import (
     Autoregression,
@@ -225,10 +226,13 @@ def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
     is mostly noise.
     """
     pressure, share = traces.pressure(side), traces.is_open(side)
+    if model.parameters.bleeds and side != "a":  # there is no other chamber
+        return np.ones(len(traces), dtype=bool)
+    vents = point_of(traces, model).vents(side)
     to_supply = np.abs(traces.supply - pressure) < _NEAR_SUPPLY * traces.supply
     atmosphere = float(model.parameters.atmosphere)
     to_atmosphere = np.abs(pressure - atmosphere) < _NEAR_ATMOSPHERE * atmosphere
-    return np.asarray(((share > 0.0) & to_supply) | ((share < 1.0) & to_atmosphere))
+    return np.asarray(((share > 0.0) & to_supply) | ((vents > 0.0) & to_atmosphere))
 
 
 def noise_of(

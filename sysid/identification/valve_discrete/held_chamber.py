@@ -62,7 +62,8 @@ class HeldChamber:
     `time` (n,) s; the valve is commanded on in [`opens`, `closes`) (s, minus infinity: on
     before the first row); `gain` k R T / V, Pa/kg; the supply is `supply` (m,) Pa from each
     of `supply_from` (m,) s on; choked filling holds at `supply_reference` Pa; `temperature` of
-    the air in K.
+    the air in K. `bleeds`: when a second valve, which empties the chamber, is commanded on, as
+    opens and closes; the chamber is shut while both are off. None: off, the one valve empties it.
     """
 
     time: FloatArray
@@ -73,6 +74,14 @@ class HeldChamber:
     supply: FloatArray
     supply_reference: float
     temperature: float = ANR_TEMPERATURE
+    bleeds: tuple[FloatArray, FloatArray] | None = None
+
+    @property
+    def empties(self) -> tuple[FloatArray, FloatArray]:
+        """When the chamber is commanded to empty: from and until, s each."""
+        if self.bleeds is not None:
+            return self.bleeds
+        return self.closes, np.append(self.opens[1:], np.inf)[: len(self.closes)]
 
 
 def pressure_curve(
@@ -89,9 +98,14 @@ def pressure_curve(
     time = chamber.time
     edges = delayed(chamber.opens, chamber.closes, valve.on_delay_s, valve.off_delay_s)
     breaks = sorted({*edges.opens.tolist(), *edges.closes.tolist(), *chamber.supply_from.tolist()})
+    bled = None
+    if chamber.bleeds is not None:
+        bled = delayed(*chamber.bleeds, valve.on_delay_s, valve.off_delay_s)
+        breaks = sorted({*breaks, *bled.opens.tolist(), *bled.closes.tolist()})
     starts = [float(time[0]), *(b for b in breaks if time[0] < b < time[-1])]
     rows = [*np.searchsorted(time, starts).tolist(), len(time)]
     is_open = edges.is_open(np.array(starts))
+    empties = ~is_open if bled is None else bled.is_open(np.array(starts))
     which = np.maximum(np.searchsorted(chamber.supply_from, starts, side="right") - 1, 0)
     pressure = np.empty(len(time))
     level = initial
@@ -104,8 +118,10 @@ def pressure_curve(
         if is_open[i]:
             supply = float(chamber.supply[which[i]]) + supply_shift
             values = _filling(chamber, valve, level, supply, elapsed)
-        else:
+        elif empties[i]:
             values = _exhausting(chamber, valve, level, atmosphere, elapsed)
+        else:
+            values = np.full(len(elapsed), level)
         pressure[rows[i] : rows[i + 1]] = values[:-1]
         level = float(values[-1])
     return pressure

@@ -97,6 +97,9 @@ def _filling(piece: Piece) -> BoolArray:
 def _emptying(piece: Piece) -> BoolArray:
     """Rows (n,) after the valve was switched off; all of a piece in which it never is on."""
     c = piece.chamber
+    if c.bleeds is not None:
+        rows = [(c.time >= begin) & (c.time < end) for begin, end in zip(*c.bleeds, strict=True)]
+        return np.any(rows, axis=0) if rows else np.zeros(len(c.time), dtype=bool)
     first = float(c.closes[0]) if len(c.closes) else -math.inf
     return np.asarray((c.time >= first) & ~_filling(piece))
 

@@ -146,7 +146,7 @@ def _transients(curves: CurveFit, direction: Direction) -> list[Piece]:
     pieces = []
     for i, piece in enumerate(curves.problem.pieces):
         c = piece.chamber
-        edges, ends = (c.opens, c.closes) if direction.filling else (c.closes, c.opens[1:])
+        edges, ends = (c.opens, c.closes) if direction.filling else c.empties
         edge = next((e for e in edges if c.time[0] <= e < c.time[-1]), None)
         if edge is None:
             continue

@@ -65,11 +65,33 @@ def read_stretches(piece: Piece) -> Stretches:
         _discharge(piece, -math.inf, math.inf, found)
         return found
     _filling(piece, float(c.opens[0]), float(c.closes[0]), found)
+    if c.bleeds is not None:
+        return _read_bleed(piece, found)
     if c.closes[0] > c.time[-1]:
         _no_discharge(found, "the valve is not switched off again: record longer")
     else:
         following = float(c.opens[1]) if len(c.opens) > 1 else math.inf
         _discharge(piece, float(c.closes[0]), following, found)
+    return found
+
+
+_CLOSING = (
+    "no flow shows when a valve closes: the rig file's delay is used; both valves' openings show "
+    "on_delay_s"
+)
+
+
+def _read_bleed(piece: Piece, found: Stretches) -> Stretches:
+    """The first emptying by a valve of its own, after the filling."""
+    for begin, end in zip(*piece.chamber.empties, strict=True):
+        if begin > piece.chamber.opens[0]:
+            _discharge(piece, float(begin), float(end), found)
+            break
+    else:
+        _no_discharge(found, "the bleed valve is not switched on after the filling")
+    found.values.pop("off_delay_s", None)
+    found.reasons["off_delay_s"] = _CLOSING
+    found.sparse.discard("off_delay_s")
     return found
 
 

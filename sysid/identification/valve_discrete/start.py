@@ -70,7 +70,11 @@ def free_parameters(
     sparse = {n for r in read for n in r.sparse} & set(reasons)
     edges = (
         any(np.isfinite(p.chamber.opens).any() for p in pieces),
-        any((p.chamber.closes < p.chamber.time[-1]).any() for p in pieces),
+        # Of two valves, the one that empties opens by the other's delay of opening.
+        any(
+            (p.chamber.closes < p.chamber.time[-1]).any() and p.chamber.bleeds is None
+            for p in pieces
+        ),
     )
     for pair, delay, seen in zip((FLOWS[:2], FLOWS[2:]), DELAYS, edges, strict=True):
         alongside = sparse & set(pair) if set(pair) & set(free) else set()

@@ -87,9 +87,9 @@ class Screened:
 
 
 def is_switched(trial: Trial, valve: str) -> bool:
-    """Whether a test switches valve "a" or "b" on."""
-    name = f"valve_{valve}"
-    return name in trial and bool(np.any(trial[name] > 0.5))
+    """Whether a test switches valve "a" or "b" on, or the one of two that fills the chamber."""
+    names = (f"valve_{valve}", f"valve_{valve}_fill")
+    return any(name in trial and bool(np.any(trial[name] > 0.5)) for name in names)
 
 
 def screened_tests(used: Sequence[Trial], valve: str, rig: Rig) -> list[Screened]:
@@ -106,7 +106,7 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
 
     `keep_rise`: a filling from an unsteady supply is cut only close to the supply.
     """
-    command, channel = f"valve_{valve}", f"pressure_{valve}_pa"
+    command, channel = f"valve_{rig.filled_by(valve)}", f"pressure_{valve}_pa"
     trial.require([command], f"which shows when valve {valve.upper()} switches")
     trial.require([channel], f"which valve {valve.upper()}'s flow is computed from")
     trial.require([rig.position_channel], "which gives the chamber's volume")
@@ -118,6 +118,11 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
             "hold it at an end"
         )
         return Screened((), (f"{trial.source}: excluded: {moved}",), _all_reasons(moved))
+    if rig.bleeds:
+        trial.require([f"valve_{valve}_bleed"], "which shows when the chamber empties")
+        if bool(np.any((trial[command] > 0.5) & (trial[f"valve_{valve}_bleed"] > 0.5))):
+            both = "the fill and the bleed valve are on together, whose flows add up"
+            return Screened((), (f"{trial.source}: excluded: {both}",), _all_reasons(both))
     pressure = trial[channel]
     noise = max(signals.noise_floor(pressure).total, _LEAST_NOISE_PA)
     whole = _whole(trial, pressure, noise, valve, air, volume)
@@ -158,7 +163,10 @@ def _whole(
 ) -> Piece:
     """The test as one piece, before anything is cut."""
     time = trial.time
-    opens, closes = switched_intervals(time, trial[f"valve_{valve}"])
+    two = f"valve_{valve}_fill" in trial
+    fills = trial[f"valve_{valve}_fill" if two else f"valve_{valve}"]
+    opens, closes = switched_intervals(time, fills)
+    bleeds = switched_intervals(time, trial[f"valve_{valve}_bleed"]) if two else None
     logged = "supply_pressure_pa" in trial
     supply_from, supply = time[:1], np.array([air.supply_pressure_pa])
     if logged:
@@ -172,6 +180,7 @@ def _whole(
         supply,
         air.supply_pressure_pa,
         temperature_of(trial, air),
+        bleeds,
     )
     p0 = air.atmospheric_pressure_pa
     return Piece(
@@ -376,7 +385,8 @@ def _after_guard(piece: Piece, run: slice) -> slice:
     if run.start == 0:
         return run
     time, start = piece.chamber.time, run.start
-    for edge in (*piece.chamber.opens, *piece.chamber.closes):
+    c = piece.chamber
+    for edge in (*c.opens, *c.closes, *(c.bleeds[0] if c.bleeds else ())):
         if edge <= time[start] < edge + EDGE_GUARD_S:
             start = int(np.searchsorted(time, edge + EDGE_GUARD_S))
     return slice(min(start, run.stop), run.stop)
@@ -397,7 +407,7 @@ def _piece(
     # A vacuum has it below the atmosphere.
     way = whole.way
     high = way * (float(np.median(p[:5])) - air.atmospheric_pressure_pa) > 8.0 * whole.noise
-    if rows.start == 0 and high:
+    if rows.start == 0 and high and c.bleeds is None:
         # On from the first row and already filled: it was on before the log began.
         begun |= opens <= time[0]
     opens[begun] = -np.inf
@@ -429,6 +439,13 @@ def _piece(
 def _atmosphere(chamber: HeldChamber, pressure: FloatArray, noise: float) -> float | None:
     """The pressure at which the chamber rests with the valve off, Pa; None: it does not."""
     time = chamber.time
+    if chamber.bleeds is not None:
+        for begin, end in zip(*chamber.bleeds, strict=True):
+            until = min(float(end), float(time[-1]))
+            rows = (time >= begin + 0.3 * (until - begin)) & (time < until)
+            if (level := _resting_level(pressure[rows], noise)) is not None:
+                return level
+        return None
     first = chamber.opens[0] if len(chamber.opens) else np.inf
     before = pressure[time < first]
     level = _resting_level(before, noise)

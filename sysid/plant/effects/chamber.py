@@ -44,7 +44,7 @@ def base_valve_flow(side: str, point: Point) -> Array:
         valve, pressure, p.supply, p.supply_reference, temperature=p.temperature
     )
     exhaust = valve_laws.exhaust_flow(valve, pressure, p.atmosphere, temperature=p.temperature)
-    flow = share * fill + (1.0 - share) * exhaust
+    flow = share * fill + point.vents(side) * exhaust
     return array_namespace(flow).where(flow == flow, flow, 0.0)
 
 

@@ -332,7 +332,7 @@ class ExhaustBackPressure(CatalogueEffect):
             lambda s, other_flow: self._flow(s, pressure, other_flow, point),
             side,
             self.common_share,
-            lambda other: 1.0 - point.is_open(other),
+            point.vents,
         )
         return pressure + self._rise(flow)
 

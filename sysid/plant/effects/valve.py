@@ -92,8 +92,7 @@ class SubsonicFlowShape(CatalogueEffect):
         xp = array_namespace(pressure, p.atmosphere)
         # Below the atmosphere the base law holds; the ratio has only to be finite there.
         ratio = p.atmosphere / xp.maximum(pressure, p.atmosphere)
-        shut = 1.0 - point.is_open(side)
-        law = -shut * p.valve(side).choked_dis * self._share(ratio)
+        law = -point.vents(side) * p.valve(side).choked_dis * self._share(ratio)
         return _blended(flow, law, self.exhaust_blend, pressure > p.atmosphere)
 
 
