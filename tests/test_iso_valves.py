@@ -16,9 +16,12 @@ from test_valve_discrete import Bench, make_rig
 from datasets.generator.iso_valve import IsoBench
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.exporters import check_folder, export_bundle
+from sysid.io.rig import Rig, rig_from_content
 from sysid.parameters import Bundle, read_bundle, write_bundle
 from sysid.parameters.assembled_model import assumed_parameters, surfaces_from_bundle
+from sysid.parameters.data_sheet import with_data_sheets
 from sysid.parameters.valves import ISO_QUANTITIES
+from sysid.pipeline.fit_part import ValveDiscreteOptions
 from sysid.plant.base import exhaust_flow, filling_flow
 from sysid.refinement.unknowns import unknowns_of
 from sysid.valve_discrete import ValveDiscreteResult, fit_valve_discrete
@@ -179,3 +182,60 @@ def test_the_header_in_c_computes_the_same(bundle: Bundle, tmp_path: Path) -> No
 def test_the_base_laws_are_untouched() -> None:
     assert filling_flow(1e5, 3e5, 7.8e-4, 1.5e-6) == 7.8e-4
     assert np.isclose(exhaust_flow(1.5e5, 1e5, 3.5e-4, 3.7e-9), -3.7e-9 * 5e4)
+
+
+SHEET = {
+    "law": "iso6358",
+    "sonic_conductance_m3_per_s_pa": {"fill": 1.5e-8, "exhaust": 1.4e-8},
+    "critical_ratio": {"fill": 0.35, "exhaust": 0.25},
+}
+
+
+def sheet_rig(**valves: Any) -> Rig:
+    content = IsoBench().rig().content | valves
+    return rig_from_content(content, "rig.toml")
+
+
+def test_a_data_sheet_stands_where_no_test_identifies_a_valve(fitted: ValveDiscreteResult) -> None:
+    rig = sheet_rig(valve_a=SHEET, valve_b=SHEET)
+    valves, notices = with_data_sheets(fitted.part().valves, rig)
+    assert valves is not None
+    assert valves.side("a") == fitted.part().valves.side("a")  # type: ignore[union-attr]
+    law = valves.side("b").discrete
+    assert law is not None and law.law_of("dis") == "iso6358"
+    assert law.estimates()["critical_ratio.exhaust"].value == 0.25
+    assert law.to_json()["sonic_conductance"]["fill"] == {
+        "value": 1.5e-8,
+        "std": None,
+        "unit": "m3/(s Pa)",
+    }
+    (line,) = notices
+    assert "valve B" in line and "data sheet" in line and "sonic_conductance.exhaust" in line
+
+
+def test_a_data_sheet_completes_one_direction() -> None:
+    """A valve that is never switched off again: its exhaust is the data sheet's."""
+    bench = IsoBench(end=0.95)
+    rig = sheet_rig(valve_a=SHEET)
+    found = ValveDiscreteOptions().fitted(bench.trials(2, 2), rig)
+    law = found.part().valves.side("a").discrete  # type: ignore[union-attr]
+    assert law is not None
+    estimates = law.estimates()
+    assert estimates["sonic_conductance.exhaust"].value == 1.4e-8
+    assert any("sonic_conductance.exhaust" in line for line in found.notices)
+    assert "sonic_conductance.fill" not in (law.declared or [])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"critical_ratio": 0.3}, "is not a number of each direction"),
+        ({"critical_ratio": {"fill": 0.3, "exhaust": 1.2}}, "is not plausible"),
+        ({"law": "choked"}, "is unknown"),
+        ({"sonic_conductance_m3_per_s_pa": None}, "is missing"),
+    ],
+)
+def test_a_data_sheet_that_cannot_be_used(change: dict[str, Any], said: str) -> None:
+    sheet = {key: value for key, value in (SHEET | change).items() if value is not None}
+    with pytest.raises(InputError, match=said):
+        sheet_rig(valve_a=sheet)

@@ -150,6 +150,34 @@ class ListKey(Key):
         return tuple(value)
 
 
+@dataclass(frozen=True)
+class WaysKey(Key):
+    """A number of each direction of a valve, as a table `{fill = ..., exhaust = ...}`."""
+
+    range: Range
+
+    def check(self, value: Any, where: str, source: str) -> tuple[float, float]:
+        ways = ("fill", "exhaust")
+        if not isinstance(value, dict) or set(value) != set(ways):
+            what = f"{where} = {value!r} is not a number of each direction"
+            raise input_error(source, what, "write {fill = ..., exhaust = ...}")
+        number = NumberKey(self.description, self.range)
+        fill, exhaust = (number.check(value[way], f"{where}.{way}", source) for way in ways)
+        return fill, exhaust
+
+    def missing(self, name: str, table: str) -> tuple[str, str]:
+        what, _ = super().missing(name, table)
+        fix = f"add `{name} = {{fill = ..., exhaust = ...}}` under [{table}] ({self.range.fix})"
+        return what, fix
+
+    def schema(self) -> dict[str, Any]:
+        limits = self.range
+        one = {"type": "number", "minimum": limits.lower, "maximum": limits.upper}
+        ways = {"fill": one, "exhaust": one}
+        said = {"type": "object", "unit": limits.unit, "properties": ways, "required": list(ways)}
+        return super().schema() | said
+
+
 LONGEST_TEXT = 200
 
 
@@ -277,6 +305,7 @@ __all__ = [
     "TextKey",
     "TomlSection",
     "TomlTable",
+    "WaysKey",
     "checked",
     "declared_keys",
     "key_of",

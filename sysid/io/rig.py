@@ -30,7 +30,10 @@ from sysid.io.rig_sections import (
     Sensors,
     Spring,
     Tank,
+    ValveASheet,
+    ValveBSheet,
     Valves,
+    ValveSheet,
 )
 from sysid.types import FloatArray
 
@@ -85,6 +88,8 @@ class Rig:
     motor: Motor | None = None
     pwm: Pwm | None = None
     valves: Valves | None = None
+    valve_a: ValveASheet | None = None
+    valve_b: ValveBSheet | None = None
     tank: Tank | None = None
     sampling: Sampling | None = None
     sensors: Sensors = _NO_SENSORS
@@ -96,6 +101,10 @@ class Rig:
     def said(self, line: str) -> str:
         """A line about the rig: one that no file describes is not called a file."""
         return line.replace("the rig file", _NO_FILE) if self.is_bare else line
+
+    def data_sheet(self, side: str) -> ValveSheet | None:
+        """The data sheet of valve "a" or "b"; None where none is declared."""
+        return self.valve_a if side == "a" else self.valve_b
 
     @property
     def is_bare(self) -> bool:

@@ -23,6 +23,8 @@ from sysid.io.rig_sections import (
     Sensors,
     Spring,
     Tank,
+    ValveASheet,
+    ValveBSheet,
     Valves,
 )
 
@@ -89,6 +91,8 @@ class RigFile(TomlTable):
     ] = None
     pwm: Pwm | None = None
     valves: Annotated[Valves | None, SectionComment("from the valve's manual")] = None
+    valve_a: ValveASheet | None = None
+    valve_b: ValveBSheet | None = None
     tank: Tank | None = None
     sampling: Sampling | None = None
     sensors: Annotated[
@@ -100,7 +104,7 @@ RIG_TABLES: dict[str, type[TomlSection]] = {
     cls.table: cls
     for cls in (
         *(RigHead, Air, Cylinder, Spring, Inertia, Motor),
-        *(Pwm, Valves, Tank, Sampling, Sensors),
+        *(Pwm, Valves, ValveASheet, ValveBSheet, Tank, Sampling, Sensors),
     )
 }
 

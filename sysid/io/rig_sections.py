@@ -10,7 +10,15 @@ from __future__ import annotations
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from sysid.io.channels import SIDES
-from sysid.io.declaration import ChoiceKey, ListKey, NumberKey, Range, TemplateLine, TomlSection
+from sysid.io.declaration import (
+    ChoiceKey,
+    ListKey,
+    NumberKey,
+    Range,
+    TemplateLine,
+    TomlSection,
+    WaysKey,
+)
 
 
 class Air(TomlSection):
@@ -343,6 +351,44 @@ class Valves(TomlSection):
             TemplateLine("0.0020", "command to closing"),
         ),
     ]
+
+
+class ValveSheet(TomlSection):
+    """`[valve_a]`, `[valve_b]`: a data sheet's flow, taken where no test identifies a valve's.
+
+    Numbers of ISO 6358, each of filling and of the exhaust.
+    """
+
+    law: Annotated[
+        str, ChoiceKey("The flow law that the data sheet's numbers belong to.", ("iso6358",))
+    ]
+    sonic_conductance_m3_per_s_pa: Annotated[
+        Any,
+        WaysKey(
+            "Sonic conductance C at the reference atmosphere ANR, by direction.",
+            Range(1e-12, 1e-5, "m3/(s Pa)", "m3/(s Pa): 1 dm3/(s bar) is 1e-8"),
+        ),
+    ]
+    critical_ratio: Annotated[
+        Any, WaysKey("Critical pressure ratio b, by direction.", Range(0.0, 0.95, "1", "a ratio"))
+    ]
+    subsonic_index: Annotated[
+        Any, WaysKey("Subsonic index m, by direction.", Range(0.2, 0.95, "1", "an exponent"))
+    ] = (0.5, 0.5)
+
+
+class ValveASheet(ValveSheet):
+    """`[valve_a]`."""
+
+    __doc__ = ValveSheet.__doc__
+    table: ClassVar[str] = "valve_a"
+
+
+class ValveBSheet(ValveSheet):
+    """`[valve_b]`."""
+
+    __doc__ = ValveSheet.__doc__
+    table: ClassVar[str] = "valve_b"
 
 
 class Tank(TomlSection):

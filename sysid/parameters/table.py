@@ -205,6 +205,8 @@ def _valve(valve: Valve, side: str) -> Iterator[ParameterRow]:
         elif isinstance(part, Part):
             for key, estimate in part.estimates().items():
                 status: Status = "check" if key.startswith(_CHECKS) else "fitted"
+                if key in (getattr(part, "declared", None) or ()):
+                    status = "declared"
                 yield _of_valve(place, key, estimate, side, status)
 
 

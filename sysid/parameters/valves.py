@@ -28,11 +28,12 @@ LAW_KEYS = {
 
 # The numbers of a direction that obeys ISO 6358, likewise: keys within keys.
 THESIS, ISO6358 = "thesis", "iso6358"
-_WAYS = {"fill": "fill", "dis": "exhaust"}
+WAYS = {"fill": "fill", "dis": "exhaust"}
+"""The directions of a valve: the model's names, and the bundle's."""
 ISO_QUANTITIES = ("sonic_conductance", "critical_ratio", "subsonic_index")
 ISO_KEYS = {
     f"{quantity}_{way}": f"{quantity}.{key}"
-    for way, key in _WAYS.items()
+    for way, key in WAYS.items()
     for quantity in ISO_QUANTITIES
 }
 
@@ -56,13 +57,13 @@ def by_direction(estimates: Mapping[str, Estimate], laws: Mapping[str, str]) -> 
 
     `laws` names the law of each direction, "fill" and "dis".
     """
-    iso = [way for way in _WAYS if laws.get(way) == ISO6358]
+    iso = [way for way in WAYS if laws.get(way) == ISO6358]
     own = {f"{quantity}_{way}" for quantity in ISO_QUANTITIES for way in iso}
     found: dict[str, Any] = {name: e for name, e in estimates.items() if name not in own}
     if iso:
-        found["law"] = {key: laws.get(way, THESIS) for way, key in _WAYS.items()}
+        found["law"] = {key: laws.get(way, THESIS) for way, key in WAYS.items()}
         for quantity in ISO_QUANTITIES:
-            found[quantity] = {_WAYS[way]: estimates[f"{quantity}_{way}"] for way in iso}
+            found[quantity] = {WAYS[way]: estimates[f"{quantity}_{way}"] for way in iso}
     return found
 
 
@@ -79,7 +80,8 @@ class DiscreteLaw(CorrelatedPart):
     `quality` to those of one direction ("fill", "discharge"); `correlation` to the errors of
     flows, coefficients and delays. `law` names the law of each direction; one that obeys ISO 6358
     has `sonic_conductance` in m3/(s Pa) at ANR, `critical_ratio` and `subsonic_index`, and its
-    numbers of the thesis' law are not identified. `estimates` has them by dotted keys.
+    numbers of the thesis' law are not identified. `estimates` has them by dotted keys; `declared`
+    lists those that are a data sheet's.
     `wall_conductance_w_per_k` is that of a tank's wall, from which its gas is warmed.
     """
 
@@ -104,10 +106,11 @@ class DiscreteLaw(CorrelatedPart):
     critical_ratio: Absent[ByDirection] = None
     subsonic_index: Absent[ByDirection] = None
     wall_conductance_w_per_k: Lenient[Estimate | None] = None
+    declared: Lenient[list[str] | None] = None
 
     @model_validator(mode="after")
     def _has_its_law(self) -> Self:
-        for way, key in _WAYS.items():
+        for way, key in WAYS.items():
             lacks = [q for q in ISO_QUANTITIES if self._iso(q, key) is None]
             if self.law_of(way) == ISO6358 and lacks:
                 raise ValueError(f"law.{key} is iso6358, but {lacks[0]}.{key} is missing")
@@ -115,7 +118,7 @@ class DiscreteLaw(CorrelatedPart):
 
     def law_of(self, way: str) -> str:
         """The law of a direction, "fill" or "dis": "thesis" or "iso6358"."""
-        return (None if self.law is None else getattr(self.law, _WAYS[way])) or THESIS
+        return (None if self.law is None else getattr(self.law, WAYS[way])) or THESIS
 
     def _iso(self, quantity: str, key: str) -> Estimate | None:
         held = getattr(self, quantity)
@@ -386,6 +389,7 @@ __all__ = [
     "LAW_KEYS",
     "SURFACE_KINDS",
     "THESIS",
+    "WAYS",
     "AveragedRecord",
     "ByDirection",
     "DiscreteLaw",

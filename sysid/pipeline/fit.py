@@ -27,6 +27,7 @@ from sysid.io.rig import Rig
 from sysid.io.source import Source
 from sysid.parallel import attempt_all
 from sysid.parameters import Bundle, Parts
+from sysid.parameters.data_sheet import with_data_sheets
 from sysid.pipeline.fit_part import FittedPart, PartResult, ValvePwmOptions, bench_fit
 from sysid.pipeline.request import Reported, takes
 from sysid.recording.friction_kind import MOTION, balances
@@ -153,6 +154,7 @@ def fit_campaign(campaign: Campaign, options: FitOptions) -> CampaignFit:
     assembly.notices += [*campaign.notices, *campaign.rig.notices, *campaign.copies(sources)]
     _add_friction(assembly)
     _add_valves(assembly, options)
+    _add_data_sheets(assembly)
     _add_bench(assembly, options.law)
     if not assembly.parts:
         raise _nothing(assembly)
@@ -312,6 +314,15 @@ def _add_valves(assembly: _Assembly, options: FitOptions) -> None:
             assembly.lack(found)
         else:
             assembly.merge(found)
+
+
+def _add_data_sheets(assembly: _Assembly) -> None:
+    """What the rig file's data sheets say of the valves, where no test identifies it."""
+    if not assembly.parts:
+        return
+    valves, notices = with_data_sheets(assembly.parts.valves, assembly.campaign.rig)
+    assembly.parts = replace(assembly.parts, valves=valves)
+    assembly.notices += notices
 
 
 # --- a component of the user's own --------------------------------------------------------

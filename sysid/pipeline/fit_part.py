@@ -11,6 +11,7 @@ from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
 from sysid.parameters import Parts
+from sysid.parameters.data_sheet import with_data_sheets
 from sysid.parameters.valves import SURFACE_KINDS
 from sysid.pipeline.given_tests import Tests, rig_of, trials_of
 from sysid.pipeline.request import Options, takes
@@ -141,8 +142,14 @@ class ValveDiscreteOptions(Options):
     part: ClassVar[str] = "valve-discrete"
 
     def fitted(self, trials: list[Trial], rig: Rig) -> PartResult:
-        """The fit of one part's logs."""
-        return fit_valve_discrete(trials, replace(self, rig=rig))
+        """The fit of one part's logs, with a data sheet's numbers where these identify none."""
+        found = fit_valve_discrete(trials, replace(self, rig=rig))
+        parts = found.part()
+        valves, notices = with_data_sheets(parts.valves, rig)
+        if not notices:
+            return found
+        completed = replace(parts, valves=valves)
+        return FittedPart(completed, found.remarks, (*found.notices, *notices))
 
     def recorded(self) -> dict[str, Any]:
         """The options that a bundle's provenance holds."""

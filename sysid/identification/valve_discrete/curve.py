@@ -39,6 +39,8 @@ UNITS = {
     **{f"subsonic_index_{way}": "-" for way in WAYS},
 }
 
+CONDUCTANCES = tuple(f"sonic_conductance_{way}" for way in WAYS)
+
 
 def thesis_names(way: str) -> tuple[str, str]:
     """The choked flow and the coefficient of a direction, "fill" or "dis", by the thesis."""
@@ -93,9 +95,16 @@ class CurveFit:
 
     @cached_property
     def scattering(self) -> tuple[str, ...]:
-        """The identified shared parameters that differ from test to test beyond their error."""
+        """The identified shared parameters that differ from test to test beyond their error.
+
+        What moves one sonic conductance, as the air's temperature, moves the other, whose own error
+        may hide it.
+        """
         known = [n for n in self.problem.free if self.fit.estimate(n, self.covariance).identified]
-        return tuple(name for name in known if self._scatters(name))
+        found = [name for name in known if self._scatters(name)]
+        if any(name in CONDUCTANCES for name in found):
+            found = [name for name in known if name in found or name in CONDUCTANCES]
+        return tuple(found)
 
     @cached_property
     def jackknife(self) -> Covariance:
