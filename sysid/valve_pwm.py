@@ -17,7 +17,7 @@ import numpy as np
 
 from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
 from sysid.identification.held_volume import position_count
-from sysid.identification.valve_pwm.averaged import average_of
+from sysid.identification.valve_pwm.averaged import AUTO, LAWS, average_of
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
 from sysid.identification.valve_pwm.quality import CHECK, fails, require_sign
 from sysid.identification.valve_pwm.remarks import Remarks
@@ -79,14 +79,18 @@ def fit_valve_pwm(
     surface: str = "bipolynomial",
     seed: int = 0,
     sweep: bool = False,
+    law: str = AUTO,
 ) -> ValvePwmFit:
     """Surfaces of mean flow from `valve-pwm` tests, for every valve that moves.
 
     `valve` ("a" or "b") restricts the fit to one; `surface`: "bipolynomial", "ann" or "both"
     (then compared on held-out tests); `seed` starts the folds and the network's restarts;
-    `sweep` tries networks of several sizes (slow). Raises InputError for missing channels or
-    rig sections, NotIdentifiedError where no surface can be identified.
+    `sweep` tries networks of several sizes (slow); `law` of the averaged law: "thesis", "iso6358",
+    or "auto", by which the tests choose. Raises InputError for missing channels or rig sections,
+    NotIdentifiedError where no surface can be identified.
     """
+    if law not in (AUTO, *LAWS):
+        raise input_error("law", f"{law!r} is no flow law", f"write {', '.join((*LAWS, AUTO))}")
     if surface not in SURFACES:
         raise input_error("surface", f"{surface!r} is unknown", f"use {', '.join(SURFACES)}")
     if valve not in (None, "a", "b"):
@@ -145,7 +149,7 @@ def fit_valve_pwm(
         raise _nothing(failed, remarks)
     contradicted = any_contradiction(trials)
     fits = {key: replace(one, contradicted=contradicted) for key, one in fits.items()}
-    averaged, unknown = _averaged(fits, rig, seed, position_count(trials, rig), remarks)
+    averaged, unknown = _averaged(fits, rig, seed, position_count(trials, rig), remarks, law)
     unidentified = (*missing.values(), *unknown)
     away = away_from_ends([t for t in trials if any(f"duty_{v}" in t for v in SIDES)], rig)
     notices = (*remarks.notices(), *(f"not identified: {r}" for r in unidentified))
@@ -195,6 +199,7 @@ def _averaged(
     seed: int,
     count: float,
     remarks: Remarks,
+    law: str,
 ) -> tuple[dict[str, ValveAverage], list[str]]:
     """Each valve's averaged law, and why those that are not identified are not.
 
@@ -203,7 +208,7 @@ def _averaged(
     found, unknown = {}, []
     for valve in dict.fromkeys(v for v, _ in fits):
         own = {direction: fit for (v, direction), fit in fits.items() if v == valve}
-        average = on_its_own(partial(average_of, own, rig, FOLDS, seed, count))
+        average = on_its_own(partial(average_of, own, rig, FOLDS, seed, count, law))
         if isinstance(average, Failure):
             unknown.append(f"valve {valve.upper()}: {average.reason}")
             continue

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import numpy as np
 import pytest
 from export_bundles import as_bundle, estimate, unidentified, whole_content
@@ -16,7 +17,9 @@ from test_valve_discrete import Bench, make_rig
 from datasets.generator.iso_valve import IsoBench
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.exporters import check_folder, export_bundle
+from sysid.identification.valve_pwm.averaged import fit_by_law
 from sysid.io.rig import Rig, rig_from_content
+from sysid.io.rig_file import RigFile
 from sysid.parameters import Bundle, read_bundle, write_bundle
 from sysid.parameters.assembled_model import assumed_parameters, surfaces_from_bundle
 from sysid.parameters.data_sheet import with_data_sheets
@@ -24,6 +27,7 @@ from sysid.parameters.valves import ISO_QUANTITIES
 from sysid.pipeline.fit_part import ValveDiscreteOptions
 from sysid.plant.base import exhaust_flow, filling_flow
 from sysid.refinement.unknowns import unknowns_of
+from sysid.surfaces.averaged_fit import Conditions, MeanFlows
 from sysid.valve_discrete import ValveDiscreteResult, fit_valve_discrete
 
 WAYS = ("fill", "exhaust")
@@ -191,6 +195,14 @@ SHEET = {
 }
 
 
+def test_the_schema_of_a_rig_file_holds_a_data_sheet() -> None:
+    schema = RigFile.model_json_schema()
+    content = IsoBench().rig().content | {"valve_a": SHEET}
+    jsonschema.validate(content, schema)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(content | {"valve_a": SHEET | {"critical_ratio": 0.3}}, schema)
+
+
 def sheet_rig(**valves: Any) -> Rig:
     content = IsoBench().rig().content | valves
     return rig_from_content(content, "rig.toml")
@@ -239,3 +251,24 @@ def test_a_data_sheet_that_cannot_be_used(change: dict[str, Any], said: str) -> 
     sheet = {key: value for key, value in (SHEET | change).items() if value is not None}
     with pytest.raises(InputError, match=said):
         sheet_rig(valve_a=sheet)
+
+
+def test_mean_flows_of_pwm_tests_choose_the_law() -> None:
+    """Samples of the averaged law of either kind come back by that law."""
+    rng = np.random.default_rng(7)
+    for by_iso in (True, False):
+        conditions = Conditions(5e5, 1e5, 0.005, by_iso=by_iso)
+        truth = np.array([1.2e-9, 1.0e-9, 0.3, 0.22, 3e-4])
+        if not by_iso:
+            truth = np.array([7.8e-4, 3.5e-4, 1.7e-6, 3.9e-9, 3e-4])
+        law = conditions.law(truth)
+        duty = np.repeat(np.linspace(0.1, 0.9, 9), 30)
+        pressure = np.tile(np.linspace(1.05e5, 4.9e5, 30), 9)
+        true = np.asarray(law.flow(duty, pressure))
+        noise = 3e-6 * rng.standard_normal(len(true))
+        none = np.zeros(len(true))
+        test = np.repeat(np.arange(9), 30)
+        flows = MeanFlows(duty, pressure, true + noise, none + 3e-6, test, none, none + 5e5)
+        found, _ = fit_by_law(flows, Conditions(5e5, 1e5, 0.005), "auto")
+        assert found.conditions.by_iso is by_iso
+        assert found.solution.values[:2] == pytest.approx(truth[:2], rel=0.02)

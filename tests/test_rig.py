@@ -15,9 +15,18 @@ from pydantic import ValidationError
 
 from sysid.commands.app import main
 from sysid.errors import InputError
-from sysid.io.declaration import ChoiceKey, ListKey, Motion, NumberKey, TextKey, declared_keys
+from sysid.io.declaration import (
+    ChoiceKey,
+    ListKey,
+    Motion,
+    NumberKey,
+    TextKey,
+    WaysKey,
+    declared_keys,
+)
 from sysid.io.rig import Air, Inertia, RigFile, find_rig_file, read_rig, rig_from_content
 from sysid.io.rig_file import RIG_TABLES
+from sysid.io.rig_sections import ValveASheet
 from sysid.io.rig_template import rig_template
 
 KEYS = [
@@ -56,6 +65,7 @@ NOT_IN_TEMPLATE = {
     ("spring", "preload_nm"),
     ("spring", "stiffness_n_per_m"),
     ("spring", "preload_n"),
+    *((f"valve_{side}", name) for side in "ab" for name in declared_keys(ValveASheet)),
 }
 
 
@@ -152,7 +162,13 @@ def test_every_key_of_every_section_is_declared_once() -> None:
         assert list(declared_keys(model)) == list(model.model_fields), table
         for name, field in model.model_fields.items():
             assert len(field.metadata) == 1, f"[{table}] {name}"
-    assert {type(key) for _, _, key in KEYS} == {NumberKey, ChoiceKey, ListKey, TextKey}
+    assert {type(key) for _, _, key in KEYS} == {
+        NumberKey,
+        ChoiceKey,
+        ListKey,
+        TextKey,
+        WaysKey,
+    }
 
 
 @pytest.mark.parametrize(("table", "name", "key"), NUMBERS)

@@ -158,10 +158,13 @@ def _valve_discrete(valve: str | None, law: str, **files: Any) -> None:
     "--seed", type=SEED, default=0, show_default=True, help="Seed of the folds and restarts."
 )
 @click.option("--sweep", is_flag=True, help="Also find the smallest sufficient network (slow).")
+@_law_option
 @_part_options
-def _valve_pwm(valve: str | None, surface: str, seed: int, sweep: bool, **files: Any) -> None:
+def _valve_pwm(
+    valve: str | None, surface: str, seed: int, sweep: bool, law: str, **files: Any
+) -> None:
     """Mean flow over duty and pressure under PWM, and its inverse, piston held."""
-    asked = ValvePwmOptions(valve=valve, surface=surface, seed=seed, sweep=sweep)
+    asked = ValvePwmOptions(valve=valve, surface=surface, seed=seed, sweep=sweep, law=law)
     _fit_logs(asked, valve_tables, **files)
 
 

@@ -22,6 +22,7 @@ from sysid.parameters.valves import (
     DIRECTIONS,
     LAW_KEYS,
     SURFACE_KINDS,
+    DirectionalLaw,
     DiscreteLaw,
     PwmSurfaces,
     Valve,
@@ -348,7 +349,7 @@ def _no_averaged_law(rig: Rig) -> AveragedLaw:
 
 def _flow_keys(law: Part) -> dict[str, str]:
     """The numbers of a law: the model's names, and their keys."""
-    return law.flow_keys() if isinstance(law, DiscreteLaw) else LAW_KEYS
+    return law.flow_keys() if isinstance(law, DirectionalLaw) else LAW_KEYS
 
 
 def _flows(law: Part) -> dict[str, float]:

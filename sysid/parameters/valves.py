@@ -11,6 +11,7 @@ from sysid.estimation.linear import Estimate
 from sysid.parameters.base import Absent, Lenient, Number, Part, Unread
 from sysid.parameters.correlation import CorrelatedPart
 from sysid.parameters.quality import Quality, QualityByName
+from sysid.plant.iso6358 import DEFAULT_INDEX
 from sysid.surfaces.kinds import SURFACES
 
 Range = Annotated[list[Number], Field(min_length=2, max_length=2)]
@@ -27,7 +28,8 @@ LAW_KEYS = {
 
 
 # The numbers of a direction that obeys ISO 6358, likewise: keys within keys.
-THESIS, ISO6358 = "thesis", "iso6358"
+THESIS, ISO6358, AUTO = "thesis", "iso6358", "auto"
+LAWS = (THESIS, ISO6358)
 WAYS = {"fill": "fill", "dis": "exhaust"}
 """The directions of a valve: the model's names, and the bundle's."""
 ISO_QUANTITIES = ("sonic_conductance", "critical_ratio", "subsonic_index")
@@ -36,6 +38,9 @@ ISO_KEYS = {
     for way, key in WAYS.items()
     for quantity in ISO_QUANTITIES
 }
+
+
+BY_ISO = "the direction obeys ISO 6358: sonic_conductance and critical_ratio are its law"
 
 
 class ByDirection(Part):
@@ -58,6 +63,10 @@ def by_direction(estimates: Mapping[str, Estimate], laws: Mapping[str, str]) -> 
     `laws` names the law of each direction, "fill" and "dis".
     """
     iso = [way for way in WAYS if laws.get(way) == ISO6358]
+    index = Estimate(DEFAULT_INDEX, 0.0, "-", (DEFAULT_INDEX, DEFAULT_INDEX))
+    estimates = {**{f"subsonic_index_{way}": index for way in iso}, **estimates}
+    unused = [key for name, key in LAW_KEYS.items() if _way(name) in iso]
+    estimates = {**dict.fromkeys(unused, Estimate.unidentified("", BY_ISO)), **estimates}
     own = {f"{quantity}_{way}" for quantity in ISO_QUANTITIES for way in iso}
     found: dict[str, Any] = {name: e for name, e in estimates.items() if name not in own}
     if iso:
@@ -72,41 +81,18 @@ def _way(name: str) -> str:
     return name.rsplit("_", 1)[1]
 
 
-class DiscreteLaw(CorrelatedPart):
-    """The on/off law of one valve (thesis 3.6.6, 3.6.10) with its delays.
+class DirectionalLaw(Part):
+    """A valve's flow by the law of each direction: the thesis' numbers, or those of ISO 6358.
 
-    `c_fill` in kg/(s Pa^0.5), `c_dis` in kg/(s Pa). The critical ratios and the jumps at the
-    choked boundaries are checks. `noise_pa`, `rmse_pa` and `fit_percent` refer to the curves,
-    `quality` to those of one direction ("fill", "discharge"); `correlation` to the errors of
-    flows, coefficients and delays. `law` names the law of each direction; one that obeys ISO 6358
-    has `sonic_conductance` in m3/(s Pa) at ANR, `critical_ratio` and `subsonic_index`, and its
-    numbers of the thesis' law are not identified. `estimates` has them by dotted keys; `declared`
-    lists those that are a data sheet's.
-    `wall_conductance_w_per_k` is that of a tank's wall, from which its gas is warmed.
+    `law` names it; a direction that obeys ISO 6358 has `sonic_conductance` in m3/(s Pa) at ANR,
+    `critical_ratio` and `subsonic_index`, and its numbers of the thesis' law are not identified.
+    `estimates` has them by dotted keys.
     """
 
-    c_fill: Estimate
-    c_dis: Estimate
-    choked_flow_fill_kg_s: Estimate
-    choked_flow_dis_kg_s: Estimate
-    on_delay_s: Lenient[Estimate | None] = None
-    off_delay_s: Lenient[Estimate | None] = None
-    critical_ratio_fill: Lenient[Estimate | None] = None
-    critical_ratio_dis: Lenient[Estimate | None] = None
-    jump_fill_percent: Lenient[Estimate | None] = None
-    jump_dis_percent: Lenient[Estimate | None] = None
-    supply_pressure_pa: Lenient[Number | None] = None
-    rmse_pa: Lenient[Number | None] = None
-    noise_pa: Lenient[Number | None] = None
-    fit_percent: Lenient[Number | None] = None
-    quality: QualityByName = None
-    tests: Lenient[list[str] | None] = None
     law: Absent[LawNames] = None
     sonic_conductance: Absent[ByDirection] = None
     critical_ratio: Absent[ByDirection] = None
     subsonic_index: Absent[ByDirection] = None
-    wall_conductance_w_per_k: Lenient[Estimate | None] = None
-    declared: Lenient[list[str] | None] = None
 
     @model_validator(mode="after")
     def _has_its_law(self) -> Self:
@@ -155,7 +141,41 @@ class DiscreteLaw(CorrelatedPart):
         plain = {key: value for key, value in fields.items() if "." not in key}
         for quantity, values in nested.items():
             plain[quantity] = (getattr(self, quantity) or ByDirection()).replaced(**values)
-        made = super().replaced(**plain)
+        return super().replaced(**plain)
+
+
+class DiscreteLaw(DirectionalLaw, CorrelatedPart):
+    """The on/off law of one valve (thesis 3.6.6, 3.6.10) with its delays.
+
+    `c_fill` in kg/(s Pa^0.5), `c_dis` in kg/(s Pa). The critical ratios and the jumps at the
+    choked boundaries are checks. `noise_pa`, `rmse_pa` and `fit_percent` refer to the curves,
+    `quality` to those of one direction ("fill", "discharge"); `correlation` to the errors of
+    flows, coefficients and delays. `declared` lists the numbers that are a data sheet's.
+    `wall_conductance_w_per_k` is that of a tank's wall, from which its gas is warmed.
+    """
+
+    c_fill: Estimate
+    c_dis: Estimate
+    choked_flow_fill_kg_s: Estimate
+    choked_flow_dis_kg_s: Estimate
+    on_delay_s: Lenient[Estimate | None] = None
+    off_delay_s: Lenient[Estimate | None] = None
+    critical_ratio_fill: Lenient[Estimate | None] = None
+    critical_ratio_dis: Lenient[Estimate | None] = None
+    jump_fill_percent: Lenient[Estimate | None] = None
+    jump_dis_percent: Lenient[Estimate | None] = None
+    supply_pressure_pa: Lenient[Number | None] = None
+    rmse_pa: Lenient[Number | None] = None
+    noise_pa: Lenient[Number | None] = None
+    fit_percent: Lenient[Number | None] = None
+    quality: QualityByName = None
+    tests: Lenient[list[str] | None] = None
+    wall_conductance_w_per_k: Lenient[Estimate | None] = None
+    declared: Lenient[list[str] | None] = None
+
+    def replaced(self, **fields: Any) -> Self:
+        """As `DirectionalLaw.replaced`; a number replaced loses the correlation."""
+        made = super().replaced(**fields)
         stale = "correlation" not in fields and not fields.keys().isdisjoint(self._correlated())
         return made.without("correlation") if stale and made.correlation is not None else made
 
@@ -270,7 +290,7 @@ class PwmSurfaces(Part):
         return {kind: surface for kind, surface in found.items() if surface is not None}
 
 
-class AveragedRecord(Part):
+class AveragedRecord(DirectionalLaw):
     """The averaged law of one valve, fitted to its mean flows in both directions.
 
     `c_fill` in kg/(s Pa^0.5), `c_dis` in kg/(s Pa); `delay_difference_s` is how much later
@@ -381,17 +401,21 @@ class FittedValves(Part):
 
 
 __all__ = [
+    "AUTO",
     "AVERAGED",
+    "BY_ISO",
     "DIRECTIONS",
     "ISO6358",
     "ISO_KEYS",
     "ISO_QUANTITIES",
+    "LAWS",
     "LAW_KEYS",
     "SURFACE_KINDS",
     "THESIS",
     "WAYS",
     "AveragedRecord",
     "ByDirection",
+    "DirectionalLaw",
     "DiscreteLaw",
     "DomainRecord",
     "DutyErrors",

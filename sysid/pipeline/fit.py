@@ -288,9 +288,9 @@ class _ValveJob:
             law = self.options.law
             result = fit_valve_discrete(self.trials, self.rig, valve=self.valve, law=law)
         else:
-            surface, seed = self.options.surface, self.options.seed
+            o = self.options
             result = fit_valve_pwm(
-                self.trials, self.rig, valve=self.valve, surface=surface, seed=seed
+                self.trials, self.rig, valve=self.valve, surface=o.surface, seed=o.seed, law=o.law
             )
         return FittedPart(result.part(), tuple(result.remarks), tuple(result.notices))
 

@@ -195,6 +195,7 @@ class ValvePwmOptions(Options):
     surface: str = "both"
     seed: int = 0
     sweep: bool = False
+    law: str = "auto"
 
     part: ClassVar[str] = "valve-pwm"
     surfaces: ClassVar[tuple[str, ...]] = (*SURFACE_KINDS, "both")
@@ -206,7 +207,7 @@ class ValvePwmOptions(Options):
 
     def recorded(self) -> dict[str, Any]:
         """The options that a bundle's provenance holds."""
-        return {"valve": self.valve, "surface": self.surface}
+        return {"valve": self.valve, "surface": self.surface} | _law_recorded(self.law)
 
 
 @takes(ValvePwmOptions)
@@ -215,8 +216,8 @@ def fit_valve_pwm(tests: Tests, options: ValvePwmOptions) -> ValvePwmFit:
 
     `rig` None: that of the logs. `valve` ("a" or "b") keeps one; `surface`: "bipolynomial", "ann"
     or "both" (compared on held-out tests); `seed` of folds and restarts; `sweep` tries networks
-    of several sizes (slow). Raises InputError where a channel is missing, NotIdentifiedError
-    where no surface is identified.
+    of several sizes (slow); `law` of the averaged law, as in `fit_valve_discrete`. Raises
+    InputError where a channel is missing, NotIdentifiedError where no surface is identified.
 
     >>> pwm = si.fit_valve_pwm(si.read_log("valve_pwm_a.parquet"), surface="bipolynomial")
     >>> flow, flags = pwm.fits["a", "fill"].bipolynomial.flow(0.5, 2e5)
@@ -232,6 +233,7 @@ def fit_valve_pwm(tests: Tests, options: ValvePwmOptions) -> ValvePwmFit:
         surface=options.surface,
         seed=options.seed,
         sweep=options.sweep,
+        law=options.law,
     )
 
 

@@ -1,9 +1,10 @@
 """The averaged law fitted to mean flows: no on/off test is needed.
 
-The mean flow of `sysid.surfaces.averaged` has five parameters that mean flows can show: the
-two choked flows, the two coefficients of the unchoked laws, and by how much the valve closes
-later than it opens. The delays themselves move the pulse within the period, which no mean
-shows; only their difference does.
+The mean flow of `sysid.surfaces.averaged` has five parameters that mean flows can show: by the
+thesis' law the two choked flows and the two coefficients of the unchoked laws, by ISO 6358 two
+sonic conductances and two critical ratios; and by how much the valve closes later than it opens.
+The delays themselves move the pulse within the period, which no mean shows; only their
+difference does.
 
 Both directions are fitted together: filling and discharging tests meet where the mean flow is
 zero, and each holds both of the law's branches.
@@ -20,9 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError
+from sysid.estimation.law_evidence import twice_log_evidence
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
 from sysid.estimation.quality import FEWEST_REPEATS
+from sysid.plant.iso6358 import ANR_TEMPERATURE, DEFAULT_INDEX, HIGHEST_RATIO, choked_flow
 from sysid.surfaces.averaged import AveragedLaw
 from sysid.types import FloatArray
 
@@ -35,8 +38,21 @@ _UNITS = {
     "choked_flow_dis_kg_s": "kg/s",
     "c_fill": "kg/(s Pa^0.5)",
     "c_dis": "kg/(s Pa)",
+    "sonic_conductance_fill": "m3/(s Pa)",
+    "sonic_conductance_dis": "m3/(s Pa)",
+    "critical_ratio_fill": "-",
+    "critical_ratio_dis": "-",
     "delay_difference_s": "s",
 }
+_THESIS = ("choked_fill", "choked_dis", "c_fill", "c_dis")
+_ISO = (
+    "sonic_conductance_fill",
+    "sonic_conductance_dis",
+    "critical_ratio_fill",
+    "critical_ratio_dis",
+)
+# The critical ratio that a fit starts from.
+_RATIO = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,21 +89,26 @@ class MeanFlows:
 class Conditions:
     """Conditions of the law: supply and atmosphere in Pa, the PWM period in s.
 
-    The choked filling flow is that at `supply`; tests may have been run at others.
+    The choked filling flow is that at `supply`; tests may have been run at others. `by_iso`:
+    whether both directions obey ISO 6358, with air at `temperature` K.
     """
 
     supply: float
     atmosphere: float
     period: float
+    temperature: float = ANR_TEMPERATURE
+    by_iso: bool = False
 
     def law(self, values: FloatArray) -> AveragedLaw:
-        """The law of parameter values (5,), in the order of `AveragedFit.names`."""
-        choked_fill, choked_dis, c_fill, c_dis, difference = (float(v) for v in values)
+        """The law of parameter values (5,), in the order of the fit's names."""
+        *flows, difference = (float(v) for v in values)
+        numbers = dict.fromkeys(_THESIS, 0.0)
+        if self.by_iso:
+            numbers |= dict.fromkeys(("subsonic_index_fill", "subsonic_index_dis"), DEFAULT_INDEX)
+        numbers |= dict(zip(_ISO if self.by_iso else _THESIS, flows, strict=True))
         return AveragedLaw(
-            choked_fill=choked_fill,
-            choked_dis=choked_dis,
-            c_fill=c_fill,
-            c_dis=c_dis,
+            **numbers,
+            temperature=self.temperature,
             supply=self.supply,
             supply_reference=self.supply,
             atmosphere=self.atmosphere,
@@ -148,7 +169,7 @@ def fit_averaged(flows: MeanFlows, conditions: Conditions) -> AveragedFit:
     def residuals(values: FloatArray) -> FloatArray:
         return np.asarray((_mean_flow(values, flows, conditions) - flows.flow) / error)
 
-    solution = minimise(residuals, _start(flows, conditions))
+    solution = minimise(residuals, (_iso_start if conditions.by_iso else _start)(flows, conditions))
     flow_error = residuals(solution.values) * error
     return AveragedFit(conditions, solution, flows.test, math.sqrt(float(np.mean(flow_error**2))))
 
@@ -174,12 +195,50 @@ def _start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:
         "c_dis": out / (atmosphere / 0.53 - atmosphere),
     }
     parameters = [Parameter(n, v, _UNITS[n], 0.0, 30.0 * v) for n, v in values.items()]
+    return [*parameters, _difference(conditions)]
+
+
+def _iso_start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:
+    """The same for ISO 6358: the largest flows are choked, from the supply."""
+    largest = float(np.abs(flows.flow).max())
+    per_conductance = float(choked_flow(conditions.supply, 1.0, conditions.temperature))
+    found = []
+    for way, most in (("fill", flows.flow.max()), ("dis", -flows.flow.min())):
+        name = f"sonic_conductance_{way}"
+        value = max(float(most), 1e-3 * largest) / per_conductance
+        found.append(Parameter(name, value, _UNITS[name], 0.0, 30.0 * value))
+    for way in ("fill", "dis"):
+        name = f"critical_ratio_{way}"
+        found.append(Parameter(name, _RATIO, _UNITS[name], 0.0, HIGHEST_RATIO))
+    return [*found, _difference(conditions)]
+
+
+def _difference(conditions: Conditions) -> Parameter:
     # The most by which the delays may differ, as a share of the period.
     widest = 0.9 * conditions.period
     scale = 0.05 * conditions.period
     name = "delay_difference_s"
-    difference = Parameter(name, 0.0, _UNITS[name], -widest, widest, scale=scale)
-    return [*parameters, difference]
+    return Parameter(name, 0.0, _UNITS[name], -widest, widest, scale=scale)
+
+
+def evidence_for_iso(thesis: AveragedFit, iso: AveragedFit, flows: MeanFlows) -> dict[str, float]:
+    """Twice the log evidence for ISO 6358 over the thesis' law, by direction of the flow.
+
+    "fill" and "dis"; both fits are of these samples. One without enough samples is omitted.
+    """
+    found = {}
+    left = {
+        fit: _mean_flow(fit.solution.values, flows, fit.conditions) - flows.flow
+        for fit in (thesis, iso)
+    }
+    floor = 0.1 * _LEAST_ERROR * float(np.abs(flows.flow).max())
+    for way, rows in (("fill", flows.flow > 0.0), ("dis", flows.flow < 0.0)):
+        tests = [rows & (flows.test == test) for test in np.unique(flows.test)]
+        old, new = ([left[fit][own] for own in tests] for fit in (thesis, iso))
+        value = twice_log_evidence(old, new, [floor] * len(tests))
+        if value is not None:
+            found[way] = value
+    return found
 
 
 __all__ = [
@@ -187,5 +246,6 @@ __all__ = [
     "AveragedFit",
     "Conditions",
     "MeanFlows",
+    "evidence_for_iso",
     "fit_averaged",
 ]

@@ -28,10 +28,8 @@ from sysid.identification.valve_discrete.ratio import DISCHARGE, FILL, critical_
 from sysid.identification.valve_discrete.regimes import Stretches
 from sysid.identification.valve_discrete.result import DiscreteFit, PressureCurve
 from sysid.io.rig import Air
-from sysid.parameters.valves import ISO6358
+from sysid.parameters.valves import BY_ISO, ISO6358
 from sysid.plant.base import exhaust_jump, filling_jump
-
-_BY_ISO = "the direction obeys ISO 6358: sonic_conductance and critical_ratio are its law"
 
 
 def flows_and_delays(
@@ -68,7 +66,7 @@ def flows_and_delays(
                 "interval follows from the scatter of the tests"
             )
         found[name] = estimate
-    by_iso = {n: Estimate.unidentified(UNITS[n], _BY_ISO) for n in FLOWS if n not in found}
+    by_iso = {n: Estimate.unidentified(UNITS[n], BY_ISO) for n in FLOWS if n not in found}
     return found | by_iso
 
 

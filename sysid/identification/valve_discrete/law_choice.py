@@ -1,8 +1,6 @@
 """Which flow law a valve obeys: the thesis' two regimes or ISO 6358, by evidence on its tests.
 
-Both laws have as many numbers: the difference of their log likelihoods, each test with a variance
-of its own, is the evidence. What a law misses is autocorrelated, and may repeat in every test: rows
-and tests count for as many as are independent.
+Both laws have as many numbers: the difference of their log likelihoods is the evidence.
 """
 
 from __future__ import annotations
@@ -15,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.errors import NotIdentifiedError
-from sysid.estimation.autoregression import autoregression
+from sysid.estimation.law_evidence import DECISIVE, twice_log_evidence
 from sysid.estimation.quality import root_mean_square
 from sysid.identification.valve_discrete.curve import (
     DELAYS,
@@ -28,17 +26,11 @@ from sysid.identification.valve_discrete.curve import (
 )
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve
 from sysid.identification.valve_discrete.quality import rows_of
-from sysid.parameters.valves import ISO6358, THESIS
+from sysid.parameters.valves import AUTO, ISO6358, LAWS, THESIS
 from sysid.plant.iso6358 import choked_flow
-from sysid.types import FloatArray
 
-LAWS = (THESIS, ISO6358)
-AUTO = "auto"
-# Twice the log evidence that is decisive: "very strong" (Kass, Raftery 1995, Bayes factors).
-DECISIVE = 10.0
 # Critical ratios of real valves, from which the fit starts; the best fit counts.
 _STARTS = (0.15, 0.35)
-_FEWEST_ROWS = 10
 _DIRECTION = {"fill": "filling", "dis": "exhaust"}
 
 
@@ -158,32 +150,14 @@ def _iso_start(thesis: CurveFit, ways: Sequence[str], ratio: float) -> DiscreteV
 
 def _evidence(thesis: CurveFit, iso: CurveFit, way: str) -> float | None:
     """Twice the log evidence for ISO 6358 in one direction; None without rows in motion."""
-    found, left = [], []
+    old, new, least = [], [], []
     for index, piece in enumerate(thesis.problem.pieces):
         rows = rows_of(way, piece, (thesis, iso), index)
-        if np.count_nonzero(rows) < _FEWEST_ROWS:
-            continue
-        old, new = (fit.residuals(index)[rows] for fit in (thesis, iso))
-        better = min(old, new, key=root_mean_square)
+        old.append(thesis.residuals(index)[rows])
+        new.append(iso.residuals(index)[rows])
         # A record finer than its sensor's noise shows no more than that.
-        squares = [max(root_mean_square(r), 0.1 * piece.noise) for r in (old, new)]
-        found.append(2.0 * _independent(better) * math.log(squares[0] / squares[1]))
-        left.append(better)
-    return sum(found) / _repeats(left) if found else None
-
-
-def _repeats(residuals: Sequence[FloatArray]) -> float:
-    """For how many tests one counts: as what is left repeats from test to test, 1 if not at all."""
-    size, count = min(map(len, residuals)), len(residuals)
-    unit = [r[:size] / max(float(np.linalg.norm(r[:size])), 1e-300) for r in residuals]
-    total = float(np.sum(np.sum(unit, axis=0) ** 2))
-    return max(total / count, 1.0)
-
-
-def _independent(residuals: FloatArray) -> float:
-    """How many independent samples residuals (n,) are worth."""
-    most = max(1, min(int(10.0 * math.log10(len(residuals))), len(residuals) // 4))
-    return autoregression([residuals], most).independent_samples([len(residuals)])
+        least.append(0.1 * piece.noise)
+    return twice_log_evidence(old, new, least)
 
 
 def _rms(fit: CurveFit, other: CurveFit, way: str) -> float:
@@ -195,4 +169,4 @@ def _rms(fit: CurveFit, other: CurveFit, way: str) -> float:
     return root_mean_square(np.concatenate(parts))
 
 
-__all__ = ["AUTO", "DECISIVE", "LAWS", "LawChoice", "chosen", "iso_fit"]
+__all__ = ["AUTO", "LAWS", "LawChoice", "chosen", "iso_fit"]

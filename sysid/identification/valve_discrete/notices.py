@@ -9,10 +9,10 @@ import numpy as np
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import FEWEST_ROWS, SCATTER_TIMES, root_mean_square
 from sysid.identification.valve_discrete.curve import DELAYS, CurveFit
-from sysid.identification.valve_discrete.law_choice import AUTO, LawChoice
+from sysid.identification.valve_discrete.law_choice import LawChoice
 from sysid.identification.valve_discrete.trials import SUPPLY_TOLERANCE, Piece
 from sysid.io.rig import Air, Rig
-from sysid.parameters.valves import ISO6358
+from sysid.parameters.valves import AUTO, ISO6358
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import BoolArray, FloatArray
 

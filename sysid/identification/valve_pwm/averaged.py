@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
+from sysid.estimation.law_evidence import DECISIVE
 from sysid.identification.held_volume import VolumeError
 from sysid.identification.valve_pwm.quality import CHECK, duty_quality, fails
 from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValveAverage
 from sysid.io.rig import Rig
-from sysid.parameters.valves import LAW_KEYS
+from sysid.parameters.valves import AUTO, ISO6358, ISO_KEYS, LAW_KEYS, LAWS, THESIS
 from sysid.surfaces.averaged_fit import (
     N_PARAMETERS,
     AveragedFit,
     Conditions,
     MeanFlows,
+    evidence_for_iso,
     fit_averaged,
 )
 from sysid.surfaces.comparison import SurfaceError, duty_errors
@@ -28,29 +30,38 @@ from sysid.types import BoolArray, FloatArray
 
 
 def average_of(
-    directions: Mapping[str, DirectionFit], rig: Rig, folds: int, seed: int, count: float
+    directions: Mapping[str, DirectionFit],
+    rig: Rig,
+    folds: int,
+    seed: int,
+    count: float,
+    law: str = AUTO,
 ) -> ValveAverage:
     """The averaged law of one valve, whose tests are given by direction.
 
     `folds`, `seed`: of the held-out tests, which are those of the surfaces' comparison; `count`:
-    the encoder's, rad or m, whose half every flow may be wrong by.
+    the encoder's, rad or m, whose half every flow may be wrong by; `law`: "thesis", "iso6358", or
+    "auto", by which the tests choose.
     Raises NotIdentifiedError where the tests do not identify it.
     """
     air = rig.require("air", "which the averaged law needs")
     first = next(iter(directions.values()))
     # Its choked filling flow is scaled from each test's supply to the rig file's, unlike surfaces.
     conditions = Conditions(
-        float(air.supply_pressure_pa), air.atmospheric_pressure_pa, first.pwm_period_s
+        float(air.supply_pressure_pa),
+        air.atmospheric_pressure_pa,
+        first.pwm_period_s,
+        air.temperature_k,
     )
     flows, offsets = _together(list(directions.values()))
-    fit = fit_averaged(flows, conditions)
+    fit, said = fit_by_law(flows, conditions, law)
     unknown = [name for name, estimate in fit.estimates.items() if not estimate.identified]
     if unknown:
         raise NotIdentifiedError(
             f"the averaged law: {fit.estimates[unknown[0]].reason}; valve-pwm tests in both "
             "directions at more duties would identify it"
         )
-    errors, quality, notices = {}, {}, []
+    errors, quality, notices = {}, {}, list(said)
     for (direction, found), offset in zip(directions.items(), offsets, strict=True):
         points, of_points = found.points, _Chambers.of(found)
         errors[direction] = {"fitted": _judged(_duty(fit, points, of_points), points)}
@@ -71,10 +82,37 @@ def average_of(
     volumes = [v for found in directions.values() for v in _volumes(found)]
     position = VolumeError.of(volumes, first.valve, rig, count)
     estimates = {
-        name: position.in_estimate(e, shows_scatter=True) if name in LAW_KEYS.values() else e
+        name: position.in_estimate(e, shows_scatter=True) if name in _WITH_VOLUME else e
         for name, e in fit.estimates.items()
     }
     return ValveAverage(fit, estimates, errors, quality, tuple(notices))
+
+
+_WITH_VOLUME = {*LAW_KEYS.values(), *(name for name in ISO_KEYS if name.startswith("sonic"))}
+
+
+def fit_by_law(
+    flows: MeanFlows, conditions: Conditions, law: str
+) -> tuple[AveragedFit, tuple[str, ...]]:
+    """The fit by the law that is asked for or that the samples show, and what to say of it."""
+    if law == ISO6358:
+        return fit_averaged(flows, replace(conditions, by_iso=True)), ()
+    thesis = fit_averaged(flows, conditions)
+    if law == THESIS:
+        return thesis, ()
+    iso = on_its_own(partial(fit_averaged, flows, replace(conditions, by_iso=True)))
+    if isinstance(iso, Failure):
+        return thesis, ()
+    evidence = evidence_for_iso(thesis, iso, flows)
+    total, against = sum(evidence.values()), min(evidence.values(), default=0.0)
+    shown = ", ".join(f"{way} {value:.3g}" for way, value in evidence.items())
+    if total > DECISIVE and against >= -DECISIVE:
+        said = f"ISO 6358 follows these tests better (twice the log evidence for it: {shown})"
+        return iso, (f"the averaged law: {said}",)
+    if abs(total) <= DECISIVE and evidence:
+        said = f"the laws are indistinguishable in these tests (twice the log evidence: {shown})"
+        return thesis, (f"the averaged law: {said}; the thesis' law is kept",)
+    return thesis, ()
 
 
 def _volumes(found: DirectionFit) -> list[float]:
@@ -149,4 +187,4 @@ def _judged(duty: FloatArray, points: SurfacePoints) -> SurfaceError:
     return duty_errors(duty[known], p.duty, p.pressure, p.flow, N_PARAMETERS)
 
 
-__all__ = ["average_of"]
+__all__ = ["AUTO", "LAWS", "average_of", "fit_by_law"]

@@ -21,7 +21,15 @@ from sysid.identification.valve_pwm.samples import FlowSamples
 from sysid.identification.valve_pwm.shown import DIRECTIONS, flow_figure
 from sysid.parameters import FittedValves, Parts, PwmSurfaces, Valve
 from sysid.parameters.quality import QualityRecord, records_of
-from sysid.parameters.valves import AVERAGED, AveragedRecord, PwmDirections
+from sysid.parameters.valves import (
+    AVERAGED,
+    ISO6358,
+    THESIS,
+    WAYS,
+    AveragedRecord,
+    PwmDirections,
+    by_direction,
+)
 from sysid.surfaces.averaged_fit import AveragedFit
 from sysid.surfaces.bipolynomial import Bipolynomial
 from sysid.surfaces.comparison import ResolutionStudy, SurfaceComparison, SurfaceError
@@ -175,8 +183,10 @@ class ValveAverage:
             direction: {use: asdict(error) for use, error in found.items()}
             for direction, found in self.errors.items()
         }
+        law = ISO6358 if conditions.by_iso else THESIS
+        content: dict[str, Any] = by_direction(self.estimates, dict.fromkeys(WAYS, law))
         return AveragedRecord(
-            **self.estimates,
+            **content,
             supply_pressure_pa=conditions.supply,
             pwm_period_s=conditions.period,
             rmse_flow_kg_s=self.fit.rmse_flow,

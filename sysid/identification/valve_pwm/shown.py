@@ -31,6 +31,12 @@ _LAW_NAMES = {
     "choked_flow_dis_kg_s": "Choked flow, discharging",
     "c_fill": "Coefficient, filling",
     "c_dis": "Coefficient, discharging",
+    "sonic_conductance.fill": "Sonic conductance, filling",
+    "sonic_conductance.exhaust": "Sonic conductance, discharging",
+    "critical_ratio.fill": "Critical ratio, filling",
+    "critical_ratio.exhaust": "Critical ratio, discharging",
+    "subsonic_index.fill": "Subsonic index, filling",
+    "subsonic_index.exhaust": "Subsonic index, discharging",
     "delay_difference_s": "Closing delay less opening delay",
 }
 
