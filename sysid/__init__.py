@@ -2,14 +2,29 @@
 
 >>> import sysid as si
 
-Read measurements (`read_campaign`, `read_rig`, `read_log`), see what they can be used for
-(`check`), fit them (`fit`, or one part: `fit_friction`, `fit_valve_discrete`,
-`fit_valve_pwm`), use the model (`simulate`, `control`, `effects`), find what it lacks
-(`diagnose`), fit it as a whole (`refine`), see how well it predicts (`validate`) and which test
-to run next (`advise`), compare several (`compare`), and write it out (`write_bundle`, `report`,
-`export`). `components` holds what a component of your own derives from.
-Values are SI, pressures absolute. Results print as tables, are displayed in a notebook, convert
-to a DataFrame (`to_frame`) and plot themselves on given or new axes (`plot`).
+==============================  ============================================================
+`read_campaign`, `read_rig`     a rig's tests, and its constants: a `Campaign`, a `Rig`
+`read_log`                      one log's tests: a `Log`
+`check`                         what the logs can be used for, and what is wrong with them
+`fit`                           all that the tests identify, with 95 % intervals: a `Bundle`
+`fit_friction`                  one part alone: friction,
+`fit_valve_discrete`            the on/off valves,
+`fit_valve_pwm`                 the PWM valves
+`diagnose`, `read_diagnosis`    what the model lacks; what `sysid diagnose` wrote of it
+`refine`                        all parameters together, by simulation error
+`validate`                      how well the model predicts the motion tests
+`advise`                        which test to run next
+`simulate`, `effects`           a `Model` on a log's inputs, with the catalogue's effects
+`control`                       a controller on it, in a closed loop
+`compare`                       several bundles: what moved
+`read_bundle`, `write_bundle`   a bundle in a file
+`report`, `export`              a page; C, MATLAB, JSON, FMU, MJCF
+`components`                    what a component of your own derives from
+==============================  ============================================================
+
+`help(si.fit)` says more of one of them. Values are SI, pressures absolute. Results print as tables,
+are displayed in a notebook, convert to a DataFrame (`to_frame`) and plot themselves on given or
+new axes (`plot`).
 
 An error that a user can fix is an `InputError`, data that cannot identify what was asked a
 `NotIdentifiedError`; both are `SysidError`s. Long tasks take `progress`, a function that is called
@@ -17,10 +32,12 @@ with one line for each step; by default a terminal or a notebook shows it, and a
 
 The examples in the docstrings run as tests in a folder with the bundled campaign's files; there
 `campaign` is that campaign, `log` its friction tests in one file, `run.csv`, `bundle` what `fit`
-gives, and `checked` what `validate` gives.
+gives, `found` what `diagnose` gives, and `checked` what `validate` gives.
 """
 
+import sys
 from importlib import import_module
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.2.0"
@@ -37,6 +54,7 @@ if TYPE_CHECKING:
     from sysid.pipeline.compare import compare
     from sysid.pipeline.control import control
     from sysid.pipeline.diagnose import diagnose
+    from sysid.pipeline.diagnosed import read_diagnosis
     from sysid.pipeline.export import export
     from sysid.pipeline.files import (
         read_bundle,
@@ -77,6 +95,7 @@ __all__ = [
     "fit_valve_pwm",
     "read_bundle",
     "read_campaign",
+    "read_diagnosis",
     "read_log",
     "read_rig",
     "refine",
@@ -108,6 +127,7 @@ _HOMES = {
     "fit_valve_pwm": "sysid.pipeline.fit_part",
     "read_bundle": "sysid.pipeline.files",
     "read_campaign": "sysid.pipeline.files",
+    "read_diagnosis": "sysid.pipeline.diagnosed",
     "read_log": "sysid.pipeline.files",
     "read_rig": "sysid.pipeline.files",
     "refine": "sysid.pipeline.refine",
@@ -134,4 +154,11 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    """What is public. `help(sysid)` prints every class that it finds here whole, 1,700 lines: it
+    gets the docstring's table alone."""
+    caller: FrameType | None = sys._getframe(1)
+    for _ in range(3):  # pydoc asks through inspect.getmembers, which asks dir
+        if caller is not None and caller.f_globals.get("__name__") == "pydoc":
+            return ["__version__"]
+        caller = caller.f_back if caller is not None else None
+    return sorted([*__all__, "__version__"])

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import doctest
 import importlib
+import json
 import os
+import pydoc
 import re
 import subprocess
 import sys
@@ -166,10 +168,25 @@ def test_importing_loads_nothing_heavy() -> None:
 
 
 def test_names_are_listed_and_load() -> None:
-    assert set(si.__all__) <= set(dir(si))
+    assert dir(si) == sorted([*si.__all__, "__version__"])
     assert all(getattr(si, name) is not None for name in si.__all__)
     with pytest.raises(AttributeError, match="no attribute 'fitt'"):
         _ = si.fitt  # type: ignore[attr-defined]
+
+
+def test_help_is_two_screens_that_name_everything() -> None:
+    text = pydoc.plain(pydoc.render_doc(si))
+    assert len(text.splitlines()) <= 90
+    named = set(re.findall(r"`(\w+)`", si.__doc__ or ""))
+    assert set(si.__all__) <= named
+
+
+def test_a_bundle_lists_what_is_its_own() -> None:
+    bundle = si.read_bundle(REPOSITORY / "tests" / "golden" / "bundles" / "diagnosed.json")
+    names = dir(bundle)
+    assert {"friction", "valve", "model", "effects", "to_frame"} <= set(names)
+    assert not [name for name in names if name.startswith(("_", "model_"))]
+    assert not {"dict", "json", "copy", "parse_obj", "construct"} & set(names)
 
 
 def test_rooms_of_controllers_and_exporters_are_imported_by_name() -> None:
@@ -311,6 +328,87 @@ def test_a_result_is_one_line_text_html_and_a_frame(name: str, shown: dict[str, 
     frame = result.to_frame()
     assert isinstance(frame, pd.DataFrame)
     assert len(frame) or not result.records()
+
+
+@pytest.mark.parametrize("name", ["campaign", "rig", "model"])
+def test_what_is_read_shows_itself_in_a_few_lines(name: str, namespace: dict[str, Any]) -> None:
+    campaign = namespace["campaign"]
+    item = {"campaign": campaign, "rig": campaign.rig, "model": namespace["model"]}[name]
+    text = str(item)
+    assert "\n" not in repr(item) and len(repr(item)) < 150
+    assert 5 <= len(text.splitlines()) <= 16
+    assert max(map(len, text.splitlines())) <= 100
+    assert item._repr_html_().startswith("<div>") and len(item.to_frame()) == len(item.records())
+    for word in {
+        "campaign": ["friction-static", "valve_discrete_a.parquet and 1 more"],
+        "rig": ["area_a_m2=0.0004325", "supply_pressure_pa=312000"],
+        "model": ["StribeckFriction", "inertia=0.01962", "choked_fill_b"],
+    }[name]:
+        assert word in text
+
+
+def test_plots_leave_no_figure_open(shown: dict[str, Any]) -> None:
+    plt.close("all")
+    for name in DRAWN:
+        drawn = shown[name].plot()
+        axes = drawn if isinstance(drawn, list) else [drawn]
+        assert all(ax.get_ylabel() or len(ax.get_yticks()) == 0 for ax in axes[:1])
+    assert plt.get_fignums() == []
+
+
+# --- a diagnosis in a file -------------------------------------------------------------
+
+
+def test_a_diagnosis_is_read_as_it_was_printed(namespace: dict[str, Any]) -> None:
+    found = namespace["found"]
+    Path("printed.json").write_text(json.dumps(found.detail.to_json()))
+    read = si.read_diagnosis("printed.json")
+    assert (read.verdict, read.residual) == (found.verdict, found.residual)
+    assert [e.id for e in read.effects] == [e.id for e in found.effects]
+    assert read.headline() == found.headline()
+    said = [line for line in found.footnotes() if not line.startswith("notice")]
+    assert [line for line in read.footnotes() if not line.startswith("notice")] == said
+    errors = [t for t in read.tables() if "RMSE" in t.caption]
+    assert errors == [t for t in found.tables() if "RMSE" in t.caption]
+    assert read.plot().has_data() == found.plot().has_data()
+
+
+def test_a_diagnosis_is_read_from_its_bundle(tmp_path: Path) -> None:
+    file = REPOSITORY / "tests" / "golden" / "bundles" / "diagnosed.json"
+    read = si.read_diagnosis(file)
+    assert read.verdict == "effects-found" and read.bundle is not None
+    held = json.loads(file.read_text())["effects"][0]["holdout_rmse"]["theta_rad"]
+    assert read.residual["theta_rad"].before == held["before"]
+    assert [e.id for e in read.effects] == ["seal-friction"]
+    assert "seal-friction" in str(read) and read.plot().has_data()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "line 1: is not JSON"),
+        ("[1]", "is not a JSON object"),
+        ("{}", "holds no verdict"),
+        ('{"verdict": "good", "effects": []}', "verdict is 'good'"),
+        ('{"verdict": "adequate", "effects": []}', "residual is missing"),
+        (
+            '{"verdict": "adequate", "effects": [{"id": 1}], "residual": {}, "unexplained": [], '
+            '"notices": []}',
+            "effect 1: id is missing",
+        ),
+    ],
+)
+def test_what_is_no_diagnosis_is_said(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "found.json"
+    path.write_text(text)
+    with pytest.raises(si.InputError, match=f"found.json.*{re.escape(said)}.*; give") as caught:
+        si.read_diagnosis(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_bundle_that_was_not_diagnosed_is_no_diagnosis() -> None:
+    with pytest.raises(si.InputError, match="without a diagnosis's verdict; diagnose it"):
+        si.read_diagnosis(REPOSITORY / "tests" / "golden" / "bundles" / "validated.json")
 
 
 @pytest.mark.parametrize("name", DRAWN)

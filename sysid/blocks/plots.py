@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sysid.errors import input_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _WIDTH, _HEIGHT = 7.0, 2.2
 # A legend with more lines than this hides the plot.
@@ -18,20 +19,30 @@ MOST_IN_LEGEND = 12
 def some_axes(count: int, axes: Axes | Iterable[Axes] | None, share_x: bool = True) -> list[Axes]:
     """`count` axes: those given, or new ones one below the other.
 
+    The figure of new ones is pyplot's where a window or a notebook shows it; else it belongs to
+    its axes alone (`axes.figure.savefig`), so that a loop of plots leaves no figure open.
     Raises InputError where another number is given.
     """
     if axes is None:
-        import matplotlib.pyplot as plt
-
-        size = (_WIDTH, _HEIGHT * count)
-        made = plt.subplots(
-            count, 1, figsize=size, sharex=share_x, squeeze=False, layout="constrained"
-        )
-        return list(made[1][:, 0])
+        figure = _new_figure(figsize=(_WIDTH, _HEIGHT * count), layout="constrained")
+        return list(figure.subplots(count, 1, sharex=share_x, squeeze=False)[:, 0])
     given = flat(axes)
     if len(given) != count:
         raise input_error("axes", f"{len(given)} for {count} panels", f"pass {count} axes, or none")
     return given
+
+
+def _new_figure(**options: Any) -> Figure:
+    from matplotlib import get_backend
+    from matplotlib.backends import BackendFilter, backend_registry
+
+    if get_backend().lower() in backend_registry.list_builtin(BackendFilter.NON_INTERACTIVE):
+        from matplotlib.figure import Figure
+
+        return Figure(**options)
+    import matplotlib.pyplot as plt
+
+    return plt.figure(**options)
 
 
 def flat(axes: Axes | Iterable[Axes]) -> list[Axes]:

@@ -165,7 +165,9 @@ class LogCheck(Shown):
             "range over resolution": [_ratio(c, c.quantum) for c in self.channels],
         }
         shown, ticks = grouped_bars([c.name for c in self.channels], shares)
-        panel = Panel(Scale(ticks=ticks), Scale(kind="log"), shown, legend="right")
+        panel = Panel(
+            Scale(ticks=ticks), Scale("range over noise or step", kind="log"), shown, legend="right"
+        )
         return plot_panels((panel,), ax)[0]
 
     @classmethod

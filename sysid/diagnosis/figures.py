@@ -28,9 +28,10 @@ from sysid.blocks.figures import (
     Rule,
     Scale,
     Words,
+    grouped_bars,
 )
 from sysid.blocks.numbers import MINUS, number
-from sysid.diagnosis.wording import regressor_name
+from sysid.diagnosis.wording import errors_by_step, regressor_name, steps
 from sysid.estimation.linear import LEVEL, t_quantile
 from sysid.types import FloatArray
 
@@ -83,6 +84,25 @@ def residual_title(residual: str, is_linear: bool) -> str:
     if residual == "effort" and is_linear:
         return "Force balance"
     return _TITLES[residual]
+
+
+def steps_panel(content: Mapping[str, Any]) -> Panel:
+    """RMSE on held-out logs by channel, one bar a step, over that of a correct model.
+
+    Over that of the original bundle where a correct model's is not known of any channel.
+    """
+    errors = errors_by_step(content)
+    floors = {name: content["residual"][name].get("noise_floor") or math.nan for name in errors}
+    of = "a correct model"
+    if all(map(math.isnan, floors.values())):
+        of, floors = "the original bundle", {name: first for name, (first, *_) in errors.items()}
+    heights: dict[str, Sequence[float]] = {
+        step: [errors[name][i] / floors[name] for name in errors]
+        for i, step in enumerate(["original bundle", *steps(content)])
+    }
+    shown, ticks = grouped_bars(list(errors), heights)
+    y = Scale(f"RMSE / RMSE of {of}", kind="log")
+    return Panel(Scale(ticks=ticks), y, (*shown, Rule(1.0)), legend="right")
 
 
 def waterfall(
@@ -341,6 +361,7 @@ __all__ = [
     "leftover",
     "regressor_axis",
     "residual_title",
+    "steps_panel",
     "suspects",
     "waterfall",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +12,8 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
 
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, table
 from sysid.errors import InputError, input_error
 from sysid.io.declaration import ChoiceKey, NumberKey, TextKey, TomlTable, declared_keys, range_of
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
@@ -144,8 +146,8 @@ class CampaignLog:
     payload_kg: float | None = None
 
 
-@dataclass(frozen=True)
-class Campaign:
+@dataclass(frozen=True, repr=False)
+class Campaign(Shown):
     """A campaign file as read; its logs are read when they are used.
 
     `own` is the kind of log that a component of the user's own brings, None without one; `name` is
@@ -163,6 +165,36 @@ class Campaign:
     own: OwnKind | None = None
     name: str = ""
     at_hand: Mapping[Path, Log] = field(default_factory=dict)
+
+    def headline(self) -> str:
+        """Its name or file, its rig, and the number of its logs by use."""
+        uses = [e.use for e in self.logs]
+        counts = f"{uses.count('fit')} training logs, {uses.count('holdout')} held out"
+        return f"campaign {self.name or self.path.name} of rig {self.rig.name}: {counts}"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One record per log: its file, kind, use, valve, payload and number of exclusions."""
+        return [
+            {
+                "file": e.file,
+                "kind": e.kind,
+                "use": e.use,
+                "valve": e.valve or "",
+                "payload_kg": e.payload_kg,
+                "excluded": len(e.exclude),
+            }
+            for e in self.logs
+        ]
+
+    def tables(self) -> Iterable[Table]:
+        """The logs, one row per kind of test."""
+        rows = []
+        for kind in dict.fromkeys(e.kind for e in self.logs):
+            mine = self.select([kind], None)
+            by_use = (_listed([e.file for e in mine if e.use == use]) for use in USES)
+            excluded = sum(len(e.exclude) for e in mine)
+            rows.append((kind, *by_use, str(excluded or "")))
+        yield table("", ("kind", "training", "held out", "excluded"), rows, text=(1, 2))
 
     def select(self, kinds: Sequence[str], use: str | None = "fit") -> tuple[CampaignLog, ...]:
         """The entries of these kinds and this use (None: either), in the file's order."""
@@ -273,6 +305,11 @@ class Campaign:
             with contextlib.suppress(InputError):  # it is raised where that log is read
                 trials += self._as_recorded(entry).trials
         return effort_is_read(trials, self.rig)
+
+
+def _listed(files: Sequence[str]) -> str:
+    """Files in one line: the first by its name, further ones by their number."""
+    return "" if not files else files[0] + (f" and {len(files) - 1} more" if files[1:] else "")
 
 
 def kinds_named(path: Path) -> list[str]:

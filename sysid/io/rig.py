@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import textwrap
 import tomllib
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, table
 from sysid.errors import InputError, input_error
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.declaration import TomlSection
@@ -47,6 +50,8 @@ BARE = "the reference rig"
 _NO_FILE = "the assumed rig"
 # Share of the atmosphere's pressure: less drives nothing, and is the weather's.
 _LEAST_VACUUM = 0.05
+# Letters in a line of a rig's constants, as it shows itself.
+_LINE = 84
 _NO_INERTIA = Inertia.model_construct()
 _NO_SENSORS = Sensors.model_construct()
 
@@ -66,8 +71,8 @@ class Load:
 NO_LOAD = Load()
 
 
-@dataclass(frozen=True)
-class Rig:
+@dataclass(frozen=True, repr=False)
+class Rig(Shown):
     """A rig: constants by section, SI. Sections missing from the file are None.
 
     `source` is the file that it was read from; `content` the file's tables as read, which
@@ -97,6 +102,38 @@ class Rig:
     content: dict[str, Any] = dataclasses.field(default_factory=dict, compare=False)
     notices: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
+
+    def headline(self) -> str:
+        """Its name, what it moves and how, and the file that describes it."""
+        what = "tank" if self.is_tank_alone else f"{self.motion}, {self.orientation}"
+        return f"rig {self.name}: {what} ({Path(self.source).name})"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One record per constant of the file: section, key, value, and whether it is assumed."""
+        return [
+            {
+                "section": section,
+                "key": key,
+                "value": value,
+                "assumed": f"{section}.{key}" in self.assumed,
+            }
+            for section, values in self.content.items()
+            if section != "rig" and isinstance(values, Mapping)
+            for key, value in values.items()
+        ]
+
+    def tables(self) -> Iterable[Table]:
+        """The constants, one row per section of the file; SI."""
+        said: dict[str, list[str]] = {}
+        for one in self.records():
+            value = one["value"]
+            shown = f"{value:g}" if isinstance(value, float) else str(value)
+            mark = " (assumed)" if one["assumed"] else ""
+            said.setdefault(one["section"], []).append(f"{one['key']}={shown}{mark}")
+        rows = [
+            (k, textwrap.fill(", ".join(v), _LINE, break_on_hyphens=False)) for k, v in said.items()
+        ]
+        yield table("", ("section", "constants, SI"), rows, text=(1,))
 
     def said(self, line: str) -> str:
         """A line about the rig: one that no file describes is not called a file."""

@@ -32,6 +32,9 @@ Number = Annotated[
 """A number as in the file: an integer stays an integer, and text ("NaN") is not a number."""
 
 
+_MACHINERY = frozenset(dir(BaseModel))
+
+
 class Part(BaseModel):
     """A part of a bundle. Keys without a field are kept, as is the order of all keys.
 
@@ -43,6 +46,11 @@ class Part(BaseModel):
     )
 
     _order: tuple[str, ...] = PrivateAttr(())
+
+    def __dir__(self) -> list[str]:
+        """What a part of a bundle has, without what is private and pydantic's own machinery."""
+        names = {*super().__dir__(), *(self.model_extra or ())}
+        return sorted(n for n in names - _MACHINERY if not n.startswith("_"))
 
     @model_validator(mode="wrap")
     @classmethod

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 from sysid.blocks.drawing import plot_panels
-from sysid.blocks.figures import Panel, Rule, Scale, grouped_bars
 from sysid.blocks.progress import progress_or_shown
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table
@@ -25,6 +23,7 @@ from sysid.diagnosis.actuator.loop import Memory
 from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
 from sysid.diagnosis.bench.evidence import HeldOutEvidence
 from sysid.diagnosis.bench.registry import AXIS, part_tested
+from sysid.diagnosis.figures import steps_panel
 from sysid.diagnosis.looked import Book, Looked, SearchStage, bounded
 from sysid.diagnosis.refined import (
     Look,
@@ -123,17 +122,7 @@ class CampaignDiagnosis(Shown):
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """RMSE on held-out logs over that of a correct model, before and after each effect."""
-        found = self.detail.to_json()
-        errors = wording.errors_by_step(found)
-        floors = {name: self.residual[name].noise_floor or math.nan for name in errors}
-        heights: dict[str, Sequence[float]] = {
-            step: [errors[name][i] / floors[name] for name in errors]
-            for i, step in enumerate(["original bundle", *wording.steps(found)])
-        }
-        shown, ticks = grouped_bars(list(errors), heights)
-        y = Scale("RMSE / RMSE of a correct model", kind="log")
-        panel = Panel(Scale(ticks=ticks), y, (*shown, Rule(1.0)), legend="right")
-        return plot_panels((panel,), ax)[0]
+        return plot_panels((steps_panel(self.detail.to_json()),), ax)[0]
 
     def content(self) -> dict[str, Any]:
         """Its content as the report shows it, in JSON types."""

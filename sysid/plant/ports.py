@@ -11,12 +11,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from sysid.blocks.shown import Shown
+from sysid.blocks.tables import Table, table
 from sysid.io.channels import SIDES
 from sysid.io.rig import NO_LOAD, Load
 from sysid.plant.base import Array, Parameters
@@ -209,8 +212,8 @@ def overrides(effect: Effect | type[Effect], *ports: str) -> bool:
     return bool(own) and (isinstance(effect, type) or not all(effect.is_idle(p) for p in own))
 
 
-@dataclass(frozen=True)
-class Model:
+@dataclass(frozen=True, repr=False)
+class Model(Shown):
     """The base model with its parameters (SI) and effects; `+` adds an effect.
 
     Raises ValueError where two effects add the same state.
@@ -231,6 +234,44 @@ class Model:
         if clash:
             raise ValueError(f"two effects add the state {', '.join(sorted(clash))}")
         return Model(self.parameters, (*self.effects, effect))
+
+    def headline(self) -> str:
+        """The base model, and the effects in it."""
+        ids = [str(getattr(e, "id", type(e).__name__)) for e in self.effects]
+        return f"base model with {', '.join(ids)}" if ids else "base model without effects"
+
+    def records(self) -> list[dict[str, Any]]:
+        """One record per number: its part, name and value (SI); None where it differs by run."""
+        return [
+            {"part": part, "name": name, "value": value if isinstance(value, float) else None}
+            for part, name, value in self._numbers()
+        ]
+
+    def tables(self) -> Iterable[Table]:
+        """The numbers, one row per part of the plant and per effect; SI."""
+        said: dict[str, list[str]] = {}
+        for part, name, value in self._numbers():
+            shown = f"{value:.4g}" if isinstance(value, float) else "by run"
+            said.setdefault(part, []).append(f"{name}={shown}")
+        rows = [
+            (part, textwrap.fill(", ".join(numbers), _LINE, break_on_hyphens=False))
+            for part, numbers in said.items()
+        ]
+        yield table("", ("part", "numbers, SI"), rows, text=(1,))
+
+    def _numbers(self) -> Iterator[tuple[str, str, Any]]:
+        """Part, name and value of each number that is known: not None, not NaN."""
+        parts = [("", self.parameters), *((type(e).__name__, e) for e in self.effects)]
+        for title, part in parts:
+            for name in _field_names(type(part)) if dataclasses.is_dataclass(part) else ():
+                value = getattr(part, name)
+                if value is None or isinstance(value, bool | str | tuple):
+                    continue
+                if isinstance(value, float | int | np.floating):
+                    value = float(value)
+                    if np.isnan(value):
+                        continue
+                yield title or _part_of(name), name, value
 
     @property
     def has_remembering_sensor(self) -> bool:
@@ -263,6 +304,25 @@ class Model:
         """The parameters in force at a time."""
         parameters: Parameters = self.through("parameters", self.parameters, time)
         return parameters
+
+
+# Letters in a line of a model's numbers, as it shows itself.
+_LINE = 80
+# Parts of the plant by the names of their numbers in `Parameters`; the rest is of a valve.
+_PARTS = {
+    "mechanics": (
+        "static_effort coulomb_effort viscous inertia gravity_moment weight offset max_effort "
+        "stiffness preload"
+    ),
+    "cylinder": "area_a area_b offset_a offset_b stroke pitch_radius",
+    "air": "gas_constant heat_capacity_ratio temperature atmosphere supply supply_reference",
+    "PWM": "pwm_period",
+}
+
+
+def _part_of(name: str) -> str:
+    held = (part for part, names in _PARTS.items() if name in names.split())
+    return next(held, f"valve {name[-1].upper()}")
 
 
 def with_load(parameters: Parameters, load: Load) -> Parameters:
