@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from export_bundles import LINEAR_RIG, as_bundle, estimate, upright, whole_content
 
+from benchmarks.plant_library import PlantLibrary, unpacked
 from benchmarks.rigs import pwm_run
 from sysid.commands.app import main
 from sysid.controllers.design_model import design_from_bundle
@@ -32,10 +33,10 @@ from sysid.types import FloatArray
 from tests.conftest import RIG_TEXT
 from tests.export_compiler import compiler
 from tests.fmu_loop import STEP, Unit, loop
-from tests.plant_library import PlantLibrary, strictly, unpacked
+from tests.strict_c import strictly
 
 POSITION, PRESSURE = 1e-6, 1.0  # rad or m, Pa: what the simulator and the C may differ by
-# States, delays, parameters that drift, sensors that remember and sensors that do not.
+# States, pulses and delays, parameters that drift, sensors that remember or do not.
 EFFECTS = {
     "stribeck-friction": {
         "stribeck_torque_nm": (0.1, "Nm"),
@@ -49,6 +50,8 @@ EFFECTS = {
         "off_delay_drift_s": (-4e-4, "s"),
         "heating_time_s": (5.0, "s"),
     },
+    "sticking-valve": {"stuck_delay_s": (0.003, "s"), "sticking_time_s": (0.05, "s")},
+    "duty-dead-zone": {"dead_time_s": (4e-4, "s"), "whole_ratio": (1.8, "-")},
     "atmosphere-leakage": {},
     "pressure-offset": {"pressure_offset_pa": (700.0, "Pa")},
     "pressure-lag": {"pressure_lag_s": (0.004, "s")},
@@ -134,6 +137,7 @@ def one_chamber_rig() -> str:
 @pytest.mark.usefixtures("sources_only")
 @pytest.mark.parametrize("kind", ["base", "effects", "one chamber"])
 def test_the_plant_in_c_moves_as_the_simulator(kind: str, rig_text: str, tmp_path: Path) -> None:
+    compiler("gcc")  # skips without one
     is_linear = kind == "one chamber"
     content = whole_content(one_chamber_rig() if is_linear else upright(rig_text))
     if is_linear:

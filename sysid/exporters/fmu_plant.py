@@ -89,10 +89,11 @@ def _require_held(bundle: Bundle, effects: Sequence[CatalogueEffect], model: Mod
             f"{bundle.source}: {', '.join(unknown)} of the model is not identified; fit the tests "
             "that identify it"
         )
-    if ids := [effect.id for effect in effects if overrides(effect, "pulses")]:
+    ahead = [e.id for e in effects if overrides(e, "pulses") > overrides(e, "recent_pulses")]
+    if ahead:
         raise input_error(
             bundle.source,
-            f"a plant in C cannot hold {', '.join(ids)}, which act on the pulses of a whole test",
+            f"a plant in C cannot hold {', '.join(ahead)}, which act on the pulses of a whole test",
             "export a bundle without them, or simulate in Python",
         )
 

@@ -7,7 +7,7 @@ from importlib import resources
 
 from sysid.exporters.c_maths import mathematics
 from sysid.exporters.c_text import comment_text, indented, number
-from sysid.exporters.plant_laws import NAMES, TracedPlant
+from sysid.exporters.plant_laws import KEPT, LARGEST, NAMES, TracedPlant
 from sysid.plant import supply_approach
 from sysid.plant.base import MAX_STEP
 from sysid.plant.valve_timing import TIME_TOLERANCE, WHOLE_STEP
@@ -32,6 +32,15 @@ typedef struct {
 typedef struct {
     plant_real cylinder, motor, gravity, sliding;
 } plant_efforts;
+
+/* A valve's last on-intervals as commanded, newest first, and when it really opens and closes. One
+   that lasts ends at PLANT_NEVER, one that is none is at -PLANT_NEVER; until: when the next may
+   start. */
+#define PLANT_NEVER @never@
+#define PLANT_KEPT @kept@
+typedef struct {
+    plant_real on[PLANT_KEPT], off[PLANT_KEPT], opens[PLANT_KEPT], closes[PLANT_KEPT], until;
+} plant_valve;
 """
 
 
@@ -40,6 +49,8 @@ def plant_header(traced: TracedPlant, title: Sequence[str]) -> str:
     extras: dict[str, object] = {
         "states": len(traced.states),
         "extras": max(len(traced.states), 1),
+        "never": number(LARGEST),
+        "kept": KEPT,
     }
     body = "\n".join(f" * {comment_text(line)}".rstrip() for line in title)
     parts = [

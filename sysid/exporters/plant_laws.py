@@ -18,7 +18,13 @@ import sympy
 from sysid.errors import SysidError, input_error
 from sysid.exporters.c_printer import all_statements, reduced
 from sysid.exporters.c_text import Names, indented, wrapped
-from sysid.exporters.symbolic import Symbolic, expression, forget_expressions, symbol
+from sysid.exporters.symbolic import (
+    NamedRow,
+    Symbolic,
+    expression,
+    forget_expressions,
+    symbol,
+)
 from sysid.io.channels import SIDES, VELOCITY_CHANNELS
 from sysid.io.rig import NO_LOAD, Load, Rig
 from sysid.plant import base, plant
@@ -28,7 +34,9 @@ from sysid.plant.ports import Effect, Model, Point, overrides, with_load
 
 NAMES = Names("plant_", "PLANT_")
 LARGEST = 1e30
-"""Stands for a limit that there is not."""
+"""Stands for a limit that there is not, and for a time that never comes."""
+KEPT = 8
+"""On-intervals of a valve that may still act."""
 
 _HEAD = "const plant_parameters *q, const plant_point *s"
 _LOAD = ("inertia", "gravity_moment", "weight")
@@ -102,6 +110,7 @@ class _Tracer:
         sensors, memory = self._sensors()
         parts = [after, *self._mechanics(), *(self._chamber(side) for side in SIDES)]
         parts += [self._stage(), self._outputs(), self._states_at_start(), sensors]
+        parts += [self._pulses(side) for side in SIDES]
         parts += [self._delay(side, opening) for side in SIDES for opening in (True, False)]
         return TracedPlant(
             numbers=tuple(self._numbers),
@@ -340,6 +349,25 @@ class _Tracer:
         ]
         return "\n".join(texts), len(begun)
 
+    def _pulses(self, side: str) -> str:
+        """A valve's last on-intervals as its effects let them pass."""
+        on, off = (
+            NamedRow([symbol(f"v->{name}[{k}]") for k in range(KEPT)]) for name in ("on", "off")
+        )
+        for effect in self._model.effects:
+            if overrides(effect, "pulses"):
+                passed = self._of(effect, "recent_pulses", on, off, symbol("until"), side)
+                on, off = (NamedRow(tuple(row)) for row in passed)
+        results = {f"v->opens[{k}]": value for k, value in enumerate(on)}
+        results |= {f"v->closes[{k}]": value for k, value in enumerate(off)}
+        return _function(
+            f"passed_{side}",
+            f"The on-intervals of valve {side.upper()} as its effects let them pass, before its "
+            "delays; until: when the next pulse may start",
+            "const plant_parameters *q, plant_real until, plant_valve *v",
+            results,
+        )
+
     def _delay(self, side: str, opening: bool) -> str:
         edge = "on" if opening else "off"
         delay = getattr(self._parameters, f"{edge}_delay_{side}")
@@ -411,4 +439,12 @@ def _function(name: str, meaning: str, arguments: str, results: Mapping[str, Any
     return f"/* {comment} */\n{head}\n{{\n{indented(lines)}\n}}\n"
 
 
-__all__ = ["LARGEST", "NAMES", "PlantNumber", "TracedPlant", "effect_number", "traced_plant"]
+__all__ = [
+    "KEPT",
+    "LARGEST",
+    "NAMES",
+    "PlantNumber",
+    "TracedPlant",
+    "effect_number",
+    "traced_plant",
+]

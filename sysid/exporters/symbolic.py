@@ -86,19 +86,27 @@ class Symbolic:
     def __float__(self) -> float:
         raise TypeError("a value is needed as a number")
 
-    def __add__(self, other: Any) -> Symbolic:
+    def __add__(self, other: Any) -> Any:
+        if isinstance(other, NamedRow):
+            return NotImplemented
         return Symbolic(self.expr + expression(other))
 
-    def __sub__(self, other: Any) -> Symbolic:
+    def __sub__(self, other: Any) -> Any:
+        if isinstance(other, NamedRow):
+            return NotImplemented
         return Symbolic(self.expr - expression(other))
 
     def __rsub__(self, other: Any) -> Symbolic:
         return Symbolic(expression(other) - self.expr)
 
-    def __mul__(self, other: Any) -> Symbolic:
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, NamedRow):
+            return NotImplemented
         return Symbolic(self.expr * expression(other))
 
-    def __truediv__(self, other: Any) -> Symbolic:
+    def __truediv__(self, other: Any) -> Any:
+        if isinstance(other, NamedRow):
+            return NotImplemented
         return Symbolic(self.expr / expression(other))
 
     def __rtruediv__(self, other: Any) -> Symbolic:
@@ -164,12 +172,22 @@ class NamedRow:
     def __array_namespace__(self, *, api_version: str | None = None) -> Any:
         return NAMESPACE
 
-    def __getitem__(self, key: tuple[Any, int]) -> Symbolic:
-        return self.values[key[-1]]
+    def __getitem__(self, key: Any) -> Any:
+        """A value by its number, alone or the last of several; a slice as a row."""
+        if isinstance(key, slice):
+            return NamedRow(self.values[key])
+        return self.values[key[-1] if isinstance(key, tuple) else key]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __iter__(self) -> Iterator[Symbolic]:
+        return iter(self.values)
 
     def _each(self, operation: Callable[[Any, Any], Any], other: Any) -> NamedRow:
-        others = other.values if isinstance(other, NamedRow) else [other] * len(self.values)
-        return NamedRow([operation(a, b) for a, b in zip(self.values, others, strict=True)])
+        return NamedRow(
+            [operation(a, b) for a, b in zip(self, _row(other, len(self)), strict=True)]
+        )
 
     def __add__(self, other: Any) -> NamedRow:
         return self._each(lambda a, b: a + b, other)
@@ -177,10 +195,33 @@ class NamedRow:
     def __mul__(self, other: Any) -> NamedRow:
         return self._each(lambda a, b: a * b, other)
 
+    def __sub__(self, other: Any) -> NamedRow:
+        return self._each(lambda a, b: a - b, other)
+
     def __rsub__(self, other: Any) -> NamedRow:
         return self._each(lambda a, b: b - a, other)
 
+    def __rtruediv__(self, other: Any) -> NamedRow:
+        return self._each(lambda a, b: b / a, other)
+
+    def __gt__(self, other: Any) -> NamedRow:
+        return self._each(lambda a, b: a > b, other)
+
     __radd__, __rmul__ = __add__, __mul__
+
+
+def _row(value: Any, count: int) -> Sequence[Any]:
+    """The values of a row, or a number as many times."""
+    return tuple(value) if isinstance(value, NamedRow | tuple) else (value,) * count
+
+
+def _by_rows(function: Callable[..., Any], arguments: Sequence[Any]) -> Any:
+    """A function of numbers; of rows, one by one."""
+    rows = [a for a in arguments if isinstance(a, NamedRow)]
+    if not rows:
+        return function(*arguments)
+    columns = zip(*(_row(a, len(rows[0])) for a in arguments), strict=True)
+    return NamedRow([function(*values) for values in columns])
 
 
 class NamedTable:
@@ -329,7 +370,8 @@ class _Namespace:
     pi = math.pi
     e = math.e
     nan = Symbolic(sympy.Symbol("NAN"))  # as C names it
-    where = staticmethod(_where)
+    inf = 1e30  # of the range of single precision; beyond all times and limits
+    where = staticmethod(lambda *arguments: _by_rows(_where, arguments))
     clip = staticmethod(_clip)
     power = pow = staticmethod(_power)
     interp = staticmethod(_interp)
@@ -350,8 +392,8 @@ def _called(name: str, numpys: str) -> Callable[..., Any]:
     """A function of names, worked out at once where all its arguments are numbers."""
 
     def call(*arguments: Any) -> Any:
-        if arguments and isinstance(arguments[0], NamedRow):
-            return NamedRow([call(value) for value in arguments[0].values])
+        if any(isinstance(a, NamedRow) for a in arguments):
+            return _by_rows(call, arguments)
         if not any(isinstance(a, Symbolic) for a in arguments):
             return getattr(np, numpys)(*arguments)
         return _function(name, *map(expression, arguments))
@@ -390,6 +432,7 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "logical_or": lambda x, y: _wrapped(x) | y,
     "logical_not": lambda x: ~_wrapped(x),
     "zeros_like": lambda x: 0.0,
+    "full_like": lambda x, value: value,
     "ones_like": lambda x: 1.0,
     "isnan": lambda x: Symbolic(sympy.false),
     "isfinite": lambda x: _function(IS_FINITE, expression(x)),
