@@ -31,6 +31,7 @@ from sysid.identification.friction.effort import (
     pushed_along,
     titles,
 )
+from sysid.identification.friction.load import fit_load, is_clear
 from sysid.identification.friction.motion import (
     HARDLY_MOVES,
     MotionFriction,
@@ -56,7 +57,7 @@ from sysid.identification.friction.static import (
 from sysid.identification.friction.steady_stretch import levels_of_tests, sliding_points
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.logs import Trial, any_contradiction, with_channels
-from sysid.io.motion import MotionUnits
+from sysid.io.motion import LOADS, MotionUnits
 from sysid.io.rig import Rig
 from sysid.recording.even import pause_line, recorded
 from sysid.recording.friction_kind import KINDS, MOTION, SLIDING, STATIC, classify, classify_trial
@@ -86,6 +87,9 @@ _WANTED = {
     SLIDING: f"no usable friction-sliding test: {ANOTHER_LEVEL}, or a friction-motion test",
     MOTION: "no friction-motion test: give a motion that accelerates and reverses",
 }
+
+# The lowest cut-off that is tried for motion whose acceleration is mostly noise.
+_LOWEST_HZ = 1.0
 
 Result = TypeVar("Result")
 
@@ -132,16 +136,21 @@ def fit_friction(
     kind: str | Sequence[str | None] | None = None,
     estimate_inertia: bool = False,
     cutoff_hz: float | None = None,
+    load: str | None = None,
 ) -> FrictionResult:
     """Static, Coulomb and viscous friction (and offset and inertia) from a rig's friction tests.
 
     `kind` (`static`, `sliding`, `motion`, or with `friction-` in front) overrides
     each trial's content; one for all, or one per trial. The inertia is estimated from motion
     where the rig file gives none or an assumed one, or on demand. `cutoff_hz` None: 50 Hz, or
-    lower as the sampling and the noise of the motion require. Raises InputError where a channel is
-    missing, NotIdentifiedError where the tests identify none of the parameters.
+    lower as the sampling and the noise of the motion require. `load` "motor" or "transmitted":
+    with a part that grows with that effort; all moving tests are used as motion then. Raises
+    InputError where a channel is missing, NotIdentifiedError where the tests identify none of the
+    parameters.
     """
     fit = _prepared(trials, rig, kind, cutoff_hz)
+    if load is not None:
+        return _with_load(fit, estimate_inertia, load)
     try:
         found = _of(fit, estimate_inertia)
     except NotIdentifiedError:
@@ -226,6 +235,29 @@ def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
     if static is None and sliding is None and motion is None and not fit.sums:
         raise error_of(list(fit.failures.values()), _nothing(fit))
     return _result(fit, static, sliding, motion, estimate_inertia)
+
+
+def _with_load(fit: _Fit, estimate_inertia: bool, of: str) -> FrictionResult:
+    """The fit with a part of friction that grows with an effort. Raises NotIdentifiedError."""
+    if of not in LOADS:
+        raise input_error("load", f"{of!r} is unknown", f"use {' or '.join(LOADS)}")
+    trials = [*fit.by_kind[MOTION], *fit.by_kind[SLIDING]]
+    fit.by_kind[MOTION], fit.by_kind[SLIDING] = trials, []
+    declared = fit.rig.total_inertia() if fit.rig.has_declared_inertia else None
+    inertia = None if estimate_inertia else declared
+    fit.cutoff_hz = common_cutoff(trials, fit.cutoff_hz)
+    samples, uses = usable_motion(trials, fit.cutoff_hz, said := [])
+    while not is_clear(samples, inertia) and fit.cutoff_hz > _LOWEST_HZ:
+        fit.cutoff_hz *= 0.5
+        samples, uses = usable_motion(trials, fit.cutoff_hz, said := [])
+    fit.notices += said
+    fit.uses += uses
+    motion, load = fit_load(samples, inertia, fit.units, of)
+    fit.notices += motion.notices
+    fit.notices += [] if load.is_shown else [load.notice]
+    static = fit.attempt(STATIC, lambda: _static(fit))
+    found = _result(fit, static, None, motion, estimate_inertia)
+    return replace(found, load=load if load.is_shown else None)
 
 
 def _refutes(motion: MotionFriction, sliding: SlidingFriction) -> bool:
@@ -646,4 +678,8 @@ def friction_rmse(result: FrictionResult, trials: Sequence[Trial], rig: Rig) -> 
     offset = own.get("offset")
     constant = offset.value if offset is not None and offset.identified else 0.0
     even = [recorded(trial, rig, []) for trial in trials]
-    return effort_rmse(even, coulomb.value, viscous.value, constant, inertia, result.cutoff_hz)
+    load = result.load
+    share = (0.0, 0) if load is None else (load.share.value, LOADS.index(load.of))
+    return effort_rmse(
+        even, coulomb.value, viscous.value, constant, inertia, result.cutoff_hz, share
+    )

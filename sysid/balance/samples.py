@@ -38,7 +38,9 @@ class MotionSamples:
     leaves them independent. `noise` (4,) is the variance of the regressors' noise,
     `rest_speed` the rule's limit, `load` (n,) the cylinder's effort in addition to a motor's (0
     without one), `since` and `until` (n,) the distance since the last reversal of the motion and to
-    the next one, infinite without one."""
+    the next one, infinite without one. `carried` (n, 2): the motor's effort, and that of motor and
+    cylinder, its magnitude along the motion; `helped` (n, 2): what of `effort` is not that.
+    `added`: the inertia of the test's payload beyond the rig file's, which `effort` is less."""
 
     regressors: FloatArray
     effort: FloatArray
@@ -47,6 +49,9 @@ class MotionSamples:
     load: FloatArray
     since: FloatArray
     until: FloatArray
+    carried: FloatArray
+    helped: FloatArray
+    added: float
 
     @property
     def speed(self) -> FloatArray:
@@ -62,6 +67,8 @@ class MotionSamples:
             load=self.load[rows],
             since=self.since[rows],
             until=self.until[rows],
+            carried=self.carried[rows],
+            helped=self.helped[rows],
         )
 
 
@@ -70,10 +77,13 @@ def motion_samples(recording: Recording, cutoff_hz: float) -> MotionSamples:
     motion = FilteredMotion(recording, cutoff_hz)
     speed, acceleration = motion.speed, motion.acceleration
     regressors = np.column_stack([motion.way, speed, np.ones(len(speed)), acceleration])
-    effort = motion.smooth(
-        signals.held_about_rows(recording.motor) + recording.cylinder - recording.load_effort
-    )
-    effort = effort - recording.added_inertia * acceleration
+    held, cylinder = signals.held_about_rows(recording.motor), recording.cylinder
+    drive = np.column_stack([held, held + cylinder])
+    carried = motion.smooth(np.abs(drive) * np.sign(speed)[:, None])
+    others = [cylinder - recording.load_effort, -recording.load_effort]
+    added = recording.added_inertia * acceleration
+    helped = motion.smooth(np.column_stack(others)) - added[:, None]
+    effort = motion.smooth(held + cylinder - recording.load_effort) - added
     rows = motion.rows
     noise = np.array([0.0, motion.speed_noise**2, 0.0, motion.acceleration_noise**2])
     since, until = _about_reversals(motion.position, speed, motion.rest_speed)
@@ -88,6 +98,9 @@ def motion_samples(recording: Recording, cutoff_hz: float) -> MotionSamples:
         load[rows],
         since[rows],
         until[rows],
+        carried[rows],
+        helped[rows],
+        recording.added_inertia,
     )
 
 

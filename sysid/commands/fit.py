@@ -32,6 +32,7 @@ from sysid.commands.printing import (
     progress,
     written_lines,
 )
+from sysid.io.motion import LOADS
 from sysid.pipeline.files import read_with
 from sysid.pipeline.fit_logs import FitFiles, Fitted, fit_logs
 from sysid.pipeline.fit_part import (
@@ -104,6 +105,14 @@ _law_option = click.option(
 )
 
 
+_load_option = click.option(
+    "--load",
+    type=click.Choice(LOADS),
+    help="Friction with a part that grows with this effort: the motor's, or all that is "
+    "transmitted, motor and cylinder.",
+)
+
+
 @fit.command("friction")
 @logs_argument
 @click.option(
@@ -118,15 +127,22 @@ _law_option = click.option(
     type=float,
     help="Zero-phase low-pass, Hz; by default 50, or lower as sampling and noise require.",
 )
+@_load_option
 @_part_options
 def _friction(
-    kind: str | None, estimate_inertia: bool, cutoff_hz: float | None, **files: Any
+    kind: str | None,
+    estimate_inertia: bool,
+    cutoff_hz: float | None,
+    load: str | None,
+    **files: Any,
 ) -> None:
     """Static, Coulomb and viscous friction from ramped, constant or general motion tests.
 
     A table of speed and effort without a time is one of readings, a row each.
     """
-    asked = FrictionOptions(kind=kind, estimate_inertia=estimate_inertia, cutoff_hz=cutoff_hz)
+    asked = FrictionOptions(
+        kind=kind, estimate_inertia=estimate_inertia, cutoff_hz=cutoff_hz, load=load
+    )
     _fit_logs(asked, friction_tables, **files)
 
 
@@ -176,6 +192,7 @@ def _fit_logs(asked: PartOptions, tables: Tables, *, as_json: bool, **files: Any
 @campaign_argument
 @click.option("-o", "output", type=PathArgument, help="Write the bundle here.")
 @_law_option
+@_load_option
 @component_option
 @exclude_option
 @report_option
@@ -184,6 +201,7 @@ def _campaign(
     campaign: Path,
     output: Path | None,
     law: str,
+    load: str | None,
     component: str | None,
     exclude: Sequence[str],
     report: Path | None,
@@ -193,7 +211,7 @@ def _campaign(
     from sysid.pipeline.fit import contradictions_in, fit_campaign
 
     read = read_with(campaign, component, progress(), exclude)
-    found = fit_campaign(read, law=law, progress=progress("fitting "))
+    found = fit_campaign(read, law=law, load=load, progress=progress("fitting "))
     said = (*found.contradictions, *contradictions_in(read), *found.notices)
     unseen = write_results(read, found.bundle, PageOptions(progress=progress()), output, report)
     fitted = Fitted(found.bundle, found.remarks, (*unseen, *said), output, report)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 FRICTION = ("static", "coulomb", "viscous")
+LOADS = ("motor", "transmitted")
+"""Efforts that friction may grow with: the motor's, or that of motor and cylinder together."""
 
 
 @dataclass(frozen=True)
@@ -141,4 +143,4 @@ def units_of(is_linear: bool) -> MotionUnits:
     return LINEAR if is_linear else ROTARY
 
 
-__all__ = ["FRICTION", "LINEAR", "ROTARY", "MotionUnits", "units_of"]
+__all__ = ["FRICTION", "LINEAR", "LOADS", "ROTARY", "MotionUnits", "units_of"]

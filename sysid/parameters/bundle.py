@@ -66,10 +66,11 @@ class Bundle(Shown, BundleContent):
             "rig": rig.content,
         }
         fields |= {k: v for k, v in vars(parts).items() if v is not None}
+        fields["effects"] = list(parts.effects)
         provenance = Provenance(
             logs=records(sources), seeds=dict(seeds or {}), options=dict(options or {})
         )
-        return cls(**fields, effects=[], provenance=provenance)
+        return cls(**fields, provenance=provenance)
 
     def headline(self) -> str:
         """The rig, and the bundle's content."""

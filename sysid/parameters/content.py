@@ -26,22 +26,28 @@ SCHEMA: Literal["sysid-bundle/1"] = "sysid-bundle/1"
 class Parts:
     """The results of a campaign's fits: friction, valves, one of them, or nothing.
 
-    `component` is a component of the user's own.
+    `component` is a component of the user's own; `effects` are those that a fit was asked for.
     """
 
     friction: Friction | None = None
     valves: FittedValves | None = None
     component: ComponentRecord | None = None
+    effects: tuple[EffectEntry, ...] = ()
 
     def __bool__(self) -> bool:
-        return any(part is not None for part in vars(self).values())
+        return any(part not in (None, ()) for part in vars(self).values())
 
     def merged(self, other: Parts) -> Parts:
         """The parts merged with those of `other`; friction is replaced whole, valves law by law."""
         valves = other.valves or self.valves
         if self.valves is not None and other.valves is not None:
             valves = self.valves.merged(other.valves)
-        return Parts(other.friction or self.friction, valves, other.component or self.component)
+        return Parts(
+            other.friction or self.friction,
+            valves,
+            other.component or self.component,
+            other.effects or self.effects,
+        )
 
 
 class BundleContent(Part):

@@ -102,11 +102,13 @@ class CampaignFit:
 @dataclass(frozen=True, kw_only=True)
 class FitOptions(Reported):
     """`surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds; `law`
-    of on/off valves and tanks, "thesis", "iso6358" or "auto"."""
+    of on/off valves and tanks, "thesis", "iso6358" or "auto"; `load`: friction with a part that
+    grows with the effort of the "motor", or with all that is "transmitted"."""
 
     surface: str = "both"
     seed: int = 0
     law: str = "auto"
+    load: str | None = None
 
     surfaces: ClassVar[tuple[str, ...]] = ValvePwmOptions.surfaces
     """What `surface` can be."""
@@ -117,7 +119,9 @@ def fit(campaign: Campaign, options: FitOptions) -> Bundle:
     """Every part that a campaign's training logs can identify, in one bundle.
 
     `surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds and
-    restarts; `law` of on/off valves: "thesis", "iso6358", or "auto", by which their tests choose.
+    restarts; `law` of on/off valves: "thesis", "iso6358", or "auto", by which their tests choose;
+    `load`: friction with a part that grows with the effort of the "motor", or with all that is
+    "transmitted".
     Parts not fitted, and logs that contradict one another, are reported as warnings of
     the logger `sysid`. Raises InputError for a log that cannot be used, NotIdentifiedError where
     nothing can be fitted.
@@ -152,7 +156,7 @@ def fit_campaign(campaign: Campaign, options: FitOptions) -> CampaignFit:
     assembly = _Assembly(campaign, options.tell)
     sources = campaign.sources()
     assembly.notices += [*campaign.notices, *campaign.rig.notices, *campaign.copies(sources)]
-    _add_friction(assembly)
+    _add_friction(assembly, options.load)
     _add_valves(assembly, options)
     _add_data_sheets(assembly)
     _add_bench(assembly, options.law)
@@ -199,13 +203,16 @@ def _is_used(source: Source, assembly: _Assembly) -> bool:
     return source.use == "holdout" or not fits_nothing
 
 
-def _add_friction(assembly: _Assembly) -> None:
-    """Friction from its own tests; where they do not identify it, from the motion logs as well."""
+def _add_friction(assembly: _Assembly, load: str | None) -> None:
+    """Friction from its own tests; where they do not identify it, from the motion logs as well.
+
+    `load`: with a part that grows with an effort (`FitOptions`).
+    """
     campaign, rig = assembly.campaign, assembly.campaign.rig
     tests = _labelled(assembly, campaign.select(FRICTION_KINDS))
     if tests:
         assembly.progress("friction")
-    own, why = _friction_of(tests, rig)
+    own, why = _friction_of(tests, rig, load)
     if own is not None:
         # A cause other than friction is for the diagnosis to name, not a reason to stop.
         assembly.notices += [
@@ -220,7 +227,7 @@ def _add_friction(assembly: _Assembly) -> None:
     found, why_moving = None, None
     if motion:
         assembly.progress("friction, from motion")
-        found, why_moving = _friction_of([*tests, *motion], rig)
+        found, why_moving = _friction_of([*tests, *motion], rig, load)
     if found is not None and (found.has_sliding or own is None):
         assembly.motion_for_friction = True
         assembly.merge(found)
@@ -242,13 +249,13 @@ def _labelled(assembly: _Assembly, entries: Sequence[CampaignLog]) -> list[tuple
 
 
 def _friction_of(
-    tests: list[tuple[Trial, str]], rig: Rig
+    tests: list[tuple[Trial, str]], rig: Rig, load: str | None
 ) -> tuple[FrictionResult | None, Failure | None]:
     """The fit of these tests by kind, and why it lacks sliding friction."""
     if not tests:
         return None, None
     trials, kinds = [trial for trial, _ in tests], [kind for _, kind in tests]
-    found = on_its_own(partial(fit_friction, trials, rig, kind=kinds))
+    found = on_its_own(partial(fit_friction, trials, rig, kind=kinds, load=load))
     if isinstance(found, Failure):
         return None, found
     why = found.why_no_sliding

@@ -55,6 +55,7 @@ class FrictionOptions(Options):
     kind: str | Sequence[str | None] | None = None
     estimate_inertia: bool = False
     cutoff_hz: float | None = None
+    load: str | None = None
 
     part: ClassVar[str] = "friction"
 
@@ -66,7 +67,8 @@ class FrictionOptions(Options):
 
     def recorded(self) -> dict[str, Any]:
         """The options that a bundle's provenance holds."""
-        return {"cutoff_hz": self.cutoff_hz, "kind": self.kind}
+        load = {} if self.load is None else {"load": self.load}
+        return {"cutoff_hz": self.cutoff_hz, "kind": self.kind, **load}
 
 
 @takes(FrictionOptions)
@@ -76,7 +78,8 @@ def fit_friction(tests: Tests, options: FrictionOptions) -> FrictionResult:
     The result gives each estimate by its name in a bundle, `coulomb_nm` (a linear rig:
     `coulomb_n`), with `value`, `std`, `interval` (95 %) and `unit`. `rig` None: that of the logs.
     `kind` ("static", "sliding", "motion"; one, or one per test) overrides a test's content;
-    `estimate_inertia` even if the rig file gives one; `cutoff_hz` of the zero-phase filter.
+    `estimate_inertia` even if the rig file gives one; `cutoff_hz` of the zero-phase filter; `load`:
+    with a part that grows with the effort of the "motor", or with all that is "transmitted".
     Raises InputError where a channel is missing, NotIdentifiedError where nothing is identified or
     what is found cannot be friction.
 
@@ -93,6 +96,7 @@ def fit_friction(tests: Tests, options: FrictionOptions) -> FrictionResult:
         kind=options.kind,
         estimate_inertia=options.estimate_inertia,
         cutoff_hz=options.cutoff_hz,
+        load=options.load,
     )
     found.require_possible()
     return found

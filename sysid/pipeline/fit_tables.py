@@ -6,22 +6,25 @@ from collections.abc import Iterable, Iterator
 
 from sysid.blocks.numbers import si_cells
 from sysid.blocks.tables import Table, estimate_table, table
-from sysid.parameters import FittedValves, Friction
+from sysid.parameters import Bundle, FittedValves
 from sysid.parameters.base import read_number
 from sysid.pipeline.fit_logs import Fitted
 
 
 def friction_tables(fitted: Fitted) -> Iterable[Table]:
     """The friction parameters, and static friction by position."""
-    yield from _of_friction(fitted.bundle.friction)
+    yield from _of_friction(fitted.bundle)
     yield _remarks(fitted)
 
 
-def _of_friction(friction: Friction | None) -> Iterable[Table]:
+def _of_friction(bundle: Bundle) -> Iterable[Table]:
+    friction = bundle.friction
     if friction is not None:
         yield estimate_table("Friction", friction.estimates(), "command")
         sums = {name: row.estimate for name, row in friction.sums().items()}
         yield estimate_table("Identified only together", sums, "command")
+        for effect in bundle.effects:
+            yield estimate_table(effect.id, effect.numbers(), "command")
         columns = ("position", "tests", "value", "95 % interval", "unit")
         rows = tuple(
             (f"{row.position:.4g}", str(row.tests), *si_cells(row.static))
@@ -65,7 +68,7 @@ def campaign_tables(fitted: Fitted) -> Iterable[Table]:
     record = fitted.bundle.component
     if record is not None:
         yield estimate_table(f"{record.name} ({record.kind})", record.parameters, "command")
-    yield from _of_friction(fitted.bundle.friction)
+    yield from _of_friction(fitted.bundle)
     yield from valve_tables(fitted)
 
 

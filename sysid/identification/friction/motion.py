@@ -499,7 +499,13 @@ def effort_rmse(
     offset: float,
     inertia: float,
     cutoff_hz: float,
+    share: tuple[float, int] = (0.0, 0),
 ) -> float:
-    """RMSE (N or Nm) of the filtered effort, predicted by given parameters, on held-out trials."""
-    samples = [motion_samples(trial, cutoff_hz) for trial in trials]
+    """RMSE (N or Nm) of the filtered effort, predicted by given parameters, on held-out trials.
+
+    `share`: of an effort that friction takes, and the column of it in `MotionSamples.carried`.
+    """
+    whole = [motion_samples(trial, cutoff_hz) for trial in trials]
+    part, column = share
+    samples = [replace(s, effort=s.effort - part * s.carried[:, column]) for s in whole]
     return _rmse(samples, np.array([coulomb, viscous, offset, inertia]))[0]

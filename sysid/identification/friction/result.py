@@ -26,6 +26,7 @@ from sysid.estimation.quality import (
 )
 from sysid.identification.friction.combinations import Combination
 from sysid.identification.friction.effort import TrialUse, excluded_tests, exclusion_lines
+from sysid.identification.friction.load import LoadFriction
 from sysid.identification.friction.low_speed import RULE as LOW_SPEED_RULE
 from sysid.identification.friction.motion import MotionFriction
 from sysid.identification.friction.shown import parameters_figure, speed_figure
@@ -62,8 +63,8 @@ class FrictionResult(NamedEstimates, Shown):
     other kind of test, `combinations` the sums that are identified where their parts are not.
     `trials` gives the outcome of every test. `most_effort` is what the rig's motor and cylinder can
     give, `motor_limit` the motor alone, N or Nm. `contradicted`: whether a log contradicts the rig
-    file. `reversed_sign`: which channel's sign is reversed, where the fit with the other sign is
-    good; else empty.
+    file. `load`: friction that grows with an effort, where asked for and shown. `reversed_sign`:
+    which channel's sign is reversed, where the fit with the other sign is good; else empty.
     """
 
     units: MotionUnits
@@ -81,6 +82,7 @@ class FrictionResult(NamedEstimates, Shown):
     motor_limit: float = math.inf
     contradicted: bool = False
     reversed_sign: str = ""
+    load: LoadFriction | None = None
 
     @property
     def rmse(self) -> dict[str, float]:
@@ -366,7 +368,8 @@ class FrictionResult(NamedEstimates, Shown):
             if self.motion.limits is not None:
                 table["motion_limits"] = asdict(self.motion.limits)
             table["cutoff_hz"] = self.cutoff_hz
-        return Parts(friction=Friction(**table))
+        effects = () if self.load is None else (self.load.entry(),)
+        return Parts(friction=Friction(**table), effects=effects)
 
     def __getitem__(self, name: str) -> Estimate:
         """A parameter by its name (`coulomb`) or by its key in a bundle (`coulomb_nm`)."""
@@ -390,6 +393,9 @@ class FrictionResult(NamedEstimates, Shown):
         yield estimate_table("", self.by_name())
         sums = {c.expression: c.estimate for c in self.combinations}
         yield estimate_table("Identified only together", sums)
+        if self.load is not None:
+            entry = self.load.entry()
+            yield estimate_table(entry.id, entry.numbers())
         yield estimate_table("Cross-check, from motion", self.units.keyed(self.cross_check))
         yield quality_table(self.quality)
 
