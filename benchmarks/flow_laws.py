@@ -3,7 +3,7 @@
     python -m benchmarks.flow_laws iso [--first 1000] [--count 24]
     python -m benchmarks.flow_laws thesis [--first 1000] [--count 24]
 
-`iso`: drawn valves of ISO 6358 (`datasets.generator.iso_valve`), each with one to four tests, half
+`iso`: drawn valves of ISO 6358 (`benchmarks.iso_bench`), each with one to four tests, half
 of them with 1 % of scatter from test to test: errors of C, b and the delays, their 95 % intervals,
 and the law that was chosen. `thesis`: drawn rigs of the thesis' law (`datasets.generator`), their
 on/off valves A: the law that was chosen.
@@ -18,9 +18,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from benchmarks.iso_bench import IsoBench
 from benchmarks.valves import trial
 from datasets.generator.campaign import make_campaign
-from datasets.generator.iso_valve import IsoBench
 from sysid.estimation.linear import Estimate
 from sysid.identification.valve_discrete.law_choice import LawChoice
 from sysid.identification.valve_discrete.result import DiscreteFit

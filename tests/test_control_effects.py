@@ -117,6 +117,8 @@ def test_a_plant_that_switches_without_end_is_said() -> None:
     """As all kinds of friction at once do: a loop ends with one line, as a simulation does."""
     model = plant()
     for name, kind in catalogue().items():
+        if name == "load-dependent-friction":  # which holds the shaft for good
+            continue
         bent = name == "stroke-dependent-seals"
         model = model + (kind.typical() if bent else kind.typical(**USUAL.get(name, {})))
     with pytest.raises(SimulationError, match="switches endlessly"):

@@ -14,7 +14,7 @@ from export_compiler import compiler
 from test_export_control import run_check
 from test_valve_discrete import Bench, make_rig
 
-from datasets.generator.iso_valve import IsoBench
+from benchmarks.iso_bench import IsoBench
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.exporters import check_folder, export_bundle
 from sysid.identification.valve_pwm.averaged import fit_by_law

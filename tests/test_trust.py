@@ -319,7 +319,7 @@ def test_at_one_speed_friction_on_the_way_to_it_is_not_taken_for_inertia(tmp_pat
         found = fit_friction(
             logs.logs[0].trials, logs.rig, kind="motion", estimate_inertia=True, cutoff_hz=cutoff
         )
-        mass, (friction, _) = found.by_name()["mass_kg"], found.combinations
+        mass, (friction,) = found.by_name()["mass_kg"], found.combinations
         assert "viscous_n_s_per_m" in friction.of
         assert abs(mass.value - MASS) < 2.0 * mass.std < 0.5
         true = COULOMB + 40.0 * friction.coefficients[1]

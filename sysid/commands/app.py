@@ -43,7 +43,7 @@ COMMANDS = {
     "demo": "The whole pipeline on the bundled campaign.",
     "diagnose": "What the model lacks: the residual's cause, and the errors with and without it.",
     "effects": "The catalogue of effects; with ID one entry in full, and its influence on a rig.",
-    "export": "Files for a controller: a C header, a MATLAB file or flat JSON.",
+    "export": "Files for a controller (a C header, MATLAB, flat JSON) or a simulator (FMU, MJCF).",
     "fit": "Identify parameters: one part from its logs, or a whole CAMPAIGN.toml.",
     "fleet": "`run` for every CAMPAIGN, and one page on all of them: what changed, and when.",
     "init": "Write a commented rig or campaign file to fill in.",
