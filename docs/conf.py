@@ -14,8 +14,11 @@ import running  # noqa: E402
 
 import sysid  # noqa: E402
 
-# For the notebooks' kernels.
-os.environ.update(running.environment(HERE.parent) | {"SYSID_PROJECT": str(HERE.parent)})
+# For the notebooks' kernels, whose plots are shown below their cells; commands draw with agg.
+INLINE = "module://matplotlib_inline.backend_inline"
+os.environ.update(
+    running.environment(HERE.parent) | {"SYSID_PROJECT": str(HERE.parent), "MPLBACKEND": INLINE}
+)
 
 # Public recordings are not part of the project: without them one notebook is shown, not run.
 HAS_EMPS = (HERE.parent.parent / "shared" / "data" / "emps").is_dir()
