@@ -13,7 +13,7 @@ from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -321,6 +321,45 @@ def test_every_section_is_there_and_nothing_left_out(made: Made) -> None:
         "diagnosis", "refinement", "next", "provenance",
     ]  # fmt: skip
     assert "Left out" not in made.html
+
+
+def test_training_rows_are_folded(made: Made) -> None:
+    first, *folds = section_of(made.html, "validation").split("<details>")
+    use = re.compile(r'data-label="Use"[^>]*>\s*(training|held out)')
+    assert set(use.findall(first)) == {"held out"}
+    training = next(fold for fold in folds if "Errors on the training logs" in fold)
+    assert set(use.findall(training)) == {"training"}
+    names = {log.name for log in made.validation.select("fit")}
+    assert all(name in training for name in names)
+
+
+@pytest.mark.parametrize("best", [None, "ann", "averaged"])
+def test_maps_of_laws_that_are_not_recommended_are_folded(best: str | None) -> None:
+    from sysid.blocks.sections import FigureGroup, Fold
+    from sysid.identification.valve_pwm.shown import _figure_blocks, _Measured
+    from sysid.surfaces.bipolynomial import Bipolynomial
+    from sysid.surfaces.domain import level_flows
+
+    duty, pressure = (a.ravel() for a in np.mgrid[0.1:0.9:9j, 1.1e5:2.9e5:40j])
+    flow = 2e-9 * duty * (3e5 - pressure)
+    surface = Bipolynomial().fit(np.column_stack((duty, pressure)), flow)
+
+    class Judged(_Measured):
+        best: Any = None
+
+    setattr(Judged, "best", best)  # noqa: B010
+    levels = level_flows(duty, pressure, flow)
+    part = Judged("a", "fill", cast(Any, None), levels, {"bipolynomial": surface, "ann": surface})
+    (group,) = [b for b in _figure_blocks(part) if isinstance(b, FigureGroup)]
+    folds = [b for b in _figure_blocks(part) if isinstance(b, Fold) and "maps" in b.summary]
+    kinds = {None: ["bipolynomial", "ann"], "ann": ["ann"], "averaged": []}[best]
+    assert [f.id.removeprefix("fig-a-fill-") for f in group.figures] == [
+        "cuts", *(k for kind in kinds for k in (kind, f"{kind}-error")), "measured",
+    ]  # fmt: skip
+    assert len(folds) == (best is not None)
+    if folds:
+        (inner,) = folds[0].blocks
+        assert isinstance(inner, FigureGroup) and len(inner.figures) == 4 - 2 * len(kinds)
 
 
 def test_elements_have_names_and_ids_of_their_own(made: Made) -> None:

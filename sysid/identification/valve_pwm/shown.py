@@ -224,15 +224,7 @@ def _points(duty: float | None) -> float | None:
 
 
 def _part_blocks(part: _Measured) -> list[Block]:
-    blocks: list[Block] = [Heading(f"surface-{part.tag}", part.title)]
-    figures = _figures(part)
-    if figures:
-        caption = (
-            f"{part.title}: measured and fitted mean flow, flow over pressure at a few duties "
-            "(dots: measured), and the duty that the surface gives for a flow less the true "
-            "one. Grey: not visited, or outside the domain."
-        )
-        blocks.append(FigureGroup(caption, tuple(figures)))
+    blocks: list[Block] = [Heading(f"surface-{part.tag}", part.title), *_figure_blocks(part)]
     folded: list[Block] = []
     if "bipolynomial" in part.surfaces:
         folded.append(_coefficients(part))
@@ -245,6 +237,25 @@ def _part_blocks(part: _Measured) -> list[Block]:
         blocks.append(Lines((f"Choice: {part.choice.reason}.",)))
     if folded:
         blocks.append(Fold(f"{part.title}: coefficients and weights", tuple(folded)))
+    return blocks
+
+
+def _figure_blocks(part: _Measured) -> list[Block]:
+    """The figures, those of laws that are not recommended folded."""
+    blocks: list[Block] = []
+    figures, others = _figures(part)
+    if figures:
+        caption = (
+            f"{part.title}: measured and fitted mean flow, flow over pressure at a few duties "
+            "(dots: measured), and the duty that the surface gives for a flow less the true "
+            "one. Grey: not visited, or outside the domain."
+        )
+        blocks.append(FigureGroup(caption, tuple(figures)))
+    if others:
+        names = " and ".join(_NAMES[kind].lower() for kind in part.surfaces if kind != part.best)
+        caption = f"{part.title}: the same of what is not recommended."
+        group = FigureGroup(caption, tuple(others))
+        blocks.append(Fold(f"{part.title}: maps of the {names}, not recommended", (group,)))
     return blocks
 
 
@@ -298,23 +309,31 @@ def _resolution(study: ResolutionRecord) -> Table:
 # --- figures ---------------------------------------------------------------------------
 
 
-def _figures(part: _Measured) -> list[Figure]:
+def _figures(part: _Measured) -> tuple[list[Figure], list[Figure]]:
+    """Those to show, and those of laws that are not recommended.
+
+    First flow over pressure by each surface, then the recommended one's map and its error in duty
+    (those of all where none is recommended), then what was measured.
+    """
     levels = part.levels
     if levels is None:
-        return []
+        return [], []
     flow, pressure = 1e3 * levels.flow, levels.pressure / 1e3
     limits = (float(np.nanmin(flow)), float(np.nanmax(flow)))
-    figures = [_map(part, "measured", "Measured flow", (levels.duty, pressure, flow), limits)]
-    for kind, surface in part.surfaces.items():
-        figures.append(_map(part, kind, f"{_NAMES[kind]}: flow", _fitted(surface), limits))
-    figures.append(flow_figure(part.title, part.tag, levels, part.surfaces))
     errors = {k: _duty_error(s, levels) for k, s in part.surfaces.items()}
     known = [np.abs(e[np.isfinite(e)]) for e in errors.values()]
     largest = max((float(np.percentile(k, 99)) for k in known if k.size), default=1.0)
-    for kind, error in errors.items():
-        grid, title = (levels.duty, pressure, error), f"{_NAMES[kind]}: error in duty"
-        figures.append(_map(part, f"{kind}-error", title, grid, (-largest, largest), True))
-    return figures
+    shown = [flow_figure(part.title, part.tag, levels, part.surfaces)]
+    others: list[Figure] = []
+    for kind, surface in part.surfaces.items():
+        grid, title = (levels.duty, pressure, errors[kind]), f"{_NAMES[kind]}: error in duty"
+        maps = [
+            _map(part, kind, f"{_NAMES[kind]}: flow", _fitted(surface), limits),
+            _map(part, f"{kind}-error", title, grid, (-largest, largest), True),
+        ]
+        (shown if part.best in (None, kind) else others).extend(maps)
+    shown.append(_map(part, "measured", "Measured flow", (levels.duty, pressure, flow), limits))
+    return shown, others
 
 
 def _fitted(surface: Any) -> tuple[FloatArray, FloatArray, FloatArray]:

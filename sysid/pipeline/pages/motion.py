@@ -39,7 +39,7 @@ MODEL_LINES: dict[str, tuple[Role, Dash]] = {
 
 def validation_section(validation: ValidationResult) -> Section:
     """Every motion log, simulated from its first row given only its commands."""
-    blocks: list[Block] = [_table(validation, c) for c in shown_channels(validation)]
+    blocks = _tables(validation)
     blocks.append(_structure_table(validation))
     blocks.append(_growth(validation))
     tests = tests_of(validation)
@@ -60,10 +60,24 @@ def validation_section(validation: ValidationResult) -> Section:
     return Section("validation", "Open-loop validation", tuple(intro), tuple(blocks))
 
 
-def _table(validation: ValidationResult, channel: Channel) -> Table:
+def _tables(validation: ValidationResult) -> list[Block]:
+    """The errors of the held-out logs; those of the training logs are folded beneath them.
+
+    Where nothing is held out, the training logs' in their place.
+    """
+    channels = shown_channels(validation)
+    held, training = validation.select("holdout"), validation.select("fit")
+    blocks: list[Block] = [_table(held or training, c) for c in channels]
+    if held and training:
+        folded = tuple(_table(training, c) for c in channels)
+        blocks.append(Fold("Errors on the training logs", folded))
+    return blocks
+
+
+def _table(logs: Sequence[LogResult], channel: Channel) -> Table:
     unit = channel.residual_unit
     rows = []
-    for log in validation.logs:
+    for log in logs:
         result = log.channels.get(channel.key)
         if result is None:
             continue
@@ -81,7 +95,7 @@ def _table(validation: ValidationResult, channel: Channel) -> Table:
                 number(result.ratio),
             )
         )
-    names = [f"RMSE, {number(h.horizon_s, 1)}\N{NO-BREAK SPACE}s" for h in _horizons(validation)]
+    names = [f"RMSE, {number(h.horizon_s, 1)}\N{NO-BREAK SPACE}s" for h in _horizons(logs)]
     columns = (
         "Log", "Use", "Valve model", *names, "RMSE, whole", "Largest", "Fit, whole",
         "Sensor noise", "RMSE\N{NO-BREAK SPACE}/\N{NO-BREAK SPACE}noise",
@@ -89,8 +103,8 @@ def _table(validation: ValidationResult, channel: Channel) -> Table:
     return table(f"{channel.title}: errors in {unit}", columns, rows, text=(1, 2))
 
 
-def _horizons(validation: ValidationResult) -> Sequence[HorizonError]:
-    return next((c.horizons for log in validation.logs for c in log.channels.values()), ())
+def _horizons(logs: Sequence[LogResult]) -> Sequence[HorizonError]:
+    return next((c.horizons for log in logs for c in log.channels.values()), ())
 
 
 def _structure_table(validation: ValidationResult) -> Fold:
