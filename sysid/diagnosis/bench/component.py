@@ -140,7 +140,7 @@ class Component(ABC):
             **{
                 key: part if getattr(bundle, key) is None else getattr(bundle, key).overlaid(part)
                 for key, part in sections
-                if part is not None
+                if part not in (None, ())  # a law's section holds no effects of its own
             }
         )
 
