@@ -246,10 +246,12 @@ def _with_load(fit: _Fit, estimate_inertia: bool, of: str) -> FrictionResult:
     declared = fit.rig.total_inertia() if fit.rig.has_declared_inertia else None
     inertia = None if estimate_inertia else declared
     fit.cutoff_hz = common_cutoff(trials, fit.cutoff_hz)
-    samples, uses = usable_motion(trials, fit.cutoff_hz, said := [])
+    said: list[str] = []
+    samples, uses = usable_motion(trials, fit.cutoff_hz, said)
     while not is_clear(samples, inertia) and fit.cutoff_hz > _LOWEST_HZ:
         fit.cutoff_hz *= 0.5
-        samples, uses = usable_motion(trials, fit.cutoff_hz, said := [])
+        said.clear()
+        samples, uses = usable_motion(trials, fit.cutoff_hz, said)
     fit.notices += said
     fit.uses += uses
     motion, load = fit_load(samples, inertia, fit.units, of)

@@ -100,8 +100,8 @@ def simulated(
     )
     if rig.bleeds:
         pulsed = commands.duty_a is not None
-        of_bleed = (None, commands.bleed) if pulsed else (commands.bleed, None)
-        asked = asked[0], _command_edges(rig, *of_bleed, 0)
+        valve, duty = (None, commands.bleed) if pulsed else (commands.bleed, None)
+        asked = asked[0], _command_edges(rig, valve, duty, 0)
     initial = np.array([start.position, 0.0, start.pressure_a, start.pressure_b])
     if rig.effects:
         motor = np.ascontiguousarray(commands.motor, dtype=np.float64)

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _WIDTH, _HEIGHT = 7.0, 2.2
+# Matplotlib's backends that only write files.
+_WITHOUT_WINDOWS = {"agg", "cairo", "pdf", "pgf", "ps", "svg", "template"}
 # A legend with more lines than this hides the plot.
 MOST_IN_LEGEND = 12
 
@@ -34,9 +36,8 @@ def some_axes(count: int, axes: Axes | Iterable[Axes] | None, share_x: bool = Tr
 
 def _new_figure(**options: Any) -> Figure:
     from matplotlib import get_backend
-    from matplotlib.backends import BackendFilter, backend_registry
 
-    if get_backend().lower() in backend_registry.list_builtin(BackendFilter.NON_INTERACTIVE):
+    if get_backend().lower() in _WITHOUT_WINDOWS:
         from matplotlib.figure import Figure
 
         return Figure(**options)

@@ -150,7 +150,7 @@ class _Tracer:
         more = NO_LOAD
         if load is not None:
             per_kg = {k: float(getattr(load, k)) * symbol("more_kg") for k in _LOAD}
-            more = Load(**per_kg)  # type: ignore[arg-type]
+            more = Load(**per_kg)
         loaded = Model(with_load(self._parameters, more), self._model.effects)
         found = self._called("parameters", lambda: loaded.at(symbol("time")))
         results = {

@@ -261,9 +261,11 @@ class Model(Shown):
 
     def _numbers(self) -> Iterator[tuple[str, str, Any]]:
         """Part, name and value of each number that is known: not None, not NaN."""
-        parts = [("", self.parameters), *((type(e).__name__, e) for e in self.effects)]
+        parts: list[tuple[str, Any]] = [("", self.parameters)]
+        parts += ((type(e).__name__, e) for e in self.effects)
         for title, part in parts:
-            for name in _field_names(type(part)) if dataclasses.is_dataclass(part) else ():
+            kind: Any = type(part)
+            for name in _field_names(kind) if dataclasses.is_dataclass(kind) else ():
                 value = getattr(part, name)
                 if value is None or isinstance(value, bool | str | tuple):
                     continue

@@ -103,7 +103,7 @@ def _needed_law(chosen: MotionSamples, inertia: float | None) -> tuple[FloatArra
     if inertia is not None:
         effort, columns = effort - inertia * x[:, INERTIA], _OWN
     law, *_ = np.linalg.lstsq(x[:, columns], effort, rcond=None)
-    return law[:3], float(law[3]) if inertia is None else inertia
+    return np.asarray(law[:3], dtype=float), float(law[3]) if inertia is None else inertia
 
 
 def _share(samples: Sequence[MotionSamples], inertia: float | None, column: int) -> Estimate:
