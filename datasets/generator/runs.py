@@ -100,8 +100,8 @@ def simulated(
     )
     if rig.bleeds:
         pulsed = commands.duty_a is not None
-        valve, duty = (None, commands.bleed) if pulsed else (commands.bleed, None)
-        asked = asked[0], _command_edges(rig, valve, duty, 0)
+        levels, duties = (None, commands.bleed) if pulsed else (commands.bleed, None)
+        asked = asked[0], _command_edges(rig, levels, duties, 0)
     initial = np.array([start.position, 0.0, start.pressure_a, start.pressure_b])
     if rig.effects:
         motor = np.ascontiguousarray(commands.motor, dtype=np.float64)

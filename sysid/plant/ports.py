@@ -264,8 +264,8 @@ class Model(Shown):
         parts: list[tuple[str, Any]] = [("", self.parameters)]
         parts += ((type(e).__name__, e) for e in self.effects)
         for title, part in parts:
-            kind: Any = type(part)
-            for name in _field_names(kind) if dataclasses.is_dataclass(kind) else ():
+            known = dataclasses.fields(part) if dataclasses.is_dataclass(part) else ()
+            for name in (f.name for f in known):
                 value = getattr(part, name)
                 if value is None or isinstance(value, bool | str | tuple):
                     continue
