@@ -93,15 +93,15 @@ def steps_panel(content: Mapping[str, Any]) -> Panel:
     """
     errors = errors_by_step(content)
     floors = {name: content["residual"][name].get("noise_floor") or math.nan for name in errors}
-    of = "a correct model"
+    of = "correct model"
     if all(map(math.isnan, floors.values())):
-        of, floors = "the original bundle", {name: first for name, (first, *_) in errors.items()}
+        of, floors = "original bundle", {name: first for name, (first, *_) in errors.items()}
     heights: dict[str, Sequence[float]] = {
         step: [errors[name][i] / floors[name] for name in errors]
         for i, step in enumerate(["original bundle", *steps(content)])
     }
     shown, ticks = grouped_bars(list(errors), heights)
-    y = Scale(f"RMSE / RMSE of {of}", kind="log")
+    y = Scale(f"RMSE / {of}", kind="log")
     return Panel(Scale(ticks=ticks), y, (*shown, Rule(1.0)), legend="right")
 
 
