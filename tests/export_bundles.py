@@ -229,3 +229,23 @@ force_per_volt_n = 4.0
 [pwm]
 period_s = 0.005
 """
+
+
+def iso_law(**changes: Any) -> dict[str, Any]:
+    """A bundle's on/off law in both directions; `changes` of its keys."""
+    none = {"value": None, "identified": False, "reason": "the direction obeys ISO 6358"}
+    thesis = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
+    return {
+        **dict.fromkeys(thesis, none),
+        "on_delay_s": estimate(0.0017, "s"),
+        "off_delay_s": estimate(0.0020, "s"),
+        "law": dict.fromkeys(("fill", "exhaust"), "iso6358"),
+        "sonic_conductance": {
+            "fill": estimate(2.2e-9, "m3/(s Pa)"),
+            "exhaust": estimate(1.7e-9, "m3/(s Pa)"),
+        },
+        "critical_ratio": {"fill": estimate(0.3, "-"), "exhaust": estimate(0.22, "-")},
+        "subsonic_index": {
+            way: {"value": 0.5, "std": 0.0, "unit": "-"} for way in ("fill", "exhaust")
+        },
+    } | changes

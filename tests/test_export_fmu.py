@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from export_bundles import LINEAR_RIG, as_bundle, estimate, upright, whole_content
+from export_bundles import LINEAR_RIG, as_bundle, estimate, iso_law, upright, whole_content
 
 from benchmarks.plant_library import PlantLibrary, unpacked
 from benchmarks.rigs import pwm_run
@@ -135,13 +135,15 @@ def one_chamber_rig() -> str:
 
 
 @pytest.mark.usefixtures("sources_only")
-@pytest.mark.parametrize("kind", ["base", "effects", "one chamber"])
+@pytest.mark.parametrize("kind", ["base", "effects", "one chamber", "iso6358"])
 def test_the_plant_in_c_moves_as_the_simulator(kind: str, rig_text: str, tmp_path: Path) -> None:
     compiler("gcc")  # skips without one
     is_linear = kind == "one chamber"
     content = whole_content(one_chamber_rig() if is_linear else upright(rig_text))
     if is_linear:
         del content["valves"]["b"]
+    if kind == "iso6358":
+        content["valves"]["a"]["discrete"] = iso_law()
     bundle = as_bundle(with_effects(content) if kind == "effects" else content)
     rng = np.random.default_rng(7)
     motor = 15.0 if is_linear else 0.6

@@ -9,7 +9,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from export_bundles import as_bundle, estimate, unidentified, whole_content
+from export_bundles import as_bundle, iso_law, unidentified, whole_content
 from export_compiler import compiler
 from test_export_control import run_check
 from test_valve_discrete import Bench, make_rig
@@ -78,24 +78,6 @@ def test_noise_that_hides_the_law_leaves_the_thesis_and_says_so(rig_text: str) -
 def test_a_law_that_is_none_is_refused(rig_text: str) -> None:
     with pytest.raises(InputError, match="no flow law"):
         fit_valve_discrete(Bench().trials(3, 1), make_rig(rig_text), law="laminar")
-
-
-def iso_law(**changes: Any) -> dict[str, Any]:
-    """A bundle's on/off law in both directions; `changes` of its keys."""
-    none = {"value": None, "identified": False, "reason": "the direction obeys ISO 6358"}
-    thesis = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
-    return {
-        **dict.fromkeys(thesis, none),
-        "on_delay_s": estimate(0.0017, "s"),
-        "off_delay_s": estimate(0.0020, "s"),
-        "law": dict.fromkeys(WAYS, "iso6358"),
-        "sonic_conductance": {
-            "fill": estimate(2.2e-9, "m3/(s Pa)"),
-            "exhaust": estimate(1.7e-9, "m3/(s Pa)"),
-        },
-        "critical_ratio": {"fill": estimate(0.3, "-"), "exhaust": estimate(0.22, "-")},
-        "subsonic_index": {way: {"value": 0.5, "std": 0.0, "unit": "-"} for way in WAYS},
-    } | changes
 
 
 @pytest.fixture

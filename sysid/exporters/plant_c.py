@@ -20,9 +20,10 @@ typedef struct {
 } plant_point;
 
 /* A chamber's choked boundary and the flows above and below it, kg/s; dP/dt, Pa/s, on the side on
-   which the pressure is; m3, k R T / V in Pa/kg, the unchoked coefficient, the supply in Pa. */
+   which the pressure is; m3, k R T / V in Pa/kg; flow over the root of the gap to `line`, the
+   pressure that the chamber is open to, Pa, and whether the flow ends by a root there. */
 typedef struct {
-    plant_real boundary, fixed, flow_above, flow_below, rate, volume, per_flow, c_fill, supply;
+    plant_real boundary, fixed, flow_above, flow_below, rate, volume, per_flow, root, line, nears;
 } plant_chamber_laws;
 
 typedef struct {

@@ -27,7 +27,7 @@ from sysid.exporters.symbolic import (
 )
 from sysid.io.channels import SIDES, VELOCITY_CHANNELS
 from sysid.io.rig import NO_LOAD, Load, Rig
-from sysid.plant import base, plant
+from sysid.plant import base, plant, valve_laws
 from sysid.plant.base import Parameters, parameter_names
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Effect, Model, Point, overrides, with_load
@@ -206,10 +206,11 @@ class _Tracer:
         ]
 
     def _chamber(self, side: str) -> str:
-        """What decides a valve's regime, and what the approach to the supply pressure needs."""
+        """What decides a valve's regime, and what the approach to the pressure that the chamber is
+        open to needs, as `stepper._supply_gap`."""
         point, model = self._point, self._model
         p, pressure = point.parameters, point.pressure(side)
-        is_open = point.is_open(side) > 0
+        is_open, valve = point.is_open(side) > 0, point.parameters.valve(side)
 
         def found() -> dict[str, Any]:
             xp = base.array_namespace(pressure)
@@ -220,16 +221,25 @@ class _Tracer:
             filling = plant.filling_boundary(side, point, model)
             boundary = xp.where(is_open, filling, plant.exhaust_boundary(side, point, model))
             fixed = xp.where(
-                is_open, base.filling_boundary(p.supply), base.exhaust_boundary(p.atmosphere)
+                is_open,
+                valve_laws.filling_boundary(valve, p.supply),
+                valve_laws.exhaust_boundary(valve, p.atmosphere),
             )
             flow = xp.where(pressure - boundary > 0, above, below)
             volume = plant.chamber_volume(side, plant.displacement(point, model), p)
             gas = p.heat_capacity_ratio * p.gas_constant * p.temperature
+            line = plant.supply_pressure(side, point, model)
+            root = valve_laws.root_coefficient(valve, "fill", line, pressure, p.temperature)
+            nears: Any = xp.where(is_open, 1.0, 0.0)
+            if valve_laws.obeys_iso(valve, "dis"):
+                exhaust = plant.exhaust_pressure(side, point, model)
+                back = valve_laws.root_coefficient(valve, "dis", exhaust, pressure, p.temperature)
+                line, root = xp.where(is_open, line, exhaust), xp.where(is_open, root, back)
+                nears = 1.0
             values = (
                 *(boundary, fixed, above, below),
                 plant.pressure_rate(side, flow, point, model),
-                *(volume, gas / volume, p.valve(side).c_fill),
-                plant.supply_pressure(side, point, model),
+                *(volume, gas / volume, root, line, nears),
             )
             return {f"out->{n}": v for n, v in zip(_REGIME, values, strict=True)}
 
@@ -409,7 +419,7 @@ _POINT = (
 )
 _REGIME = (
     *("boundary", "fixed", "flow_above", "flow_below"),
-    *("rate", "volume", "per_flow", "c_fill", "supply"),
+    *("rate", "volume", "per_flow", "root", "line", "nears"),
 )
 
 
