@@ -239,6 +239,11 @@ def test_what_cannot_be_held_is_refused(
     ]
     with pytest.raises(InputError, match="effect time-skew: cannot be part of a plant in C"):
         exported(as_bundle(content), tmp_path)
+    two_valves = one_chamber_rig() + '[valves]\narrangement = "fill-and-bleed"\n'
+    content = whole_content(two_valves + "on_delay_s = 0.002\noff_delay_s = 0.002\n")
+    del content["valves"]["b"]
+    with pytest.raises(InputError, match="fill-and-bleed"):
+        exported(as_bundle(content), tmp_path)
     content = whole_content(rig_text)
     content["rig"] |= {"assumed": ["cylinder.area_a_m2"]}
     path = tmp_path / "bundle.json"

@@ -79,6 +79,12 @@ def _require_held(bundle: Bundle, effects: Sequence[CatalogueEffect], model: Mod
             f"{bundle.source}: holds no on/off law of both valves, which a plant that follows "
             "their pulses needs; fit valve-discrete tests of valves A and B into it"
         )
+    if bundle.rig.bleeds:
+        raise input_error(
+            bundle.source,
+            "a plant in C has one command a chamber, and this rig's fill-and-bleed valves two",
+            "simulate in Python",
+        )
     unknown = [
         name
         for name in parameter_names(model.parameters)
