@@ -84,7 +84,7 @@ from sysid.plant.effects.chamber import (
 )
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
-from sysid.plant.effects.linkage import LinkFlexibility
+from sysid.plant.effects.linkage import InertiaMismatch, LinkFlexibility
 from sysid.plant.effects.motor import AmplifierLag, TorqueConstantError, TorqueOffset
 from sysid.plant.effects.sensor import PressureLag, PressureOffset, TimeSkew
 from sysid.plant.effects.supply import ExhaustBackPressure, SupplyDroop, SupplyPulsation
@@ -386,6 +386,18 @@ def test_a_refit_finds_the_number(traces: Traces, healthy: tuple[Tests, Rig, Mod
     found = refit(base, [AmplifierLag(0.001)])
     assert found.fit["amplifier-lag/amplifier_lag_s"] == pytest.approx(0.003, rel=0.05)
     assert explained(base, found) > 100.0
+
+
+def test_a_number_that_shows_nothing_stays(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """As gravity on a level rig: a solver would take it anywhere, and its prior with it."""
+    _, rig, model = healthy
+    twin = twin_of(model + InertiaMismatch(0.003), traces, rig)
+    base = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
+    (found,) = refit(base, [InertiaMismatch(0.001)]).effects
+    assert isinstance(found, InertiaMismatch) and found.gravity_change == 0.0
+    assert found.inertia_change_kg_m2 == pytest.approx(0.003, rel=0.1)
 
 
 def test_an_encoder_behind_the_link_is_told_from_one_on_the_shaft(

@@ -244,19 +244,20 @@ class Window:
 
 
 def _job_bar(job: Job) -> str:
+    command = f"<code>{parts.words(command_line(job.words))}</code>"
     if job.is_done:
         kind = "info" if job.code == 0 else "error"
         output = "\n".join((*job.lines, job.output))[-8000:]
         more = parts.fold("what it printed", f"<pre>{parts.words(output)}</pre>") if output else ""
         close = parts.button("×", "close-job", kind="small", title="Dismiss")
-        return f'<div class="{kind} job">{parts.words(job.state)} {close}{more}</div>'
+        return f'<div class="{kind} job">{parts.words(job.state)} {close}{command}{more}</div>'
     share = job.share
     value = "" if share is None else f' value="{share:.3f}"'
     cancel = parts.button("Cancel", "cancel", kind="small danger")
     return (
         f'<div class="info job"><progress max="1"{value} aria-label="{parts.words(job.what)}">'
         f"</progress> {parts.words(job.state)} {cancel}"
-        f"<code>{parts.words(command_line(job.words))}</code></div>"
+        f"{command}</div>"
     )
 
 

@@ -29,6 +29,8 @@ _NOTHING = 1e-12
 # Without the only run that informs an unknown, no information on it remains.
 _LEAST_LEFT = 1e-6
 _LEAST_SHARE = 1e-12
+# A part of the largest column that is rounding: numpy's own for a pseudoinverse.
+_ROUNDING = 1e-15
 # A scatter of the runs beyond the 99 % point of chance is real: strict, as many tests are made.
 _SURE = 0.99
 
@@ -86,8 +88,13 @@ class ReducedEquations:
         return found
 
     def covariance(self) -> FloatArray:
-        """Covariance of the errors of the reduced unknowns (m, m), from the information alone."""
-        inverse = np.linalg.pinv(self.jacobian)
+        """Covariance of the errors of the reduced unknowns (m, m), from the information alone.
+
+        0 where no residual depends on an unknown, but for rounding.
+        """
+        inverse = np.linalg.pinv(self.jacobian, rcond=_ROUNDING)
+        length = np.linalg.norm(self.jacobian, axis=0)
+        inverse[length <= _ROUNDING * np.max(length, initial=0.0)] = 0.0
         return np.asarray(inverse @ inverse.T)
 
     def error_covariance(self) -> FloatArray:

@@ -100,17 +100,24 @@ class _Equations:
         self._names = [n for n in base_parameters(base.model) if channel_of(n) in self._channels]
         own = _own_parameters(starts, base.frame.traces.travel)
         self._count = len(own)
-        self.parameters = [
-            *(_held(p) if p.name in self._held else p for p in own),
-            *(_relative(n) for n in self._names),
-        ]
         self._shares = [share for e in starts for share in _steps(type(e).quantities)]
         self._shares += [_STEP] * len(self._names)
+        self.parameters = [*own, *(_relative(n) for n in self._names)]
         # The last point with its errors, whitened and beside the extra columns; one with slopes,
         # and whether those of the base parameters are its own.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
         self._known: tuple[FloatArray, FloatArray, FloatArray] | None = None
         self._is_exact = False
+        self._held |= self._inert()
+        self.parameters[: self._count] = [_held(p) if p.name in self._held else p for p in own]
+
+    def _inert(self) -> frozenset[str]:
+        """The effects' numbers that show nothing from the start on, as gravity on a level rig: a
+        solver would take them anywhere."""
+        start = np.array([p.value for p in self.parameters])
+        columns = self._columns(start, range(self._count))
+        shown = zip(self.parameters[: self._count], columns.T, strict=True)
+        return frozenset(p.name for p, column in shown if not column.any())
 
     def effects(self, values: FloatArray) -> tuple[CatalogueEffect, ...]:
         """The effects with their numbers; what is held is what it was."""

@@ -96,15 +96,20 @@ class Search:
         return int(rows - columns)
 
     def estimates(self, place: int) -> dict[str, Estimate]:
-        """An effect's numbers by name, with intervals from leaving out one test at a time."""
+        """An effect's numbers by name, with intervals from leaving out one test at a time.
+
+        Without those that show nothing, as gravity on a level rig.
+        """
         assert self.joint is not None
         fit = self.joint.fit
         effect = self.joint.effects[place]
         covariance = fit.jackknife_covariance(self.first.frame.tests)
+        slopes = zip(fit.parameters, fit.jacobian.T, strict=True)
+        shown = {p.name for p, slope in slopes if slope.any()}
         found = {
             q.name: fit.estimate(f"{effect.id}/{q.name}", covariance).within(q.lower, q.upper)
             for q in type(effect).quantities
-            if not q.is_choice
+            if not q.is_choice and (q.is_threshold or f"{effect.id}/{q.name}" in shown)
         }
         base = weighed(self.first, self.weights)
         for q in (q for q in type(effect).strengths() if q.is_threshold):
