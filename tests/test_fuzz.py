@@ -10,7 +10,7 @@ from benchmarks import fuzz
 pytestmark = pytest.mark.filterwarnings("ignore")
 SEED = 15
 SHARES = 10
-CASES = 300
+CASES = 160
 
 
 @pytest.fixture(scope="module")

@@ -148,7 +148,7 @@ def known(**values: float) -> Any:
     units = {"mass_kg": "kg", "viscous_n_s_per_m": "N s/m"}
     every = {"static_n": 6.0, "coulomb_n": 5.0, "viscous_n_s_per_m": 35.0, "mass_kg": 5.0} | values
     estimates = {k: Estimate.symmetric(v, 0.1, units.get(k, "N"), 20.0) for k, v in every.items()}
-    return SimpleNamespace(friction=Friction.model_validate(estimates), valves=None)
+    return SimpleNamespace(friction=Friction.model_validate(estimates), valves=None, effects=())
 
 
 def test_a_single_recording_is_diagnosed_without_a_hold_out() -> None:

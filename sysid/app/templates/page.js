@@ -31,6 +31,7 @@ function element(event, kind) {
 document.addEventListener("click", (event) => {
   const node = element(event, "button[data-do]");
   if (node === null || node.disabled) return;
+  if (node.dataset.do === "cancel" && event.detail > 0) return; // sent when it was pressed
   complete(true);
   if (node.dataset.do === "scheme") {
     const other = document.documentElement.dataset.scheme === "dark" ? "light" : "dark";
@@ -42,6 +43,11 @@ document.addEventListener("click", (event) => {
   }
   if (node.dataset.do === "choose-file") { pick(); return; }
   send(node.dataset.do, node.dataset.value);
+});
+// The bar of a job is drawn anew while it runs: a button that goes between press and release would
+// hear no click.
+document.addEventListener("pointerdown", (event) => {
+  if (element(event, "button[data-do=cancel]") !== null) send("cancel");
 });
 // Of the events of a field only clicks and inputs leave a shadow root. A text is sent when it is
 // complete: when the field was left, Enter is pressed, or before anything else is sent.

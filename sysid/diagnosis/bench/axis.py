@@ -43,6 +43,7 @@ from sysid.parameters.quality import quality_field
 from sysid.plant import plant
 from sysid.plant.base import bare_parameters
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.effects.friction import LoadDependentFriction
 from sysid.plant.effects.linear import ROTARY_ONLY
 from sysid.plant.effects.linkage import InertiaMismatch
 from sysid.plant.effects.motor import TorqueSaturation
@@ -147,6 +148,8 @@ class Axis(Component):
             return False  # the log holds the force as it was, beyond any limit of it
         if kind.id == InertiaMismatch.id and self.rig.total_inertia() is None:
             return False  # nothing is declared, and the inertia is fitted
+        if kind.id == LoadDependentFriction.id and self.rig.cylinder is not None:
+            return False  # the motor carries the pressures: friction by either is the seals'
         values = {p.name: p.value for p in self.parameters()}
         effect = smallest_probe(kind, self.side())
         plain, changed = (

@@ -30,12 +30,15 @@ def chosen_law(component: Component, law: str = AUTO) -> ChosenLaw:
     """The law of a part that its tests follow; `law` requests one.
 
     Schwarz's criterion of each law's fit, with as many samples as the best one's correlated
-    residuals are worth. Where the tests do not decide, the simplest that they do not rule out.
+    residuals are worth. Where the tests do not decide, the simplest that they do not rule out. A
+    law of which they leave a number open (at a bound that no part of its kind has) is none of them.
     """
     forms = component.forms(law)
     if len(forms) == 1:
         return ChosenLaw(_fit(component.settled_as(forms[0])))
-    fits = [_fit(form) for form in forms]
+    every = [_fit(form) for form in forms]
+    whole = [fit for fit in every if all(e.identified for e in fit.base_estimates().values())]
+    fits = whole or every
     least = min(fits, key=lambda fit: fit.fit.sum_of_squares)
     count = max(least.independent_samples, 2.0)
     scores = [_criterion(fit, count) for fit in fits]
