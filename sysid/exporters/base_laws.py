@@ -145,40 +145,39 @@ def mechanics(flat: Flat) -> Iterator[BaseLaw]:
 
 def valve_flows(flat: Flat, side: str) -> Iterator[BaseLaw]:
     """Flow of one valve, on and off, by the law of each direction."""
-    held = flat.valves[side].discrete
+    held, upper, name = flat.valves[side].discrete, side.upper(), f"valve_{side}"
     iso = {way: f"sonic_conductance_{way}" in held for way in ("fill", "dis")}
-    yield _iso_filling(side) if iso["fill"] else _thesis_filling(side)
-    yield _iso_exhaust(side) if iso["dis"] else _thesis_exhaust(side)
-
-
-def _iso_needs(side: str, way: str) -> tuple[str, ...]:
-    quantities = ("sonic_conductance", "critical_ratio", "subsonic_index")
-    return (*(f"valve_{side}_{quantity}_{way}" for quantity in quantities), "temperature_k")
-
-
-def _iso_filling(side: str) -> BaseLaw:
-    upper, name = side.upper(), f"valve_{side}"
-    return BaseLaw(
+    yield BaseLaw(
         f"HAS_VALVE_{upper}_FILLING",
         f"{name}_filling_flow",
-        f"Flow into chamber {upper}, kg/s, with the valve on (ISO 6358), choked up to its critical "
-        "ratio of the supply; negative above the supply",
-        (*_iso_needs(side, "fill"), "supply_pressure_pa"),
+        f"Flow into chamber {upper}, kg/s, with the valve on "
+        + (
+            "(ISO 6358), choked up to its critical ratio of the supply; negative above the supply"
+            if iso["fill"]
+            else "(3.6.6). Choked up to 0.53 of the supply, in proportion to it; negative above "
+            "the supply"
+        ),
+        (
+            *(_iso_needs if iso["fill"] else _thesis_needs)(side, "fill"),
+            "supply_pressure_pa",
+        ),
         {"pressure_pa": "pressure", "supply_pa": "supply"},
         lambda p, pressure, supply: valve_laws.filling_flow(
-            p.valve(side), pressure, supply, temperature=p.temperature
+            p.valve(side), pressure, supply, p.supply_reference, temperature=p.temperature
         ),
     )
-
-
-def _iso_exhaust(side: str) -> BaseLaw:
-    upper, name = side.upper(), f"valve_{side}"
-    return BaseLaw(
+    yield BaseLaw(
         f"HAS_VALVE_{upper}_EXHAUST",
         f"{name}_exhaust_flow",
-        f"Flow into chamber {upper}, kg/s, with the valve off (ISO 6358): negative (out) above the "
-        "atmosphere, and in proportion to the pressure where it is choked; air comes in below it",
-        _iso_needs(side, "dis"),
+        f"Flow into chamber {upper}, kg/s, with the valve off "
+        + (
+            "(ISO 6358): negative (out) above the atmosphere, and in proportion to the pressure "
+            "where it is choked; air comes in below it"
+            if iso["dis"]
+            else "(3.6.7, 3.6.10): negative (out) above the atmosphere, choked from atmosphere / "
+            "0.53 on; air comes in below it"
+        ),
+        (_iso_needs if iso["dis"] else _thesis_needs)(side, "dis"),
         {"pressure_pa": "pressure", "atmosphere_pa": "atmosphere"},
         lambda p, pressure, atmosphere: valve_laws.exhaust_flow(
             p.valve(side), pressure, atmosphere, temperature=p.temperature
@@ -186,34 +185,13 @@ def _iso_exhaust(side: str) -> BaseLaw:
     )
 
 
-def _thesis_filling(side: str) -> BaseLaw:
-    upper, name = side.upper(), f"valve_{side}"
-    return BaseLaw(
-        f"HAS_VALVE_{upper}_FILLING",
-        f"{name}_filling_flow",
-        f"Flow into chamber {upper}, kg/s, with the valve on (3.6.6). Choked up to 0.53 of the "
-        "supply, in proportion to it; negative above the supply",
-        (f"{name}_choked_flow_fill_kg_s", f"{name}_c_fill", "supply_pressure_pa"),
-        {"pressure_pa": "pressure", "supply_pa": "supply"},
-        lambda p, pressure, supply: base.filling_flow(
-            pressure, supply, p.valve(side).choked_fill, p.valve(side).c_fill, p.supply_reference
-        ),
-    )
+def _iso_needs(side: str, way: str) -> tuple[str, ...]:
+    quantities = ("sonic_conductance", "critical_ratio", "subsonic_index")
+    return (*(f"valve_{side}_{quantity}_{way}" for quantity in quantities), "temperature_k")
 
 
-def _thesis_exhaust(side: str) -> BaseLaw:
-    upper, name = side.upper(), f"valve_{side}"
-    return BaseLaw(
-        f"HAS_VALVE_{upper}_EXHAUST",
-        f"{name}_exhaust_flow",
-        f"Flow into chamber {upper}, kg/s, with the valve off (3.6.7, 3.6.10): negative (out) "
-        "above the atmosphere, choked from atmosphere / 0.53 on; air comes in below it",
-        (f"{name}_choked_flow_dis_kg_s", f"{name}_c_dis"),
-        {"pressure_pa": "pressure", "atmosphere_pa": "atmosphere"},
-        lambda p, pressure, atmosphere: base.exhaust_flow(
-            pressure, atmosphere, p.valve(side).choked_dis, p.valve(side).c_dis
-        ),
-    )
+def _thesis_needs(side: str, way: str) -> tuple[str, ...]:
+    return f"valve_{side}_choked_flow_{way}_kg_s", f"valve_{side}_c_{way}"
 
 
 def chamber(flat: Flat, side: str) -> Iterator[BaseLaw]:

@@ -15,6 +15,8 @@ ANR_TEMPERATURE = 293.15
 """Temperature of the standard reference atmosphere ANR (ISO 8778), K."""
 DEFAULT_INDEX = 0.5
 """The subsonic index where none is stated (ISO 6358-1)."""
+INDICES = (0.2, 1.5)
+"""The least and the largest subsonic index that a fit considers."""
 HIGHEST_RATIO = 0.95
 """The largest critical ratio that a fit considers: at 1 the subsonic flow would be a jump."""
 
@@ -73,6 +75,7 @@ __all__ = [
     "ANR_TEMPERATURE",
     "DEFAULT_INDEX",
     "HIGHEST_RATIO",
+    "INDICES",
     "choked_flow",
     "iso6358_flow",
     "subsonic_share",

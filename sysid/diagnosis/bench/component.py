@@ -19,14 +19,13 @@ from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
 from sysid.parameters import Bundle, Parts
 from sysid.parameters.base import Part
+from sysid.parameters.valves import AUTO
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.types import FloatArray, IntArray
 
 Effects = tuple[CatalogueEffect, ...]
 Further = dict[str, tuple[float, float]]
 """RMSE and noise floor by channel."""
-AUTO = "auto"
-"""The law that the training tests are evidence for."""
 NOT_SIMULATED = "held-out tests are not simulated"
 
 
@@ -309,7 +308,6 @@ def rmse(parts: Sequence[FloatArray]) -> float:
 
 
 __all__ = [
-    "AUTO",
     "NOT_SIMULATED",
     "PROBE",
     "Component",

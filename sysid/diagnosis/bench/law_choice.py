@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sysid.blocks.numbers import number
-from sysid.diagnosis.bench.component import AUTO, Component, rmse
+from sysid.diagnosis.bench.component import Component, rmse
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
+from sysid.parameters.valves import AUTO
 
 # Twice the log of the odds from which on a law is chosen: 20 to 1, as an error of 5 % allows.
 _DECIDED = 2.0 * math.log(20.0)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.bench.component import AUTO, Component, Law, law_held, rmse, usable
+from sysid.diagnosis.bench.component import Component, Law, law_held, rmse, usable
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -24,10 +24,17 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, DiscreteLaw, FittedValves, Parts, Valve
 from sysid.parameters.quality import quality_field
-from sysid.parameters.valves import ISO6358, ISO_QUANTITIES, LAW_KEYS, THESIS
+from sysid.parameters.valves import AUTO, ISO6358, ISO_QUANTITIES, LAW_KEYS, THESIS
 from sysid.plant import base
 from sysid.plant.effects.entry import CatalogueEffect
-from sysid.plant.iso6358 import ANR_DENSITY, ANR_TEMPERATURE, DEFAULT_INDEX, iso6358_flow
+from sysid.plant.iso6358 import (
+    ANR_DENSITY,
+    ANR_TEMPERATURE,
+    DEFAULT_INDEX,
+    HIGHEST_RATIO,
+    INDICES,
+    iso6358_flow,
+)
 from sysid.types import FloatArray
 
 UPSTREAM, DOWNSTREAM, FLOW = "upstream_pressure_pa", "downstream_pressure_pa", "flow_a_kg_s"
@@ -37,7 +44,6 @@ _COLUMNS = (UPSTREAM, DOWNSTREAM, FLOW)
 _STRETCHES, _LEAST_IN_STRETCH = 12, 2
 # Conductance and ratio, and two more readings that show how large their error is.
 _FEWEST_ROWS = 4
-_MOST_RATIO, _INDICES = 0.95, (0.2, 1.5)
 _UNITS = {
     "sonic_conductance": "m3/(s Pa)",
     "c_fill": "kg/(s Pa^0.5)",
@@ -133,10 +139,10 @@ class Restriction(Component):
         start = float(np.max(flow * cold / upstream)) / ANR_DENSITY
         own = [
             Parameter("sonic_conductance", start, _UNITS["sonic_conductance"], 0.0),
-            Parameter("critical_ratio", 0.35, "-", 0.0, _MOST_RATIO, 1.0),
+            Parameter("critical_ratio", 0.35, "-", 0.0, HIGHEST_RATIO, 1.0),
         ]
         if self.fits_index:
-            own.append(Parameter("subsonic_index", DEFAULT_INDEX, "-", *_INDICES))
+            own.append(Parameter("subsonic_index", DEFAULT_INDEX, "-", *INDICES))
         return own
 
     def _pooled(self, name: str) -> FloatArray:

@@ -21,7 +21,6 @@ import numpy as np
 
 from sysid.diagnosis.bench import tank_gas
 from sysid.diagnosis.bench.component import (
-    AUTO,
     Component,
     Law,
     law_held,
@@ -38,11 +37,11 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, DiscreteLaw, FittedValves, Parts, Valve
 from sysid.parameters.quality import quality_field
-from sysid.parameters.valves import ISO6358, THESIS
+from sysid.parameters.valves import AUTO, ISO6358, THESIS
 from sysid.plant import base
 from sysid.plant.base import Array, Parameters
 from sysid.plant.effects.entry import CatalogueEffect
-from sysid.plant.iso6358 import ANR_DENSITY, DEFAULT_INDEX
+from sysid.plant.iso6358 import ANR_DENSITY, DEFAULT_INDEX, HIGHEST_RATIO, INDICES
 from sysid.plant.ports import Model, stack_models
 from sysid.plant.sensors import before_sensors
 from sysid.types import FloatArray
@@ -53,7 +52,6 @@ _COEFFICIENT_UNIT = "kg/(s Pa)"
 _CONDUCTANCE_UNIT = "m3/(s Pa)"
 # Ratios of a law that has a subsonic part, and indices of anything between a sharp corner and a
 # laminar passage (ISO 6358-1 has 1/2, tubes have up to 0.6).
-_MOST_RATIO, _INDICES = 0.95, (0.2, 1.5)
 # First guesses; the sizes of what the steepest fall would be by isothermal choked flow.
 _GRID_SIZES = (0.5, 0.63, 0.8, 1.0)
 _GRID_RATIOS, _GRID_INDICES = (0.1, 0.3, 0.5), (0.5, 1.0)
@@ -158,11 +156,11 @@ class TankComponent(Component):
         found = self._first_guess
         own = [
             Parameter("sonic_conductance", found["sonic_conductance"], _CONDUCTANCE_UNIT, 0.0),
-            Parameter("critical_ratio", found["critical_ratio"], "-", 0.0, _MOST_RATIO, 1.0),
+            Parameter("critical_ratio", found["critical_ratio"], "-", 0.0, HIGHEST_RATIO, 1.0),
             Parameter("adiabatic_share", found["adiabatic_share"], "-", 0.0, 1.0, 1.0),
         ]
         if self.fits_index:
-            own.append(Parameter("subsonic_index", found["subsonic_index"], "-", *_INDICES))
+            own.append(Parameter("subsonic_index", found["subsonic_index"], "-", *INDICES))
         return own
 
     @functools.cached_property
