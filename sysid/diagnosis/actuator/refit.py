@@ -112,12 +112,20 @@ class _Equations:
         self.parameters[: self._count] = [_held(p) if p.name in self._held else p for p in own]
 
     def _inert(self) -> frozenset[str]:
-        """The effects' numbers that show nothing from the start on, as gravity on a level rig: a
-        solver would take them anywhere."""
-        start = np.array([p.value for p in self.parameters])
-        columns = self._columns(start, range(self._count))
-        shown = zip(self.parameters[: self._count], columns.T, strict=True)
-        return frozenset(p.name for p, column in shown if not column.any())
+        """The strengths that show nothing, as gravity on a level rig: a solver would take them
+        anywhere. One that acts alone was proposed because it shows."""
+        asked = {
+            f"{e.id}/{q.name}"
+            for e in self._starts
+            for q in type(e).strengths()
+            if len(type(e).strengths()) > 1 and not q.is_threshold
+        }
+        places = [i for i, p in enumerate(self.parameters[: self._count]) if p.name in asked]
+        if not places:
+            return frozenset()
+        columns = self._columns(np.array([p.value for p in self.parameters]), places)
+        shown = zip(places, columns.T, strict=True)
+        return frozenset(self.parameters[i].name for i, column in shown if not column.any())
 
     def effects(self, values: FloatArray) -> tuple[CatalogueEffect, ...]:
         """The effects with their numbers; what is held is what it was."""
