@@ -24,28 +24,18 @@ def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:
 
     `content` is what the template uses; texts in it are escaped, and figures drawn.
     """
-    import jinja2
     from markupsafe import Markup
 
-    loaders: list[jinja2.BaseLoader] = [jinja2.FunctionLoader(_source)]
-    if folder is not None:
-        loaders.append(jinja2.FileSystemLoader(folder))
-    environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(loaders),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-        finalize=lambda value: value if isinstance(value, Markup) else _readable(value),
-    )
+    environment = _environment(folder)
     sections = [replace(s, blocks=drawn(s.blocks)) for s in content.pop("sections", ())]
-    return environment.get_template(template).render(
+    page: str = environment.get_template(template).render(
         **content,
         sections=sections,
         version=__version__,
         written=moment(datetime.datetime.now(datetime.UTC)),
         style=Markup(template_text("style.css")),
     )
+    return page
 
 
 _ORIGIN = re.compile(r'<meta name="sysid-fit" content="([^"]*)">')
@@ -68,19 +58,8 @@ def origin_of(page: str) -> frozenset[tuple[str, str]] | None:
 @functools.cache
 def _block_template() -> Any:
     """The template of one block without its page."""
-    import jinja2
-    from markupsafe import Markup
-
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_source),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-        finalize=lambda value: value if isinstance(value, Markup) else _readable(value),
-    )
     text = '{% import "macros.html" as macros %}{{ macros.block(b) }}'
-    return environment.from_string(text)
+    return _environment().from_string(text)
 
 
 def block_html(block: Block) -> str:
@@ -101,6 +80,24 @@ def moment(time: datetime.datetime) -> str:
 def template_text(name: str) -> str:
     """A file of the report's templates, unchanged."""
     return (_TEMPLATES / name).read_text("utf-8")
+
+
+def _environment(folder: Path | None = None) -> Any:
+    """What templates are rendered by: those of this room, and those in a folder."""
+    import jinja2
+    from markupsafe import Markup
+
+    loaders: list[jinja2.BaseLoader] = [jinja2.FunctionLoader(_source)]
+    if folder is not None:
+        loaders.append(jinja2.FileSystemLoader(folder))
+    return jinja2.Environment(
+        loader=jinja2.ChoiceLoader(loaders),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=lambda value: value if isinstance(value, Markup) else _readable(value),
+    )
 
 
 def _source(name: str) -> str | None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -252,14 +253,8 @@ def run_task(
     A user's controller is compiled if it can be, else called from Python at every tick. Raises
     InputError for what its file raises.
     """
-    try:
+    with _faults_of_user(task):
         return _run(task, duration, progress)
-    except SysidError:
-        raise
-    except Exception as error:
-        if task.user_file is None:
-            raise
-        raise error_in_file(error, task.user_file) from None
 
 
 def run_draws(
@@ -273,8 +268,15 @@ def run_draws(
     In batches of a fixed width: a run is the same in any company. Raises InputError for what a
     user's file raises.
     """
-    try:
+    with _faults_of_user(task):
         return _run_draws(task, plants, duration, progress)
+
+
+@contextlib.contextmanager
+def _faults_of_user(task: Task) -> Iterator[None]:
+    """What a user's own controller raises is an error of its file."""
+    try:
+        yield
     except SysidError:
         raise
     except Exception as error:

@@ -17,6 +17,7 @@ import shutil
 import subprocess
 import tempfile
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -235,12 +236,7 @@ def _description_3(content: FmuContent, guid: str) -> str:
     structure = [f'    <Output valueReference="{r}"/>' for r in outputs]
     structure += [f'    <InitialUnknown valueReference="{r}"/>' for r in outputs]
     head = _attributes(
-        fmiVersion="3.0",
-        modelName=content.title,
-        instantiationToken=guid,
-        generationTool=content.tool,
-        generationDateAndTime=content.created,
-        variableNamingConvention="structured",
+        fmiVersion="3.0", modelName=content.title, instantiationToken=guid, **_made(content)
     )
     able = _attributes(
         modelIdentifier=content.identifier,
@@ -253,12 +249,7 @@ def _description_3(content: FmuContent, guid: str) -> str:
             '<?xml version="1.0" encoding="UTF-8"?>',
             f"<fmiModelDescription{head}>",
             f"  <CoSimulation{able}/>",
-            *_units(content),
-            "  <LogCategories>",
-            '    <Category name="logStatusError"/>',
-            "  </LogCategories>",
-            f'  <DefaultExperiment startTime="0" stepSize="{number(content.step)}"/>',
-            *("  <ModelVariables>", *lines, "  </ModelVariables>"),
+            *_middle(content, lines),
             *("  <ModelStructure>", *structure, "  </ModelStructure>"),
             "</fmiModelDescription>\n",
         ]
@@ -289,14 +280,7 @@ def _description_2(content: FmuContent, guid: str) -> str:
             f"    <ScalarVariable{attributes}><{_KINDS[v.kind][1]}{own}/></ScalarVariable>"
         )
         outputs += [f'      <Unknown index="{reference + 1}"/>'] if v.role == "output" else []
-    head = _attributes(
-        fmiVersion="2.0",
-        modelName=content.title,
-        guid=guid,
-        generationTool=content.tool,
-        generationDateAndTime=content.created,
-        variableNamingConvention="structured",
-    )
+    head = _attributes(fmiVersion="2.0", modelName=content.title, guid=guid, **_made(content))
     able = _attributes(
         modelIdentifier=content.identifier,
         canHandleVariableCommunicationStepSize="true",
@@ -310,18 +294,34 @@ def _description_2(content: FmuContent, guid: str) -> str:
             f"  <CoSimulation{able}>",
             '    <SourceFiles><File name="fmi2.c"/></SourceFiles>',
             "  </CoSimulation>",
-            *_units(content),
-            "  <LogCategories>",
-            '    <Category name="logStatusError"/>',
-            "  </LogCategories>",
-            f'  <DefaultExperiment startTime="0" stepSize="{number(content.step)}"/>',
-            *("  <ModelVariables>", *lines, "  </ModelVariables>"),
+            *_middle(content, lines),
             "  <ModelStructure>",
             *("    <Outputs>", *outputs, "    </Outputs>"),
             *("    <InitialUnknowns>", *outputs, "    </InitialUnknowns>"),
             *("  </ModelStructure>", "</fmiModelDescription>\n"),
         ]
     )
+
+
+def _made(content: FmuContent) -> dict[str, str]:
+    """By what and when an FMU was made, as attributes of its description."""
+    return {
+        "generationTool": content.tool,
+        "generationDateAndTime": content.created,
+        "variableNamingConvention": "structured",
+    }
+
+
+def _middle(content: FmuContent, variables: Sequence[str]) -> list[str]:
+    """What both versions of a description share between the kind of FMU and its structure."""
+    return [
+        *_units(content),
+        "  <LogCategories>",
+        '    <Category name="logStatusError"/>',
+        "  </LogCategories>",
+        f'  <DefaultExperiment startTime="0" stepSize="{number(content.step)}"/>',
+        *("  <ModelVariables>", *variables, "  </ModelVariables>"),
+    ]
 
 
 def _build(identifier: str, main: str) -> str:
