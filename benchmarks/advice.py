@@ -13,7 +13,6 @@ both. One line of JSON per rig is appended to the results, and all of them are s
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -25,6 +24,7 @@ import numpy as np
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
+from benchmarks.sweeps import accumulated  # noqa: E402
 from datasets.generator.campaign import make_campaign, size_of  # noqa: E402
 from datasets.generator.files import write_log  # noqa: E402
 from datasets.generator.friction_tests import friction_factors  # noqa: E402
@@ -138,14 +138,7 @@ def main() -> None:
     parser.add_argument("--size", default="small", help="of the campaigns, as the generator's")
     parser.add_argument("--results", type=Path, default=Path("advice.jsonl"))
     options = parser.parse_args()
-    lines = options.results.read_text().splitlines() if options.results.exists() else []
-    results = [json.loads(line) for line in lines]
-    for seed in range(*options.seeds):
-        if any(r["seed"] == seed for r in results):
-            continue
-        results.append(one_rig(seed, options.size))
-        with options.results.open("a") as file:
-            file.write(json.dumps(results[-1]) + "\n")
+    results = accumulated(options.results, options.seeds, lambda seed: one_rig(seed, options.size))
     summed_up(results)
 
 

@@ -10,7 +10,6 @@ counted, by channel and over all. Nothing is tuned on these seeds.
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 import tempfile
@@ -19,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.sweeps import accumulated
 from sysid.io.campaign import MOTION_KINDS, read_campaign
 from sysid.pipeline.fit import fit_campaign
 from sysid.refinement.bands import open_loop_bands
@@ -53,14 +53,7 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=60)
     parser.add_argument("--results", type=Path, default=Path("bands.jsonl"))
     options = parser.parse_args()
-    lines = options.results.read_text().splitlines() if options.results.exists() else []
-    results = [json.loads(line) for line in lines]
-    for seed in range(*options.seeds):
-        if any(r["seed"] == seed for r in results):
-            continue
-        results.append(one_rig(seed, options.draws))
-        with options.results.open("a") as file:
-            file.write(json.dumps(results[-1]) + "\n")
+    results = accumulated(options.results, options.seeds, lambda seed: one_rig(seed, options.draws))
     every: dict[str, list[float]] = {}
     for r in results:
         for channel, share in r["shares"].items():

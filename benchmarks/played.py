@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import math
 import tempfile
 from pathlib import Path
@@ -25,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.sweeps import accumulated
 from datasets.generator.campaign import SMALL, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.friction_tests import friction_factors
@@ -208,14 +208,9 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=0)
     parser.add_argument("--results", type=Path, default=Path("played.jsonl"))
     options = parser.parse_args()
-    lines = options.results.read_text().splitlines() if options.results.exists() else []
-    results = [json.loads(line) for line in lines]
-    for seed in range(*options.seeds):
-        if any(r["seed"] == seed for r in results):
-            continue
-        results.append(one_rig(seed, options.repeats))
-        with options.results.open("a") as file:
-            file.write(json.dumps(results[-1]) + "\n")
+    results = accumulated(
+        options.results, options.seeds, lambda seed: one_rig(seed, options.repeats)
+    )
     summed_up(results)
 
 

@@ -32,8 +32,6 @@ from sysid.errors import InputError
 from sysid.io.campaign import read_campaign
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-CHROMIUM = Path("/usr/bin/chromium")
-ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
 _TEXT_OF = """(place) => {
   const collect = (node) => {
     if (node.nodeType === Node.TEXT_NODE) return node.data + " ";
@@ -167,18 +165,6 @@ class Page:
         message = self.page.locator(f"div.{kind}").first
         message.wait_for()
         return str(message.inner_text())
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """Headless Chromium; skips visibly where it or playwright is absent."""
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is absent")
-    if not CHROMIUM.exists():
-        pytest.skip(f"{CHROMIUM} is absent")
-    with api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture(scope="module")

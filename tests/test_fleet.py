@@ -36,8 +36,6 @@ from sysid.plant.effects.catalogue import catalogue
 
 DAYS = np.array([0.0, 30.0, 65.0, 90.0, 120.0, 200.0, 230.0, 260.0, 300.0, 340.0])
 QUICK = {"diagnose": False, "refine": False}
-CHROMIUM = Path("/usr/bin/chromium")
-CHROMIUM_ARGUMENTS = ["--no-sandbox", "--disable-gpu"]
 # The text of elements that reach beyond the window and do not lie in something that scrolls.
 OUTSIDE = """() => [...document.querySelectorAll("main *, header *")]
     .filter(e => !e.closest(".scroll") && !e.closest("svg") && e.getClientRects().length)
@@ -589,23 +587,15 @@ def test_dask_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
 # --- in a browser --------------------------------------------------------------------------
 
 
-def test_the_page_fits_a_desk_and_a_phone(made: Fleet, tmp_path: Path) -> None:
+def test_the_page_fits_a_desk_and_a_phone(made: Fleet, tmp_path: Path, browser: Any) -> None:
     """Nothing is wider than the window but what scrolls in a frame of its own."""
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is absent")
-    if not CHROMIUM.exists():
-        pytest.skip(f"{CHROMIUM} is absent")
     (tmp_path / "fleet.html").write_text(fleet_page(made))
-    with api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(
-            executable_path=str(CHROMIUM), args=CHROMIUM_ARGUMENTS
-        )
-        for width, scheme in ((1400, "light"), (390, "dark")):
-            window = {"width": width, "height": 900}
-            page = chromium.new_page(viewport=window, color_scheme=scheme)
-            said: list[str] = []
-            page.on("console", lambda message, said=said: said.append(message.text))
-            page.goto((tmp_path / "fleet.html").as_uri())
-            assert page.evaluate("document.documentElement.scrollWidth") <= width
-            assert page.evaluate(OUTSIDE) == [] and said == []
-            assert width < 1400 or page.evaluate(SCROLLED) == 0
-        chromium.close()
+    for width, scheme in ((1400, "light"), (390, "dark")):
+        window = {"width": width, "height": 900}
+        page = browser.new_page(viewport=window, color_scheme=scheme)
+        said: list[str] = []
+        page.on("console", lambda message, said=said: said.append(message.text))
+        page.goto((tmp_path / "fleet.html").as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate(OUTSIDE) == [] and said == []
+        assert width < 1400 or page.evaluate(SCROLLED) == 0

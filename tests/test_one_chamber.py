@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from sysid.exporters.base_laws import mechanics
 from sysid.exporters.c_header import render
 from sysid.exporters.flat import flatten
 from sysid.friction import fit_friction
-from sysid.io.logs import Log, read_log
+from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
 from sysid.io.samples import with_channels
 from sysid.parameters import Bundle, Parts
@@ -31,6 +32,7 @@ from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.ports import Model, Point
 from sysid.plant.trials import simulate_trials
 from sysid.recording.motion_tests import prepare
+from sysid.types import FloatArray
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
 
@@ -51,6 +53,26 @@ def folder(made: GeneratedCampaign, tmp_path_factory: pytest.TempPathFactory) ->
 
 def log_of(folder: Path, stem: str) -> Log:
     return read_log(folder / f"{stem}.csv", read_rig(folder / "rig.toml"))
+
+
+def simulated_and_measured(
+    made: GeneratedCampaign, folder: Path
+) -> tuple[Mapping[str, FloatArray], Trial]:
+    """The held-out motion by the simulator, with the generator's own numbers, and as it was."""
+    log, t = log_of(folder, "motion_discrete_2"), made.rig.truth
+    factors, law = made.log("motion_discrete_2").tests[0].truth, t.valve_a
+    assert log.rig is not None
+    truth = parameters_from_rig(
+        log.rig,
+        static_effort=t.static_friction * factors["static_factor"],
+        coulomb_effort=t.coulomb_friction * factors["sliding_factor"],
+        viscous=t.viscous_friction * factors["sliding_factor"],
+        valve_a=ValveParameters(
+            law.choked_flow_fill_kg_s, law.choked_flow_dis_kg_s, law.c_fill, law.c_dis
+        ),
+    )
+    (run,) = simulate_trials(log.trials, log.rig, truth)
+    return run, log.trials[0]
 
 
 def content(text: str, **sections: Any) -> dict[str, Any]:
@@ -113,22 +135,9 @@ def test_the_preload_is_the_effort_where_chamber_a_is_smallest(rig_text: str) ->
 
 def test_the_simulation_is_the_generators(made: GeneratedCampaign, folder: Path) -> None:
     """Two programs, written independently, with the true numbers: they differ by sensors' noise."""
-    log, t = log_of(folder, "motion_discrete_2"), made.rig.truth
-    law = t.valve_a
-    factors = made.log("motion_discrete_2").tests[0].truth
-    truth = parameters_from_rig(
-        read_rig(folder / "rig.toml"),
-        static_effort=t.static_friction * factors["static_factor"],
-        coulomb_effort=t.coulomb_friction * factors["sliding_factor"],
-        viscous=t.viscous_friction * factors["sliding_factor"],
-        valve_a=ValveParameters(
-            law.choked_flow_fill_kg_s, law.choked_flow_dis_kg_s, law.c_fill, law.c_dis
-        ),
-    )
-    assert log.rig is not None
-    (run,) = simulate_trials(log.trials, log.rig, truth)
+    run, measured = simulated_and_measured(made, folder)
+    t = made.rig.truth
     assert "pressure_b_pa" not in run
-    measured = log.trials[0]
     noise = np.std(run["pressure_a_pa"] - measured["pressure_a_pa"])
     assert noise < 1.1 * t.pressure_noise_pa
     way = np.ptp(measured["position_m"])
@@ -247,20 +256,8 @@ def test_a_valve_that_evacuates(evacuated: tuple[GeneratedCampaign, Path]) -> No
 
 def test_an_evacuated_motion_is_the_generators(evacuated: tuple[GeneratedCampaign, Path]) -> None:
     made, place = evacuated
-    log, t = log_of(place, "motion_discrete_2"), made.rig.truth
-    factors, law = made.log("motion_discrete_2").tests[0].truth, t.valve_a
-    assert log.rig is not None
-    truth = parameters_from_rig(
-        log.rig,
-        static_effort=t.static_friction * factors["static_factor"],
-        coulomb_effort=t.coulomb_friction * factors["sliding_factor"],
-        viscous=t.viscous_friction * factors["sliding_factor"],
-        valve_a=ValveParameters(
-            law.choked_flow_fill_kg_s, law.choked_flow_dis_kg_s, law.c_fill, law.c_dis
-        ),
-    )
-    (run,) = simulate_trials(log.trials, log.rig, truth)
-    measured = log.trials[0]
+    run, measured = simulated_and_measured(made, place)
+    t = made.rig.truth
     assert measured["pressure_a_pa"].min() < 0.7 * made.rig.atmosphere
     noise = np.std(run["pressure_a_pa"] - measured["pressure_a_pa"])
     assert noise < 1.1 * t.pressure_noise_pa
@@ -334,20 +331,8 @@ def test_a_fill_and_a_bleed_valve(shut: tuple[GeneratedCampaign, Path]) -> None:
 
 def test_a_shut_chamber_is_the_generators(shut: tuple[GeneratedCampaign, Path]) -> None:
     made, place = shut
-    log, t = log_of(place, "motion_discrete_2"), made.rig.truth
-    factors, law = made.log("motion_discrete_2").tests[0].truth, t.valve_a
-    assert log.rig is not None
-    truth = parameters_from_rig(
-        log.rig,
-        static_effort=t.static_friction * factors["static_factor"],
-        coulomb_effort=t.coulomb_friction * factors["sliding_factor"],
-        viscous=t.viscous_friction * factors["sliding_factor"],
-        valve_a=ValveParameters(
-            law.choked_flow_fill_kg_s, law.choked_flow_dis_kg_s, law.c_fill, law.c_dis
-        ),
-    )
-    (run,) = simulate_trials(log.trials, log.rig, truth)
-    measured = log.trials[0]
+    run, measured = simulated_and_measured(made, place)
+    t = made.rig.truth
     both_off = (measured["valve_a_fill"] == 0.0) & (measured["valve_a_bleed"] == 0.0)
     assert np.mean(both_off) > 0.3 and np.ptp(measured["pressure_a_pa"][both_off]) > 2e4
     noise = np.std(run["pressure_a_pa"] - measured["pressure_a_pa"])

@@ -42,15 +42,6 @@ from sysid.valve_pwm import ValvePwmFit
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 BUNDLED = REPOSITORY / "datasets" / "bundled" / "campaign.toml"
-CHROMIUM = Path("/usr/bin/chromium")
-CHROMIUM_ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 LARGEST_BYTES = 6_000_000
 HOSTILE_NAME = "<script>alert(1)</script>"
 HOSTILE_FILE = 'a "quoted" file\'s </script><img src=x onerror=alert(2)>.csv'
@@ -733,20 +724,6 @@ def test_thinning_keeps_the_extremes() -> None:
 
 
 # --- in a browser -----------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """Headless Chromium; skips visibly where it or playwright is absent."""
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is absent")
-    if not CHROMIUM.exists():
-        pytest.skip(f"{CHROMIUM} is absent")
-    with api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(
-            executable_path=str(CHROMIUM), args=CHROMIUM_ARGUMENTS
-        )
-        yield chromium
-        chromium.close()
 
 
 class Watched:
