@@ -3,13 +3,15 @@
     python benchmarks/simulation.py accuracy [--rigs 20] [--seconds 10] [--solve-ivp 2]
     python benchmarks/simulation.py speed
     python benchmarks/simulation.py compile
+    python benchmarks/simulation.py cores [--runs 512]
 
 accuracy: random rigs (seed 1) under PWM against 64 times finer steps, and the first
 `--solve-ivp` seconds of each against scipy's solve_ivp with events (rtol 1e-9). speed: a batch
 of 64 ten-second runs and what its preparation takes, one of 320 one-second runs, a single run,
 and solve_ivp at equal error. compile: one process with an
-empty cache, then more with it filled. Other work on the machine distorts wall times: CPU time
-is printed next to them.
+empty cache, then more with it filled. cores: a batch of ten-second runs by 1, 2, 4 ... threads, as
+many as there are cores, in turn: what a core is worth of one alone, by medians. Other work on the
+machine distorts wall times: CPU time is printed next to them.
 """
 
 from __future__ import annotations
@@ -40,7 +42,8 @@ from sysid.plant.simulator import (  # noqa: E402
     MAX_STEP,
     Inputs,
     Trajectory,
-    check_runs,
+    check_commands,
+    check_known,
     simulate,
 )
 from sysid.plant.tables import block_of  # noqa: E402
@@ -49,7 +52,7 @@ SEED = 1
 BATCH, SECONDS = 64, 10.0
 SEGMENTS = 320
 # As `simulate` does it: runs of a block, rows of a piece.
-BLOCK, ROWS = 32, 1280
+BLOCK, ROWS = 16, 1280
 
 
 def rms(values: Any) -> float:
@@ -131,7 +134,8 @@ def prepared(inputs: list[Inputs], models: list[Model]) -> None:
     shared = Shared()
     for first in range(0, len(inputs), BLOCK):
         pairs = list(zip(inputs, models, strict=True))[first : first + BLOCK]
-        check_runs([one for one, _ in pairs], [model for _, model in pairs], averaged=False)
+        check_known([model for _, model in pairs], averaged=False)
+        check_commands([one for one, _ in pairs])
         runs = [prepare(one, model, (), MAX_STEP, shared) for one, model in pairs]
         for _ in block_of(runs, BLOCK, ROWS, MAX_STEP).tables():
             pass
@@ -211,10 +215,30 @@ def compile_time() -> None:
         )
 
 
+def cores(runs: int) -> None:
+    """A batch by more and more threads."""
+    print(f"load average {os.getloadavg()[0]:.1f}")
+    inputs, models = random_runs(SEED, runs, SECONDS, motor=False)
+    most = len(os.sched_getaffinity(0))
+    counts = [n for n in (1, 2, 4, 8, 16, 32, 64) if n <= most]
+    wall: dict[int, list[float]] = {n: [] for n in counts}
+    for turn in range(6):
+        for count in counts:
+            os.environ["SYSID_JOBS"] = str(count)
+            spent = timed(lambda: simulate(inputs, models), 1)[0]
+            wall[count] += spent if turn else []  # the first compiles
+    for count in counts:
+        median = statistics.median(wall[count])
+        worth = statistics.median(wall[1]) / median / count
+        print(f"{count} threads: {runs * SECONDS / median:.0f} x real time, {worth:.2f} a core")
+        record(f"simulation, {runs} runs, a core of {count}", worth, "of one alone")
+
+
 def main() -> None:
     """Run the part that was asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("part", choices=["accuracy", "speed", "compile"])
+    parser.add_argument("part", choices=["accuracy", "speed", "compile", "cores"])
+    parser.add_argument("--runs", type=int, default=512)
     parser.add_argument("--rigs", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=SECONDS)
     parser.add_argument("--solve-ivp", type=float, default=2.0, help="s of each run")
@@ -223,6 +247,8 @@ def main() -> None:
         accuracy(options.rigs, options.seconds, options.solve_ivp)
     elif options.part == "speed":
         speed()
+    elif options.part == "cores":
+        cores(options.runs)
     else:
         compile_time()
 

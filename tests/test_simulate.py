@@ -239,13 +239,32 @@ def test_runs_that_share_a_log_are_prepared_once_and_stay_apart(
         return period_starts(*given)
 
     monkeypatch.setattr(valve_timing, "period_starts", counted)
-    monkeypatch.setattr(simulator, "cores", lambda: 1)
+    monkeypatch.setenv("SYSID_JOBS", "1")
     together = simulate(shared, models)  # each with delays of its own
     assert len(calls) == 1
     for run, other in zip(together, alone, strict=True):
         position, pressure = errors(run, states(other))
         assert position < 1e-9
         assert pressure < 1e-4
+
+
+@pytest.mark.parametrize("count", [2, 40])
+def test_no_number_depends_on_how_many_cores_there_were(
+    count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the last bit; runs of different lengths, so that threads take turns in another order."""
+    inputs, models = random_runs(seed=5, count=count, seconds=0.3)
+    for i, whole in enumerate(inputs):
+        rows = len(whole.time) - 7 * (i % 11)
+        valves = [dataclasses.replace(v, values=v.values[:rows]) for v in _valves(whole)]
+        time, motor = whole.time[:rows], whole.motor[:rows]
+        inputs[i] = Inputs(time, motor, *valves)
+    found = []
+    for jobs in ("1", "2", "3", "16"):
+        monkeypatch.setenv("SYSID_JOBS", jobs)
+        found.append(np.concatenate([run.states.ravel() for run in simulate(inputs, models)]))
+    for other in found[1:]:
+        np.testing.assert_array_equal(other, found[0])
 
 
 def test_rows_far_apart_take_as_many_calls_as_they_need(monkeypatch: pytest.MonkeyPatch) -> None:

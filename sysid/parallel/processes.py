@@ -41,6 +41,16 @@ def job_count() -> int:
     return int(joblib.cpu_count())
 
 
+def thread_count() -> int:
+    """How many threads of this process may compute at a time, at least 1: `SYSID_JOBS`, or the
+    cores that this process may use. Raises InputError for a bad variable."""
+    text = check_jobs(VARIABLE)
+    if text:
+        return int(text)
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
 def check_jobs(where: str) -> str:
     """The text of `SYSID_JOBS`, empty without one; InputError, naming `where`, for a bad one."""
     text = os.environ.get(VARIABLE, "").strip()
@@ -239,4 +249,12 @@ def _watch(parent: int) -> None:
     os._exit(1)
 
 
-__all__ = ["VARIABLE", "attempt_all", "attempt_in_turn", "check_jobs", "job_count", "run_all"]
+__all__ = [
+    "VARIABLE",
+    "attempt_all",
+    "attempt_in_turn",
+    "check_jobs",
+    "job_count",
+    "run_all",
+    "thread_count",
+]

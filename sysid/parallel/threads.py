@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextvars import copy_context
 from functools import lru_cache, partial
 from typing import Generic, ParamSpec, TypeVar
@@ -11,10 +11,31 @@ from typing import Generic, ParamSpec, TypeVar
 from sysid.errors import Failure
 from sysid.parallel.limits import Limit, attempt, limit_in_force, within
 from sysid.parallel.memory import give_back, share_one_heap
-from sysid.parallel.processes import attempt_in_turn, job_count
+from sysid.parallel.processes import attempt_in_turn, job_count, thread_count
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
+Item = TypeVar("Item")
+
+
+def in_threads(job: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """job(item) of each, in order, in as many threads of this process as there may be.
+
+    For jobs that leave the interpreter's lock for most of their time, as compiled functions and
+    numpy on long arrays do. Raises what the first job, in order, raises; none is begun after that.
+    """
+    workers = min(thread_count(), len(items))
+    if workers <= 1:
+        return [job(item) for item in items]
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(workers) as pool:
+        futures = [pool.submit(copy_context().run, job, item) for item in items]
+        try:
+            return [future.result() for future in futures]
+        finally:
+            for future in futures:
+                future.cancel()
 
 
 def attempt_in_threads(jobs: Iterable[Callable[[], Result]]) -> list[Result | Failure]:
@@ -83,4 +104,4 @@ def kept_per_thread(
     return lambda function: PerThread(function, size)
 
 
-__all__ = ["PerThread", "attempt_in_threads", "kept_per_thread"]
+__all__ = ["PerThread", "attempt_in_threads", "in_threads", "kept_per_thread"]

@@ -18,10 +18,13 @@ from sysid.errors import input_error
 
 # A simulation is one loop of many small operations. Below this size of its buffers XLA
 # compiles the whole loop to one function; above, it schedules each operation in every pass,
-# which costs ten times the arithmetic. XLA ignores an extra option that it does not know.
-_ONE_FUNCTION = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000"
+# which costs ten times the arithmetic. LLVM may not unroll what runs over the lanes of a block: it
+# would before it makes vectors of them, and then makes none. Unknown options are ignored.
+_ONE_FUNCTION = "xla_cpu_small_while_loop_byte_threshold=1000000000"
+_VECTORS = "-unroll-full-max-count=1"
 if "xla_backend_extra_options" not in os.environ.get("XLA_FLAGS", ""):
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_ONE_FUNCTION}".strip()
+    _OPTIONS = f"--xla_backend_extra_options={_ONE_FUNCTION},{_VECTORS}"
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_OPTIONS}".strip()
 
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402

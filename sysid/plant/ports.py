@@ -23,6 +23,7 @@ from sysid.blocks.tables import Table, table
 from sysid.io.channels import SIDES
 from sysid.io.rig import NO_LOAD, Load
 from sysid.plant.base import Array, Parameters
+from sysid.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -395,18 +396,41 @@ def stack_models(models: list[Model]) -> Model:
 
     Raises ValueError where the models differ in more than numbers.
     """
-    # Idle runs repeat a model: each is taken apart once.
-    apart = {id(model): split((model.parameters, *model.effects)) for model in models}
-    if len({structure for structure, _ in apart.values()}) != 1:
-        raise ValueError("models of one batch must have the same effects, and valves of one law")
-    rows = [apart[id(model)] for model in models]
-    structure = rows[0][0]
+    own = list({id(model): model for model in models}.values())  # idle runs repeat a model
+    place = {id(model): i for i, model in enumerate(own)}
+    which = np.array([place[id(model)] for model in models])
+    parts = [(model.parameters, *model.effects) for model in own]
+    structure, first = split(parts[0])
+    if any(len(part) != len(structure) for part in parts):
+        raise ValueError(_UNLIKE)
     stacked = [
-        {name: np.array([row[1][i][name] for row in rows], dtype=float) for name in part}
-        for i, part in enumerate(rows[0][1])
+        _columns(one, tuple(numbers), column, which)
+        for one, numbers, column in zip(structure, first, zip(*parts, strict=True), strict=True)
     ]
     parameters, *effects = join(structure, stacked)
     return Model(parameters, tuple(effects))
+
+
+_FIXED = frozenset((type(None), bool, str, tuple))
+_UNLIKE = "models of one batch must have the same effects, and valves of one law"
+
+
+def _columns(
+    structure: Any, names: tuple[str, ...], parts: tuple[Any, ...], which: IntArray
+) -> dict[str, FloatArray]:
+    """Each number of parts of one structure, (runs,): those of the part `which` (runs,) says."""
+    kind, fixed = structure
+    known = [name for name, _ in fixed]
+    values = [value for _, value in fixed]
+    rows = []
+    for part in parts:
+        if type(part) is not kind or [getattr(part, name) for name in known] != values:
+            raise ValueError(_UNLIKE)
+        rows.append([getattr(part, name) for name in names])
+    if not _FIXED.isdisjoint({type(value) for row in rows for value in row}):
+        raise ValueError(_UNLIKE)
+    columns = np.array(rows, dtype=float).reshape(len(rows), len(names)).T[:, which]
+    return dict(zip(names, columns, strict=True))
 
 
 def has_discrete_law(parameters: Parameters) -> bool:

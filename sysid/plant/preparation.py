@@ -118,6 +118,9 @@ class Shared:
 
     def __init__(self) -> None:
         self._known: dict[tuple[Any, ...], tuple[Any, tuple[Any, ...]]] = {}
+        # Arrays by what is soon seen of them, and those that were found to hold the same.
+        self._first: dict[tuple[Any, ...], FloatArray] = {}
+        self._like: dict[int, tuple[FloatArray, FloatArray]] = {}
 
     def __reduce__(self) -> tuple[type[Shared], tuple[()]]:
         return Shared, ()  # an identity means nothing in another process
@@ -129,6 +132,16 @@ class Shared:
             self._known[key] = make(), arrays  # these are kept: an id is theirs while they live
         found: _T = self._known[key][0]
         return found
+
+    def like(self, array: FloatArray) -> FloatArray:
+        """The array (n,) itself, or the first that was seen to hold the same."""
+        known = self._like.get(id(array))
+        if known is None:
+            seen = (len(array), *(float(array[i]) for i in (0, len(array) // 2, -1)))
+            first = self._first.setdefault(seen, array)
+            same = first is array or np.array_equal(first, array)
+            known = self._like[id(array)] = (first if same else array), array
+        return known[0]
 
 
 def open_intervals(
@@ -153,16 +166,13 @@ def _edges(
     command = inputs.valve(side)
     if command is None:
         return np.zeros(0)
-    period = float(model.parameters.pwm_period)
-    arrays = (inputs.time, command.values)
-    numbers = (command.is_duty, command.starts_on, period)
+    numbers, time = _numbers(command, model), shared.like(inputs.time)
+    arrays = (time, command.values)
 
     def commanded() -> tuple[FloatArray, FloatArray]:
-        return shared.once(
-            arrays, numbers, lambda: _commanded(inputs.time, command, period, shared)
-        )
+        return shared.once(arrays, numbers, lambda: _commanded(time, command, numbers[-1], shared))
 
-    if not any(overrides(effect, "pulses", "delays") for effect in model.effects):
+    if not _changes_edges(model):
         return shared.once(
             arrays,
             (*numbers, *delays),
@@ -178,15 +188,28 @@ def _edges(
     return valve_timing.delayed_edges(on, off, *delays, port)
 
 
+def _numbers(command: ValveCommand, model: Model) -> tuple[bool, bool, float]:
+    """What a command's on-intervals depend on, next to its arrays."""
+    return command.is_duty, command.starts_on, float(model.parameters.pwm_period)
+
+
+def _changes_edges(model: Model) -> bool:
+    return any(overrides(effect, "pulses", "delays") for effect in model.effects)
+
+
 def _commanded(
     time: FloatArray, command: ValveCommand, period: float, shared: Shared
 ) -> tuple[FloatArray, FloatArray]:
     """A valve's commanded on-intervals: start and end, s."""
     if not command.is_duty:
         return valve_timing.switched_intervals(time, command.values, command.starts_on)
-    starts, row = shared.once((time,), (period,), lambda: valve_timing.period_starts(time, period))
+    starts, row = _periods(time, period, shared)
     held = np.minimum(np.maximum(command.values[row], 0.0), 1.0)
     return valve_timing.duty_intervals(starts, held, period, command.starts_on)
+
+
+def _periods(time: FloatArray, period: float, shared: Shared) -> tuple[FloatArray, IntArray]:
+    return shared.once((time,), (period,), lambda: valve_timing.period_starts(time, period))
 
 
 def _delays(side: str, model: Model) -> tuple[float, float]:
@@ -221,7 +244,8 @@ def prepare(
         return _prepare_averaged(inputs, model, max_step)
     known = shared or Shared()
     a, b = (_edges(inputs, side, model, _delays(side, model), known) for side in SIDES)
-    time, motor = (np.asarray(column, dtype=float) for column in (inputs.time, inputs.motor))
+    # What runs have in common is read from the cache.
+    time, motor = (known.like(np.asarray(c, dtype=float)) for c in (inputs.time, inputs.motor))
     return SwitchedRun(time, motor, (a, b))
 
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.channels import SIDES
+from sysid.parallel import in_threads
 from sysid.plant import plant
 from sysid.plant.base import MAX_STEP
 from sysid.plant.jax_setup import jax, jnp, on_processor
@@ -35,7 +34,7 @@ from sysid.types import FloatArray, IntArray
 
 # Runs simulated together in one compiled call. A batch is cut into blocks of these widths,
 # padded with idle runs, so that few shapes are ever compiled.
-_WIDTHS = (1, 32)
+_WIDTHS = (1, 16)
 # Rows (mean flows: sub-steps) in one compiled call: the compiled shapes do not depend on a
 # log's length. The record of this many stays in a core's cache.
 _ROWS = 1280
@@ -284,47 +283,38 @@ def start_lanes(inputs: list[Inputs], model: Model) -> Lanes:
     )
 
 
-def check_runs(inputs: Sequence[Inputs], models: Sequence[Model], averaged: bool) -> None:
-    """Refuse a parameter that is not a number, and commands that are not: they would propagate."""
-    # Neighbours of one run share its model, or its inputs.
-    for model in {id(own): own for own in models}.values():
-        _check_known(model, averaged)
-    for one in {id(own): own for own in inputs}.values():
-        _check_commands(one)
-
-
-def _check_known(model: Model, averaged: bool) -> None:
+def check_known(models: Sequence[Model], averaged: bool) -> None:
+    """Refuse a parameter that is not a number: it would propagate."""
     laws = ("choked_fill", "choked_dis", "c_fill", "c_dis")
     unused = {f"{law}_{side}" for law in laws for side in SIDES} if averaged else set()
-    unknown = [
-        name
-        for name, value in vars(model.parameters).items()
-        if name not in unused and value is not None and math.isnan(float(value))
-    ]
-    if unknown:
-        raise NotIdentifiedError(
-            f"simulation: {', '.join(unknown)} of the model is not identified; "
-            "fit the tests that identify it"
-        )
+    # Neighbours of one run share its model.
+    for model in {id(own): own for own in models}.values():
+        numbers = vars(model.parameters).items()
+        unknown = [name for name, value in numbers if value != value and name not in unused]
+        if unknown:
+            raise NotIdentifiedError(
+                f"simulation: {', '.join(unknown)} of the model is not identified; "
+                "fit the tests that identify it"
+            )
 
 
-def _check_commands(inputs: Inputs) -> None:
-    n = len(inputs.time)
-    if n < 2:
-        raise ValueError("a run needs at least two rows")
-    columns = [inputs.motor] + [c.values for c in (inputs.valve_a, inputs.valve_b) if c]
-    if any(len(c) != n or not np.isfinite(c).all() for c in columns):
-        raise ValueError("motor and valve commands must be finite and have the length of time")
+def check_commands(inputs: Sequence[Inputs]) -> None:
+    """Refuse commands that are not numbers: they would propagate."""
+    seen: set[int] = set()  # neighbours of one run share its arrays
+    for one in inputs:
+        n = len(one.time)
+        if n < 2:
+            raise ValueError("a run needs at least two rows")
+        columns = [one.motor] + [c.values for c in (one.valve_a, one.valve_b) if c]
+        new = [c for c in columns if id(c) not in seen]
+        if any(len(c) != n for c in columns) or not all(np.isfinite(c).all() for c in new):
+            raise ValueError("motor and valve commands must be finite and have the length of time")
+        seen.update(map(id, new))
 
 
 def carrying(inputs: Sequence[Inputs], models: Sequence[Model]) -> list[Model]:
     """Each run's model, with what it carries beyond the model's own payload."""
     return [model.carrying(one.load) for one, model in zip(inputs, models, strict=True)]
-
-
-def cores() -> int:
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def simulate(
@@ -353,7 +343,7 @@ def simulate(
     """
     if not inputs:
         return []
-    check_runs(inputs, models, bool(surfaces))
+    check_known(models, bool(surfaces))
     models = carrying(inputs, models)
     if not (surfaces or rows_alone) and models[0].has_remembering_sensor:
         return _simulated_between(inputs, models, max_step, nan_if_endless)
@@ -420,9 +410,8 @@ def _simulated(
 ) -> list[tuple[FloatArray, FloatArray]]:
     """(4, samples) of every run, and the effects' states (k,) at its last row."""
     pairs = list(zip(inputs, models, strict=True))
-    workers = cores()
-    share = -(-len(pairs) // workers)
-    width = next((w for w in _WIDTHS if w >= share), _WIDTHS[-1])
+    # Not by the number of cores: the last digits depend on the width.
+    width = next((w for w in _WIDTHS if w >= len(pairs)), _WIDTHS[-1])
     # Runs of similar length go together: in a block the short ones wait for the longest.
     order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
     blocks = [order[i : i + width] for i in range(0, len(order), width)]
@@ -430,22 +419,19 @@ def _simulated(
     shared = Shared()
 
     def block(members: list[int]) -> tuple[list[FloatArray], FloatArray]:
-        own = [pairs[i] for i in members]
-        runs = [prepare(one, model, surfaces, max_step, shared) for one, model in own]
-        filled = own + [own[0]] * (width - len(own))
+        own, of_own = (list(of) for of in zip(*(pairs[i] for i in members), strict=True))
+        check_commands(own)
+        runs = [prepare(*pairs[i], surfaces, max_step, shared) for i in members]
+        idle = width - len(own)
         return _advance_block(
             block_of(runs, width, _ROWS, max_step),
-            [i for i, _ in filled],
-            [m for _, m in filled],
+            own + own[:1] * idle,
+            of_own + of_own[:1] * idle,
             surfaces,
             nan_if_endless,
         )
 
-    if len(blocks) == 1:
-        results = [block(blocks[0])]
-    else:
-        with ThreadPoolExecutor(min(workers, len(blocks))) as pool:
-            results = list(pool.map(block, blocks))
+    results = in_threads(block, blocks)
     found = {
         i: (own, last)
         for members, (states, extra) in zip(blocks, results, strict=True)

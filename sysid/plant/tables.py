@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -28,7 +29,7 @@ class Block(ABC):
         self.runs, self.width, self.rows = runs, width, rows
 
     def tables(self) -> Iterator[tuple[int, Table]]:
-        """Every piece's first row or sub-step, and its table."""
+        """Every piece's first row or sub-step, and its table, which is good until the next."""
         for start in range(0, max(len(run) for run in self.runs), self.rows):
             yield start, self.table(start)
 
@@ -70,6 +71,12 @@ class SwitchedBlock(Block):
         while self.edges <= most:  # the last place stays infinite
             self.edges *= 2
 
+    @functools.cached_property
+    def _arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Times, motor and edges of a piece: fresh memory for each would cost as much again."""
+        time, motor = np.zeros((self.width, self.rows + 1)), np.zeros((self.width, self.rows))
+        return time, motor, np.full((2, self.width, self.edges), np.inf)
+
     def _bounds(self, run: SwitchedRun) -> list[NDArray[np.intp]]:
         starts = [*range(0, len(run), self.rows), len(run)]
         marks, side = run.time[starts], "left"
@@ -78,10 +85,8 @@ class SwitchedBlock(Block):
         return [edges.searchsorted(marks, side) for edges in run.edges]  # type: ignore[call-overload]
 
     def table(self, start: int) -> SwitchedTable:
-        """The piece from a row on; times from there."""
-        time = np.zeros((self.width, self.rows + 1))
-        motor = np.zeros((self.width, self.rows))
-        edges = np.full((2, self.width, self.edges), np.inf)
+        """The piece from a row on; times from there. It lies where the one before lay."""
+        time, motor, edges = self._arrays
         opens = np.zeros((2, self.width), dtype=int)
         count = np.zeros(self.width, dtype=int)
         for i, run, rows in self._unfinished(start):
@@ -91,8 +96,9 @@ class SwitchedBlock(Block):
             motor[i, :n] = run.motor[rows]
             for side, here in enumerate(self._edges_here(i, start)):
                 opens[side, i] = here.start & 1
-                own = run.edges[side][here]
-                np.subtract(own, begin, out=edges[side, i, : len(own)])
+                own, place = run.edges[side][here], edges[side, i]
+                np.subtract(own, begin, out=place[: len(own)])
+                place[len(own) :] = np.inf
         limits = np.array(self.max_step), np.array(self.together)
         (edges_a, edges_b), (open_a, open_b) = edges, opens
         return SwitchedTable(time, motor, edges_a, edges_b, open_a, open_b, count, *limits)

@@ -13,12 +13,12 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sysid.errors import SimulationError
+from sysid.parallel import in_threads
 from sysid.plant.jax_setup import jax, jnp, on_processor
 from sysid.plant.lanes import Lanes, Table
 from sysid.plant.ports import Model, Structure, join, overrides, split, stack_models
@@ -31,8 +31,8 @@ from sysid.plant.simulator import (
     STATE,
     at_first_row,
     carrying,
-    check_runs,
-    cores,
+    check_commands,
+    check_known,
     run_through,
     start_lanes,
 )
@@ -89,7 +89,8 @@ def simulate_tangents(
     """
     models = carrying(inputs, models)
     pairs = list(zip(inputs, models, strict=True))
-    check_runs(inputs, models, bool(surfaces))
+    check_known(models, bool(surfaces))
+    check_commands(inputs)
     varied = tuple(directions)
     order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
     blocks = [order[i : i + _WIDTH] for i in range(0, len(order), _WIDTH)]
@@ -99,8 +100,7 @@ def simulate_tangents(
         own += [own[0]] * (_WIDTH - len(own))
         return _block(own, len(members), varied, surfaces, max_step)
 
-    with ThreadPoolExecutor(min(cores(), len(blocks))) as pool:
-        results = list(pool.map(block, blocks))
+    results = in_threads(block, blocks)
     found = {
         i: run
         for members, own in zip(blocks, results, strict=True)
@@ -119,12 +119,12 @@ def _block(
 ) -> list[Tangents]:
     """The first `count` of these runs; the others are idle and fill the compiled width."""
     shared = Shared()
+    inputs, models = [i for i, _ in pairs], [m for _, m in pairs]
     runs = [prepare(i, m, surfaces, max_step, shared) for i, m in pairs[:count]]
     moved = [
         _moved(i, m, r.timing, varied, surfaces, max_step, shared)
         for (i, m), r in zip(pairs, runs, strict=False)
     ]
-    inputs, models = [i for i, _ in pairs], [m for _, m in pairs]
     model = stack_models(models)
     structure, numbers = split((model.parameters, *model.effects, *surfaces))
     lanes, slopes = _start(inputs, model, varied)

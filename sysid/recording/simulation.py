@@ -17,12 +17,10 @@ from sysid.recording.motion_tests import MotionTest, Segment
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
-    from sysid.plant.simulator import Inputs
+    from sysid.plant.simulator import Inputs, Trajectory
 
 
 NOT_FINITE = "the simulation switches without end, or does not stay finite"
-# Runs in one call of the simulator: one compiled shape serves every call.
-_LANES = 32
 
 
 def simulate_segments(
@@ -42,8 +40,6 @@ def simulate_segments(
     Raises SimulationError where a simulation switches without end or does not stay finite, instead
     of returning a number; with `nan_if_endless` all of that segment is NaN.
     """
-    from sysid.plant.simulator import simulate
-
     models = [model] * len(segments) if isinstance(model, Model) else list(model)
     inputs = [
         true_start(inputs_of(test, s), position, own)
@@ -53,24 +49,28 @@ def simulate_segments(
         run_up_of(test, s, position, own) for (test, s), own in zip(segments, models, strict=True)
     ]
     inputs = after_run_ups(inputs, run_ups, models, position, surfaces)
-    # Runs of similar length share a call: a short one would wait for the longest.
-    order = sorted(range(len(inputs)), key=lambda i: len(inputs[i].time))
-    found: dict[int, FloatArray] = {}
-    for first in range(0, len(order), _LANES):
-        group = order[first : first + _LANES]
-        padded = [*group, *[group[0]] * (_LANES - len(group))]
-        own = [models[i] for i in padded]
-        runs = simulate([inputs[i] for i in padded], own, surfaces, nan_if_endless=True)
-        for i, run in zip(group, runs, strict=False):
-            one = inputs[i]
-            shown = measured_channels(run, position, models[i], one.elapsed, one.seen)
-            found[i] = np.array([shown[name] for name in simulated_channels(position)])
-            if np.isfinite(found[i]).all():
-                continue
+    found = []
+    runs = _simulated(inputs, models, surfaces)
+    for (test, _), one, run, own in zip(segments, inputs, runs, models, strict=True):
+        shown = measured_channels(run, position, own, one.elapsed, one.seen)
+        measured = np.array([shown[name] for name in simulated_channels(position)])
+        if not np.isfinite(measured).all():
             if not nan_if_endless:
-                raise SimulationError(f"{segments[i][0].source}: {NOT_FINITE}")
-            found[i] = np.full_like(found[i], math.nan)
-    return [found[i] for i in range(len(inputs))]
+                raise SimulationError(f"{test.source}: {NOT_FINITE}")
+            measured = np.full_like(measured, math.nan)
+        found.append(measured)
+    return found
+
+
+def _simulated(
+    inputs: Sequence[Inputs], models: Sequence[Model], surfaces: tuple[Any, ...]
+) -> list[Trajectory]:
+    """Runs in one batch; a single one too, which alone would be compiled for once more."""
+    from sysid.plant.simulator import simulate
+
+    twice = 2 if len(inputs) == 1 else 1
+    runs = simulate([*inputs] * twice, [*models] * twice, surfaces, nan_if_endless=True)
+    return runs[: len(inputs)]
 
 
 def inputs_of(test: MotionTest, segment: Segment) -> Inputs:
@@ -117,13 +117,13 @@ def after_run_ups(
 
     `position`: the log's position channel.
     """
-    from sysid.plant.simulator import remembered_after, simulate
+    from sysid.plant.simulator import remembered_after
 
     found = list(inputs)
     known = [i for i, run_up in enumerate(run_ups) if run_up is not None]
     before = [one for one in run_ups if one is not None]
     own = [models[i] for i in known]
-    runs = simulate(before, own, surfaces, nan_if_endless=True)
+    runs = _simulated(before, own, surfaces)
     for i, run, remembered in zip(known, runs, remembered_after(before, runs, own), strict=True):
         found[i] = replace(found[i], remembered=remembered)
         if models[i].has_remembering_sensor:
