@@ -12,7 +12,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from small_campaign import write_small
@@ -20,7 +20,7 @@ from small_campaign import write_small
 from sysid.commands.app import main
 from sysid.commands.printing import grouped_notices
 from sysid.commands.run import show_run
-from sysid.errors import NotIdentifiedError
+from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.campaign import read_campaign
 from sysid.parameters import Bundle, EffectEntry, read_bundle, write_bundle
 from sysid.pipeline.run import (
@@ -366,6 +366,39 @@ def test_a_file_of_another_layout_is_made_anew(tmp_path: Path) -> None:
     assert perform(run, old).why and perform(run, old).why is None
     assert "layout" in (perform(run, new).why or "")
     assert perform(run, new).why is None and len(made) == 2
+
+
+def test_another_flow_law_is_fitted_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`run --law` and `--load` reach the fit, and what was made without them is stale."""
+    from sysid.commands import run as command
+    from sysid.pipeline.run import Stage, made_from
+
+    asked: list[RunOptions] = []
+
+    def noted(campaign: Path, folder: Path, options: RunOptions) -> None:
+        asked.append(options)
+        raise InputError("enough")
+
+    monkeypatch.setattr(command, "run_campaign", noted)
+    arguments = ["run", "campaign.toml", "-o", str(tmp_path)]
+    for more in ([], ["--law", "iso6358", "--load", "motor"]):
+        assert main([*arguments, *more]) == 2
+    capsys.readouterr()
+    assert [(o.law, o.load) for o in asked] == [("auto", None), ("iso6358", "motor")]
+    stage = Stage("fit", ("fitted.json",), (), lambda run: None)
+    first, second = (
+        made_from(
+            cast(
+                "PipelineRun",
+                SimpleNamespace(inputs={}, options=o, campaign=SimpleNamespace(own=None)),
+            ),
+            stage,
+        )
+        for o in asked
+    )
+    assert dict(second.items() - first.items()) == {"--law": "iso6358", "--load": "motor"}
 
 
 def test_an_unusable_folder_is_one_line(

@@ -19,6 +19,8 @@ from sysid.commands.options import (
     component_option,
     exclude_option,
     json_option,
+    law_option,
+    load_option,
     logs_argument,
     map_option,
     options,
@@ -32,7 +34,6 @@ from sysid.commands.printing import (
     progress,
     written_lines,
 )
-from sysid.io.motion import LOADS
 from sysid.pipeline.files import read_with
 from sysid.pipeline.fit_logs import FitFiles, Fitted, fit_logs
 from sysid.pipeline.fit_part import (
@@ -96,21 +97,6 @@ _valve_option = click.option(
     type=click.Choice(["a", "b"]),
     help="This valve only (default: every valve that switches).",
 )
-_law_option = click.option(
-    "--law",
-    type=click.Choice(["thesis", "iso6358", "auto"]),
-    default="auto",
-    show_default=True,
-    help="Flow law of on/off valves; auto: the tests choose by evidence.",
-)
-
-
-_load_option = click.option(
-    "--load",
-    type=click.Choice(LOADS),
-    help="Friction with a part that grows with this effort: the motor's, or all that is "
-    "transmitted, motor and cylinder.",
-)
 
 
 @fit.command("friction")
@@ -127,7 +113,7 @@ _load_option = click.option(
     type=float,
     help="Zero-phase low-pass, Hz; by default 50, or lower as sampling and noise require.",
 )
-@_load_option
+@load_option
 @_part_options
 def _friction(
     kind: str | None,
@@ -149,7 +135,7 @@ def _friction(
 @fit.command("valve-discrete")
 @logs_argument
 @_valve_option
-@_law_option
+@law_option
 @_part_options
 def _valve_discrete(valve: str | None, law: str, **files: Any) -> None:
     """Flows and delays of on/off valves, piston held.
@@ -174,7 +160,7 @@ def _valve_discrete(valve: str | None, law: str, **files: Any) -> None:
     "--seed", type=SEED, default=0, show_default=True, help="Seed of the folds and restarts."
 )
 @click.option("--sweep", is_flag=True, help="Also find the smallest sufficient network (slow).")
-@_law_option
+@law_option
 @_part_options
 def _valve_pwm(
     valve: str | None, surface: str, seed: int, sweep: bool, law: str, **files: Any
@@ -191,8 +177,8 @@ def _fit_logs(asked: PartOptions, tables: Tables, *, as_json: bool, **files: Any
 @fit.command("campaign", hidden=True)
 @campaign_argument
 @click.option("-o", "output", type=PathArgument, help="Write the bundle here.")
-@_law_option
-@_load_option
+@law_option
+@load_option
 @component_option
 @exclude_option
 @report_option

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from sysid.io.motion import LOADS
+
 PathArgument = click.Path(path_type=Path)
 SEED = click.IntRange(min=0)
 MOST_DRAWS = 1000
@@ -38,6 +40,19 @@ report_option = click.option("--report", type=PathArgument, help="Write the HTML
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 rig_option = click.option(
     "--rig", type=PathArgument, help="Rig file (else rig.toml in or above the log's folder)."
+)
+law_option = click.option(
+    "--law",
+    type=click.Choice(["thesis", "iso6358", "auto"]),
+    default="auto",
+    show_default=True,
+    help="Flow law of on/off valves; auto: the tests choose by evidence.",
+)
+load_option = click.option(
+    "--load",
+    type=click.Choice(LOADS),
+    help="Friction with a part that grows with this effort: the motor's, or all that is "
+    "transmitted, motor and cylinder.",
 )
 map_option = click.option(
     "--map",

@@ -18,6 +18,8 @@ from sysid.commands.options import (
     effects_option,
     exclude_option,
     json_option,
+    law_option,
+    load_option,
     options,
     verbose_option,
 )
@@ -46,6 +48,8 @@ run_options = options(
         show_default=True,
         help="Which PWM surfaces to fit.",
     ),
+    law_option,
+    load_option,
     click.option(
         "--seed", type=SEED, default=0, show_default=True, help="Seed of folds, restarts and twins."
     ),

@@ -182,6 +182,9 @@ def made_from(run: PipelineRun, stage: Stage) -> dict[str, str]:
         "--surface": run.options.surface,
         "--seed": str(run.options.seed),
     }
+    # Named where they are asked for, so that what was made without them stays up to date.
+    asked = {"--law": run.options.law, "--load": run.options.load}
+    found |= {name: text for name, text in asked.items() if text not in (None, "auto")}
     if stage.reads_effects and run.options.effects is not None:
         found["--effects"] = _digest(run.options.effects)
     own = component_in(run.campaign)
