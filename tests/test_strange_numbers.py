@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sysid.balance.samples import MotionSamples
 from sysid.commands.app import main
 from sysid.diagnosis.actuator.holdout import HeldOut
 from sysid.diagnosis.actuator.twins import Scatter, _take_logs_own
@@ -23,7 +24,9 @@ from sysid.diagnosis.search import MOST_EFFECTS, full_sentence, limit_sentence
 from sysid.errors import InputError, NotIdentifiedError, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.friction import fit_friction
+from sysid.identification.friction.motion import fit_motion
 from sysid.io.logs import Trial
+from sysid.io.motion import ROTARY
 from sysid.io.rig import Rig, rig_from_content
 from sysid.parameters import Bundle, Friction, read_bundle
 from sysid.parameters.assembled_model import (
@@ -214,14 +217,37 @@ def test_a_negative_inertia_is_named_and_the_search_ends(
     campaign, bundle = lagging(tmp_path), tmp_path / "b.json"
     assert main(["fit", str(campaign), "-o", str(bundle)]) == 0
     said = capsys.readouterr().err
-    inertia = friction_of(read_bundle(bundle)).inertia
-    assert inertia is not None and inertia.value < 0.0
-    for part in ("inertia_kg_m2 is -0.000", " to ", "above zero", "declare [inertia]"):
+    fitted = friction_of(read_bundle(bundle))
+    inertia = fitted.inertia
+    assert inertia is not None and not inertia.identified
+    assert fitted.coulomb is not None and fitted.coulomb.value == pytest.approx(0.1, rel=0.02)
+    for part in ("left free, inertia_kg_m2 is -0.000", " to ", "held at 0", "channels' times"):
         assert part in said, part
     assert main(["diagnose", str(campaign), "--bundle", str(bundle), "--quick"]) == 0
     found = capsys.readouterr()
     assert "errors on held-out tests: torque" in found.out
-    assert "inertia_kg_m2 is -0.000" in found.err and "not simulated" in found.err
+    assert "not simulated" in found.err
+
+
+def rows_of_motion(inertia: float, number: int, noise: float) -> MotionSamples:
+    """Rows of a balance with Coulomb friction 1 and viscous friction 0.2."""
+    rng = np.random.default_rng(number)
+    time = np.linspace(0.0, 20.0, 400)
+    speed, acceleration = 3.0 * np.sin(time), 3.0 * np.cos(time)
+    x = np.column_stack([np.sign(speed), speed, np.ones(400), acceleration])
+    effort = x @ np.array([1.0, 0.2, 0.0, inertia]) + noise * rng.standard_normal(400)
+    none, far = np.zeros((400, 2)), np.full(400, np.inf)
+    return MotionSamples(x, effort, np.zeros(4), 0.0, np.zeros(400), far, far, none, none, 0.0)
+
+
+def test_an_inertia_below_zero_within_its_error_is_none() -> None:
+    """Its value is the bound, its interval what the motion still allows."""
+    found = fit_motion([rows_of_motion(-1e-3, k, 0.1) for k in (1, 2, 3, 4)], None, ROTARY)
+    held = fit_motion([rows_of_motion(-1e-3, k, 0.1) for k in (1, 2, 3, 4)], 0.0, ROTARY)
+    assert found.inertia is not None and found.inertia.value == 0.0
+    assert found.inertia.interval[0] == 0.0 < found.inertia.interval[1] < 0.02
+    assert found.coulomb == held.coulomb and found.viscous == held.viscous
+    assert any("left free" in line and "held at 0" in line for line in found.notices)
 
 
 def test_an_inertia_that_may_be_zero_is_said() -> None:

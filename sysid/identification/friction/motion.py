@@ -57,6 +57,7 @@ from sysid.identification.friction.motion_regression import (
     scaled,
 )
 from sysid.io.motion import MotionUnits
+from sysid.parameters.possible import stated
 from sysid.recording.friction_kind import MOTION
 from sysid.recording.recording import Recording
 from sysid.signals import MIN_SAMPLES
@@ -66,6 +67,7 @@ from sysid.types import FloatArray
 _MOST_INFLATION = 100.0
 HARDLY_MOVES = "it hardly moves"
 _BINS = 10
+_LATE = "an effort that acts late in the log shows as one: check the channels' times"
 _NAMES = ("Coulomb friction", "viscous friction", "offset", "inertia")
 
 
@@ -171,9 +173,32 @@ def fit_motion(
 
     At least three trials are fitted one by one: the mean is reported, with the error from the
     scatter of the trials. Fewer are fitted together, with errors that allow for autocorrelated
-    residuals. What the motion does not separate is given as combinations. Raises
+    residuals. What the motion does not separate is given as combinations. An inertia that comes
+    out below zero is held at zero, where physics ends, and the rest is fitted with that. Raises
     NotIdentifiedError where there are no samples, or where they identify not even these.
     """
+    found = _fitted(samples, inertia, units)
+    free = found.inertia
+    if inertia is not None or free is None or not free.value < 0.0:
+        return found
+    held = _fitted(samples, 0.0, units)
+    said = f"left free, {stated(units.key('inertia'), free)}, and none is below zero"
+    with_it = "it is held at 0, and friction is fitted with that"
+    if free.interval[1] < 0.0:
+        why = f"{said}; {_LATE}, or declare [inertia] {units.rig_inertia}"
+        none = Estimate.unidentified(units.inertia_unit, why)
+        line = f"friction from motion: {said}: {with_it}; {_LATE}"
+        return replace(held, inertia=none, notices=(*held.notices, line))
+    # The data allow it, within its error: what cannot be negative is none, as far as they show.
+    none = Estimate(0.0, free.std, free.unit, (0.0, free.interval[1]))
+    line = f"friction from motion: {said}: {with_it}"
+    return replace(held, inertia=none, notices=(*held.notices, line))
+
+
+def _fitted(
+    samples: Sequence[MotionSamples], inertia: float | None, units: MotionUnits
+) -> MotionFriction:
+    """`fit_motion`, whatever the sign of the inertia."""
     if not samples:
         raise NotIdentifiedError(
             "Coulomb and viscous friction: the shaft hardly moves in these tests; give motion "
