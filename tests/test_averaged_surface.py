@@ -9,7 +9,7 @@ import pytest
 from pwm_campaign import ATMOSPHERE, KRT, VALVE_A, VALVE_B, VOLUME, Valve, campaign
 
 from sysid.errors import NotIdentifiedError
-from sysid.surfaces.averaged import AveragedLaw
+from sysid.surfaces.averaged import AveragedLaw, sampled_period
 from sysid.surfaces.averaged_fit import AveragedFit, Conditions, MeanFlows, fit_averaged
 from sysid.surfaces.domain import Domain
 from sysid.types import FloatArray
@@ -31,7 +31,11 @@ def flows(valve: Valve, step: float = 0.08) -> MeanFlows:
     std = np.full(int(kept.sum()), 5e-6)
     per_flow = np.full(len(std), KRT / VOLUME)
     supply = np.full(len(std), valve.supply)
-    return MeanFlows(*(p[kept] for p in parts), std, test[kept], per_flow, supply)
+    none = np.zeros(len(std))
+    phases = np.full(len(std), 1, dtype=np.intp)
+    return MeanFlows(
+        *(p[kept] for p in parts), std, test[kept], per_flow, supply, none + np.nan, phases, none
+    )
 
 
 def fitted(valve: Valve) -> AveragedFit:
@@ -147,7 +151,10 @@ def test_a_pulse_against_small_steps(start: float, share: float) -> None:
     at = start + 0.5 * drift
     pulse = own.pulse(np.float64(share), at, LINES, (per_flow, 0.0))
     assert float(pulse.mean(share)) == pytest.approx(flow, abs=6e-3 * scale)
-    held = own.mean_pulse(np.float64(share), float(exact.mean()), LINES, per_flow)
+    # Of one period, which the pulse begins: seen once a period at its start, it is about half of
+    # its own length later.
+    _, lead = sampled_period(np.float64(share), np.float64(0.5 * share), 1)
+    held = own.mean_pulse(np.float64(share), float(exact.mean()), LINES, per_flow, (0.0, lead))
     assert float(held.mean(share)) == pytest.approx(flow, abs=6e-3 * scale)
 
 

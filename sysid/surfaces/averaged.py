@@ -189,15 +189,30 @@ class AveragedLaw:
         return found
 
     def mean_pulse(
-        self, share: Array, pressure: Array, lines: tuple[Array, Array], per_flow: Array
+        self,
+        share: Array,
+        pressure: Array,
+        lines: tuple[Array, Array],
+        per_flow: Array,
+        sampled: tuple[Array, Array] = (0.0, 0.0),
     ) -> PulseFlows:
-        """The same for a held chamber, by its mean `pressure` (Pa) over the period."""
+        """The same for a held chamber, by its mean `pressure` (Pa) over a period.
+
+        `sampled`: what the few samples of a period make of its mean, of `sampled_period`. Without
+        it the mean is of all moments, over periods that begin anywhere, as a moving mean's do: the
+        pulse then comes neither early nor late, and the pressure's drift leaves the open and the
+        closed valve's mean pressures where they are.
+        """
+        high, lead = sampled
+        xp = array_namespace(share, pressure)
+        # By how much the closed valve's part of the period lags.
+        lag = lead * share / xp.maximum(1.0 - share, LEAST_DIVISOR)
         found = self._at_once(share, pressure, lines)
         for _ in range(_RIPPLE_STEPS):
             drift = per_flow * self.period * found.mean(share)
             ripple = self._ripple(found, share, per_flow)
-            trough = pressure - ripple * found.middle(share)
-            found = self._over_ripple(_drifted(trough, drift, share), ripple, lines)
+            trough = pressure - ripple * (found.middle(share) + high)
+            found = self._over_ripple((trough + lead * drift, trough - lag * drift), ripple, lines)
         return found
 
     def held_duty(
@@ -292,6 +307,27 @@ def _drifted(trough: Array, drift: Array, share: Array) -> tuple[Array, Array]:
     return trough - 0.5 * (1.0 - share) * drift, trough + 0.5 * share * drift
 
 
+def sampled_period(share: Array, centre: Array, phases: int) -> tuple[Array, Array]:
+    """What a moving mean of samples at `phases` even places of a period makes of its ripple.
+
+    `share` of the period that the valve is open, about `centre` of the period, both 0 to 1; the
+    first sample is at 0. Returned: by what part of the ripple the samples' mean lies above the
+    mean of the two ramps, and how much later than the middle of a mean's own period the open part
+    is, as a share of the period; both are 0 for many phases.
+    """
+    xp = array_namespace(share, centre)
+    opened, shut = xp.maximum(share, LEAST_DIVISOR), xp.maximum(1.0 - share, LEAST_DIVISOR)
+    high: Array = 0.0 * share
+    lead: Array = 0.0 * share
+    for k in range(phases):
+        since = (k / phases - centre + 0.5 * share) % 1.0
+        rising = since < share
+        high = high + xp.where(rising, since / opened, (1.0 - since) / shut) - 0.5
+        late = (1.0 - share) * (since - 0.5 * share) / opened
+        lead = lead + xp.where(rising, late, 0.5 * (1.0 + share) - since)
+    return high / phases, lead / phases
+
+
 def _mean_over(
     flow: Callable[[Array], Array], trough: Array, ripple: Array
 ) -> tuple[Array, tuple[Array, Array]]:
@@ -321,4 +357,4 @@ def _over_boundary(part: Array, choked: Array, free: Array) -> tuple[Array, Arra
     return choked * free / weighted, part * free / weighted
 
 
-__all__ = ["AveragedLaw", "PulseFlows"]
+__all__ = ["AveragedLaw", "PulseFlows", "sampled_period"]

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,7 +26,7 @@ from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
 from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.plant.iso6358 import ANR_TEMPERATURE, DEFAULT_INDEX, HIGHEST_RATIO, choked_flow
-from sysid.surfaces.averaged import AveragedLaw
+from sysid.surfaces.averaged import AveragedLaw, sampled_period
 from sysid.types import FloatArray
 
 N_PARAMETERS = 5
@@ -61,7 +61,9 @@ class MeanFlows:
 
     `duty`, `pressure` [Pa], `flow` [kg/s], its standard error `std` [kg/s], `test`, the
     number of the sample's test, `per_flow` = k R T / V of its chamber [Pa/kg], which
-    says how far the pressure ripples, and the `supply` of its test [Pa], all (n,).
+    says how far the pressure ripples, the `supply` of its test [Pa], the `centre` of its test's
+    pulses, as a share of the PWM period after a row (NaN: not known), how many `phases` of the
+    period the rows show, and the `spread` of the pressure's course over the sample [Pa], all (n,).
     """
 
     duty: FloatArray
@@ -71,6 +73,9 @@ class MeanFlows:
     test: NDArray[np.intp]
     per_flow: FloatArray
     supply: FloatArray
+    centre: FloatArray
+    phases: NDArray[np.intp]
+    spread: FloatArray
 
     def select(self, rows: NDArray[np.bool_]) -> MeanFlows:
         """The samples in `rows` (mask)."""
@@ -82,7 +87,18 @@ class MeanFlows:
             self.test[rows],
             self.per_flow[rows],
             self.supply[rows],
+            self.centre[rows],
+            self.phases[rows],
+            self.spread[rows],
         )
+
+    def sampled(self, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """`sampled_period` of each sample (n,), valves open for `share` (n,) of the period."""
+        high, lead = np.zeros(len(share)), np.zeros(len(share))
+        for phases in np.unique(self.phases):
+            rows = (self.phases == phases) & np.isfinite(self.centre)
+            high[rows], lead[rows] = sampled_period(share[rows], self.centre[rows], int(phases))
+        return high, lead
 
 
 @dataclass(frozen=True)
@@ -150,9 +166,12 @@ class AveragedFit:
         return {name: self.solution.estimate(name, covariance) for name in self.solution.names}
 
 
-def fit_averaged(flows: MeanFlows, conditions: Conditions) -> AveragedFit:
+def fit_averaged(
+    flows: MeanFlows, conditions: Conditions, near: FloatArray | None = None
+) -> AveragedFit:
     """The averaged law by bounded least squares over the samples of both directions.
 
+    `near` (5,): values of a fit of nearly the same samples, which the search starts from.
     Raises NotIdentifiedError for fewer than three tests or where the pressure never leaves
     one regime far enough to show any parameter.
     """
@@ -165,13 +184,25 @@ def fit_averaged(flows: MeanFlows, conditions: Conditions) -> AveragedFit:
     scale = float(np.abs(flows.flow).max())
     known = np.where(np.isfinite(flows.std), flows.std, 0.0)
     error = np.hypot(known, _LEAST_ERROR * scale)
+    parameters = (_iso_start if conditions.by_iso else _start)(flows, conditions)
 
-    def residuals(values: FloatArray) -> FloatArray:
-        return np.asarray((_mean_flow(values, flows, conditions) - flows.flow) / error)
+    def solved(values: FloatArray, bend: FloatArray) -> LeastSquaresFit:
+        """From these values, with the bend of the flow over each sample's window, kg/s."""
+        start = [
+            replace(p, value=float(np.clip(v, p.lower, p.upper)))
+            for p, v in zip(parameters, values, strict=True)
+        ]
+        seen = flows.flow - bend
+        return minimise(lambda v: (_mean_flow(v, flows, conditions) - seen) / error, start)
 
-    solution = minimise(residuals, (_iso_start if conditions.by_iso else _start)(flows, conditions))
-    flow_error = residuals(solution.values) * error
-    return AveragedFit(conditions, solution, flows.test, math.sqrt(float(np.mean(flow_error**2))))
+    values = near
+    if values is None:
+        begun = np.array([p.value for p in parameters])
+        values = solved(begun, np.zeros(len(flows.flow))).values
+    bend = _bend(values, flows, conditions)
+    solution = solved(values, bend)
+    left = solution.residuals * error
+    return AveragedFit(conditions, solution, flows.test, math.sqrt(float(np.mean(left**2))))
 
 
 def _mean_flow(values: FloatArray, flows: MeanFlows, conditions: Conditions) -> FloatArray:
@@ -179,7 +210,22 @@ def _mean_flow(values: FloatArray, flows: MeanFlows, conditions: Conditions) -> 
     law = conditions.law(values)
     share = law.open_share(flows.duty)
     lines = flows.supply, conditions.atmosphere
-    return np.asarray(law.mean_pulse(share, flows.pressure, lines, flows.per_flow).mean(share))
+    sampled = flows.sampled(share)
+    pulse = law.mean_pulse(share, flows.pressure, lines, flows.per_flow, sampled)
+    return np.asarray(pulse.mean(share))
+
+
+def _bend(values: FloatArray, flows: MeanFlows, conditions: Conditions) -> FloatArray:
+    """By how much a sample's mean flow (n,) differs from that at its mean pressure, kg/s.
+
+    A window near the supply's pressure holds a flow that falls as a root: Gauss' two points of the
+    pressure's course over it.
+    """
+    at = [
+        _mean_flow(values, replace(flows, pressure=flows.pressure + way * flows.spread), conditions)
+        for way in (-1.0, 1.0)
+    ]
+    return 0.5 * (at[0] + at[1]) - _mean_flow(values, flows, conditions)
 
 
 def _start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:

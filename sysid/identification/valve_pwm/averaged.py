@@ -67,9 +67,7 @@ def average_of(
         errors[direction] = {"fitted": _judged(_duty(fit, points, of_points), points)}
         if len(np.unique(points.test)) >= folds + 4:
             tests, held = (offset, of_points), (folds, seed)
-            duties = on_its_own(
-                partial(_held_out_duties, points, flows, fit.conditions, tests, held)
-            )
+            duties = on_its_own(partial(_held_out_duties, points, flows, fit, tests, held))
             if isinstance(duties, Failure):
                 title = f"{DIRECTIONS[direction]}: the averaged law is not judged on held-out tests"
                 notices.append(f"{title}: {duties.reason}")
@@ -121,15 +119,17 @@ def _volumes(found: DirectionFit) -> list[float]:
 
 
 def _together(found: Sequence[DirectionFit]) -> tuple[MeanFlows, list[int]]:
-    """The samples of all directions at duties that the flow answers to.
+    """The samples of all directions at duties that the flow answers to, each of one law.
 
     Each direction's tests are numbered on from an offset.
     """
     parts, offsets = [], [0]
     for direction in found:
         s = direction.samples
-        kept = direction.domain.holds_duty(s.duty)
-        of_tests = s.per_flow_of(s.test), s.supply_of(s.test)
+        kept = direction.domain.holds_duty(s.duty) & ~s.crosses
+        sampling = np.array(s.sampling)[s.test]
+        phases = sampling[:, 1].astype(np.intp)
+        of_tests = s.per_flow_of(s.test), s.supply_of(s.test), sampling[:, 0], phases, s.spread
         columns = (s.duty, s.pressure, s.flow, s.std, s.test + offsets[-1], *of_tests)
         parts.append([column[kept] for column in columns])
         offsets.append(offsets[-1] + len(s.labels))
@@ -161,12 +161,13 @@ def _duty(fit: AveragedFit, points: SurfacePoints, chambers: _Chambers) -> Float
 def _held_out_duties(
     points: SurfacePoints,
     flows: MeanFlows,
-    conditions: Conditions,
+    whole: AveragedFit,
     tests: tuple[int, _Chambers],
     held_out: tuple[int, int],
 ) -> FloatArray:
     """Duty at each of a direction's points (n,) by the law from all tests but the point's fold.
 
+    `whole`: the fit of all tests, near which those of the folds are searched for.
     `tests`: offset of the direction's test numbers in `flows`, its points' chambers.
     `held_out`: number of folds, seed. NaN for the tests at the ends of the duty range.
     """
@@ -175,7 +176,7 @@ def _held_out_duties(
     duty = np.full(len(points.duty), np.nan)
     for held in group_folds(points.test, points.duty, folds, seed):
         left_out = np.isin(flows.test, points.test[held] + offset)
-        fit = fit_averaged(flows.select(~left_out), conditions)
+        fit = fit_averaged(flows.select(~left_out), whole.conditions, whole.solution.values)
         duty[held] = _duty(fit, points.select(held), chambers.select(held))
     return duty
 

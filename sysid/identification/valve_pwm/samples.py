@@ -37,6 +37,13 @@ LONGEST_WINDOW_S = 0.2
 # Largest noise of a sample's flow, as a share of the flow of the fully open valve; windows are
 # made long enough for it.
 FLOW_NOISE_SHARE = 0.005
+# Of the PWM period, for its fundamental to lie below half the sampling rate.
+FEWEST_PHASES = 3
+# Standard errors of white noise by which a fundamental exceeds nothing.
+_FUNDAMENTAL_SHOWS = 4.0
+# Length of the mean of the tests' pulse starts as unit vectors: 0 where they are anywhere, and this
+# where they scatter by a twentieth of a period.
+_TOGETHER = 0.95
 _NORMAL_QUARTILE = NormalDist().inv_cdf(0.75)
 
 
@@ -70,19 +77,26 @@ class PwmTest:
 class FlowSamples:
     """Samples of mean flow: `duty`, `pressure` [Pa], `flow` [kg/s], `std` [kg/s], all (n,).
 
-    `test` (n,) is the number of the sample's test, an index into `labels`, `supplies` [Pa],
-    `volumes` [m3] and `per_flow` (tests,), k R T / V of each test's chamber, Pa/kg.
+    `spread` (n,) Pa: the standard deviation of the pressure's course over the window, without its
+    ripple. `crosses` (n,): the samples of the window lie on both sides of a choked boundary, so
+    that the mean is of two laws. `test` (n,) is the number of the sample's test, an index into
+    `labels`, `supplies` [Pa], `volumes` [m3], `per_flow` (tests,), k R T / V of each test's
+    chamber, Pa/kg, and `sampling` (tests,): the centre of its pulses, as a share of the PWM period
+    after a row (NaN: not known), and how many phases of the period its rows show.
     """
 
     duty: FloatArray
     pressure: FloatArray
     flow: FloatArray
     std: FloatArray
+    spread: FloatArray
+    crosses: BoolArray
     test: IntArray
     labels: tuple[str, ...]
     supplies: tuple[float, ...]
     volumes: tuple[float, ...]
     per_flow: tuple[float, ...]
+    sampling: tuple[tuple[float, int], ...]
 
     def __len__(self) -> int:
         return len(self.flow)
@@ -102,11 +116,14 @@ class FlowSamples:
             self.pressure[rows],
             self.flow[rows],
             self.std[rows],
+            self.spread[rows],
+            self.crosses[rows],
             self.test[rows],
             self.labels,
             self.supplies,
             self.volumes,
             self.per_flow,
+            self.sampling,
         )
 
 
@@ -193,7 +210,10 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
             for value in (rate, noise * gains / test.period)
         )
         size = len(begin)
-        parts.append((np.full(size, test.duty), pressure, flow, std, np.full(size, number)))
+        within = _within(test, mean, begin, end, air, noise)
+        parts.append(
+            (np.full(size, test.duty), pressure, flow, std, *within, np.full(size, number))
+        )
     labels = tuple(t.label for t in tests)
     heat = air.heat_capacity_ratio * air.gas_constant_j_per_kg_k
     of_tests = (
@@ -201,12 +221,16 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
         tuple(t.supply for t in tests),
         tuple(t.volume for t in tests),
         tuple(heat * t.temperature / t.volume for t in tests),
+        _sampling(means, tests, pwm_period),
     )
     if not parts:
         none = np.empty(0)
-        return FlowSamples(none, none, none, none, np.empty(0, dtype=np.intp), *of_tests)
-    duty, level, mass_flow, error, tests_of = (np.concatenate(c) for c in zip(*parts, strict=True))
-    return FlowSamples(duty, level, mass_flow, error, tests_of.astype(np.intp), *of_tests)
+        parts.append((none, none, none, none, none, none.astype(bool), none))
+    columns = zip(*parts, strict=True)
+    duty, level, mass_flow, error, spread, crosses, own = map(np.concatenate, columns)
+    return FlowSamples(
+        duty, level, mass_flow, error, spread, crosses, own.astype(np.intp), *of_tests
+    )
 
 
 @dataclass(frozen=True)
@@ -221,19 +245,20 @@ class _PulseMean:
     usable: BoolArray
     block: int
     period: float
+    first: int
 
     @classmethod
     def of(cls, test: PwmTest, block: int, skip: float) -> _PulseMean:
         first = math.ceil(skip / test.period - 1e-6)
         pressure, usable = test.pressure[first:], test.usable[first:]
         if len(pressure) <= block:
-            return cls(np.empty(0), np.empty(0, dtype=bool), block, test.period)
+            return cls(np.empty(0), np.empty(0, dtype=bool), block, test.period, first)
         # Summed from the first sample on, so that the cumulative sum loses no digits.
         offset = pressure[0]
         total = np.concatenate(([0.0], np.cumsum(pressure - offset)))
         bad = np.concatenate(([0], np.cumsum(~usable)))
         values = offset + (total[block:] - total[:-block]) / block
-        return cls(values, bad[block:] == bad[:-block], block, test.period)
+        return cls(values, bad[block:] == bad[:-block], block, test.period, first)
 
     def noise(self) -> float:
         """White-noise equivalent of one sample, Pa: from third differences of the means.
@@ -251,6 +276,29 @@ class _PulseMean:
             third = np.concatenate((third, np.diff(shifted, 3)))
         return float(np.median(np.abs(third))) / _NORMAL_QUARTILE * math.sqrt(b / 20.0)
 
+    def phases(self, pwm_period: float) -> int:
+        """How many places of the PWM period the samples of a mean are at."""
+        periods = max(1, round(self.block * self.period / pwm_period))
+        return self.block // math.gcd(self.block, periods)
+
+    def pulse_centre(self, test: PwmTest, pwm_period: float) -> float:
+        """Middle of the open valve's part of the period, as its share, from a row on; or NaN.
+
+        The pressure's ripple is the integral of the pulses, whose fundamental is a cosine about
+        their middle. NaN where fewer than three phases, or noise, hide it.
+        """
+        if self.phases(pwm_period) < FEWEST_PHASES or len(self.values) < 2:
+            return math.nan
+        begin = self.first + self.block // 2
+        place = np.arange(begin, begin + len(self.values))
+        ripple = (test.pressure[place] - self.values)[self.usable]
+        turns = place[self.usable] * (test.period / pwm_period)
+        found = complex(np.sum(ripple * np.exp(-2j * np.pi * turns)))
+        unlikely = _FUNDAMENTAL_SHOWS * math.sqrt(0.5 * len(ripple)) * float(np.std(ripple))
+        if abs(found) <= unlikely:
+            return math.nan
+        return float(-np.angle(1j * found) / (2.0 * np.pi)) % 1.0
+
     def rates(self) -> FloatArray:
         """dP/dt, (m,) Pa/s, over two blocks around each mean."""
         n, b = len(self.values), self.block
@@ -263,6 +311,27 @@ class _PulseMean:
         if len(self.values) < 2 or not self.usable.any():
             return 0.0
         return float(np.max(np.abs(self.rates()[self.usable])))
+
+
+def _sampling(
+    means: Sequence[_PulseMean], tests: Sequence[PwmTest], pwm_period: float
+) -> tuple[tuple[float, int], ...]:
+    """Each test's pulse centre (a share of the period, or NaN) and the phases that its rows show.
+
+    Where the pulses of all tests begin at one place among the rows, as they do where the log and
+    the pulses start together, that place holds for all: pulses or pauses that fall between two
+    rows do not show it themselves.
+    """
+    phases = [m.phases(pwm_period) for m in means]
+    centres = np.array([m.pulse_centre(t, pwm_period) for m, t in zip(means, tests, strict=True)])
+    duty = np.array([t.duty for t in tests])
+    clear = np.isfinite(centres) & (np.minimum(duty, 1.0 - duty) > 1.0 / np.array(phases))
+    begins = np.exp(2j * np.pi * (centres - 0.5 * duty)[clear])
+    centres[~clear] = math.nan
+    together = begins.mean() if len(begins) else 0.0
+    if abs(together) > _TOGETHER:
+        centres = (float(np.angle(together)) / (2.0 * np.pi) + 0.5 * duty) % 1.0
+    return tuple(zip(centres.tolist(), phases, strict=True))
 
 
 def _pooled_noise(means: Sequence[_PulseMean], rig: Rig) -> float:
@@ -328,6 +397,30 @@ def _stretches(test: PwmTest, mean: _PulseMean, air: Air) -> list[tuple[int, int
     edges = np.concatenate(([0], np.flatnonzero(changes) + 1, [len(values)]))
     pairs = zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
     return [(start, stop) for start, stop in pairs if mean.usable[start]]
+
+
+def _within(
+    test: PwmTest, mean: _PulseMean, begin: IntArray, end: IntArray, air: Air, noise: float
+) -> tuple[FloatArray, BoolArray]:
+    """How far the means spread within each window, Pa, and which windows cross a boundary.
+
+    The spread is a standard deviation with the slope's own weights, less that of the noise. The
+    means of a window stay on one side of a choked boundary; its samples, over which they are taken,
+    may not.
+    """
+    spread, crosses = np.zeros(len(begin)), np.zeros(len(begin), dtype=bool)
+    boundaries = choked_boundaries(air, test.supply)
+    of_noise = noise**2 / mean.block if math.isfinite(noise) else 0.0
+    for i, (start, stop) in enumerate(zip(begin, end, strict=True)):
+        own = test.pressure[mean.first + start : mean.first + stop + mean.block - 1]
+        crosses[i] = any(own.min() < boundary < own.max() for boundary in boundaries)
+        place = np.arange(1, stop - start)
+        between = 0.5 * (mean.values[start + 1 : stop] + mean.values[start : stop - 1])
+        weights = place * (stop - start - place)
+        middle = np.average(between, weights=weights)
+        variance = float(np.average((between - middle) ** 2, weights=weights))
+        spread[i] = math.sqrt(max(variance - of_noise, 0.0))
+    return spread, crosses
 
 
 def _slopes(
