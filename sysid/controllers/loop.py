@@ -8,7 +8,6 @@ with numpy arrays, for those that cannot be traced.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -48,11 +47,13 @@ from sysid.plant.period_step import (
     no_intervals,
 )
 from sysid.plant.ports import Model, Point, stack_models
+from sysid.plant.programs import kept
 from sysid.plant.simulator import ENDLESS
 from sysid.plant.stepper import Lanes
 from sysid.types import FloatArray
 
 _COMPILER_OPTIONS = {"xla_backend_optimization_level": 2}
+_MOST_PROGRAMS = 16
 _SHOWN = ("position", "velocity", "pressure_a", "pressure_b")
 _MEASURED = ("measured", "measured_a", "measured_b")
 _RECORDED = (*_SHOWN, *_MEASURED, "motor", "command_a", "command_b", "payload_kg")
@@ -336,7 +337,7 @@ def _recorded(carry: _Carry, seen: SensingMemory, commands: Commands) -> tuple[A
     return (*(getattr(carry.lanes, name) for name in _SHOWN), *seen.last, *commands)
 
 
-@functools.partial(jax.jit, static_argnames=("fixed",), compiler_options=_COMPILER_OPTIONS)
+@kept(_MOST_PROGRAMS, _COMPILER_OPTIONS)
 def _run(carry: _Carry, batch: _Batch, *, fixed: _Fixed) -> tuple[_Carry, tuple[Array, ...]]:
     def body(carry: _Carry, tick: Array) -> tuple[_Carry, tuple[Array, ...]]:
         readings, sensors = _measured(carry, tick, batch, fixed)
@@ -352,7 +353,7 @@ def _run(carry: _Carry, batch: _Batch, *, fixed: _Fixed) -> tuple[_Carry, tuple[
     return result
 
 
-@functools.partial(jax.jit, static_argnames=("fixed",), compiler_options=_COMPILER_OPTIONS)
+@kept(_MOST_PROGRAMS, _COMPILER_OPTIONS)
 def _sense_once(
     carry: _Carry, tick: Array, batch: _Batch, *, fixed: _Fixed
 ) -> tuple[SensorMemory, SensingMemory, StateEstimate]:
@@ -360,7 +361,7 @@ def _sense_once(
     return sensors, *sense(carry.sensing, readings, tick, PERIOD_S, batch.filters)
 
 
-@functools.partial(jax.jit, static_argnames=("fixed",), compiler_options=_COMPILER_OPTIONS)
+@kept(_MOST_PROGRAMS, _COMPILER_OPTIONS)
 def _drive_once(
     carry: _Carry, commands: Commands, tick: Array, batch: _Batch, *, fixed: _Fixed
 ) -> tuple[Lanes, tuple[ValveIntervals, ValveIntervals], Commands]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -28,6 +27,7 @@ from sysid.plant.preparation import (
     prepare,
     with_edges,
 )
+from sysid.plant.programs import kept
 from sysid.plant.stepper import advance
 from sysid.plant.tables import Block, block_of
 from sysid.types import FloatArray, IntArray
@@ -41,6 +41,8 @@ _ROWS = 1280
 # Half the compile time of the default level, and no slower; vectors as wide as the processor's,
 # where the compiler would stop at 256 bit.
 COMPILER_OPTIONS = {"xla_backend_optimization_level": 2, "xla_cpu_prefer_vector_width": 512}
+# Structures of models for which compiled programs are kept: more than one command meets.
+MOST_PROGRAMS = 32
 # No run needs nearly as many continuations for its events: more would be an endless loop.
 MOST_CALLS = 1000
 ENDLESS = (
@@ -111,9 +113,7 @@ def _unpack(layout: _Layout, packed: _Packed) -> list[dict[str, Any]]:
     ]
 
 
-@functools.partial(
-    jax.jit, static_argnames=("structure", "effects", "layout"), compiler_options=COMPILER_OPTIONS
-)
+@kept(MOST_PROGRAMS, COMPILER_OPTIONS)
 def _advance_chunk(
     lanes: Lanes,
     table: Table,

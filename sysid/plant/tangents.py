@@ -11,7 +11,6 @@ exact edges, which are linear in the delays.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -23,6 +22,7 @@ from sysid.plant.jax_setup import jax, jnp, on_processor
 from sysid.plant.lanes import Lanes, Table
 from sysid.plant.ports import Model, Structure, join, overrides, split, stack_models
 from sysid.plant.preparation import Inputs, Shared, prepare
+from sysid.plant.programs import kept
 from sysid.plant.simulator import (
     COMPILER_OPTIONS,
     ENDLESS,
@@ -48,6 +48,7 @@ STARTS = STATE
 # As in `simulator`: few shapes are ever compiled. The tangents fill the vectors next to the runs.
 _WIDTH = 8
 _ROWS = (256, 1024)
+_MOST_PROGRAMS = 8
 # Delays are moved by this for the edges' tangents, s: less than any sub-step that counts.
 _DELAY_STEP = 1e-7
 _TIMING = ("on_delay_a", "off_delay_a", "on_delay_b", "off_delay_b")
@@ -283,9 +284,7 @@ def _extra_slopes(
     return tuple(slopes)
 
 
-@functools.partial(
-    jax.jit, static_argnames=("structure", "effects", "varied"), compiler_options=COMPILER_OPTIONS
-)
+@kept(_MOST_PROGRAMS, COMPILER_OPTIONS)
 def _advance_chunk(
     lanes: Lanes,
     table: Table,

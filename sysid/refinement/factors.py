@@ -1,12 +1,16 @@
-"""Orthogonal factorisations of equations: as few rows as there are columns, the same squares."""
+"""Factorisations of equations: as few rows as there are columns, the same squares."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from sysid.types import FloatArray
+
+# Least pivot of columns of length 1 with which normal equations say as much as the equations: the
+# square of what is lost of the weakest direction is some 1e-16 over the square of it.
+_LEAST_PIVOT = 1e-4
 
 
 def triangular(rows: Sequence[FloatArray]) -> FloatArray:
@@ -14,4 +18,25 @@ def triangular(rows: Sequence[FloatArray]) -> FloatArray:
     return np.asarray(np.linalg.qr(np.vstack(list(rows)), mode="r"), dtype=float)
 
 
-__all__ = ["triangular"]
+def triangular_of_squares(
+    squares: FloatArray, rows: Callable[[], Sequence[FloatArray]]
+) -> FloatArray:
+    """The triangular factor (k, k) of rows with these normal equations (k, k) (Cholesky).
+
+    From the `rows` themselves (`triangular`) where their columns are too near to dependent.
+    """
+    size = np.sqrt(np.diag(squares))
+    known = np.flatnonzero(size)
+    own = np.ix_(known, known)
+    try:
+        lower = np.linalg.cholesky(squares[own] / np.outer(size[known], size[known]))
+    except np.linalg.LinAlgError:
+        return triangular(rows())
+    if not np.min(np.diag(lower), initial=1.0) >= _LEAST_PIVOT:
+        return triangular(rows())
+    factor = np.zeros_like(squares)
+    factor[own] = lower.T * size[known]
+    return factor
+
+
+__all__ = ["triangular", "triangular_of_squares"]

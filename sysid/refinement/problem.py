@@ -7,6 +7,7 @@ import functools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from sysid.plant.simulator import MAX_STEP, Trajectory, simulate
 from sysid.plant.static_reading import static_ratio
 from sysid.plant.tangents import Direction, Tangents, number_of, simulate_tangents
 from sysid.recording.simulation import after_run_ups
-from sysid.refinement.factors import triangular
+from sysid.refinement.factors import triangular_of_squares
 from sysid.refinement.prior import prior_factor
 from sysid.refinement.runs import STATES, Run
 from sysid.refinement.unknowns import Unknown, model_at
@@ -82,13 +83,22 @@ class RunErrors:
 @dataclass(frozen=True)
 class Linearised:
     """A run's whitened equations: `factor`, triangular, over its start, its test's friction, the
-    shared unknowns, and the residual; `cost` is the run's own, with its start's prior.
+    shared unknowns, and the residual; `cost` is the run's own, with its start's prior. `white` are
+    the whitened slopes by logged channel.
     """
 
     factor: FloatArray
     cost: float
     saturated: float
     errors: RunErrors
+    white: dict[int, WhiteSlopes]
+
+
+class WhiteSlopes(NamedTuple):
+    """A channel's whitened slopes (m, k), and their squares (k, k)."""
+
+    columns: FloatArray
+    squares: FloatArray
 
 
 @dataclass(frozen=True)
@@ -183,7 +193,7 @@ class Problem:
                 RunErrors(residual, known.errors.slopes).kept(run)
                 for run, residual, known in zip(self.runs, residuals, slopes_of, strict=True)
             ]
-            return self.equations(errors, point)
+            return self.equations(errors, point, slopes_of)
         directions = self._directions()
         spend(1 + len(directions))
         if self.by_differences:
@@ -204,9 +214,20 @@ class Problem:
             ]
         return self.equations(errors, point)
 
-    def equations(self, errors: Sequence[RunErrors], point: Iterate) -> list[Linearised]:
-        """Every run's equations with the whitening of this problem, from its errors at a point."""
-        return [self._equations(i, own, point) for i, own in enumerate(errors)]
+    def equations(
+        self,
+        errors: Sequence[RunErrors],
+        point: Iterate,
+        slopes_of: Sequence[Linearised] | None = None,
+    ) -> list[Linearised]:
+        """Every run's equations with the whitening of this problem, from its errors at a point.
+
+        `slopes_of`: this problem's equations elsewhere, whose slopes are whitened already where
+        the errors have the same.
+        """
+        known: Sequence[Linearised | None] = slopes_of or [None] * len(errors)
+        pairs = enumerate(zip(errors, known, strict=True))
+        return [self._equations(i, own, point, one) for i, (own, one) in pairs]
 
     def residuals(self, point: Iterate) -> list[FloatArray]:
         """Every run's (3, n), simulated less measured: rad or m, Pa. Raises OutOfBudgetError."""
@@ -322,33 +343,55 @@ class Problem:
         """Position and pressures (3, n) as the sensors show states (4, n) at the run's rows."""
         return self._seen(run, Trajectory(run.inputs.time, *states), model)
 
-    def _equations(self, number: int, errors: RunErrors, point: Iterate) -> Linearised:
+    def _equations(
+        self, number: int, errors: RunErrors, point: Iterate, known: Linearised | None
+    ) -> Linearised:
         """A run's equations: its start's prior, and each logged channel's whitened errors.
 
         The cost of a channel with errors of a size of its own is n log(1 + chi2 / n), and its
         slope that of weighted squares.
         """
-        parts, saturated = [], 0.0
-        prior = np.zeros((len(STATES), errors.slopes.shape[0] + 1))
+        count = errors.slopes.shape[0]
+        prior = np.zeros((len(STATES), count + 1))
         prior[:, : len(STATES)], prior[:, -1] = np.eye(len(STATES)), point.starts[number]
-        for white in self.whitened(number, errors):
+        same = known is not None and known.errors.slopes is errors.slopes
+        slopes = known.white if known is not None and same else self._slopes(number, errors)
+        squares, saturated, weighted = prior.T @ prior, 0.0, []
+        for channel, own in slopes.items():
+            left = self._white(number, channel, errors.residual[None, channel])
+            total, weight = float(left[:, 0] @ left[:, 0]), 1.0
             if self.robust:
-                ratio = float(np.mean(white[:, -1] ** 2))
+                ratio = total / len(left)
                 weight = 1.0 / (1.0 + ratio)
-                saturated += len(white) * (math.log1p(ratio) - weight * ratio)
-                white *= math.sqrt(weight)
-            parts.append(white)
-        factor = triangular([prior, *parts])
+                saturated += len(left) * (math.log1p(ratio) - weight * ratio)
+            squares[:count, :count] += weight * own.squares
+            squares[:count, count:] += weight * (own.columns.T @ left)
+            squares[count, count] += weight * total
+            weighted.append((own.columns, left, math.sqrt(weight)))
+        squares[count:, :count] = squares[:count, count:].T
+        factor = triangular_of_squares(
+            squares, lambda: [prior, *(np.hstack([s, r]) * weight for s, r, weight in weighted)]
+        )
         cost = float(factor[:, -1] @ factor[:, -1]) + saturated
-        return Linearised(factor, cost, saturated, errors)
+        return Linearised(factor, cost, saturated, errors, slopes)
+
+    def _slopes(self, number: int, errors: RunErrors) -> dict[int, WhiteSlopes]:
+        found = {}
+        for channel in np.flatnonzero(~np.isnan(errors.residual).any(axis=1)).tolist():
+            columns = self._white(number, channel, errors.slopes[:, channel])
+            found[channel] = WhiteSlopes(columns, columns.T @ columns)
+        return found
+
+    def _white(self, number: int, channel: int, rows: FloatArray) -> FloatArray:
+        """Rows (k, n) of a channel of a run as whitened columns (m, k)."""
+        independent = self.runs[number].independent(channel, rows.T)
+        return self.whitening[number][channel].innovations(independent)
 
     def whitened(self, number: int, errors: RunErrors) -> Iterator[FloatArray]:
         """For each logged channel of a run its whitened derivatives and residual, (m, k + 1)."""
-        for channel, whitening in enumerate(self.whitening[number]):
-            if np.isnan(errors.residual[channel]).any():
-                continue
-            columns = np.vstack([errors.slopes[:, channel], errors.residual[None, channel]])
-            yield whitening.innovations(self.runs[number].independent(channel, columns.T))
+        for channel in np.flatnonzero(~np.isnan(errors.residual).any(axis=1)).tolist():
+            rows = np.vstack([errors.slopes[:, channel], errors.residual[None, channel]])
+            yield self._white(number, channel, rows)
 
     def friction_residual(self, point: Iterate) -> FloatArray:
         """(tests, 2): how far each test's friction is from the model's, in units of the scatter."""

@@ -252,6 +252,8 @@ def _wide(tail: FloatArray, test: int, p: int, m: int) -> FloatArray:
 
 
 def _damped(factor: FloatArray, damping: float) -> FloatArray:
+    if damping == 0.0:
+        return factor
     extra = np.zeros((_S, factor.shape[1]))
     sizes = np.maximum(np.linalg.norm(factor[:, :_S], axis=0), _LEAST_COLUMN)
     extra[:, :_S] = math.sqrt(damping) * np.diag(sizes)

@@ -61,6 +61,8 @@ class Run:
         """
         if channel or np.isnan(self.measured[0]).any():
             return columns
+        if len(self._rows) == len(columns):
+            return columns
         found: FloatArray = np.add.reduceat(columns, self._rows, axis=0)
         return found / np.diff(self._rows, append=len(columns))[:, None]
 

@@ -117,11 +117,9 @@ def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str
 
 
 def forget() -> None:
-    """Drop what is kept for the traces of a diagnosis, and what is compiled for its models."""
+    """Drop what is kept for the traces of a diagnosis; what is compiled serves the next."""
     _padded.cache_clear()
     _all_pieces.cache_clear()
-    if _compiled.cache_info().currsize:
-        _compiled().clear_cache()
 
 
 @dataclass(frozen=True)
@@ -196,11 +194,10 @@ def _padded(channel: _Channel) -> Any:
 @cache
 def _compiled() -> Any:
     """`_histories`, compiled; jax is loaded with the first effect that has a state."""
-    from sysid.plant.jax_setup import jax
-    from sysid.plant.simulator import COMPILER_OPTIONS
+    from sysid.plant.programs import Programs
+    from sysid.plant.simulator import COMPILER_OPTIONS, MOST_PROGRAMS
 
-    fixed = ("structure", "names", "steps", "parts")
-    return jax.jit(_histories, static_argnames=fixed, compiler_options=COMPILER_OPTIONS)
+    return Programs(_histories, MOST_PROGRAMS, COMPILER_OPTIONS)
 
 
 def _histories(
