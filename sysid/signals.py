@@ -351,7 +351,13 @@ def _difference_variance(x: FloatArray, order: int, lag: int) -> float:
     count = min(16, len(squares) // 64)
     if count < 3:
         return float(squares.mean())
-    return float(np.median([block.mean() for block in np.array_split(squares, count)]))
+    each, over = divmod(len(squares), count)
+    longer = over * (each + 1)  # as `np.array_split`: the first blocks hold the rows that are over
+    means = [
+        part.reshape(-1, size).mean(axis=1)
+        for part, size in ((squares[:longer], each + 1), (squares[longer:], each))
+    ]
+    return float(np.median(np.concatenate(means)))
 
 
 def _surviving_variance(noise: float) -> float:

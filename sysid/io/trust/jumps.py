@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -30,6 +31,7 @@ _FALSE_ALARM = 1e-4
 _USUAL, _SELDOM = 0.9, 0.99
 # Variance of third differences, which leave hardly any motion, of white noise.
 _THIRD = math.comb(2 * 3, 3)
+_UPPER_QUARTILE = NormalDist().inv_cdf(0.75)
 # Third differences whose median is the noise around a step.
 _BLOCK = 32
 # Steps from which a sensor's readings show its resolution.
@@ -95,6 +97,8 @@ def without_jumps(
     around it leads; by whole counts where the position is in counts.
     """
     found: list[Jump] = []
+    if np.all(position == position[:1]):  # held
+        return position, found
     joined = position
     # Jumps in a test; a recording with more of them is no recording of a motion.
     for _ in range(50):
@@ -179,19 +183,23 @@ def _largest_noise(position: FloatArray, count: float) -> FloatArray:
     By third differences over all rows, and over the blocks around a step: the noise of a clock
     whose jitter is not logged grows with the speed.
     """
-    from scipy.stats import norm
-
     third = np.abs(np.diff(position, 3))
     quiet = np.sort(third)[: max(1, math.ceil(_USUAL * len(third)))]
     everywhere = math.sqrt(float(np.mean(quiet**2)) / _THIRD)
-    blocks = [np.median(b) for b in np.array_split(third, max(1, len(third) // _BLOCK))]
+    sizes = [len(b) for b in np.array_split(third, max(1, len(third) // _BLOCK))]
+    larger = sizes.count(sizes[0]) * sizes[0]  # the first blocks hold the rows that are over
+    blocks = np.concatenate(
+        [
+            np.median(part.reshape(-1, size), axis=1)
+            for part, size in ((third[:larger], sizes[0]), (third[larger:], sizes[-1]))
+        ]
+    )
     around = np.max(sliding_window_view(np.pad(blocks, 1, mode="edge"), 3), axis=1)
-    sizes = [len(b) for b in np.array_split(third, len(blocks))]
     # Step k + 3 is in third differences k + 1 to k + 3.
     local = np.repeat(around, sizes)[2 : 2 + len(position) - 1 - 2 * _SIDE]
-    noise = np.maximum(everywhere, local / (float(norm.isf(0.25)) * math.sqrt(_THIRD)))
+    noise = np.maximum(everywhere, local / (_UPPER_QUARTILE * math.sqrt(_THIRD)))
     free = np.sqrt(np.maximum(0.0, noise**2 - count**2 / 12.0))
-    return math.sqrt(2.0) * float(norm.isf(0.5 * _FALSE_ALARM / len(position))) * free
+    return math.sqrt(2.0) * -NormalDist().inv_cdf(0.5 * _FALSE_ALARM / len(position)) * free
 
 
 def _seldom_passed(ratio: FloatArray) -> float:
@@ -208,13 +216,14 @@ def _around(time: FloatArray, position: FloatArray, back: int) -> _Around | None
     window = 2 * _SIDE + 1 + back
     if len(steps) < window + 2:
         return None
-    pair = [_SIDE, _SIDE + back]
-    others = np.delete(sliding_window_view(steps / periods, window), pair, axis=1)
-    lengths = sliding_window_view(periods, window)
+    count = len(steps) - window + 1
+    speeds, pair = steps / periods, (_SIDE, _SIDE + back)
+    others = np.stack([speeds[k : k + count] for k in range(window) if k not in pair])
+    lengths = np.stack([periods[k : k + count] for k in range(window)])
     # A row's time stamp may be late: its step may have taken any of the periods around it.
-    short, long = lengths.min(axis=1), lengths.max(axis=1)
-    low, high = others.min(axis=1), others.max(axis=1)
-    there, again = (sliding_window_view(steps, window)[:, at] for at in pair)
+    short, long = lengths.min(axis=0), lengths.max(axis=0)
+    low, high = others.min(axis=0), others.max(axis=0)
+    there, again = (steps[at : at + count] for at in pair)
     most, least = np.maximum(high * short, high * long), np.minimum(low * short, low * long)
     if back:
         outside = np.maximum(
@@ -226,14 +235,15 @@ def _around(time: FloatArray, position: FloatArray, back: int) -> _Around | None
     # What happens in a pause of the recording is unknown.
     paused = np.zeros(len(steps), dtype=bool)
     paused[signals.pauses(time)] = True
-    outside[sliding_window_view(paused, window).any(axis=1)] = 0.0
-    left = others - others @ _LINES[back].T
+    if paused.any():
+        outside[sliding_window_view(paused, window).any(axis=1)] = 0.0
+    left = others - _LINES[back] @ others
     return _Around(
         back,
         outside,
-        np.ptp(left, axis=1) * long,
-        others.mean(axis=1) * sliding_window_view(periods, window)[:, _SIDE],
-        np.abs(others).max(axis=1),
+        np.ptp(left, axis=0) * long,
+        others.mean(axis=0) * lengths[_SIDE],
+        np.abs(others).max(axis=0),
     )
 
 

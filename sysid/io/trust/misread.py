@@ -54,6 +54,8 @@ def spikes(values: FloatArray) -> NDArray[np.intp]:
     if len(values) < MIN_SAMPLES or moves.size == 0:
         return np.array(found, dtype=np.intp)
     least = _STEPS_APART * float(np.median(moves))
+    if np.max(moves) <= least:  # the steps to and from a spike are larger
+        return np.array(found, dtype=np.intp)
     for side in (1.0, -1.0):
         found += _highest_apart(side * values, least)
     return np.array(sorted(found), dtype=np.intp)
@@ -62,6 +64,8 @@ def spikes(values: FloatArray) -> NDArray[np.intp]:
 def without_spikes(values: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
     """The rows of `spikes` of a test (n,), and its values with those on the line between others."""
     rows = spikes(values)
+    if rows.size == 0:
+        return rows, values.copy()
     ordinary = np.delete(np.arange(len(values)), rows)
     repaired = values.copy()
     repaired[rows] = np.interp(rows, ordinary, values[ordinary])

@@ -47,7 +47,10 @@ def without_wraps(
     Each is moved by whole ranges until its middle is next to zero, which is the middle of the
     stroke: a test without a wrap, too, may lie beyond one.
     """
-    possible = [whole for whole in ranges if all(_is_ordinary(part, whole) for part in parts)]
+    # Most logs hold no step that a wrap would need, which one look at their steps shows.
+    step = max((float(np.max(np.abs(np.diff(part)), initial=0.0)) for part in parts), default=0.0)
+    wrapping = [whole for whole in ranges if step > (1.0 - _ORDINARY) * whole]
+    possible = [whole for whole in wrapping if all(_is_ordinary(part, whole) for part in parts)]
     apart = [_largest_after_wraps(parts, whole) for whole in possible]
     if not any(map(math.isfinite, apart)):
         return list(parts), None
