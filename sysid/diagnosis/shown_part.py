@@ -25,6 +25,7 @@ from sysid.blocks.sections import Block, FigureGroup, Section
 from sysid.diagnosis.figures import drawable, regressor_axis
 from sysid.diagnosis.wording import regressor_name
 from sysid.errors import InputError, NotIdentifiedError
+from sysid.io.kinds import FRICTION_MOTION
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -46,18 +47,21 @@ def fitted_axis(campaign: Campaign, bundle: Bundle) -> Content | None:
 
     None where it came from other tests, or these cannot be used.
     """
-    from sysid.diagnosis.bench import pictures
-    from sysid.diagnosis.bench.registry import AXIS, component_of
-
-    if bundle.friction is None or bundle.friction.source != AXIS or bundle.effects:
+    if bundle.friction is None or bundle.friction.source != FRICTION_MOTION or bundle.effects:
         return None
+    from sysid.diagnosis.bench import pictures
+    from sysid.diagnosis.bench.registry import component_of
+
     try:
         trials = {
-            use: [t for e in campaign.select((AXIS,), use) for t in campaign.read(e).trials]
+            use: [
+                t for e in campaign.select((FRICTION_MOTION,), use) for t in campaign.read(e).trials
+            ]
             for use in ("fit", "holdout")
         }
         part, outside = (
-            component_of(AXIS, own, campaign.rig) if own else None for own in trials.values()
+            component_of(FRICTION_MOTION, own, campaign.rig) if own else None
+            for own in trials.values()
         )
         if part is None:
             return None

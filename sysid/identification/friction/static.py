@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -295,17 +296,25 @@ def _locate(trial: Recording, before: int, after: int, threshold: float, hold: i
     first = max(0, before - max(2 * hold, end - before))
     times, course = t[first : end + 1], direction * (x[first : end + 1] - x[before])
 
-    def squares(t0: float) -> float:
-        return _rest_then_motion(times, course, t0)
-
     low, high = max(first, before - hold) + 2, end - 2
     if high - low < 3:
         low, high = first + 1, end
-    row = _least(lambda i: squares(float(t[i])), low, high)
-    best = float(t[row])
-    best = _refined(squares, best, trial.period)
+    best = _begins(times.tobytes(), course.tobytes(), low - first, high - first, trial.period)
     index = int(np.searchsorted(t, best, side="right")) - 1
     return Onset(best, max(index, 1), direction, threshold)
+
+
+# The fit of a ramp, the check of what it identifies and the comparison with other logs each ask.
+@lru_cache(maxsize=256)
+def _begins(times: bytes, course: bytes, low: int, high: int, period: float) -> float:
+    """When a motion begins, s, by the doubles in `times` and `course`: in rows `low` to `high`."""
+    t, x = np.frombuffer(times), np.frombuffer(course)
+
+    def squares(t0: float) -> float:
+        return _rest_then_motion(t, x, t0)
+
+    row = _least(lambda i: squares(float(t[i])), low, high)
+    return _refined(squares, float(t[row]), period)
 
 
 def _least(squares: Callable[[int], float], low: int, high: int) -> int:
@@ -333,13 +342,20 @@ def _rest_then_motion(times: FloatArray, course: FloatArray, t0: float) -> float
     s = np.maximum(times - t0, 0.0)
     scale = max(float(s[-1]), 1e-12)
     creep = np.minimum(times - t0, 0.0) / max(t0 - float(times[0]), 1e-12)
-    rest = [np.ones_like(times), creep]
+    share = s / scale
+    columns = (np.ones_like(times), creep, share * share, share * share * share, course)
+    # A rotation changes no sum of squares: five rows hold what all of them do.
+    rows: FloatArray = np.asarray(np.linalg.qr(np.stack(columns, axis=1), mode="r"))
+    rounding = len(times) * float(np.finfo(float).eps)
     best = math.inf
-    for terms in ((2, 3), (2,), (3,)):
-        columns = np.column_stack(rest + [(s / scale) ** k for k in terms])
-        solution, *_ = np.linalg.lstsq(columns, course, rcond=None)
+    # With both terms the sum is no larger than with either: it is asked first.
+    for terms in ((0, 1, 2, 3), (0, 1, 2), (0, 1, 3)):
+        own = rows[:, terms]
+        solution, *_ = np.linalg.lstsq(own, rows[:, 4], rcond=rounding)
         if np.all(solution[2:] >= 0.0):
-            best = min(best, float(np.sum((course - columns @ solution) ** 2)))
+            best = min(best, float(np.sum((rows[:, 4] - own @ solution) ** 2)))
+            if len(terms) == 4:
+                break
     return best
 
 

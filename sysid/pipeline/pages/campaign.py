@@ -17,7 +17,7 @@ from sysid.diagnosis.evidence import is_of_actuator
 from sysid.errors import Failure, input_error, on_its_own
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
-from sysid.parameters import Bundle, FittedValves, Provenance, assumptions, shown_by_logs
+from sysid.parameters import Bundle, Provenance, assumptions, shown_by_logs
 from sysid.parameters.provenance import family
 from sysid.pipeline.pages.opening import ReportVerdict, verdict
 from sysid.types import Progress
@@ -167,22 +167,24 @@ def report_parts(
     """Each section's id, title, the line if it is missing ("": none), and its builder."""
     from sysid.pipeline.pages.next_steps import open_questions
 
-    valves = bundle.valves or FittedValves()
-
     def friction() -> Section | None:
         from sysid.identification.friction.shown import friction_section
 
         return None if bundle.friction is None else friction_section(bundle)
 
     def discrete() -> Section | None:
+        if bundle.valves is None:
+            return None
         from sysid.identification.valve_discrete.shown import discrete_section
 
         return discrete_section(bundle, _logs(campaign, "valve-discrete"), campaign.rig)
 
     def surfaces() -> Section | None:
+        if bundle.valves is None:
+            return None
         from sysid.identification.valve_pwm.shown import surfaces_section
 
-        return surfaces_section(valves, _logs(campaign, "valve-pwm"), campaign.rig)
+        return surfaces_section(bundle.valves, _logs(campaign, "valve-pwm"), campaign.rig)
 
     def diagnosed() -> Section | None:
         from sysid.diagnosis.shown import diagnosis_section
