@@ -118,15 +118,19 @@ class Autoregression:
 
     def autocovariance(self, count: int) -> FloatArray:
         """At lags 0 to count - 1, (count,)."""
-        from scipy.signal import lfilter, lfiltic
+        from scipy.linalg.lapack import dtbtrs
 
         order = len(self.coefficients)
+        known = np.pad(self.start, (0, max(count - order - 1, 0)))[:count]
         if order == 0 or count <= order + 1:
-            return np.pad(self.start, (0, max(count - order - 1, 0)))[:count]
-        whitening = np.concatenate([[1.0], -self.coefficients])
-        state = lfiltic([1.0], whitening, self.start[:0:-1])
-        rest, _ = lfilter([1.0], whitening, np.zeros(count - order - 1), zi=state)
-        return np.concatenate([self.start, rest])
+            return known
+        # A triangular system of order + 1 diagonals, solved one lag after the other. It begins
+        # with the autocovariance at lags 0 to k, which is known.
+        bands = np.ones((order + 1, count))
+        bands[1:] = -self.coefficients[:, None]
+        for lag in range(1, order + 1):
+            bands[lag, : order + 1 - lag] = 0.0
+        return np.asarray(dtbtrs(bands, known[:, None], uplo="L", diag="U")[0][:, 0])
 
     def sensitivity(self, size: int) -> FloatArray:
         """(k, size // 2 + 1): change of the spectrum's logarithm with each coefficient."""

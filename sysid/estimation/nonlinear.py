@@ -28,6 +28,10 @@ Jacobian = Callable[[FloatArray], FloatArray]
 # Step of a central difference that balances rounding against curvature.
 _CENTRAL_STEP = float(np.finfo(float).eps) ** (1.0 / 3.0)
 
+# Share of the sum of squares below which a Gauss-Newton step is the last: the residuals change by
+# 1e-5 of themselves, and what is of second order by the square of that.
+_LAST_STEP = 1e-10
+
 # So near to a bound, as a share of its scale, a parameter is stuck there.
 _AT_BOUND = 1e-6
 
@@ -398,45 +402,87 @@ def minimise(
             gtol=None,
             max_nfev=max_evaluations,
         )
-        x = found.x
+        end = FitStart(found.x, np.asarray(found.fun), np.asarray(found.jac))
         if polish:
-            x = _polished(scaled, scaled_jacobian, x, lower / sizes, upper / sizes)
-    here, slopes = (scaled(x), scaled_jacobian(x)) if polish else (found.fun, found.jac)
+            end = _polished(scaled, scaled_jacobian, end, lower / sizes, upper / sizes)
     return LeastSquaresFit(
         tuple(parameters),
-        x * sizes,
-        here,
-        slopes / sizes,
+        end.x * sizes,
+        end.residuals,
+        end.jacobian / sizes,
         bool(found.status > 0),
         str(found.message),
         int(found.nfev),
     )
 
 
+@dataclass(frozen=True)
+class FitStart:
+    """Parameters `x` (p,), with the residuals (n,) and the Jacobian (n, p) there."""
+
+    x: FloatArray
+    residuals: FloatArray
+    jacobian: FloatArray
+
+
 def _polished(
-    residuals: Residuals, jacobian: Jacobian, x: FloatArray, lower: FloatArray, upper: FloatArray
-) -> FloatArray:
+    residuals: Residuals,
+    jacobian: Jacobian,
+    start: FitStart,
+    lower: FloatArray,
+    upper: FloatArray,
+) -> FitStart:
     """Gauss-Newton steps inside the bounds for as long as the sum of squares falls."""
-    r = residuals(x)
+    here = start
     for _ in range(20):
-        j = jacobian(x)
+        x, r, j = here.x, here.residuals, here.jacobian
         norm = np.sqrt(np.sum(j**2, axis=0))
         if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
-            return x
+            return here
         q, triangle = np.linalg.qr(j / norm)
         along = -(q.T @ r)
         # A step that would lower the sum of squares by less than this share is rounding.
         if not along @ along > 1e-18 * (r @ r):
-            return x
+            return here
         step, *_ = np.linalg.lstsq(triangle, along, rcond=1e-14)
         trial = x + step / norm
         if np.any(trial <= lower) or np.any(trial >= upper):
-            return x
+            return here
         new = residuals(trial)
         if not new @ new < r @ r:
-            return x
-        x, r = trial, new
-    return x
+            return here
+        here = FitStart(trial, new, jacobian(trial))
+    return here
+
+
+def without_rows(fit: LeastSquaresFit, start: FitStart, residuals: Residuals) -> FloatArray | None:
+    """The parameters (p,) of a fit of some of `fit`'s rows only, by Gauss-Newton steps from it.
+
+    `start`: the fit's values, with `residuals` and their Jacobian of these rows alone. They end
+    with a step whose error, of second order, is rounding. None where that leads out of the bounds,
+    or nowhere: `minimise` then finds them.
+    """
+    sizes = np.array([p.size for p in fit.parameters])
+    lower = np.array([p.lower for p in fit.parameters])
+    upper = np.array([p.upper for p in fit.parameters])
+    here = start
+    for _ in range(10):
+        norm = np.sqrt(np.sum(here.jacobian**2, axis=0))
+        if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
+            return None
+        q, triangle = np.linalg.qr(here.jacobian / norm)
+        along = -(q.T @ here.residuals)
+        step, *_ = np.linalg.lstsq(triangle, along, rcond=1e-14)
+        trial = here.x + step / norm
+        if np.any(trial <= lower) or np.any(trial >= upper):
+            return None
+        new = np.asarray(residuals(trial))
+        if along @ along <= _LAST_STEP * (here.residuals @ here.residuals):
+            return np.asarray(trial)
+        if not new @ new < here.residuals @ here.residuals:
+            return None
+        here = FitStart(trial, new, central_jacobian(residuals, trial, sizes, lower, upper))
+    return None
 
 
 def central_jacobian(

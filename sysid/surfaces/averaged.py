@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 from sysid.plant import base, valve_laws
@@ -114,7 +115,7 @@ class AveragedLaw:
             period=parameters.pwm_period,
         )
 
-    @property
+    @cached_property
     def valve(self) -> ValveParameters:
         """The law of the valve while it is on, and while it is off."""
         return ValveParameters(**{name: getattr(self, name) for name in VALVE_NAMES})

@@ -23,7 +23,14 @@ from numpy.typing import NDArray
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.law_evidence import twice_log_evidence
 from sysid.estimation.linear import Estimate
-from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
+from sysid.estimation.nonlinear import (
+    FitStart,
+    LeastSquaresFit,
+    Parameter,
+    Residuals,
+    minimise,
+    without_rows,
+)
 from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.plant.iso6358 import ANR_TEMPERATURE, DEFAULT_INDEX, HIGHEST_RATIO, choked_flow
 from sysid.surfaces.averaged import AveragedLaw, sampled_period
@@ -33,6 +40,10 @@ N_PARAMETERS = 5
 # A sample's least standard error, as a share of the largest flow: what the mean over a
 # window, the ripple and the supply omit from the law.
 _LEAST_ERROR = 0.002
+# A rough fit: how many samples it takes, and the relative fall of its sum of squares at which it
+# ends.
+_SOME = 500
+_ROUGH = 1e-3
 _UNITS = {
     "choked_flow_fill_kg_s": "kg/s",
     "choked_flow_dis_kg_s": "kg/s",
@@ -166,14 +177,13 @@ class AveragedFit:
         return {name: self.solution.estimate(name, covariance) for name in self.solution.names}
 
 
-def fit_averaged(
-    flows: MeanFlows, conditions: Conditions, near: FloatArray | None = None
-) -> AveragedFit:
+def fit_averaged(flows: MeanFlows, conditions: Conditions, *, rough: bool = False) -> AveragedFit:
     """The averaged law by bounded least squares over the samples of both directions.
 
-    `near` (5,): values of a fit of nearly the same samples, which the search starts from.
-    Raises NotIdentifiedError for fewer than three tests or where the pressure never leaves
-    one regime far enough to show any parameter.
+    `rough`: of some of the samples, and only until its evidence is known; a law that does not
+    describe the valve can take thousands of steps along a bound to its last digits. Raises
+    NotIdentifiedError for fewer than three tests or where the pressure never leaves one regime far
+    enough to show any parameter.
     """
     n_tests = len(np.unique(flows.test))
     if n_tests < FEWEST_REPEATS:
@@ -181,28 +191,55 @@ def fit_averaged(
             f"{n_tests} tests do not identify the averaged law; valve-pwm tests at "
             f"{FEWEST_REPEATS} duties or more would"
         )
-    scale = float(np.abs(flows.flow).max())
-    known = np.where(np.isfinite(flows.std), flows.std, 0.0)
-    error = np.hypot(known, _LEAST_ERROR * scale)
-    parameters = (_iso_start if conditions.by_iso else _start)(flows, conditions)
-
-    def solved(values: FloatArray, bend: FloatArray) -> LeastSquaresFit:
-        """From these values, with the bend of the flow over each sample's window, kg/s."""
+    start = (_iso_start if conditions.by_iso else _start)(flows, conditions)
+    if rough:
+        every = np.arange(len(flows.flow)) % max(1, len(flows.flow) // _SOME) == 0
+        some = _residuals(flows.select(every), conditions)
+        solution = minimise(some, start, tolerance=_ROUGH, polish=False)
+        left = _mean_flow(solution.values, flows, conditions) - flows.flow
+    else:
+        first = minimise(_residuals(flows, conditions), start).values
         start = [
             replace(p, value=float(np.clip(v, p.lower, p.upper)))
-            for p, v in zip(parameters, values, strict=True)
+            for p, v in zip(start, first, strict=True)
         ]
-        seen = flows.flow - bend
-        return minimise(lambda v: (_mean_flow(v, flows, conditions) - seen) / error, start)
-
-    values = near
-    if values is None:
-        begun = np.array([p.value for p in parameters])
-        values = solved(begun, np.zeros(len(flows.flow))).values
-    bend = _bend(values, flows, conditions)
-    solution = solved(values, bend)
-    left = solution.residuals * error
+        bend = _bend(first, flows, conditions)
+        solution = minimise(_residuals(flows, conditions, bend), start)
+        left = solution.residuals * _errors(flows)
     return AveragedFit(conditions, solution, flows.test, math.sqrt(float(np.mean(left**2))))
+
+
+def law_without(fit: AveragedFit, flows: MeanFlows, left_out: NDArray[np.bool_]) -> AveragedLaw:
+    """The law of the samples but for those `left_out` (mask); `fit` is of all, `flows`.
+
+    From the fit's numbers, which are next to it. Raises as `fit_averaged` does.
+    """
+    kept, whole = flows.select(~left_out), fit.solution
+    bend = _bend(whole.values, kept, fit.conditions)
+    residuals = _residuals(kept, fit.conditions, bend)
+    weight = _errors(flows)[~left_out] / _errors(kept)
+    slopes = whole.jacobian[~left_out] * weight[:, None]
+    values = without_rows(whole, FitStart(whole.values, residuals(whole.values), slopes), residuals)
+    if values is None or len(np.unique(kept.test)) < FEWEST_REPEATS:
+        return fit_averaged(kept, fit.conditions).law
+    return fit.conditions.law(values)
+
+
+def _residuals(
+    flows: MeanFlows, conditions: Conditions, bend: FloatArray | float = 0.0
+) -> Residuals:
+    """Weighted residuals (n,) of the samples by the law of parameter values (5,).
+
+    `bend` (n,): of the flow over each sample's window, kg/s (`_bend`).
+    """
+    error, seen = _errors(flows), flows.flow - bend
+    return lambda values: np.asarray((_mean_flow(values, flows, conditions) - seen) / error)
+
+
+def _errors(flows: MeanFlows) -> FloatArray:
+    """Standard errors (n,) that weigh the samples, kg/s."""
+    known = np.where(np.isfinite(flows.std), flows.std, 0.0)
+    return np.asarray(np.hypot(known, _LEAST_ERROR * float(np.abs(flows.flow).max())))
 
 
 def _mean_flow(values: FloatArray, flows: MeanFlows, conditions: Conditions) -> FloatArray:
@@ -294,4 +331,5 @@ __all__ = [
     "MeanFlows",
     "evidence_for_iso",
     "fit_averaged",
+    "law_without",
 ]

@@ -15,6 +15,7 @@ from sysid.identification.valve_pwm.quality import CHECK, duty_quality, fails
 from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValveAverage
 from sysid.io.rig import Rig
 from sysid.parameters.valves import AUTO, ISO6358, ISO_KEYS, LAW_KEYS, LAWS, THESIS
+from sysid.surfaces.averaged import AveragedLaw
 from sysid.surfaces.averaged_fit import (
     N_PARAMETERS,
     AveragedFit,
@@ -22,6 +23,7 @@ from sysid.surfaces.averaged_fit import (
     MeanFlows,
     evidence_for_iso,
     fit_averaged,
+    law_without,
 )
 from sysid.surfaces.comparison import SurfaceError, duty_errors
 from sysid.surfaces.holdout import group_folds
@@ -64,7 +66,9 @@ def average_of(
     errors, quality, notices = {}, {}, list(said)
     for (direction, found), offset in zip(directions.items(), offsets, strict=True):
         points, of_points = found.points, _Chambers.of(found)
-        errors[direction] = {"fitted": _judged(_duty(fit, points, of_points), points)}
+        errors[direction] = {
+            "fitted": _judged(_duty(fit.law, fit.conditions, points, of_points), points)
+        }
         if len(np.unique(points.test)) >= folds + 4:
             tests, held = (offset, of_points), (folds, seed)
             duties = on_its_own(partial(_held_out_duties, points, flows, fit, tests, held))
@@ -86,6 +90,8 @@ def average_of(
     return ValveAverage(fit, estimates, errors, quality, tuple(notices))
 
 
+# What a rough fit, whose last step gained a thousandth, may still take from its sum of squares.
+_STILL_TO_GAIN = 0.1
 _WITH_VOLUME = {*LAW_KEYS.values(), *(name for name in ISO_KEYS if name.startswith("sonic"))}
 
 
@@ -98,7 +104,15 @@ def fit_by_law(
     thesis = fit_averaged(flows, conditions)
     if law == THESIS:
         return thesis, ()
-    iso = on_its_own(partial(fit_averaged, flows, replace(conditions, by_iso=True)))
+    other = replace(conditions, by_iso=True)
+    rough = on_its_own(partial(fit_averaged, flows, other, rough=True))
+    if isinstance(rough, Failure):
+        return thesis, ()
+    # Twice the log evidence of n samples grows by at most n for each share of the sum of squares.
+    within_reach = DECISIVE + _STILL_TO_GAIN * len(flows.flow)
+    if sum(evidence_for_iso(thesis, rough, flows).values()) < -within_reach:
+        return thesis, ()
+    iso = on_its_own(partial(fit_averaged, flows, other))
     if isinstance(iso, Failure):
         return thesis, ()
     evidence = evidence_for_iso(thesis, iso, flows)
@@ -152,10 +166,12 @@ class _Chambers:
         return _Chambers(self.per_flow[rows], self.supply[rows])
 
 
-def _duty(fit: AveragedFit, points: SurfacePoints, chambers: _Chambers) -> FloatArray:
+def _duty(
+    law: AveragedLaw, conditions: Conditions, points: SurfacePoints, chambers: _Chambers
+) -> FloatArray:
     """Duty (n,) at the points by a law, with the ripple of their chambers."""
-    lines = chambers.supply, fit.conditions.atmosphere
-    return np.asarray(fit.law.held_duty(points.flow, points.pressure, lines, chambers.per_flow))
+    lines = chambers.supply, conditions.atmosphere
+    return np.asarray(law.held_duty(points.flow, points.pressure, lines, chambers.per_flow))
 
 
 def _held_out_duties(
@@ -176,8 +192,8 @@ def _held_out_duties(
     duty = np.full(len(points.duty), np.nan)
     for held in group_folds(points.test, points.duty, folds, seed):
         left_out = np.isin(flows.test, points.test[held] + offset)
-        fit = fit_averaged(flows.select(~left_out), whole.conditions, whole.solution.values)
-        duty[held] = _duty(fit, points.select(held), chambers.select(held))
+        law = law_without(whole, flows, left_out)
+        duty[held] = _duty(law, whole.conditions, points.select(held), chambers.select(held))
     return duty
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.ndimage import median_filter
+from numpy.lib.stride_tricks import sliding_window_view
 
 from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.identification.valve_pwm.samples import PwmTest
@@ -80,7 +80,8 @@ def _spectrum(tests: Sequence[PwmTest], rows: int) -> FloatArray:
 
 def _strongest_line(power: FloatArray) -> int | None:
     """Bin of the strongest line of a spectrum (m,); None where it has none."""
-    lines = power > _LINE_POWER * median_filter(power, _NOISE_BINS, mode="reflect")
+    about = sliding_window_view(np.pad(power, _NOISE_BINS // 2, mode="symmetric"), _NOISE_BINS)
+    lines = power > _LINE_POWER * np.median(about, axis=1)
     # The slow course leaks into the lowest bins, which therefore hold no line.
     lines[: _NOISE_BINS // 2] = False
     return int(np.argmax(np.where(lines, power, 0.0))) if lines.any() else None
