@@ -22,6 +22,8 @@ from sysid.refinement.problem import Iterate, Linearised, Problem
 from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.types import BoolArray, FloatArray
 
+# The number of directions is a whole multiple of this.
+_SIZES = 8
 _MOST_REFUSED = 6
 _MOST_CHORDS = 3
 # Steps in all, over evaluations: where the simulation switches between rest and motion at every
@@ -60,7 +62,7 @@ class Solution:
 
 
 class _Trial(NamedTuple):
-    """A step `y` that optimistix proposes along `directions` (m, m), columns of reduced unknowns,
+    """A step `y` that optimistix proposes along `directions` (m, k), columns of reduced unknowns,
     and what it needs for the answer.
     """
 
@@ -80,9 +82,9 @@ def _affine(y: Any, at: tuple[Any, Any, Any]) -> tuple[Any, None]:
     return residual + jacobian @ (y - point), None
 
 
-@functools.cache
+@functools.lru_cache(maxsize=4)
 def _optimistix(size: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Proposal and answer, compiled for `size` unknowns."""
+    """Proposal and answer, compiled for `size` directions."""
     import equinox
     import lineax
     import optimistix
@@ -111,11 +113,14 @@ def _at(base: ReducedEquations, y: Any, directions: FloatArray) -> tuple[Any, An
     """The equations along these directions; of those that are 0, without slopes."""
     from sysid.plant.jax_setup import jnp
 
-    return y, jnp.asarray(base.r), jnp.asarray(base.jacobian @ directions)
+    rows = (0, directions.shape[1] - len(directions))
+    residual, slopes = np.pad(base.r, rows), np.pad(base.jacobian @ directions, (rows, (0, 0)))
+    return y, jnp.asarray(residual), jnp.asarray(slopes)
 
 
 def _directions(problem: Problem, base: ReducedEquations) -> FloatArray:
-    """Directions along which a step is damped, (m, m), each column scaled by one over its slope.
+    """Directions along which a step is damped, (m, k), each column scaled by one over its slope,
+    and further ones that are 0: few sizes k are ever compiled.
 
     Damping means the same to each unknown then (Marquardt 1963). Friction's mean and each test's
     about it, of which the tests know the sum, would hardly move under any, so their difference is
@@ -127,16 +132,17 @@ def _directions(problem: Problem, base: ReducedEquations) -> FloatArray:
         found[:, int(np.argmax(unseen != 0.0))] = unseen
     found /= np.maximum(np.linalg.norm(base.jacobian @ found, axis=0), 1e-12)
     found[:, stopped] = 0.0
-    return found
+    return np.pad(found, ((0, 0), (0, -len(found) % _SIZES)))
 
 
 def _propose(problem: Problem, base: ReducedEquations, step_size: float) -> _Trial:
     from sysid.plant.jax_setup import jnp, on_processor
 
     directions = _directions(problem, base)
-    propose, _ = _optimistix(len(directions))
+    propose, _ = _optimistix(directions.shape[1])
     with on_processor():
-        state = propose(_at(base, jnp.zeros(len(directions)), directions), jnp.asarray(step_size))
+        start = jnp.zeros(directions.shape[1])
+        state = propose(_at(base, start, directions), jnp.asarray(step_size))
     return _Trial(directions, state.y_eval, state)
 
 
@@ -149,9 +155,10 @@ def _answer(
     """
     from sysid.plant.jax_setup import jnp, on_processor
 
-    propose, answer = _optimistix(len(given.directions))
+    size = given.directions.shape[1]
+    propose, answer = _optimistix(size)
     with on_processor():
-        at = _at(base, jnp.zeros(len(given.directions)), given.directions)
+        at = _at(base, jnp.zeros(size), given.directions)
         state = propose(at, jnp.asarray(step_size))
         accepted, size = answer(at, _at(trial, given.y, given.directions), state, given.y)
     return bool(accepted), float(size)

@@ -7,7 +7,7 @@ forgotten their start.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from types import SimpleNamespace
@@ -18,6 +18,7 @@ import numpy as np
 from sysid.diagnosis.actuator.samples import TestRun, Traces
 from sysid.io.channels import SIDES
 from sysid.io.rig import Load
+from sysid.parallel import in_threads
 from sysid.plant import base, plant
 from sysid.plant.base import Array
 from sysid.plant.ports import Model, Point, Structure, join, overrides, split, with_load
@@ -29,7 +30,8 @@ _RUN_UP_S = 0.35
 # A resonance takes longer to forget, and costs less: fewer tests, no flows.
 _MECHANICAL_RUN_UP_S = 1.0
 _STATE_STEP_S = 1e-3
-# Rows and pieces are padded to whole multiples, so that few shapes are ever compiled.
+# Rows are padded to whole multiples, and so many pieces integrated at a time: few shapes are ever
+# compiled.
 _ROWS = 65536
 _LANES = 256
 _SIGNALS = (
@@ -92,28 +94,45 @@ def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str
 
     Without `needs_flow` only the torque balance is concerned, and held tests are left out.
     """
-    from sysid.plant.jax_setup import on_processor
-
     found = {name: np.zeros(len(traces)) for name in model.state_names}
     structure, numbers = split((model.parameters, *model.effects))
     # As numbers of one kind: jax compiles anew for each kind.
     inputs = [{name: np.asarray(v, dtype=float) for name, v in part.items()} for part in numbers]
-    for pieces in _all_pieces(traces.runs, needs_flow):
-        parts = max(1, int(np.ceil(pieces.period / _STATE_STEP_S * (1 - 1e-6))))
-        with on_processor():
-            histories = _compiled()(
-                _signals(traces),
-                (pieces.low, pieces.last),
-                pieces.period / parts,
-                inputs,
-                structure=structure,
-                names=model.state_names,
-                steps=pieces.steps,
-                parts=parts,
-            )
-        for name, history in zip(model.state_names, histories, strict=True):
-            found[name][pieces.rows] = np.asarray(history)[pieces.counts]
+    signals = _signals(traces)
+
+    def histories(pieces: _Pieces) -> list[FloatArray]:
+        return _history_of(pieces, signals, inputs, structure, model.state_names)
+
+    blocks = _all_pieces(traces.runs, needs_flow)
+    for pieces, own in zip(blocks, in_threads(histories, blocks), strict=True):
+        for name, history in zip(model.state_names, own, strict=True):
+            found[name][pieces.rows] = history
     return found
+
+
+def _history_of(
+    pieces: _Pieces,
+    signals: dict[str, Any],
+    inputs: list[dict[str, FloatArray]],
+    structure: Structure,
+    names: tuple[str, ...],
+) -> list[FloatArray]:
+    """Each state at the pieces' rows."""
+    from sysid.plant.jax_setup import on_processor
+
+    parts = max(1, int(np.ceil(pieces.period / _STATE_STEP_S * (1 - 1e-6))))
+    with on_processor():
+        histories = _compiled()(
+            signals,
+            (pieces.low, pieces.last),
+            pieces.period / parts,
+            inputs,
+            structure=structure,
+            names=names,
+            steps=pieces.steps,
+            parts=parts,
+        )
+    return [np.asarray(history)[pieces.counts] for history in histories]
 
 
 def forget() -> None:
@@ -140,16 +159,17 @@ class _Pieces:
 
 @lru_cache(maxsize=4)
 def _all_pieces(tests: tuple[TestRun, ...], needs_flow: bool) -> tuple[_Pieces, ...]:
-    """The pieces of all tests that are concerned, those of one sampling period together."""
+    """The pieces of all tests that are concerned, so many together of one sampling period."""
     runs = [run for run in tests if run.moves or needs_flow]
     run_up = _RUN_UP_S if needs_flow else _MECHANICAL_RUN_UP_S
     return tuple(
-        _pieces([run.rows for run in runs if run.period == period], period, run_up)
+        pieces
         for period in sorted({run.period for run in runs})
+        for pieces in _pieces([run.rows for run in runs if run.period == period], period, run_up)
     )
 
 
-def _pieces(runs: Sequence[slice], period: float, run_up_s: float) -> _Pieces:
+def _pieces(runs: Sequence[slice], period: float, run_up_s: float) -> Iterator[_Pieces]:
     count, run_up = round(_PIECE_S / period), round(run_up_s / period)
     cut = [
         (first, max(rows.start, first - run_up), rows.stop - 1)
@@ -158,10 +178,11 @@ def _pieces(runs: Sequence[slice], period: float, run_up_s: float) -> _Pieces:
     ]
     # Idle pieces repeat the last one.
     cut += [cut[-1]] * (-len(cut) % _LANES)
-    first, low, last = np.array(cut, dtype=np.intp).T
-    place = low + np.arange(run_up + count)[:, None]
-    counts = (place >= first) & (place < first + count) & (place <= last)
-    return _Pieces(low, last, counts, place[counts], run_up + count, period)
+    for begin in range(0, len(cut), _LANES):
+        first, low, last = np.array(cut[begin : begin + _LANES], dtype=np.intp).T
+        place = low + np.arange(run_up + count)[:, None]
+        counts = (place >= first) & (place < first + count) & (place <= last)
+        yield _Pieces(low, last, counts, place[counts], run_up + count, period)
 
 
 def _signals(traces: Traces) -> dict[str, Any]:
