@@ -17,7 +17,7 @@ from functools import partial
 
 from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
 from sysid.identification.held_volume import VolumeError, position_count
-from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, fit_curves
+from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, CurveFit, fit_curves
 from sysid.identification.valve_discrete.estimates import (
     boundary_jumps,
     critical_ratios,
@@ -25,7 +25,7 @@ from sysid.identification.valve_discrete.estimates import (
     flows_and_delays,
     with_volume_error,
 )
-from sysid.identification.valve_discrete.law_choice import AUTO, LAWS, chosen
+from sysid.identification.valve_discrete.law_choice import AUTO, LAWS, SERIES, chosen
 from sysid.identification.valve_discrete.notices import (
     delay_notices,
     lack_of_fit_notices,
@@ -39,6 +39,13 @@ from sysid.identification.valve_discrete.result import (
     DiscreteFit,
     PressureCurve,
     ValveDiscreteResult,
+)
+from sysid.identification.valve_discrete.series import (
+    ValveAlone,
+    flow_names,
+    series_fit,
+    valve_alone,
+    with_flow_controls,
 )
 from sysid.identification.valve_discrete.start import free_parameters, start_of
 from sysid.identification.valve_discrete.trials import is_switched, screened_tests
@@ -66,7 +73,9 @@ def fit_valve_discrete(
     """Fit the on/off valves that the trials switch; `valve` ("a" or "b") keeps one.
 
     `find_ratio`: also estimate the thesis law's critical ratio, which takes longer than the rest of
-    the fit. `law`: "thesis", "iso6358", or "auto", by which the tests choose.
+    the fit. `law`: "thesis", "iso6358", "thesis-series", or "auto", by which the tests choose.
+    Trials without the valve's flow control (`Trial.flow_control`), or a declaration in the rig
+    file, give the valve's own coefficients, from which "thesis-series" finds the flow control's.
     A parameter that the tests do not identify has no value and gives the reason. Raises
     InputError where a channel is missing, NotIdentifiedError where the tests identify no flow
     parameter at all.
@@ -133,8 +142,15 @@ def _fit_valve(
     """The fit of one valve; `wanted`: whether the critical ratio is, and by which law."""
     air: Air = rig.require("air", "which the valve law needs")
     find_ratio, law = wanted
-    used = [t for t in trials if is_switched(t, valve)]
+    switched = [t for t in trials if is_switched(t, valve)]
+    used = [t for t in switched if t.flow_control]
+    bare = [t for t in switched if not t.flow_control]
     title = f"valve {valve.upper()}"
+    if bare and not used:
+        raise NotIdentifiedError(
+            f"{title}: all of its tests are without its flow control: add tests with it, or leave "
+            "flow_control out where the valve has none"
+        )
     if not used:
         trials[0].require([f"valve_{valve}"], f"which tells when {title} switches")
         raise NotIdentifiedError(
@@ -151,12 +167,16 @@ def _fit_valve(
     if all(name in reasons for name in FLOWS):
         raise NotIdentifiedError(f"{title}: {_joined(reasons)}")
     by_thesis = fit_curves(pieces, start, free_parameters(reasons, read, pieces))
-    curves, choice, _ = chosen(by_thesis, law)
+    alone, series = _in_series(bare, valve, rig, by_thesis, law, notices)
+    curves, choice = chosen(by_thesis, law, series)
+    reasons = {name: why for name, why in reasons.items() if name not in curves.problem.free}
     contradicted = any_contradiction(used)
     quality = {
         way: replace(one, contradicted=contradicted) for way, one in judged(curves, title).items()
     }
     estimates = flows_and_delays(curves, reasons, title, notices)
+    ways = [way for way, name in choice.laws.items() if name == SERIES]
+    estimates = with_flow_controls(estimates, series, ways, alone)
     estimates |= critical_ratios(curves, estimates) if find_ratio else {}
     estimates |= boundary_jumps(curves, estimates, air)
     volumes = {p.source: p.volume for p in pieces}
@@ -164,7 +184,7 @@ def _fit_valve(
     estimates, joint = with_volume_error(curves, estimates, error)
     notices += [
         f"{title}: {name} is not identified: {estimates[name].reason}"
-        for name in (*curves.problem.flow_names("fill"), *curves.problem.flow_names("dis"), *DELAYS)
+        for name in (*flow_names(curves, ways), *DELAYS)
         if not estimates[name].identified
     ]
     notices += settled_notices(curves, title, air)
@@ -172,6 +192,28 @@ def _fit_valve(
     notices += delay_notices(estimates, title, rig)
     remarks += [*law_remarks(choice, title), *verdicts(estimates, title)]
     return fit_of(valve, curves, estimates, read, air, quality, joint, choice)
+
+
+def _in_series(
+    bare: Sequence[Trial],
+    valve: str,
+    rig: Rig,
+    by_thesis: CurveFit,
+    law: str,
+    notices: list[str],
+) -> tuple[ValveAlone, CurveFit | None]:
+    """What is known of the valve without its flow control, and the fit of both in series."""
+    screened = screened_tests(bare, valve, rig)
+    notices += [n for s in screened for n in s.notices]
+    alone = valve_alone(valve, screened, rig)
+    if law not in (AUTO, SERIES):
+        if alone.pieces:
+            notices.append(
+                f"valve {valve.upper()}: the logs without flow control are not used: --law {law} "
+                "has no flow control"
+            )
+        return alone, None
+    return alone, series_fit(by_thesis, alone) if alone.is_known else None
 
 
 def _joined(reasons: Mapping[str, str]) -> str:

@@ -10,13 +10,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from benchmarks.rigs import REFERENCE
 from sysid.errors import InputError
 from sysid.io.rig import rig_from_content
-from sysid.plant import base, flow_control, plant, valve_timing
+from sysid.plant import base, flow_control, plant, valve_laws, valve_timing
 from sysid.plant.ports import Effect, Model, Point, join, split, stack_models
 
 # Table 3.6.1 with the supply pressures of figures 3.7 and 3.8.
@@ -112,29 +112,57 @@ def test_exhaust_law_lets_air_in_below_the_atmosphere() -> None:
 def test_both_orifices_in_series_pass_the_combined_flow(
     pressure: float, valve: float, control: float
 ) -> None:
-    between = flow_control.filling_intermediate_pressure(pressure, 3e5, valve, control)
-    assert pressure <= between <= 3e5
     combined = flow_control.series_filling_coefficient(valve, control)
+    between = flow_control.filling_intermediate_pressure(pressure, 3e5, valve, combined)
+    assert pressure <= between <= 3e5
     flow = base.unchoked_filling_flow(pressure, 3e5, combined)
     assert base.unchoked_filling_flow(between, 3e5, valve) == pytest.approx(flow, rel=1e-6)
     assert base.unchoked_filling_flow(pressure, between, control) == pytest.approx(flow, rel=1e-6)
     scale = 1e-3
-    back = flow_control.exhaust_intermediate_pressure(pressure, 1e5, valve * scale, control * scale)
-    out = base.unchoked_exhaust_flow(
-        pressure, 1e5, flow_control.series_exhaust_coefficient(valve, control) * scale
-    )
+    both = flow_control.series_exhaust_coefficient(valve, control) * scale
+    back = flow_control.exhaust_intermediate_pressure(pressure, 1e5, valve * scale, both)
+    out = base.unchoked_exhaust_flow(pressure, 1e5, both)
     assert base.unchoked_exhaust_flow(back, 1e5, valve * scale) == pytest.approx(out, rel=1e-6)
 
 
-def test_series_choking_is_decided_between_the_orifices() -> None:
-    # The chamber is below 0.53 Ps, the place between valve and control is above.
-    pressure, valve, control = 1.5e5, 4e-6, 1e-6
-    assert base.is_filling_choked(pressure, 3e5)
-    flow = flow_control.series_filling_flow(pressure, 3e5, 7.8e-4, valve, control)
-    combined = flow_control.series_filling_coefficient(valve, control)
-    assert flow == pytest.approx(combined * np.sqrt(1.5e5))
-    assert flow_control.series_filling_flow(1e5, 3e5, 7.8e-4, 1e-6, 1e-4) == 7.8e-4
-    assert flow_control.series_exhaust_flow(3e5, 1e5, 3.5e-4, 1e-9, 1e-7) == -3.5e-4
+def series_valve(control: float) -> base.ValveParameters:
+    """A valve with flow controls of the shares `control` of its own coefficients."""
+    c_fill, c_dis = 4e-6, 4e-9
+    return base.ValveParameters(
+        7.8e-4,
+        3.5e-4,
+        flow_control.series_filling_coefficient(c_fill, control * c_fill),
+        flow_control.series_exhaust_coefficient(c_dis, control * c_dis),
+        valve_c_fill=c_fill,
+        valve_c_dis=c_dis,
+    )
+
+
+@given(pressure=st.floats(0.5e5, 5e5), control=st.floats(0.2, 5.0))
+def test_series_choking_is_decided_between_the_orifices(pressure: float, control: float) -> None:
+    """As 3.6.6 and 3.6.10 say it: by the pressure between the two, from which the boundary in the
+    chamber's pressure is worked out."""
+    valve = series_valve(control)
+    between = (4e-6**2 * 3e5 + (control * 4e-6) ** 2 * pressure) / (4e-6**2 + (control * 4e-6) ** 2)
+    assume(abs(between / (0.53 * 3e5) - 1.0) > 1e-9)
+    filling = valve_laws.filling_flow(valve, pressure, 3e5)
+    unchoked = base.unchoked_filling_flow(pressure, 3e5, valve.c_fill)
+    assert filling == (7.8e-4 if between <= 0.53 * 3e5 else unchoked)
+    between = (1e5 + control * pressure) / (1.0 + control)
+    assume(abs(between * 0.53 / 1e5 - 1.0) > 1e-9)
+    exhaust = valve_laws.exhaust_flow(valve, pressure, 1e5)
+    unchoked = base.unchoked_exhaust_flow(pressure, 1e5, valve.c_dis)
+    assert exhaust == (-3.5e-4 if between >= 1e5 / 0.53 else unchoked)
+
+
+def test_a_flow_control_that_is_wide_open_leaves_the_valves_own_law() -> None:
+    open_wide = series_valve(1e6)
+    own = base.ValveParameters(7.8e-4, 3.5e-4, 4e-6, 4e-9)
+    pressure = np.linspace(0.5e5, 3.5e5, 61)
+    for law, line in ((valve_laws.filling_flow, 3e5), (valve_laws.exhaust_flow, 1e5)):
+        np.testing.assert_allclose(
+            law(open_wide, pressure, line), law(own, pressure, line), rtol=1e-5
+        )
 
 
 def test_numpy_and_jax_give_the_same() -> None:

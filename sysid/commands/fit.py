@@ -136,12 +136,21 @@ def _friction(
 @logs_argument
 @_valve_option
 @law_option
+@click.option(
+    "--without-control",
+    "without_control",
+    multiple=True,
+    type=PathArgument,
+    metavar="LOG",
+    help="A log of the valve without its flow control; may be repeated.",
+)
 @_part_options
 def _valve_discrete(valve: str | None, law: str, **files: Any) -> None:
     """Flows and delays of on/off valves, piston held.
 
     By the thesis' law: choked flows and unchoked coefficients; by ISO 6358: sonic conductances and
-    critical ratios.
+    critical ratios; with a flow control in series (thesis-series): the coefficients of the valve
+    and of its flow control, each alone.
     """
     _fit_logs(ValveDiscreteOptions(valve=valve, law=law), valve_tables, **files)
 

@@ -43,7 +43,7 @@ rig_option = click.option(
 )
 law_option = click.option(
     "--law",
-    type=click.Choice(["thesis", "iso6358", "auto"]),
+    type=click.Choice(["thesis", "iso6358", "thesis-series", "auto"]),
     default="auto",
     show_default=True,
     help="Flow law of on/off valves; auto: the tests choose by evidence.",

@@ -147,6 +147,8 @@ def valve_flows(flat: Flat, side: str) -> Iterator[BaseLaw]:
     """Flow of one valve, on and off, by the law of each direction."""
     held, upper, name = flat.valves[side].discrete, side.upper(), f"valve_{side}"
     iso = {way: f"sonic_conductance_{way}" in held for way in ("fill", "dis")}
+    own = {way: (f"valve_{side}_valve_c_{way}",) * (f"valve_c_{way}" in held) for way in iso}
+    chokes = "; with its flow control it chokes by the pressure between the two"
     yield BaseLaw(
         f"HAS_VALVE_{upper}_FILLING",
         f"{name}_filling_flow",
@@ -155,10 +157,11 @@ def valve_flows(flat: Flat, side: str) -> Iterator[BaseLaw]:
             "(ISO 6358), choked up to its critical ratio of the supply; negative above the supply"
             if iso["fill"]
             else "(3.6.6). Choked up to 0.53 of the supply, in proportion to it; negative above "
-            "the supply"
+            f"the supply{chokes if own['fill'] else ''}"
         ),
         (
             *(_iso_needs if iso["fill"] else _thesis_needs)(side, "fill"),
+            *own["fill"],
             "supply_pressure_pa",
         ),
         {"pressure_pa": "pressure", "supply_pa": "supply"},
@@ -175,9 +178,9 @@ def valve_flows(flat: Flat, side: str) -> Iterator[BaseLaw]:
             "where it is choked; air comes in below it"
             if iso["dis"]
             else "(3.6.7, 3.6.10): negative (out) above the atmosphere, choked from atmosphere / "
-            "0.53 on; air comes in below it"
+            f"0.53 on; air comes in below it{chokes if own['dis'] else ''}"
         ),
-        (_iso_needs if iso["dis"] else _thesis_needs)(side, "dis"),
+        (*(_iso_needs if iso["dis"] else _thesis_needs)(side, "dis"), *own["dis"]),
         {"pressure_pa": "pressure", "atmosphere_pa": "atmosphere"},
         lambda p, pressure, atmosphere: valve_laws.exhaust_flow(
             p.valve(side), pressure, atmosphere, temperature=p.temperature

@@ -16,7 +16,7 @@ from sysid.exporters.flat import (
 from sysid.io.channels import SIDES
 from sysid.io.motion import FRICTION
 from sysid.parameters.table import field_of
-from sysid.parameters.valves import ISO_KEYS, LAW_KEYS
+from sysid.parameters.valves import ISO_KEYS, LAW_KEYS, VALVE_ALONE
 from sysid.plant.base import PARAMETER_NAMES, SPRING_NAMES
 
 GAS = ("gas_constant", "heat_capacity_ratio", "temperature")
@@ -66,7 +66,7 @@ def own_constants(flat: Flat) -> dict[str, str]:
         found |= zip(SPRING_NAMES, spring_names(flat.rig), strict=True)
     for side in SIDES:
         held = flat.valves[side].discrete if side in flat.valves else LAW_KEYS.values()
-        keys = {**LAW_KEYS, **{name: name for name in ISO_KEYS}}
+        keys = {**LAW_KEYS, **{name: name for name in (*ISO_KEYS, *VALVE_ALONE.values())}}
         found |= {field_of(n, side): f"valve_{side}_{k}" for n, k in keys.items() if k in held}
     return found
 

@@ -51,6 +51,11 @@ _MEANING = {
             ("subsonic_index", "exponent of the subsonic flow"),
         )
     },
+    **{
+        f"valve_{side}_valve_c_{way}": f"of the valve alone, without its flow control, {what}"
+        for side in SIDES
+        for way, what in (("fill", "filling"), ("dis", "exhaust"))
+    },
     "friction_offset_nm": "constant torque against positive motion; what is applied is less by it",
     "friction_offset_n": "constant force against positive motion; what is applied is less by it",
 }

@@ -318,6 +318,8 @@ def _law_names(law: DiscreteLaw | None) -> dict[str, tuple[str, str]]:
     if law is not None:
         for name, key in law.iso_keys().items():
             found[key] = (name, "m3/(s Pa)" if name.startswith("sonic") else "-")
+        for key in law.series_keys():
+            found[key] = (key, _THESIS_UNITS[key.removeprefix("valve_")])
     return found | {key: (key, "s") for key in ("on_delay_s", "off_delay_s")}
 
 

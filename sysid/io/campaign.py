@@ -107,6 +107,13 @@ class LogEntry(TomlTable):
         float | None,
         NumberKey("What was carried, in place of the rig file's payload.", _PAYLOAD),
     ] = None
+    flow_control: Annotated[
+        bool,
+        Field(
+            description="Whether the valve's flow control was in place (valve-discrete): false for "
+            "a log of the valve alone, from which thesis-series takes its own coefficients."
+        ),
+    ] = True
     exclude: list[str | ExcludedSpan] = Field(
         default_factory=list,
         description="What is excluded: labels of whole tests, or tables with a span of one "
@@ -132,7 +139,8 @@ class CampaignLog:
     """One `[[log]]` entry. `file` is as written, `path` its location.
 
     `mapping` is its own `map`, `shared` the campaign's, of columns that not every log has;
-    `exclude` is what is not read of it; `payload_kg` what it carried (None: the rig's payload).
+    `exclude` is what is not read of it; `payload_kg` what it carried (None: the rig's payload);
+    `flow_control`: whether the valve's flow control was in place.
     """
 
     kind: str
@@ -144,6 +152,7 @@ class CampaignLog:
     shared: Mapping[str, ColumnMap] = field(default_factory=dict)
     exclude: tuple[Exclusion, ...] = ()
     payload_kg: float | None = None
+    flow_control: bool = True
 
 
 @dataclass(frozen=True, repr=False)
@@ -222,6 +231,7 @@ class Campaign(Shown):
                 e.kind,
                 _as_given(e.exclude),
                 e.payload_kg,
+                e.flow_control,
             )
             for e in chosen
         ]
@@ -290,10 +300,12 @@ class Campaign(Shown):
             entry.exclude,
             readings=entry.kind == FRICTION_POINTS,
         )
-        if entry.payload_kg is None:
+        changed: dict[str, Any] = {} if entry.flow_control else {"flow_control": False}
+        if entry.payload_kg is not None:
+            changed["payload_kg"] = entry.payload_kg
+        if not changed:
             return log
-        carried = (replace(trial, payload_kg=entry.payload_kg) for trial in log.trials)
-        return replace(log, trials=tuple(carried))
+        return replace(log, trials=tuple(replace(trial, **changed) for trial in log.trials))
 
     @cached_property
     def _effort_is_read(self) -> bool:
@@ -393,8 +405,12 @@ def _entry(
     entry = LogEntry.model_construct(file=file, map=maps, **chosen)
     excluded = exclusions_of(table.get("exclude", []), where, str(path))
     payload = _payload(path, where, table.get("payload_mass_kg"))
+    in_place = table.get("flow_control", True)
+    if not isinstance(in_place, bool):
+        what = f"{where}: flow_control = {in_place!r} is neither true nor false"
+        raise input_error(path, what, "write it without quotes")
     return CampaignLog(
-        entry.kind, file, log_path, entry.use, entry.valve, own, common, excluded, payload
+        entry.kind, file, log_path, entry.use, entry.valve, own, common, excluded, payload, in_place
     )
 
 

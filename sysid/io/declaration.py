@@ -238,6 +238,8 @@ class TomlSection(TomlTable):
     table: ClassVar[str]
     conditional: ClassVar[tuple[str, ...]] = ()
     """Keys without a default that other keys may make superfluous (`without`)."""
+    why_unused: ClassVar[str] = ""
+    """Why one of them is then not used though a file has it; empty: it is kept."""
 
     @classmethod
     def without(cls, name: str, values: dict[str, Any]) -> Any:

@@ -140,8 +140,17 @@ class Rig(Shown):
         return line.replace("the rig file", _NO_FILE) if self.is_bare else line
 
     def data_sheet(self, side: str) -> ValveSheet | None:
-        """The data sheet of valve "a" or "b"; None where none is declared."""
-        return self.valve_a if side == "a" else self.valve_b
+        """The data sheet of valve "a" or "b" by ISO 6358; None where none is declared."""
+        sheet = self.valve_a if side == "a" else self.valve_b
+        return None if sheet is None or sheet.law != "iso6358" else sheet
+
+    def valve_alone(self, side: str) -> dict[str, float]:
+        """The coefficients of valve "a" or "b" without its flow control, by direction, "fill" in
+        kg/(s Pa^0.5) and "dis" in kg/(s Pa); empty where none are declared."""
+        sheet = self.valve_a if side == "a" else self.valve_b
+        if sheet is None or sheet.law == "iso6358":
+            return {}
+        return {"fill": sheet.valve_c_fill, "dis": sheet.valve_c_dis}
 
     @property
     def is_bare(self) -> bool:
@@ -528,9 +537,9 @@ def _section(
         raise input_error(source, f"{cls.table} is not a section", f"write [{cls.table}]")
     notices += reject_misspelt(table, cls.model_fields, f"[{cls.table}] ", source)
     section = cls.from_table(table, source)
-    for name in cls.conditional:
+    for name in cls.conditional if cls.why_unused else ():
         if name in table and getattr(section, name) != table[name]:
-            notices.append(f"{source}: [{cls.table}] {name} is not used: the rig has no chamber B")
+            notices.append(f"{source}: [{cls.table}] {name} is not used: {cls.why_unused}")
     return section
 
 

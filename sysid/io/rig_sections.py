@@ -7,6 +7,7 @@ complete.
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from sysid.io.channels import SIDES
@@ -84,6 +85,7 @@ class Cylinder(TomlSection):
 
     table: ClassVar[str] = "cylinder"
     conditional: ClassVar[tuple[str, ...]] = tuple(_OPEN_SIDE)
+    why_unused: ClassVar[str] = "the rig has no chamber B"
 
     @classmethod
     def without(cls, name: str, values: dict[str, Any]) -> Any:
@@ -356,11 +358,22 @@ class Valves(TomlSection):
 class ValveSheet(TomlSection):
     """`[valve_a]`, `[valve_b]`: a data sheet's flow, taken where no test identifies a valve's.
 
-    Numbers of ISO 6358, each of filling and of the exhaust.
+    Numbers of ISO 6358, each of filling and of the exhaust; or, of a valve with a flow control in
+    series ("thesis-series"), the coefficients of the thesis' law of the valve alone.
     """
 
+    conditional: ClassVar[tuple[str, ...]] = (
+        "sonic_conductance_m3_per_s_pa",
+        "critical_ratio",
+        "valve_c_fill",
+        "valve_c_dis",
+    )
+
     law: Annotated[
-        str, ChoiceKey("The flow law that the data sheet's numbers belong to.", ("iso6358",))
+        str,
+        ChoiceKey(
+            "The flow law that the data sheet's numbers belong to.", ("iso6358", "thesis-series")
+        ),
     ]
     sonic_conductance_m3_per_s_pa: Annotated[
         Any,
@@ -375,6 +388,28 @@ class ValveSheet(TomlSection):
     subsonic_index: Annotated[
         Any, WaysKey("Subsonic index m, by direction.", Range(0.2, 0.95, "1", "an exponent"))
     ] = (0.5, 0.5)
+    valve_c_fill: Annotated[
+        float,
+        NumberKey(
+            "Unchoked filling coefficient of the valve without its flow control.",
+            Range(1e-10, 1e-3, "kg/(s Pa^0.5)", "kg/(s Pa^0.5): 2.3e-6 of a small valve"),
+        ),
+    ]
+    valve_c_dis: Annotated[
+        float,
+        NumberKey(
+            "Unchoked exhaust coefficient of the valve without its flow control.",
+            Range(1e-13, 1e-5, "kg/(s Pa)", "kg/(s Pa): 4e-9 of a small valve"),
+        ),
+    ]
+
+    @classmethod
+    def without(cls, name: str, values: dict[str, Any]) -> Any:
+        """Numbers of the law that is not declared are none."""
+        if name not in cls.conditional:
+            return None
+        of_series = name.startswith("valve_c")
+        return None if of_series == (values.get("law") == "thesis-series") else math.nan
 
 
 class ValveASheet(ValveSheet):

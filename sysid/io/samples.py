@@ -40,7 +40,8 @@ class Trial:
     log (`Log`). `place_known` is False where the position is the integral of a measured speed.
     `begun_s`: how long after the test's first row this part of it begins, what was before being
     excluded (`sysid.io.exclusion`); what begins with a test (rest, valves off) does not begin with
-    it. `payload_kg`: what was carried, kg (None: what the rig file says).
+    it. `payload_kg`: what was carried, kg (None: what the rig file says). `flow_control`: whether
+    the valve's flow control, where it has one, was in place.
     """
 
     label: str
@@ -56,6 +57,7 @@ class Trial:
     place_known: bool = True
     begun_s: float = 0.0
     payload_kg: float | None = None
+    flow_control: bool = True
 
     def __contains__(self, name: str) -> bool:
         return name in self.channels

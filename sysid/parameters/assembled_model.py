@@ -22,6 +22,7 @@ from sysid.parameters.valves import (
     DIRECTIONS,
     LAW_KEYS,
     SURFACE_KINDS,
+    VALVE_ALONE,
     DirectionalLaw,
     DiscreteLaw,
     PwmSurfaces,
@@ -419,12 +420,13 @@ def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters
         if not own.identified and not name.startswith("critical_ratio"):
             raise NotIdentifiedError(f"{place}.{key} is not identified ({own.reason}); {test}")
         values[name] = float(own.value) if own.identified else USUAL_RATIO
+    values |= {name: float(estimates[key].value) for name, key in law.series_keys().items()}
     for name, key in law.thesis_keys().items():
         measured = _measured_flow(valve, name, rig)
         if measured is not None:
             values[name] = measured
             continue
-        other = _measured_flow(valve, _OTHER_REGIME[name], rig)
+        other = _of_other_regime(valve, name, rig)
         if other is None:
             # One below zero, without anything else that says it, is held at 0.
             values[name] = max(_identified(law, key, place, test), 0.0)
@@ -432,6 +434,17 @@ def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters
         boundary = _unit_boundary_flow(name, bundle, rig)
         values[name] = other * boundary if name.startswith("choked") else other / boundary
     return ValveParameters(**values)
+
+
+def _of_other_regime(valve: Valve, name: str, rig: Rig) -> float | None:
+    """The number of the other regime, which gives that of `name` where the law is continuous.
+
+    Behind a flow control the choked boundary is where the valve alone has it.
+    """
+    law, own = valve.discrete, VALVE_ALONE[name.rsplit("_", 1)[1]]
+    if law is not None and own in law.series_keys():
+        return float(law.estimates()[own].value) if name.startswith("choked") else None
+    return _measured_flow(valve, _OTHER_REGIME[name], rig)
 
 
 def _measured_flow(valve: Valve, name: str, rig: Rig) -> float | None:
@@ -476,7 +489,7 @@ def _taken_from(valve: Valve, name: str, rig: Rig) -> str:
     if _measured_flow(valve, name, rig) is not None:
         return "that of the surface of its PWM tests at the largest opening"
     other = _OTHER_REGIME[name]
-    if _measured_flow(valve, other, rig) is not None:
+    if _of_other_regime(valve, name, rig) is not None:
         return f"what {LAW_KEYS[other]} gives at the choked boundary"
     return "0" if own.identified else ""
 

@@ -27,8 +27,8 @@ from sysid.types import FloatArray
 Origin = Literal["friction", "valve", "effect", "component", "rig"]
 Status = Literal["fitted", "declared", "assumed", "check", "alternative"]
 DELAYS = ("on_delay", "off_delay")
-# Checks that a fit of an on/off law gives in addition to the law.
-_CHECKS = ("jump_", "critical_ratio_")
+# What a fit of an on/off law gives in addition to the law: checks, and what follows from it.
+_CHECKS = ("jump_", "critical_ratio_", "control_c_")
 _TITLES = {
     "static": "Static friction",
     "coulomb": "Coulomb friction",
@@ -46,6 +46,10 @@ _TITLES = {
     "critical_ratio.exhaust": "Critical ratio, exhaust",
     "subsonic_index.fill": "Subsonic index, filling",
     "subsonic_index.exhaust": "Subsonic index, exhaust",
+    "valve_c_fill": "Filling coefficient, valve alone",
+    "valve_c_dis": "Exhaust coefficient, valve alone",
+    "control_c_fill": "Filling coefficient, flow control alone",
+    "control_c_dis": "Exhaust coefficient, flow control alone",
     "wall_conductance_w_per_k": "Conductance of the tank's wall",
     "on_delay": "Delay, on",
     "off_delay": "Delay, off",

@@ -11,6 +11,7 @@ from sysid.estimation.linear import Estimate
 from sysid.parameters.base import Absent, Lenient, Number, Part, Unread
 from sysid.parameters.correlation import CorrelatedPart
 from sysid.parameters.quality import Quality, QualityByName
+from sysid.parameters.series import control_coefficient
 from sysid.plant.iso6358 import DEFAULT_INDEX
 from sysid.surfaces.kinds import SURFACES
 
@@ -28,8 +29,8 @@ LAW_KEYS = {
 
 
 # The numbers of a direction that obeys ISO 6358, likewise: keys within keys.
-THESIS, ISO6358, AUTO = "thesis", "iso6358", "auto"
-LAWS = (THESIS, ISO6358)
+THESIS, ISO6358, SERIES, AUTO = "thesis", "iso6358", "thesis-series", "auto"
+LAWS = (THESIS, ISO6358, SERIES)
 WAYS = {"fill": "fill", "dis": "exhaust"}
 """The directions of a valve: the model's names, and the bundle's."""
 ISO_QUANTITIES = ("sonic_conductance", "critical_ratio", "subsonic_index")
@@ -38,7 +39,10 @@ ISO_KEYS = {
     for way, key in WAYS.items()
     for quantity in ISO_QUANTITIES
 }
-
+# With a flow control in series (thesis 3.6): the coefficient of the valve alone, and that of the
+# flow control alone. The law needs the first, and that of both, `c_fill` or `c_dis`.
+VALVE_ALONE = {way: f"valve_c_{way}" for way in WAYS}
+FLOW_CONTROL = {way: f"control_c_{way}" for way in WAYS}
 
 BY_ISO = "the direction obeys ISO 6358: sonic_conductance and critical_ratio are its law"
 
@@ -50,11 +54,14 @@ class ByDirection(Part):
     exhaust: Absent[Estimate] = None
 
 
-class LawNames(Part):
-    """The flow law of each direction of a valve: "thesis" or "iso6358"."""
+LawName = Literal["thesis", "iso6358", "thesis-series"]
 
-    fill: Absent[Literal["thesis", "iso6358"]] = None
-    exhaust: Absent[Literal["thesis", "iso6358"]] = None
+
+class LawNames(Part):
+    """The flow law of each direction of a valve: "thesis", "iso6358" or "thesis-series"."""
+
+    fill: Absent[LawName] = None
+    exhaust: Absent[LawName] = None
 
 
 def by_direction(estimates: Mapping[str, Estimate], laws: Mapping[str, str]) -> dict[str, Any]:
@@ -69,10 +76,10 @@ def by_direction(estimates: Mapping[str, Estimate], laws: Mapping[str, str]) -> 
     estimates = {**dict.fromkeys(unused, Estimate.unidentified("", BY_ISO)), **estimates}
     own = {f"{quantity}_{way}" for quantity in ISO_QUANTITIES for way in iso}
     found: dict[str, Any] = {name: e for name, e in estimates.items() if name not in own}
-    if iso:
+    if any(laws.get(way, THESIS) != THESIS for way in WAYS):
         found["law"] = {key: laws.get(way, THESIS) for way, key in WAYS.items()}
-        for quantity in ISO_QUANTITIES:
-            found[quantity] = {WAYS[way]: estimates[f"{quantity}_{way}"] for way in iso}
+    for quantity in ISO_QUANTITIES if iso else ():
+        found[quantity] = {WAYS[way]: estimates[f"{quantity}_{way}"] for way in iso}
     return found
 
 
@@ -86,10 +93,16 @@ class DirectionalLaw(Part):
 
     `law` names it; a direction that obeys ISO 6358 has `sonic_conductance` in m3/(s Pa) at ANR,
     `critical_ratio` and `subsonic_index`, and its numbers of the thesis' law are not identified.
-    `estimates` has them by dotted keys.
+    `estimates` has them by dotted keys. With a flow control in series ("thesis-series"), `c_fill`
+    and `c_dis` are the coefficients of both, `valve_c_fill` and `control_c_fill` (or `_dis`) those
+    of the valve and of the flow control alone, in the same units.
     """
 
     law: Absent[LawNames] = None
+    valve_c_fill: Absent[Estimate] = None
+    valve_c_dis: Absent[Estimate] = None
+    control_c_fill: Absent[Estimate] = None
+    control_c_dis: Absent[Estimate] = None
     sonic_conductance: Absent[ByDirection] = None
     critical_ratio: Absent[ByDirection] = None
     subsonic_index: Absent[ByDirection] = None
@@ -103,7 +116,7 @@ class DirectionalLaw(Part):
         return self
 
     def law_of(self, way: str) -> str:
-        """The law of a direction, "fill" or "dis": "thesis" or "iso6358"."""
+        """The law of a direction, "fill" or "dis", one of LAWS."""
         return (None if self.law is None else getattr(self.law, WAYS[way])) or THESIS
 
     def _iso(self, quantity: str, key: str) -> Estimate | None:
@@ -112,11 +125,21 @@ class DirectionalLaw(Part):
 
     def flow_keys(self) -> dict[str, str]:
         """The numbers of its law in force: the model's names, and their keys in `estimates`."""
-        return {**self.thesis_keys(), **self.iso_keys()}
+        return {**self.thesis_keys(), **self.iso_keys(), **self.series_keys()}
 
     def thesis_keys(self) -> dict[str, str]:
-        """Those of the directions that obey the thesis' law."""
-        return {n: k for n, k in LAW_KEYS.items() if self.law_of(_way(n)) == THESIS}
+        """Those of the directions that obey the thesis' law, with a flow control or without."""
+        return {n: k for n, k in LAW_KEYS.items() if self.law_of(_way(n)) != ISO6358}
+
+    def series_keys(self) -> dict[str, str]:
+        """The coefficients of the valve alone, where they are known, of directions with a flow
+        control: without one the choked boundary is that of the chamber's pressure."""
+        held = {way: getattr(self, name) for way, name in VALVE_ALONE.items()}
+        return {
+            VALVE_ALONE[way]: VALVE_ALONE[way]
+            for way, own in held.items()
+            if self.law_of(way) == SERIES and own is not None and own.identified
+        }
 
     def iso_keys(self) -> dict[str, str]:
         """Those of the directions that obey ISO 6358."""
@@ -141,7 +164,36 @@ class DirectionalLaw(Part):
         plain = {key: value for key, value in fields.items() if "." not in key}
         for quantity, values in nested.items():
             plain[quantity] = (getattr(self, quantity) or ByDirection()).replaced(**values)
-        return super().replaced(**plain)
+        return super().replaced(**plain, **self._flow_controls(plain))
+
+    def _flow_controls(self, fields: Mapping[str, Any]) -> dict[str, Estimate]:
+        """The flow controls' own coefficients where what they follow from is replaced."""
+        found = {}
+        for way, key in FLOW_CONTROL.items():
+            names = f"c_{way}", VALVE_ALONE[way]
+            both, own = (fields.get(name, getattr(self, name, None)) for name in names)
+            renewed = key not in fields and not fields.keys().isdisjoint(names)
+            if renewed and getattr(self, key) is not None and both and own:
+                found[key] = control_coefficient(way, both, own)
+        return found
+
+
+class RejectedLaw(Part):
+    """A flow law that the tests do not follow as well, as it was fitted to them.
+
+    `numbers` by the keys of `DiscreteLaw` with the direction behind, SI; `rmse_pa` over all tests.
+    """
+
+    law: LawName
+    numbers: dict[str, Number]
+    rmse_pa: Number
+
+
+class LawDecision(Part):
+    """Why a valve has its flow law, and the laws that were fitted and not chosen."""
+
+    why: str
+    rejected: list[RejectedLaw] = Field(default_factory=list)
 
 
 class DiscreteLaw(DirectionalLaw, CorrelatedPart):
@@ -151,7 +203,8 @@ class DiscreteLaw(DirectionalLaw, CorrelatedPart):
     choked boundaries are checks. `noise_pa`, `rmse_pa` and `fit_percent` refer to the curves,
     `quality` to those of one direction ("fill", "discharge"); `correlation` to the errors of
     flows, coefficients and delays. `declared` lists the numbers that are a data sheet's.
-    `wall_conductance_w_per_k` is that of a tank's wall, from which its gas is warmed.
+    `wall_conductance_w_per_k` is that of a tank's wall, from which its gas is warmed. `choice` says
+    why the tests have this law, with the laws that they do not have.
     """
 
     c_fill: Estimate
@@ -172,6 +225,7 @@ class DiscreteLaw(DirectionalLaw, CorrelatedPart):
     tests: Lenient[list[str] | None] = None
     wall_conductance_w_per_k: Lenient[Estimate | None] = None
     declared: Lenient[list[str] | None] = None
+    choice: Lenient[LawDecision | None] = None
 
     def replaced(self, **fields: Any) -> Self:
         """As `DirectionalLaw.replaced`; a number replaced loses the correlation."""
@@ -405,13 +459,16 @@ __all__ = [
     "AVERAGED",
     "BY_ISO",
     "DIRECTIONS",
+    "FLOW_CONTROL",
     "ISO6358",
     "ISO_KEYS",
     "ISO_QUANTITIES",
     "LAWS",
     "LAW_KEYS",
+    "SERIES",
     "SURFACE_KINDS",
     "THESIS",
+    "VALVE_ALONE",
     "WAYS",
     "AveragedRecord",
     "ByDirection",
@@ -420,9 +477,12 @@ __all__ = [
     "DomainRecord",
     "DutyErrors",
     "FittedValves",
+    "LawDecision",
+    "LawName",
     "LawNames",
     "PwmDirections",
     "PwmSurfaces",
+    "RejectedLaw",
     "ResolutionRecord",
     "SteadyLaw",
     "Surface",

@@ -102,8 +102,8 @@ class CampaignFit:
 @dataclass(frozen=True, kw_only=True)
 class FitOptions(Reported):
     """`surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds; `law`
-    of on/off valves and tanks, "thesis", "iso6358" or "auto"; `load`: friction with a part that
-    grows with the effort of the "motor", or with all that is "transmitted"."""
+    of on/off valves and tanks, "thesis", "iso6358", "thesis-series" or "auto"; `load`: friction
+    with a part that grows with the effort of the "motor", or with all that is "transmitted"."""
 
     surface: str = "both"
     seed: int = 0
@@ -119,7 +119,8 @@ def fit(campaign: Campaign, options: FitOptions) -> Bundle:
     """Every part that a campaign's training logs can identify, in one bundle.
 
     `surface`: which PWM surfaces, "bipolynomial", "ann" or "both"; `seed` of their folds and
-    restarts; `law` of on/off valves: "thesis", "iso6358", or "auto", by which their tests choose;
+    restarts; `law` of on/off valves: "thesis", "iso6358", "thesis-series", or "auto", by which
+    their tests choose;
     `load`: friction with a part that grows with the effort of the "motor", or with all that is
     "transmitted".
     Parts not fitted, and logs that contradict one another, are reported as warnings of

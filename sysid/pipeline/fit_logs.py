@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +65,7 @@ class FitFiles(Reported):
 
     Without `output` the bundle goes to `STEM.KIND.bundle.json` in this folder, without `report` the
     page to `STEM.KIND.report.html`; "none" and `no_report`: nowhere; `into`: a bundle to add it to.
+    `without_control`: further logs, of an on/off valve without its flow control.
     """
 
     logs: Sequence[Path]
@@ -75,6 +76,12 @@ class FitFiles(Reported):
     report: Path | None = None
     no_report: bool = False
     exclude: Sequence[str] = ()
+    without_control: Sequence[Path] = ()
+
+    @property
+    def every_log(self) -> tuple[Path, ...]:
+        """All logs that are read."""
+        return (*self.logs, *self.without_control)
 
     def bundle_path(self, kind: str, sources: Sequence[Source]) -> Path | None:
         """Where the bundle of a fit goes; None for nowhere. Raises InputError."""
@@ -183,15 +190,26 @@ class _Given:
 
 
 def _read_logs(files: FitFiles, existing: Bundle | None, readings: bool) -> _Given:
+    """As `_as_logged`, with the tests of a valve without its flow control known as such."""
+    given = _as_logged(files, existing, readings)
+    count = len(files.logs)
+    bare = (
+        replace(log, trials=tuple(replace(t, flow_control=False) for t in log.trials))
+        for log in given.logs[count:]
+    )
+    return replace(given, logs=(*given.logs[:count], *bare))
+
+
+def _as_logged(files: FitFiles, existing: Bundle | None, readings: bool) -> _Given:
     """The logs of one rig: that of `--rig`, of the rig file nearest to all of them, or a bare one.
 
     Parts of one bundle have one rig: a bare log that is added to a bundle has that bundle's.
     """
-    check_each_once(files.logs, "log")
+    check_each_once(files.every_log, "log")
     mapping = parse_map(files.maps)
-    excluded = exclusions_for(files.exclude, files.logs, mapping)
-    found = {find_rig_file(p) for p in files.logs} if files.rig is None else {files.rig}
-    for log in files.logs:
+    excluded = exclusions_for(files.exclude, files.every_log, mapping)
+    found = {find_rig_file(p) for p in files.every_log} if files.rig is None else {files.rig}
+    for log in files.every_log:
         require_log(log)
     if len(found) > 1:
         named = sorted("no rig file" if path is None else str(path) for path in found)
@@ -205,11 +223,11 @@ def _read_logs(files: FitFiles, existing: Bundle | None, readings: bool) -> _Giv
         rig = read_rig(path)
         logs = tuple(
             read_log(log, rig, mapping, exclude=own, readings=readings)
-            for log, own in zip(files.logs, excluded, strict=True)
+            for log, own in zip(files.every_log, excluded, strict=True)
         )
         return _Given(rig, rig, logs, rig.notices)
     existing_content = None if existing is None else existing.rig_content
-    bare = read_bare_logs(files.logs, mapping, existing_content, excluded, readings=readings)
+    bare = read_bare_logs(files.every_log, mapping, existing_content, excluded, readings=readings)
     return _Given(
         bare.rig, bare.read_with, bare.logs, bare.notices, bare.in_volts, True, bare.shown
     )
@@ -279,6 +297,7 @@ def _as_campaign(given: _Given, files: FitFiles, options: PartOptions) -> Campai
             chosen.get("valve"),
             mapping,
             exclude=tuple(one.exclusion for one in log.excluded),
+            flow_control=all(trial.flow_control for trial in log.trials),
         )
         for log in given.logs
     )

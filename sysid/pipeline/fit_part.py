@@ -12,7 +12,7 @@ from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
 from sysid.parameters import Parts
 from sysid.parameters.data_sheet import with_data_sheets
-from sysid.parameters.valves import SURFACE_KINDS
+from sysid.parameters.valves import SERIES, SURFACE_KINDS
 from sysid.pipeline.given_tests import Tests, rig_of, trials_of
 from sysid.pipeline.request import Options, takes
 
@@ -117,7 +117,8 @@ def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig, law: str = "auto") -
     from sysid.diagnosis.bench.registry import component_of
 
     component = component_of(kind, trials, rig)
-    choice = chosen_law(component, law)
+    # A flow control is in series with a valve; the flow of a part alone is one orifice's.
+    choice = chosen_law(component, "auto" if law == SERIES else law)
     fitted = choice.fitted
     judged = replace(fitted.quality(), contradicted=any_contradiction(trials))
     if judged.explains_too_little and component.refuses_misfit:
@@ -170,9 +171,10 @@ def fit_valve_discrete(tests: Tests, options: ValveDiscreteOptions) -> ValveDisc
     """Flows (kg/s), coefficients and delays (s) of on/off valves, piston held.
 
     `rig` None: that of the logs. `valve` ("a" or "b") keeps one; `find_ratio` estimates the
-    critical pressure ratio too, the slowest step. `law`: the thesis' ("thesis") or ISO 6358's
-    ("iso6358"); by default ("auto") the tests choose by evidence. Raises InputError where a channel
-    is missing, NotIdentifiedError where nothing is identified.
+    critical pressure ratio too, the slowest step. `law`: the thesis' ("thesis"), ISO 6358's
+    ("iso6358"), or that of a flow control in series ("thesis-series"); by default ("auto") the
+    tests choose by evidence. Raises InputError where a channel is missing, NotIdentifiedError where
+    nothing is identified.
 
     >>> valves = si.fit_valve_discrete(si.read_log("valve_discrete_a.parquet"), find_ratio=False)
     >>> valves["a"].choked_flow_fill_kg_s.unit

@@ -119,6 +119,11 @@ class Parameters:
     sonic_conductance_dis_b: Array | None = None
     critical_ratio_dis_b: Array | None = None
     subsonic_index_dis_b: Array | None = None
+    # the own coefficient of a valve with a flow control in series: kg/(s Pa^0.5), kg/(s Pa)
+    valve_c_fill_a: Array | None = None
+    valve_c_dis_a: Array | None = None
+    valve_c_fill_b: Array | None = None
+    valve_c_dis_b: Array | None = None
     # whether valve B is the one that empties chamber A, which is shut while both are off
     bleeds: Array = False
 
@@ -138,7 +143,9 @@ class ValveParameters:
     """The discrete law of one valve: kg/s, kg/s, kg/(s Pa^0.5), kg/(s Pa).
 
     A direction, "fill" or "dis", with a sonic conductance (m3/(s Pa) at ANR), critical ratio and
-    subsonic index obeys ISO 6358; its numbers of the thesis' law are then 0.
+    subsonic index obeys ISO 6358; its numbers of the thesis' law are then 0. One with a coefficient
+    of the valve's own (`valve_c_fill`) has a flow control in series (thesis 3.6): its `c_fill` is
+    that of both.
     """
 
     choked_fill: Array
@@ -151,6 +158,8 @@ class ValveParameters:
     sonic_conductance_dis: Array | None = None
     critical_ratio_dis: Array | None = None
     subsonic_index_dis: Array | None = None
+    valve_c_fill: Array | None = None
+    valve_c_dis: Array | None = None
 
 
 VALVE_NAMES: tuple[str, ...] = tuple(f.name for f in dataclasses.fields(ValveParameters))
@@ -164,7 +173,7 @@ _OPTIONAL = tuple(f.name for f in dataclasses.fields(Parameters) if f.default is
 
 def parameter_names(parameters: Parameters) -> tuple[str, ...]:
     """The names of the numbers that parameters have: a spring's, and those of valves that obey ISO
-    6358, where there are any."""
+    6358 or have a flow control in series, where there are any."""
     own = (name for name in _OPTIONAL if getattr(parameters, name) is not None)
     return (*PARAMETER_NAMES, *own)
 

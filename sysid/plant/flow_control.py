@@ -1,19 +1,14 @@
 """A flow control in series with the valve (thesis 3.6.1 to 3.6.10), two orifices in a row.
 
-The two-orifice law with its intermediate pressure, and the combined coefficients with which
-the chamber pressure alone gives the flow. Kinds and units as in `base`.
+Both pass the same flow, so that a chamber's pressure alone gives it, by the coefficient of both.
+The valve chokes by the pressure between them: of the pressure drop over both, its share is a number
+of their coefficients, and so the choked boundary is a pressure of the chamber. Kinds and units as
+in `base`; "valve" is the valve's own coefficient, "combined" that of both.
 """
 
 from __future__ import annotations
 
-from sysid.plant.base import (
-    Array,
-    array_namespace,
-    is_exhaust_choked,
-    is_filling_choked,
-    unchoked_exhaust_flow,
-    unchoked_filling_flow,
-)
+from sysid.plant.base import CRITICAL_RATIO, LEAST_DIVISOR, Array, array_namespace
 
 
 def series_filling_coefficient(c_valve: Array, c_control: Array) -> Array:
@@ -28,49 +23,45 @@ def series_exhaust_coefficient(c_valve: Array, c_control: Array) -> Array:
 
 
 def filling_intermediate_pressure(
-    pressure: Array, supply: Array, c_valve: Array, c_control: Array
+    pressure: Array, supply: Array, c_valve: Array, combined: Array
 ) -> Array:
     """Pressure between valve and flow control while filling, Pa (3.6.4), both unchoked."""
-    valve, control = c_valve**2, c_control**2
-    return (valve * supply + control * pressure) / (valve + control)
+    return supply - (combined / c_valve) ** 2 * (supply - pressure)
 
 
 def exhaust_intermediate_pressure(
-    pressure: Array, atmosphere: Array, c_valve: Array, c_control: Array
+    pressure: Array, atmosphere: Array, c_valve: Array, combined: Array
 ) -> Array:
     """Pressure between flow control and valve while discharging, Pa (3.6.9), unchoked."""
-    return (c_valve * atmosphere + c_control * pressure) / (c_valve + c_control)
+    return atmosphere + (combined / c_valve) * (pressure - atmosphere)
 
 
-def series_filling_flow(
-    pressure: Array, supply: Array, choked_fill: Array, c_valve: Array, c_control: Array
-) -> Array:
-    """Filling flow through valve and flow control by the two-orifice law, kg/s (3.6.6).
+def series_filling_boundary(supply: Array, c_valve: Array, combined: Array) -> Array:
+    """Chamber pressure up to which the valve is choked while filling, Pa (3.6.6).
 
-    The valve is choked where the intermediate pressure is at most 0.53 Ps.
+    There the pressure between the two is 0.53 Ps. Below 0 with a flow control so narrow that the
+    valve is never choked.
     """
-    xp = array_namespace(pressure, supply, choked_fill, c_valve, c_control)
-    between = filling_intermediate_pressure(pressure, supply, c_valve, c_control)
-    combined = series_filling_coefficient(c_valve, c_control)
-    return xp.where(
-        is_filling_choked(between, supply),
-        choked_fill,
-        unchoked_filling_flow(pressure, supply, combined),
-    )
+    xp = array_namespace(supply, c_valve, combined)
+    drop = (c_valve / xp.maximum(combined, LEAST_DIVISOR**2)) ** 2
+    return (1.0 - (1.0 - CRITICAL_RATIO) * drop) * supply
 
 
-def series_exhaust_flow(
-    pressure: Array, atmosphere: Array, choked_dis: Array, c_valve: Array, c_control: Array
-) -> Array:
-    """Exhaust flow through flow control and valve by the two-orifice law, kg/s (3.6.10).
+def series_exhaust_boundary(atmosphere: Array, c_valve: Array, combined: Array) -> Array:
+    """Chamber pressure from which on the valve is choked while discharging, Pa (3.6.10).
 
-    The valve is choked where the intermediate pressure is at least P0 / 0.53.
+    There the pressure between the two is P0 / 0.53.
     """
-    xp = array_namespace(pressure, atmosphere, choked_dis, c_valve, c_control)
-    between = exhaust_intermediate_pressure(pressure, atmosphere, c_valve, c_control)
-    combined = series_exhaust_coefficient(c_valve, c_control)
-    return xp.where(
-        is_exhaust_choked(between, atmosphere),
-        -choked_dis,
-        unchoked_exhaust_flow(pressure, atmosphere, combined),
-    )
+    xp = array_namespace(atmosphere, c_valve, combined)
+    drop = c_valve / xp.maximum(combined, LEAST_DIVISOR**2)
+    return (1.0 + (1.0 / CRITICAL_RATIO - 1.0) * drop) * atmosphere
+
+
+__all__ = [
+    "exhaust_intermediate_pressure",
+    "filling_intermediate_pressure",
+    "series_exhaust_boundary",
+    "series_exhaust_coefficient",
+    "series_filling_boundary",
+    "series_filling_coefficient",
+]

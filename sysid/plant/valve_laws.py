@@ -1,4 +1,6 @@
-"""Flow through a valve, by the law that each of its directions obeys: the thesis' or ISO 6358.
+"""Flow through a valve, by the law that each of its directions obeys.
+
+The thesis', that of the valve with a flow control in series (thesis 3.6), or ISO 6358.
 
 Kinds and units as in `base`. Which law a direction obeys is part of a model's structure.
 """
@@ -7,6 +9,7 @@ from __future__ import annotations
 
 from sysid.plant import base
 from sysid.plant.base import LEAST_DIVISOR, Array, ValveParameters, array_namespace
+from sysid.plant.flow_control import series_exhaust_boundary, series_filling_boundary
 from sysid.plant.iso6358 import ANR_TEMPERATURE, iso6358_flow
 
 
@@ -28,6 +31,8 @@ def filling_boundary(valve: ValveParameters, supply: Array) -> Array:
     """Chamber pressure up to which filling is choked, Pa."""
     if obeys_iso(valve, "fill"):
         return valve.critical_ratio_fill * supply
+    if valve.valve_c_fill is not None:
+        return series_filling_boundary(supply, valve.valve_c_fill, valve.c_fill)
     return base.filling_boundary(supply)
 
 
@@ -36,6 +41,8 @@ def exhaust_boundary(valve: ValveParameters, atmosphere: Array) -> Array:
     if obeys_iso(valve, "dis"):
         ratio = valve.critical_ratio_dis
         return atmosphere / array_namespace(ratio).maximum(ratio, LEAST_DIVISOR)
+    if valve.valve_c_dis is not None:
+        return series_exhaust_boundary(atmosphere, valve.valve_c_dis, valve.c_dis)
     return base.exhaust_boundary(atmosphere)
 
 
@@ -53,6 +60,8 @@ def filling_flow(
     """
     if obeys_iso(valve, "fill"):
         return iso6358_flow(supply, pressure, *iso_numbers(valve, "fill"), temperature)
+    if choked is None:
+        choked = pressure <= filling_boundary(valve, supply)
     return base.filling_flow(
         pressure, supply, valve.choked_fill, valve.c_fill, supply_reference, choked
     )
@@ -71,6 +80,8 @@ def exhaust_flow(
     """
     if obeys_iso(valve, "dis"):
         return iso6358_flow(atmosphere, pressure, *iso_numbers(valve, "dis"), temperature)
+    if choked is None:
+        choked = pressure >= exhaust_boundary(valve, atmosphere)
     return base.exhaust_flow(pressure, atmosphere, valve.choked_dis, valve.c_dis, choked)
 
 

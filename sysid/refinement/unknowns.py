@@ -24,7 +24,7 @@ from sysid.parameters import Bundle
 from sysid.parameters.declared import declared_of
 from sysid.parameters.friction import Friction
 from sysid.parameters.table import ParameterTable, effect_names, field_of
-from sysid.parameters.valves import ISO_KEYS, LAW_KEYS
+from sysid.parameters.valves import ISO_KEYS, LAW_KEYS, VALVE_ALONE
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.iso6358 import HIGHEST_RATIO
 from sysid.plant.ports import Model
@@ -218,6 +218,8 @@ def _valves(bundle: Bundle, model: Model, known: Known) -> list[Unknown]:
             value = float(getattr(model.parameters, field))
             if short.startswith("subsonic_index"):
                 continue  # as it was taken: it and the critical ratio bend the flow alike
+            if short in VALVE_ALONE.values():
+                continue  # as its own tests have it: motion shows no more than where it chokes
             one = _positive(place, (0, field), value, known[place], "valve")
             if short.startswith("critical_ratio"):
                 one = dataclasses.replace(one, upper=HIGHEST_RATIO)

@@ -75,8 +75,8 @@ class PulseFlows(NamedTuple):
 class AveragedLaw:
     """One valve's averaged law: kg/s, kg/(s Pa^0.5), kg/(s Pa), Pa, s; floats or (lanes,).
 
-    A direction with a sonic conductance obeys ISO 6358 (`base.ValveParameters`), of air at
-    `temperature` K.
+    A direction with a sonic conductance obeys ISO 6358, of air at `temperature` K; one with a
+    coefficient of the valve's own has a flow control in series (`base.ValveParameters`).
 
     It serves as a valve's surfaces in `simulate`, which takes the flows of its `pulse`, so that
     effects on filling and on exhaust act on each.
@@ -98,6 +98,8 @@ class AveragedLaw:
     sonic_conductance_dis: Array | None = field(default=None, kw_only=True)
     critical_ratio_dis: Array | None = field(default=None, kw_only=True)
     subsonic_index_dis: Array | None = field(default=None, kw_only=True)
+    valve_c_fill: Array | None = field(default=None, kw_only=True)
+    valve_c_dis: Array | None = field(default=None, kw_only=True)
     temperature: Array = field(default=ANR_TEMPERATURE, kw_only=True)
 
     @classmethod
@@ -269,7 +271,7 @@ class AveragedLaw:
         xp = array_namespace(up, ripple)
         if valve_laws.obeys_iso(self.valve, "fill"):
             return _mean_over(lambda p: self._filling(p, supply), up, ripple)
-        below = xp.clip((base.filling_boundary(supply) - up) / ripple, 0.0, 1.0)
+        below = xp.clip((valve_laws.filling_boundary(self.valve, supply) - up) / ripple, 0.0, 1.0)
         filling, time = _over_boundary(
             below,
             self.choked_fill * (supply / self.supply_reference),
@@ -284,7 +286,8 @@ class AveragedLaw:
         xp = array_namespace(down, ripple)
         if valve_laws.obeys_iso(self.valve, "dis"):
             return _mean_over(lambda p: self._exhausting(p, exhaust), down, ripple)
-        above = xp.clip((down + ripple - base.exhaust_boundary(exhaust)) / ripple, 0.0, 1.0)
+        boundary = valve_laws.exhaust_boundary(self.valve, exhaust)
+        above = xp.clip((down + ripple - boundary) / ripple, 0.0, 1.0)
         leaving, time = _over_boundary(
             above,
             -self.choked_dis,

@@ -117,7 +117,8 @@ class Conditions:
     """Conditions of the law: supply and atmosphere in Pa, the PWM period in s.
 
     The choked filling flow is that at `supply`; tests may have been run at others. `by_iso`:
-    whether both directions obey ISO 6358, with air at `temperature` K.
+    whether both directions obey ISO 6358, with air at `temperature` K. `valve_alone`: with a flow
+    control in series, the coefficients of the valve alone (kg/(s Pa^0.5), kg/(s Pa)).
     """
 
     supply: float
@@ -125,6 +126,7 @@ class Conditions:
     period: float
     temperature: float = ANR_TEMPERATURE
     by_iso: bool = False
+    valve_alone: tuple[float, float] | None = None
 
     def law(self, values: FloatArray) -> AveragedLaw:
         """The law of parameter values (5,), in the order of the fit's names."""
@@ -133,6 +135,8 @@ class Conditions:
         if self.by_iso:
             numbers |= dict.fromkeys(("subsonic_index_fill", "subsonic_index_dis"), DEFAULT_INDEX)
         numbers |= dict(zip(_ISO if self.by_iso else _THESIS, flows, strict=True))
+        if self.valve_alone is not None and not self.by_iso:
+            numbers |= dict(zip(("valve_c_fill", "valve_c_dis"), self.valve_alone, strict=True))
         return AveragedLaw(
             **numbers,
             temperature=self.temperature,
@@ -304,20 +308,20 @@ def _difference(conditions: Conditions) -> Parameter:
     return Parameter(name, 0.0, _UNITS[name], -widest, widest, scale=scale)
 
 
-def evidence_for_iso(thesis: AveragedFit, iso: AveragedFit, flows: MeanFlows) -> dict[str, float]:
-    """Twice the log evidence for ISO 6358 over the thesis' law, by direction of the flow.
+def evidence_for(other: AveragedFit, over: AveragedFit, flows: MeanFlows) -> dict[str, float]:
+    """Twice the log evidence for a law over another one, by direction of the flow.
 
     "fill" and "dis"; both fits are of these samples. One without enough samples is omitted.
     """
     found = {}
     left = {
         fit: _mean_flow(fit.solution.values, flows, fit.conditions) - flows.flow
-        for fit in (thesis, iso)
+        for fit in (over, other)
     }
     floor = 0.1 * _LEAST_ERROR * float(np.abs(flows.flow).max())
     for way, rows in (("fill", flows.flow > 0.0), ("dis", flows.flow < 0.0)):
         tests = [rows & (flows.test == test) for test in np.unique(flows.test)]
-        old, new = ([left[fit][own] for own in tests] for fit in (thesis, iso))
+        old, new = ([left[fit][own] for own in tests] for fit in (over, other))
         value = twice_log_evidence(old, new, [floor] * len(tests))
         if value is not None:
             found[way] = value
@@ -329,7 +333,7 @@ __all__ = [
     "AveragedFit",
     "Conditions",
     "MeanFlows",
-    "evidence_for_iso",
+    "evidence_for",
     "fit_averaged",
     "law_without",
 ]

@@ -7,9 +7,10 @@ pressure and, where it settles, its supply and atmospheric pressure.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,14 @@ from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacob
 from sysid.estimation.quality import SIGNIFICANT
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
 from sysid.identification.valve_discrete.trials import Piece
-from sysid.parameters.valves import ISO6358, THESIS
+from sysid.parameters.valves import ISO6358, SERIES, THESIS, VALVE_ALONE
 from sysid.plant.iso6358 import HIGHEST_RATIO
 from sysid.types import FloatArray
 
 FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
 DELAYS = ("on_delay_s", "off_delay_s")
 WAYS = ("fill", "dis")
+_COEFFICIENTS = (("fill", "kg/(s Pa^0.5)"), ("dis", "kg/(s Pa)"))
 UNITS = {
     "choked_flow_fill_kg_s": "kg/s",
     "c_fill": "kg/(s Pa^0.5)",
@@ -37,6 +39,7 @@ UNITS = {
     **{f"sonic_conductance_{way}": "m3/(s Pa)" for way in WAYS},
     **{f"critical_ratio_{way}": "-" for way in WAYS},
     **{f"subsonic_index_{way}": "-" for way in WAYS},
+    **{f"{part}_c_{way}": unit for part in ("valve", "control") for way, unit in _COEFFICIENTS},
 }
 
 CONDUCTANCES = tuple(f"sonic_conductance_{way}" for way in WAYS)
@@ -172,11 +175,16 @@ class CurveProblem:
 
     def law(self, way: str) -> str:
         """Which law a direction, "fill" or "dis", obeys here."""
+        if way in self.start.in_series:
+            return SERIES
         return THESIS if getattr(self.start, f"sonic_conductance_{way}") is None else ISO6358
 
     def flow_names(self, way: str) -> tuple[str, ...]:
         """The numbers of a direction's law."""
-        return thesis_names(way) if self.law(way) == THESIS else iso_names(way)
+        law = self.law(way)
+        if law == ISO6358:
+            return iso_names(way)
+        return (*thesis_names(way), VALVE_ALONE[way]) if law == SERIES else thesis_names(way)
 
     @cached_property
     def lengths(self) -> list[int]:
@@ -212,11 +220,12 @@ class CurveProblem:
 
     def curve(self, values: FloatArray, index: int) -> FloatArray:
         """Simulated pressure of one piece, (n_i,) Pa."""
-        changed = {n: float(v) for n, v in zip(self.free, values, strict=False)}
-        own = self.own(values, index)
+        changed: dict[str, Any] = {n: float(v) for n, v in zip(self.free, values, strict=False)}
+        own, piece = self.own(values, index), self.pieces[index]
+        valve = dataclasses.replace(self.start, **changed)
         return pressure_curve(
-            self.pieces[index].chamber,
-            dataclasses.replace(self.start, **changed),
+            piece.chamber,
+            valve if piece.flow_control else valve.alone(),
             own["initial"],
             own["supply_shift"],
             own["atmosphere"],
@@ -300,5 +309,5 @@ def fit_curves(
 def fitted_valve(found: CurveFit) -> DiscreteValve:
     """The valve at the minimum."""
     names = found.problem.free
-    values: Mapping[str, float] = {n: found.fit[n] for n in names}
+    values: dict[str, Any] = {n: found.fit[n] for n in names}
     return dataclasses.replace(found.problem.start, **values)

@@ -28,7 +28,14 @@ from sysid.identification.valve_discrete.ratio import DISCHARGE, FILL, critical_
 from sysid.identification.valve_discrete.regimes import Stretches
 from sysid.identification.valve_discrete.result import DiscreteFit, PressureCurve
 from sysid.io.rig import Air
-from sysid.parameters.valves import BY_ISO, ISO6358
+from sysid.parameters.valves import (
+    BY_ISO,
+    FLOW_CONTROL,
+    ISO6358,
+    SERIES,
+    THESIS,
+    VALVE_ALONE,
+)
 from sysid.plant.base import exhaust_jump, filling_jump
 
 
@@ -107,9 +114,10 @@ def with_volume_error(
 
     It is in no delay, no critical ratio and no jump.
     """
-    names = (*FLOWS, *(iso_names(way)[0] for way in WAYS))
+    conductances = (iso_names(way)[0] for way in WAYS)
+    names = (*FLOWS, *conductances, *VALVE_ALONE.values(), *FLOW_CONTROL.values())
     known = {name: estimates[name] for name in names if name in estimates}
-    flows = {name: flow for name, flow in known.items() if flow.identified}
+    flows = {name: e for name, e in known.items() if e.identified and math.isfinite(e.std)}
     wider = {
         name: volume.in_estimate(flow, shows_scatter=name in curves.scattering)
         for name, flow in flows.items()
@@ -122,7 +130,7 @@ def critical_ratios(curves: CurveFit, estimates: Mapping[str, Estimate]) -> dict
     """The critical ratios with the boundary left free."""
     found = {}
     for way, direction in zip(WAYS, (FILL, DISCHARGE), strict=True):
-        if curves.problem.law(way) == ISO6358:
+        if curves.problem.law(way) != THESIS:
             continue
         missing = [n for n in direction.free if not estimates[n].identified]
         if missing:
@@ -146,6 +154,10 @@ def boundary_jumps(
         if curves.problem.law(way) == ISO6358:
             continue
         choked, unchoked = thesis_names(way)
+        if curves.problem.law(way) == SERIES:
+            if VALVE_ALONE[way] not in curves.problem.free:
+                continue
+            unchoked = VALVE_ALONE[way]  # at whose own boundary the law jumps
         m, c = estimates[choked], estimates[unchoked]
         if not (m.identified and c.identified):
             why = "needs both the choked and the unchoked interval"

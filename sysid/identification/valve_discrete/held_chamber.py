@@ -10,12 +10,13 @@ that obeys ISO 6358 follows `iso_curve` in the thesis' place.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sysid.identification.valve_discrete.iso_curve import IsoPath
 from sysid.plant.base import CRITICAL_RATIO
+from sysid.plant.flow_control import series_exhaust_boundary, series_filling_boundary
 from sysid.plant.iso6358 import ANR_TEMPERATURE, DEFAULT_INDEX, choked_flow
 from sysid.plant.valve_timing import delayed
 from sysid.types import FloatArray
@@ -28,6 +29,9 @@ class DiscreteValve:
     Choked flows kg/s (filling at the reference supply), `c_fill` kg/(s Pa^0.5), `c_dis`
     kg/(s Pa), delays s. A direction with a sonic conductance, m3/(s Pa) at ANR, obeys ISO 6358
     with it, the critical ratio and the subsonic index; the thesis' numbers of it are not used.
+    `valve_c_fill`, `valve_c_dis`: the coefficients of the valve alone, where its tests were made
+    with a flow control in series and without; a direction `in_series` chokes by the pressure
+    between the two (thesis 3.6).
     """
 
     choked_flow_fill_kg_s: float
@@ -42,6 +46,30 @@ class DiscreteValve:
     sonic_conductance_dis: float | None = None
     subsonic_index_fill: float = DEFAULT_INDEX
     subsonic_index_dis: float = DEFAULT_INDEX
+    valve_c_fill: float | None = None
+    valve_c_dis: float | None = None
+    in_series: tuple[str, ...] = ()
+
+    def alone(self) -> DiscreteValve:
+        """The valve without its flow control."""
+        own = (self.valve_c_fill, self.valve_c_dis)
+        fill, dis = (
+            c if c is not None else both
+            for c, both in zip(own, (self.c_fill, self.c_dis), strict=True)
+        )
+        return replace(self, c_fill=fill, c_dis=dis, in_series=())
+
+    def filling_boundary(self, supply: float) -> float:
+        """Chamber pressure, Pa, up to which filling is choked by the thesis' law."""
+        if "fill" in self.in_series and self.valve_c_fill is not None:
+            return float(series_filling_boundary(supply, self.valve_c_fill, self.c_fill))
+        return self.critical_ratio_fill * supply
+
+    def exhaust_boundary(self, atmosphere: float) -> float:
+        """Chamber pressure, Pa, from which on the exhaust is choked by the thesis' law."""
+        if "dis" in self.in_series and self.valve_c_dis is not None:
+            return float(series_exhaust_boundary(atmosphere, self.valve_c_dis, self.c_dis))
+        return atmosphere / self.critical_ratio_dis
 
     def iso_path(self, way: str, chamber: HeldChamber) -> IsoPath | None:
         """A direction, "fill" or "dis", by ISO 6358; None where it obeys the thesis' law."""
@@ -141,7 +169,7 @@ def _filling(
     if initial > supply:
         root = np.maximum(math.sqrt(initial - supply) - half_rate * elapsed, 0.0)
         return np.asarray(supply + root**2)
-    boundary = valve.critical_ratio_fill * supply
+    boundary = valve.filling_boundary(supply)
     rate = chamber.gain * valve.choked_flow_fill_kg_s * supply / chamber.supply_reference
     start = max(initial, boundary)
     rest = elapsed - (start - initial) / rate
@@ -159,7 +187,7 @@ def _exhausting(
     """Emptying; by 3.6.7 and 3.6.10 P - d t while choked, then an exponential towards P0."""
     if (iso := valve.iso_path("dis", chamber)) is not None:
         return iso.pressure(initial, atmosphere, elapsed)
-    boundary = atmosphere / valve.critical_ratio_dis
+    boundary = valve.exhaust_boundary(atmosphere)
     rate = chamber.gain * valve.choked_flow_dis_kg_s
     start = min(initial, boundary)
     rest = elapsed - (initial - start) / rate

@@ -1,6 +1,7 @@
-"""Which flow law a valve obeys: the thesis' two regimes or ISO 6358, by evidence on its tests.
+"""Which flow law a valve obeys, by evidence on its tests: the thesis' two regimes or ISO 6358.
 
-Both laws have as many numbers: the difference of their log likelihoods is the evidence.
+Both laws have as many numbers: the difference of their log likelihoods is the evidence. With what
+is known of the valve without its flow control, that of the two in series is a third one of as many.
 """
 
 from __future__ import annotations
@@ -8,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +28,15 @@ from sysid.identification.valve_discrete.curve import (
 )
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve
 from sysid.identification.valve_discrete.quality import rows_of
-from sysid.parameters.valves import AUTO, ISO6358, LAWS, THESIS
+from sysid.parameters.valves import (
+    AUTO,
+    ISO6358,
+    LAWS,
+    SERIES,
+    THESIS,
+    LawDecision,
+    RejectedLaw,
+)
 from sysid.plant.iso6358 import choked_flow
 
 # Critical ratios of real valves, from which the fit starts; the best fit counts.
@@ -39,13 +49,17 @@ class LawChoice:
     """The law of each direction and why: twice the log evidence for ISO 6358 by direction.
 
     `laws`: by direction, "fill" and "dis"; `evidence` of directions of which both were fitted;
-    `rms` Pa of each law by direction, over the rows in motion.
+    `rms` Pa of each law by direction, over the rows in motion; `series`: twice the log evidence for
+    a flow control in series over the better of the two (None: not fitted); `rejected`: the fits by
+    the laws that were not chosen.
     """
 
     laws: Mapping[str, str]
     evidence: Mapping[str, float]
     rms: Mapping[str, Mapping[str, float]]
     asked: str = AUTO
+    series: float | None = None
+    rejected: Mapping[str, CurveFit] = field(default_factory=dict)
 
     @property
     def total(self) -> float:
@@ -56,15 +70,21 @@ class LawChoice:
     def disagrees(self) -> bool:
         """Whether one direction is decidedly of one law and the other one of the other."""
         values = self.evidence.values()
+        if SERIES in self.laws.values():
+            return False
         return any(v > DECISIVE for v in values) and any(v < -DECISIVE for v in values)
 
     @property
     def undecided(self) -> bool:
         """Whether the tests do not distinguish the laws."""
+        if SERIES in self.laws.values():
+            return False
         return bool(self.evidence) and not self.disagrees and abs(self.total) <= DECISIVE
 
     def why(self) -> str:
         """The choice in words: what was chosen, and by which evidence."""
+        if SERIES in self.laws.values():
+            return self._why_series()
         found = "; ".join(
             f"{_DIRECTION[way]} {self.rms[way][THESIS]:.3g} Pa rms by the thesis' law, "
             f"{self.rms[way][ISO6358]:.3g} Pa by ISO 6358"
@@ -84,23 +104,79 @@ class LawChoice:
             return f"ISO 6358 follows these tests better ({size}; {found})"
         return f"the thesis' law follows these tests better ({size}; {found})"
 
+    def decision(self) -> LawDecision | None:
+        """The choice as a bundle holds it; None where no law was rejected."""
+        rejected = [
+            RejectedLaw(law=law, numbers=_numbers(fit), rmse_pa=_rmse(fit))  # type: ignore[arg-type]
+            for law, fit in self.rejected.items()
+        ]
+        return LawDecision(why=self.why(), rejected=rejected) if rejected else None
 
-def chosen(thesis: CurveFit, asked: str) -> tuple[CurveFit, LawChoice, CurveFit | None]:
-    """The fit by the law that is asked for or that the tests show; why; and the other fit.
+    def _why_series(self) -> str:
+        if self.series is None:
+            return "valve and flow control are identified in combination only (--law thesis-series)"
+        size = f"twice the log evidence for it {self.series:.3g}"
+        if self.asked != AUTO:
+            return f"a flow control is in series (--law {self.asked}; {size})"
+        better = "follows these tests better" if self.series > DECISIVE else "follows these tests"
+        return f"the law of a flow control in series {better} ({size})"
 
-    `thesis`: the fit by the thesis' law; `asked`: one of LAWS, or "auto".
+
+def chosen(
+    thesis: CurveFit, asked: str, series: CurveFit | None = None
+) -> tuple[CurveFit, LawChoice]:
+    """The fit by the law that is asked for or that the tests show, and why.
+
+    `thesis`: the fit by the thesis' law; `asked`: one of LAWS, or "auto"; `series`: the fit with a
+    flow control in series, where the valve is known without: it is chosen unless the tests are
+    evidence against it, as its tests without a flow control say that there is one.
     """
+    curves, choice = _of_two(thesis, AUTO if asked == SERIES else asked)
+    if series is None:
+        if asked != SERIES:
+            return curves, choice
+        # Their combination is fitted by the chamber's own pressure (thesis 3.6.2).
+        return thesis, LawChoice(dict.fromkeys(WAYS, SERIES), {}, {}, asked)
+    if asked not in (AUTO, SERIES):
+        return curves, choice
+    ways = series.problem.start.in_series
+    total = sum(_evidence(curves, series, way) or 0.0 for way in ways)
+    others = {THESIS: thesis, **choice.rejected}
+    if curves is not thesis:
+        others[ISO6358] = curves
+    if asked == AUTO and total < -DECISIVE:
+        rejected = {**choice.rejected, SERIES: series}
+        return curves, dataclasses.replace(choice, series=total, rejected=rejected)
+    laws = {way: SERIES if way in ways else THESIS for way in WAYS}
+    known = dataclasses.replace(choice, laws=laws, asked=asked, series=total, rejected=others)
+    return series, known
+
+
+def _numbers(fit: CurveFit) -> dict[str, float]:
+    """The numbers of the fitted law and its delays, by the names of `DiscreteValve`."""
+    valve, problem = fitted_valve(fit), fit.problem
+    names = dict.fromkeys(name for way in WAYS for name in problem.flow_names(way))
+    return {name: float(getattr(valve, name)) for name in (*names, *DELAYS)}
+
+
+def _rmse(fit: CurveFit) -> float:
+    """Pa, over all rows."""
+    return root_mean_square(fit.fit.residuals)
+
+
+def _of_two(thesis: CurveFit, asked: str) -> tuple[CurveFit, LawChoice]:
+    """`chosen` of the thesis' law and ISO 6358."""
     ways = [way for way in WAYS if set(thesis_names(way)) & set(thesis.problem.free)]
     plain = dict.fromkeys(WAYS, THESIS)
     if asked == THESIS or not ways:
-        return thesis, LawChoice(plain, {}, {}, asked), None
+        return thesis, LawChoice(plain, {}, {}, asked)
     iso = iso_fit(thesis, ways)
     if iso is None:
         if asked == ISO6358:
             raise NotIdentifiedError(
                 "no critical ratio and conductance of ISO 6358 follow these tests: use --law thesis"
             )
-        return thesis, LawChoice(plain, {}, {}, asked), None
+        return thesis, LawChoice(plain, {}, {}, asked)
     evidence = {way: _evidence(thesis, iso, way) for way in ways}
     known = {way: value for way, value in evidence.items() if value is not None}
     rms = {way: {THESIS: _rms(thesis, iso, way), ISO6358: _rms(iso, thesis, way)} for way in known}
@@ -108,8 +184,8 @@ def chosen(thesis: CurveFit, asked: str) -> tuple[CurveFit, LawChoice, CurveFit 
     choice = LawChoice(takes_iso, known, rms, asked)
     better = choice.total > DECISIVE and not choice.disagrees
     if asked == ISO6358 or better:
-        return iso, choice, thesis
-    return thesis, dataclasses.replace(choice, laws=plain), iso
+        return iso, dataclasses.replace(choice, rejected={THESIS: thesis})
+    return thesis, dataclasses.replace(choice, laws=plain, rejected={ISO6358: iso})
 
 
 def iso_fit(thesis: CurveFit, ways: Sequence[str]) -> CurveFit | None:
@@ -136,7 +212,7 @@ def _iso_start(thesis: CurveFit, ways: Sequence[str], ratio: float) -> DiscreteV
     valve, pieces = fitted_valve(thesis), thesis.problem.pieces
     per_pressure = float(np.mean([choked_flow(1.0, 1.0, p.chamber.temperature) for p in pieces]))
     supply = float(np.mean([p.supply for p in pieces]))
-    changes: dict[str, float] = {}
+    changes: dict[str, Any] = {}
     for way in ways:
         conductance, name, _ = iso_names(way)
         flow = getattr(valve, thesis_names(way)[0])
@@ -148,13 +224,14 @@ def _iso_start(thesis: CurveFit, ways: Sequence[str], ratio: float) -> DiscreteV
     return dataclasses.replace(valve, **changes)
 
 
-def _evidence(thesis: CurveFit, iso: CurveFit, way: str) -> float | None:
-    """Twice the log evidence for ISO 6358 in one direction; None without rows in motion."""
+def _evidence(one: CurveFit, other: CurveFit, way: str) -> float | None:
+    """Twice the log evidence for the other in one direction, on the first's tests, which begin the
+    other's; None without rows in motion."""
     old, new, least = [], [], []
-    for index, piece in enumerate(thesis.problem.pieces):
-        rows = rows_of(way, piece, (thesis, iso), index)
-        old.append(thesis.residuals(index)[rows])
-        new.append(iso.residuals(index)[rows])
+    for index, piece in enumerate(one.problem.pieces):
+        rows = rows_of(way, piece, (one, other), index)
+        old.append(one.residuals(index)[rows])
+        new.append(other.residuals(index)[rows])
         # A record finer than its sensor's noise shows no more than that.
         least.append(0.1 * piece.noise)
     return twice_log_evidence(old, new, least)
@@ -169,4 +246,4 @@ def _rms(fit: CurveFit, other: CurveFit, way: str) -> float:
     return root_mean_square(np.concatenate(parts))
 
 
-__all__ = ["AUTO", "LAWS", "LawChoice", "chosen", "iso_fit"]
+__all__ = ["AUTO", "LAWS", "SERIES", "LawChoice", "chosen", "iso_fit"]

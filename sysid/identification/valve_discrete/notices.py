@@ -12,12 +12,13 @@ from sysid.identification.valve_discrete.curve import DELAYS, CurveFit
 from sysid.identification.valve_discrete.law_choice import LawChoice
 from sysid.identification.valve_discrete.trials import SUPPLY_TOLERANCE, Piece
 from sysid.io.rig import Air, Rig
-from sysid.parameters.valves import AUTO, ISO6358
+from sysid.parameters.valves import AUTO, ISO6358, SERIES
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import BoolArray, FloatArray
 
 RATIOS = ("critical_ratio_fill", "critical_ratio_dis")
 JUMPS = ("jump_fill_percent", "jump_dis_percent")
+_LAWS = {ISO6358: "law of ISO 6358", SERIES: "law of a flow control in series"}
 _DELAY_TOLERANCE_S = 0.0003
 _RATIO_TOLERANCE = 0.02
 
@@ -70,7 +71,7 @@ def lack_of_fit_notices(curves: CurveFit, title: str) -> list[str]:
         names = [*problem.flow_names(way)[:2], DELAYS[0 if rises else 1]]
         if not set(names[:2]) & set(problem.free):
             continue
-        law = "law of ISO 6358" if problem.law(way) == ISO6358 else "two-regime law"
+        law = _LAWS.get(problem.law(way), "two-regime law")
         said = (law, what, names)
         short = []
         for i, piece in enumerate(curves.problem.pieces):
@@ -134,10 +135,16 @@ def delay_notices(estimates: Mapping[str, Estimate], title: str, rig: Rig) -> li
 
 def law_remarks(choice: LawChoice, title: str) -> list[str]:
     """Which law was chosen and why, where it is not plainly the thesis'."""
-    plain = not (choice.undecided or choice.disagrees or ISO6358 in choice.laws.values())
-    if choice.asked == AUTO and plain:
+    names = choice.laws.values()
+    plain = not (choice.undecided or choice.disagrees or {ISO6358, SERIES} & {*names})
+    if choice.asked == AUTO and plain and choice.series is None:
         return []
     why = choice.why()
+    if choice.series is not None and SERIES not in names:
+        why = (
+            f"{why}; these tests are evidence against a flow control in series (twice the log "
+            f"evidence for it {choice.series:.3g}), so that the logs without one are not used"
+        )
     kept = "; the thesis' law is kept" if choice.undecided and choice.asked == AUTO else ""
     return [f"{title}: {why}{kept}"] if why else []
 

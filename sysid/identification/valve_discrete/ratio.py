@@ -13,6 +13,7 @@ import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +92,8 @@ def _profile(
     @functools.cache
     def sums(ratio: float) -> float:
         near = known[min(known, key=lambda r: abs(r - ratio))]
-        start = dataclasses.replace(near, **{direction.ratio: float(ratio)})
+        at: dict[str, Any] = {direction.ratio: float(ratio)}
+        start = dataclasses.replace(near, **at)
         refit = fit_curves(pieces, start, direction.free, 1e-5)
         known[float(ratio)] = fitted_valve(refit)
         return refit.fit.sum_of_squares

@@ -89,6 +89,8 @@ class DiscreteFit(NamedEstimates, Shown):
             "quality": records_of(self.quality),
             "tests": sorted({c.test for c in self.curves}),
         }
+        if self.choice is not None and (decision := self.choice.decision()) is not None:
+            content["choice"] = decision
         if (correlation := self.correlation) is not None:
             content["correlation"] = correlation
         return DiscreteLaw.model_validate(content)

@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from sysid.blocks.figures import TALL_PANEL, Figure, Line, Mark, Panel, Points, Rule, Scale
 from sysid.blocks.numbers import number, percent
-from sysid.blocks.sections import Block, FigureGroup, Section
+from sysid.blocks.sections import Block, FigureGroup, Lines, Section
 from sysid.blocks.tables import Table, table
+from sysid.estimation.quality import root_mean_square
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
 from sysid.identification.valve_discrete.trials import Piece, screen
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, DiscreteLaw
 from sysid.parameters.base import read_number
+from sysid.parameters.valves import ISO6358, SERIES, THESIS, VALVE_ALONE, LawDecision
 from sysid.types import FloatArray
 
 _FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
 _DELAYS = ("on_delay_s", "off_delay_s")
+_LAW_NAMES = {THESIS: "the thesis' law", ISO6358: "ISO 6358", SERIES: "a flow control in series"}
 
 
 @dataclass(frozen=True)
 class PressureCurve:
     """One test's pressure, measured and simulated: `time` (n,) s, pressures (n,) Pa.
 
-    `opens` and `closes`: when the valve is switched, s.
+    `opens` and `closes`: when the valve is switched, s. `rejected`: the pressure by the laws that
+    were fitted and not chosen, by their names.
     """
 
     test: str
@@ -37,6 +43,7 @@ class PressureCurve:
     simulated: FloatArray
     opens: FloatArray = field(default_factory=lambda: np.zeros(0))
     closes: FloatArray = field(default_factory=lambda: np.zeros(0))
+    rejected: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def rmse(self) -> float:
@@ -57,6 +64,9 @@ def discrete_section(
     for side, law in fitted.items():
         part = parts[f"valves.{side}.discrete"]
         blocks.append(part.shown(f"Valve {side.upper()}"))
+        decision = law.choice if isinstance(law.choice, LawDecision) else None
+        if decision is not None:
+            blocks.append(Lines((_decision_line(side, decision),)))
         curves = _curves(side, law, logs, rig)
         if curves:
             blocks.append(_figures(side, curves))
@@ -68,6 +78,11 @@ def discrete_section(
         "a tank of constant volume empties through the valve or port.",
     )
     return Section("valves", "On/off valves", intro, tuple(blocks))
+
+
+def _decision_line(side: str, decision: LawDecision) -> str:
+    """Why a valve has its law, as a sentence."""
+    return f"Flow law of valve {side.upper()}: {decision.why}."
 
 
 def _fit_table(fitted: Mapping[str, DiscreteLaw]) -> Table:
@@ -93,6 +108,7 @@ def _curves(
     curves: list[PressureCurve] = []
     if valve is None:
         return curves
+    others = _rejected(law)
     for named, log in logs:
         if named not in (None, side):
             continue
@@ -100,18 +116,37 @@ def _curves(
             command = trial.channels.get(f"valve_{side}")
             if command is None or not np.any(command > 0.5):
                 continue
-            curves += [_curve(piece, valve) for piece in screen(trial, side, rig).pieces]
+            curves += [_curve(piece, valve, others) for piece in screen(trial, side, rig).pieces]
     return curves
+
+
+def _rejected(law: DiscreteLaw) -> dict[str, DiscreteValve]:
+    """The valve by each law that was fitted and not chosen, by the law's name."""
+    decision = law.choice if isinstance(law.choice, LawDecision) else None
+    fields = {f.name for f in dataclasses.fields(DiscreteValve)}
+    unused: dict[str, Any] = {**dict.fromkeys(_FLOWS, 1.0), **dict.fromkeys(_DELAYS, 0.0)}
+    plain = DiscreteValve(**unused)
+    found = {}
+    for one in decision.rejected if decision is not None else ():
+        own: dict[str, Any] = {k: float(v) for k, v in one.numbers.items() if k in fields}
+        if one.law == SERIES:
+            own["in_series"] = tuple(way for way, key in VALVE_ALONE.items() if key in own)
+        if all(f"sonic_conductance_{way}" in own or f"c_{way}" in own for way in ("fill", "dis")):
+            found[_LAW_NAMES[one.law]] = dataclasses.replace(plain, **own)
+    return found
 
 
 def _valve(law: DiscreteLaw, rig: Rig) -> DiscreteValve | None:
     """The law of the bundle; a delay that is not identified is the rig file's."""
     delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0, 0.0)
     declared = dict(zip(_DELAYS, delays, strict=True))
-    values = dict.fromkeys(_FLOWS, 1.0)  # of a direction by ISO 6358 they are not used
+    values: dict[str, Any] = dict.fromkeys(
+        _FLOWS, 1.0
+    )  # of a direction by ISO 6358 they are not used
     estimates = law.estimates()
     # The thesis law's critical ratios in the bundle are a check; the law itself has 0.53.
     keys = {**{key: key for key in law.thesis_keys().values()}, **law.iso_keys()}
+    keys |= law.series_keys()
     for name, key in keys.items():
         if not (found := estimates[key]).identified:
             return None
@@ -120,17 +155,28 @@ def _valve(law: DiscreteLaw, rig: Rig) -> DiscreteValve | None:
         delay = estimates.get(name)
         known = delay is not None and delay.identified
         values[name] = delay.value if known and delay else declared[name]
-    return DiscreteValve(**values)
+    ways = tuple(way for way, key in VALVE_ALONE.items() if key in values)
+    return DiscreteValve(**values, in_series=ways)
 
 
-def _curve(piece: Piece, valve: DiscreteValve) -> PressureCurve:
+def _curve(
+    piece: Piece, valve: DiscreteValve, others: Mapping[str, DiscreteValve]
+) -> PressureCurve:
     chamber = piece.chamber
-    fitted = pressure_curve(chamber, valve, piece.initial, piece.supply_shift, piece.atmosphere)
+
+    def simulated(one: DiscreteValve) -> FloatArray:
+        own = one if piece.flow_control else one.alone()
+        return pressure_curve(chamber, own, piece.initial, piece.supply_shift, piece.atmosphere)
+
+    # Of tests without the flow control, laws that know none say nothing.
+    rejected = {k: simulated(v) for k, v in others.items() if piece.flow_control or v.in_series}
     start = chamber.time[0]
     edges = (np.asarray(e)[np.isfinite(e)] - start for e in (chamber.opens, chamber.closes))
     opens, closes = (e[(e >= 0.0) & (e < chamber.time[-1] - start)] for e in edges)
     time = chamber.time - start
-    return PressureCurve(piece.label, time, piece.pressure, fitted, opens, closes)
+    return PressureCurve(
+        piece.label, time, piece.pressure, simulated(valve), opens, closes, rejected
+    )
 
 
 def _figures(side: str, curves: Sequence[PressureCurve]) -> FigureGroup:
@@ -147,6 +193,8 @@ def _figures(side: str, curves: Sequence[PressureCurve]) -> FigureGroup:
         if len(curves) > 1
         else f"Valve {side.upper()}, measured and fitted pressure, residual below."
     )
+    if worst.rejected:
+        caption += f" Dashed: the law that was not chosen ({' and '.join(worst.rejected)})."
     return FigureGroup(caption, tuple(figures))
 
 
@@ -158,11 +206,22 @@ def _panel(side: str, curve: PressureCurve, what: str, edge: float | None, tag: 
         rows = slice(int(near[0]), int(near[-1]) + 1)
     time, measured, fitted = curve.time[rows], curve.measured[rows], curve.simulated[rows]
     residual = measured - fitted
-    both = (
+    both: tuple[Mark, ...] = (
         Line(time, 1e-3 * measured, "measured", "measured", width=2.4),
         Line(time, 1e-3 * fitted, "model", "fitted", width=1.0),
     )
-    below = (Line(time, 1e-3 * residual, "second", width=0.6), Rule(0.0, width=0.6))
+    both += tuple(
+        Line(time, 1e-3 * other[rows], "second", f"not chosen: {name}", "dashed", 0.9)
+        for name, other in curve.rejected.items()
+    )
+    below: tuple[Mark, ...] = (
+        Line(time, 1e-3 * residual, "model", width=0.6),
+        Rule(0.0, width=0.6),
+    )
+    below += tuple(
+        Line(time, 1e-3 * (measured - other[rows]), "second", "", "dashed", 0.6)
+        for other in curve.rejected.values()
+    )
     x = Scale("Time", "s")
     rmse = math.sqrt(float(np.mean(residual**2)))
     description = (
@@ -170,6 +229,10 @@ def _panel(side: str, curve: PressureCurve, what: str, edge: float | None, tag: 
         f"measured pressure from {number(1e-3 * float(measured.min()))} to "
         f"{number(1e-3 * float(measured.max()))} kPa; the fitted curve is off by {number(rmse)} Pa "
         f"rms, at most {number(float(np.abs(residual).max()))} Pa."
+    ) + "".join(
+        f" By the law that was not chosen, {name}, it is off by "
+        f"{number(root_mean_square(measured - other[rows]))} Pa rms."
+        for name, other in curve.rejected.items()
     )
     return Figure(
         f"fig-valve-{side}-{tag}",

@@ -46,6 +46,7 @@ class Piece:
     `pressure` (n,) Pa at `chamber.time`; `initial`, `atmosphere` Pa are start values of the fit;
     `supply_shift` Pa is added to the chamber's supply. `fits_supply` and `fits_atmosphere`:
     the piece shows the settled pressure, so that the fit estimates it. `noise` Pa; `volume` m3.
+    `flow_control`: whether the flow control that the valve has, if any, was in place.
     """
 
     label: str
@@ -61,6 +62,7 @@ class Piece:
     supply_logged: bool
     volume: float
     fits_initial: bool = True
+    flow_control: bool = True
 
     @property
     def way(self) -> float:
@@ -185,7 +187,7 @@ def _whole(
     p0 = air.atmospheric_pressure_pa
     return Piece(
         trial.label, trial.source, chamber, pressure, noise, float(pressure[0]), 0.0, False, p0,
-        False, logged, volume,
+        False, logged, volume, flow_control=trial.flow_control,
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,18 +11,30 @@ import numpy as np
 
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.estimation.law_evidence import DECISIVE
+from sysid.estimation.linear import Estimate
 from sysid.identification.held_volume import VolumeError
 from sysid.identification.valve_pwm.quality import CHECK, duty_quality, fails
 from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValveAverage
 from sysid.io.rig import Rig
-from sysid.parameters.valves import AUTO, ISO6358, ISO_KEYS, LAW_KEYS, LAWS, THESIS
+from sysid.parameters.series import COMBINED, control_coefficient
+from sysid.parameters.valves import (
+    AUTO,
+    FLOW_CONTROL,
+    ISO6358,
+    ISO_KEYS,
+    LAW_KEYS,
+    LAWS,
+    SERIES,
+    THESIS,
+    VALVE_ALONE,
+)
 from sysid.surfaces.averaged import AveragedLaw
 from sysid.surfaces.averaged_fit import (
     N_PARAMETERS,
     AveragedFit,
     Conditions,
     MeanFlows,
-    evidence_for_iso,
+    evidence_for,
     fit_averaged,
     law_without,
 )
@@ -42,8 +55,9 @@ def average_of(
     """The averaged law of one valve, whose tests are given by direction.
 
     `folds`, `seed`: of the held-out tests, which are those of the surfaces' comparison; `count`:
-    the encoder's, rad or m, whose half every flow may be wrong by; `law`: "thesis", "iso6358", or
-    "auto", by which the tests choose.
+    the encoder's, rad or m, whose half every flow may be wrong by; `law`: "thesis", "iso6358",
+    "thesis-series" (with the valve's own coefficients of the rig file), or "auto", by which the
+    tests choose.
     Raises NotIdentifiedError where the tests do not identify it.
     """
     air = rig.require("air", "which the averaged law needs")
@@ -54,6 +68,7 @@ def average_of(
         air.atmospheric_pressure_pa,
         first.pwm_period_s,
         air.temperature_k,
+        valve_alone=_declared(rig, first.valve),
     )
     flows, offsets = _together(list(directions.values()))
     fit, said = fit_by_law(flows, conditions, law)
@@ -87,6 +102,8 @@ def average_of(
         name: position.in_estimate(e, shows_scatter=True) if name in _WITH_VOLUME else e
         for name, e in fit.estimates.items()
     }
+    if fit.conditions.valve_alone is not None:
+        estimates |= _in_series(estimates, fit.conditions.valve_alone)
     return ValveAverage(fit, estimates, errors, quality, tuple(notices))
 
 
@@ -98,7 +115,24 @@ _WITH_VOLUME = {*LAW_KEYS.values(), *(name for name in ISO_KEYS if name.startswi
 def fit_by_law(
     flows: MeanFlows, conditions: Conditions, law: str
 ) -> tuple[AveragedFit, tuple[str, ...]]:
-    """The fit by the law that is asked for or that the samples show, and what to say of it."""
+    """The fit by the law that is asked for or that the samples show, and what to say of it.
+
+    With what the valve is without its flow control, that of both in series is one of them.
+    """
+    series, plain = conditions, replace(conditions, valve_alone=None)
+    if law == SERIES or (law == AUTO and series.valve_alone is not None):
+        if series.valve_alone is None:
+            return fit_averaged(flows, plain), (f"the averaged law: {COMBINED}",)
+        fit = fit_averaged(flows, series)
+        if law == SERIES:
+            return fit, ()
+        other, _ = fit_by_law(flows, plain, AUTO)
+        total = sum(evidence_for(fit, other, flows).values())
+        said = f"twice the log evidence for a flow control in series {total:.3g}"
+        if total >= -DECISIVE:
+            return fit, (f"the averaged law: the valve and its flow control in series ({said})",)
+        return other, (f"the averaged law: these tests are evidence against one ({said})",)
+    conditions = plain
     if law == ISO6358:
         return fit_averaged(flows, replace(conditions, by_iso=True)), ()
     thesis = fit_averaged(flows, conditions)
@@ -110,12 +144,12 @@ def fit_by_law(
         return thesis, ()
     # Twice the log evidence of n samples grows by at most n for each share of the sum of squares.
     within_reach = DECISIVE + _STILL_TO_GAIN * len(flows.flow)
-    if sum(evidence_for_iso(thesis, rough, flows).values()) < -within_reach:
+    if sum(evidence_for(rough, thesis, flows).values()) < -within_reach:
         return thesis, ()
     iso = on_its_own(partial(fit_averaged, flows, other))
     if isinstance(iso, Failure):
         return thesis, ()
-    evidence = evidence_for_iso(thesis, iso, flows)
+    evidence = evidence_for(iso, thesis, flows)
     total, against = sum(evidence.values()), min(evidence.values(), default=0.0)
     shown = ", ".join(f"{way} {value:.3g}" for way, value in evidence.items())
     if total > DECISIVE and against >= -DECISIVE:
@@ -125,6 +159,25 @@ def fit_by_law(
         said = f"the laws are indistinguishable in these tests (twice the log evidence: {shown})"
         return thesis, (f"the averaged law: {said}; the thesis' law is kept",)
     return thesis, ()
+
+
+def _declared(rig: Rig, valve: str) -> tuple[float, float] | None:
+    """The rig file's coefficients of a valve without its flow control, filling and exhaust."""
+    own = rig.valve_alone(valve)
+    return (own["fill"], own["dis"]) if own else None
+
+
+def _in_series(
+    estimates: Mapping[str, Estimate], valve_alone: tuple[float, float]
+) -> dict[str, Estimate]:
+    """The coefficients of the valve, as declared, and of its flow control."""
+    found = {}
+    for way, value in zip(VALVE_ALONE, valve_alone, strict=True):
+        both = estimates[f"c_{way}"]
+        own = Estimate(value, math.nan, both.unit, (math.nan, math.nan))
+        found[VALVE_ALONE[way]] = own
+        found[FLOW_CONTROL[way]] = control_coefficient(way, both, own)
+    return found
 
 
 def _volumes(found: DirectionFit) -> list[float]:

@@ -24,6 +24,7 @@ from sysid.parameters.quality import QualityRecord, records_of
 from sysid.parameters.valves import (
     AVERAGED,
     ISO6358,
+    SERIES,
     THESIS,
     WAYS,
     AveragedRecord,
@@ -183,7 +184,8 @@ class ValveAverage:
             direction: {use: asdict(error) for use, error in found.items()}
             for direction, found in self.errors.items()
         }
-        law = ISO6358 if conditions.by_iso else THESIS
+        in_series = SERIES if conditions.valve_alone is not None else THESIS
+        law = ISO6358 if conditions.by_iso else in_series
         content: dict[str, Any] = by_direction(self.estimates, dict.fromkeys(WAYS, law))
         return AveragedRecord(
             **content,

@@ -49,7 +49,8 @@ def drooped_filling_flow(
     gap = xp.maximum(supply - pressure, 0.0)
     unchoked = 0.5 * valve.c_fill * (xp.sqrt(loss * loss + 4.0 * gap) - loss)
     choked = valve.choked_fill * supply / (supply_reference + droop * valve.choked_fill)
-    flow = xp.where(base.is_filling_choked(pressure, supply - droop * choked), choked, unchoked)
+    boundary = valve_laws.filling_boundary(valve, supply - droop * choked)
+    flow = xp.where(pressure <= boundary, choked, unchoked)
     return xp.where((flow > 0.0) & (choked == choked), flow, 0.0)
 
 
@@ -125,7 +126,8 @@ def backed_exhaust_flow(
         bent = 4.0 * (curvature * valve.c_dis) * xp.maximum(free, 0.0)
         unchoked = 2.0 * free / (slowed + xp.sqrt(slowed * slowed + bent))
     back = atmosphere + (resistance + curvature * valve.choked_dis) * valve.choked_dis
-    flow = xp.where(base.is_exhaust_choked(pressure, back), valve.choked_dis, unchoked)
+    boundary = valve_laws.exhaust_boundary(valve, back)
+    flow = xp.where(pressure >= boundary, valve.choked_dis, unchoked)
     # Any other number that is not known makes the unchoked flow unknown, too.
     return xp.where((flow > 0.0) & (valve.choked_dis == valve.choked_dis), flow, 0.0)
 

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.plant import base
 from sysid.plant.base import LEAST_DIVISOR, Array, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, of_side
 from sysid.plant.ports import Point
-from sysid.plant.valve_laws import obeys_iso
+from sysid.plant.valve_laws import exhaust_boundary, obeys_iso
 from sysid.plant.valve_timing import TIME_TOLERANCE
 
 
@@ -132,9 +131,10 @@ class ChokedExhaustScaling(CatalogueEffect):
     source = "ISO 6358-1:2013 (choked flow is proportional to the upstream pressure)"
 
     def exhaust_flow(self, flow: Array, side: str, point: Point) -> Array:
-        if obeys_iso(point.parameters.valve(side), "dis"):
+        valve = point.parameters.valve(side)
+        if obeys_iso(valve, "dis"):
             return flow  # which grows by itself
-        boundary = base.exhaust_boundary(point.parameters.atmosphere)
+        boundary = exhaust_boundary(valve, point.parameters.atmosphere)
         xp = array_namespace(point.pressure(side), boundary)
         excess = xp.maximum(point.pressure(side) / boundary - 1.0, 0.0)
         return flow * (1.0 + self.exhaust_scaling * excess)
