@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,9 @@ _LAST_STEP = 1e-10
 
 # So near to a bound, as a share of its scale, a parameter is stuck there.
 _AT_BOUND = 1e-6
+# After so many evaluations a parameter that heads for a bound as near as that, as a share of its
+# scale, is put there: reflective steps only halve the distance. What holds at the bound is checked.
+_PATIENCE, _NEAR_BOUND = 50, 0.1
 
 
 @dataclass(frozen=True)
@@ -372,8 +376,6 @@ def minimise(
     steps for as long as they lower it: the minimum is found to the last digits that the
     residuals carry. Raises ValueError on a start outside its bounds.
     """
-    from scipy import optimize
-
     start = np.array([p.value for p in parameters], dtype=float)
     lower = np.array([p.lower for p in parameters])
     upper = np.array([p.upper for p in parameters])
@@ -391,16 +393,9 @@ def minimise(
 
     # A trial step may overflow the model; its infinite sum is refused, which is the answer.
     with np.errstate(all="ignore"):
-        found = optimize.least_squares(
-            scaled,
-            start / sizes,
-            jac=scaled_jacobian,
-            bounds=(lower / sizes, upper / sizes),
-            x_scale="jac",
-            ftol=tolerance,
-            xtol=tolerance,
-            gtol=None,
-            max_nfev=max_evaluations,
+        bounds = lower / sizes, upper / sizes
+        found = _descended(
+            scaled, scaled_jacobian, start / sizes, bounds, tolerance, max_evaluations
         )
         end = FitStart(found.x, np.asarray(found.fun), np.asarray(found.jac))
         if polish:
@@ -423,6 +418,66 @@ class FitStart:
     x: FloatArray
     residuals: FloatArray
     jacobian: FloatArray
+
+
+def _descended(
+    residuals: Residuals,
+    jacobian: Jacobian,
+    start: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+    tolerance: float,
+    most: int,
+) -> Any:
+    """scipy's result of the trust-region steps; parameters that creep towards a bound are put there
+    and the others' minimum found, which stands if these would still leave through the bound."""
+    from scipy import optimize
+
+    def steps(x: FloatArray, count: int) -> Any:
+        return optimize.least_squares(
+            residuals,
+            x,
+            jac=jacobian,
+            bounds=bounds,
+            x_scale="jac",
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=None,
+            max_nfev=count,
+        )
+
+    found = steps(start, min(most, _PATIENCE))
+    if found.status > 0 or most <= _PATIENCE:
+        return found
+    lower, upper = bounds
+    bound = np.where(found.grad > 0.0, lower, upper)
+    held = np.abs(found.x - bound) < _NEAR_BOUND
+    if held.any() and not held.all():
+        x = np.where(held, bound, found.x)
+
+        def whole(values: FloatArray) -> FloatArray:
+            full = x.copy()
+            full[~held] = values
+            return full
+
+        others = _descended(
+            lambda values: residuals(whole(values)),
+            lambda values: jacobian(whole(values))[:, ~held],
+            x[~held],
+            (lower[~held], upper[~held]),
+            tolerance,
+            most - found.nfev,
+        )
+        x = whole(others.x)
+        slopes = jacobian(x)
+        grad = slopes.T @ others.fun
+        leaves = np.where(bound == lower, grad >= 0.0, grad <= 0.0)
+        if others.status > 0 and others.cost <= found.cost and leaves[held].all():
+            others.x, others.jac, others.grad = x, slopes, grad
+            others.nfev += found.nfev
+            return others
+    again = steps(found.x, most - found.nfev)
+    again.nfev += found.nfev
+    return again
 
 
 def _polished(
