@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.plant.base import Array
+from sysid.plant.base import Array, is_zero
 from sysid.types import FloatArray
 
 # Below it the functions of an exponential step are series, of these factors from the last on.
@@ -46,7 +46,8 @@ def relaxing_step(
     Kutta's; the part -decay x state is integrated exactly (Cox, Matthews, J. Comput. Phys. 176
     (2002) 430-455), so that what follows its surroundings at once needs no short steps. numpy only.
     """
-    gains = [_gains(step, np.asarray(d, dtype=float)) for d in decays]
+    free = _free_gains(step)
+    gains = [free if is_zero(d) else _gains(step, np.asarray(d, dtype=float)) for d in decays]
 
     def driven(values: Sequence[Array], slopes: Sequence[Array]) -> list[Array]:
         return [r + d * v for v, r, d in zip(values, slopes, decays, strict=True)]
@@ -67,10 +68,15 @@ def relaxing_step(
     )
 
 
+def _free_gains(step: float) -> tuple[float, ...]:
+    """`_gains` of what does not decay."""
+    return 1.0, 0.5 * step, 1.0, step / 6.0, step / 3.0, step / 6.0
+
+
 def _gains(step: float, decay: FloatArray) -> tuple[Any, ...]:
     """Of half a step the decay and the gain, s; of a step the decay and the stages' weights, s."""
     if not np.any(decay):
-        return 1.0, 0.5 * step, 1.0, step / 6.0, step / 3.0, step / 6.0
+        return _free_gains(step)
     x = -step * decay
     one, two, three = _phi(x)
     weights = one - 3.0 * two + 4.0 * three, 2.0 * (two - 2.0 * three), 4.0 * three - two

@@ -72,9 +72,9 @@ def simulated(
 
     `law` None: the thesis'. What cannot be, as below a vacuum, is held at what can.
     """
-    vessel = _BaseVessel(model) if law is None else _GasVessel(model, law)
-    pressures, rates = np.empty((2, len(times), len(starts)))
     highest = _MOST * max(float(np.max(starts)), float(np.max(model.parameters.atmosphere)))
+    vessel = _BaseVessel(model, highest) if law is None else _GasVessel(model, highest, law)
+    pressures, rates = np.empty((2, len(times), len(starts)))
     state = vessel.at_rest(starts)
     for k, t in enumerate(times.tolist()):
         slopes, decays = vessel.slopes(t, state)
@@ -96,17 +96,17 @@ def simulated(
             slopes, decays = vessel.slopes(t + until, middle)
             later = functools.partial(ahead, time=t + until, by=after)
             there = relaxing_step(middle, slopes, decays, later, after)
-        state = vessel.held(there, highest)
+        state = vessel.held(there)
     return pressures, rates
 
 
 class _BaseVessel:
-    """The thesis' chamber: states are its pressure and those of the effects."""
+    """The thesis' chamber: states are its pressure (to `highest` Pa) and those of the effects."""
 
     own = 1
 
-    def __init__(self, model: Model) -> None:
-        self.model = model
+    def __init__(self, model: Model, highest: float) -> None:
+        self.model, self.highest = model, highest
         self.names: tuple[str, ...] = ()
         self.choked: BoolArray = np.zeros(0, dtype=bool)
 
@@ -190,8 +190,8 @@ class _BaseVessel:
     ) -> tuple[Array, Array]:
         return state[0], slopes[0]
 
-    def held(self, state: Sequence[Array], highest: float) -> tuple[Array, ...]:
-        pressure = np.clip(_number(state[0]), _LEAST_PA, highest)
+    def held(self, state: Sequence[Array]) -> tuple[Array, ...]:
+        pressure = np.clip(_number(state[0]), _LEAST_PA, self.highest)
         return (pressure, *map(_bounded, state[1:]))
 
 
@@ -204,12 +204,14 @@ class _GasVessel(_BaseVessel):
 
     own = 2
 
-    def __init__(self, model: Model, law: Iso6358) -> None:
-        super().__init__(model)
+    def __init__(self, model: Model, highest: float, law: Iso6358) -> None:
+        super().__init__(model, highest)
         self.law = law
         p = model.parameters
         self.volume = plant.chamber_volume("a", 0.0, p)
         self.wall = wall_conductance(law.adiabatic, float(np.max(self.volume)))
+        per_pascal = self.volume / (p.gas_constant * p.temperature)
+        self.least, self.most = np.log(_LEAST_PA * per_pascal), np.log(highest * per_pascal)
 
     def at_rest(self, starts: FloatArray) -> tuple[Array, ...]:
         p = self.model.at(0.0)
@@ -258,19 +260,14 @@ class _GasVessel(_BaseVessel):
         pressure = self._pressure(self.model.at(time), state)
         return pressure, pressure * (slopes[0] + slopes[1])
 
-    def held(self, state: Sequence[Array], highest: float) -> tuple[Array, ...]:
-        p = self.model.parameters
-        least, most = (
-            np.log(pressure * self.volume / (p.gas_constant * p.temperature))
-            for pressure in (_LEAST_PA, highest)
-        )
-        mass = np.clip(_number(state[0]), least, most)
+    def held(self, state: Sequence[Array]) -> tuple[Array, ...]:
+        mass = np.clip(_number(state[0]), self.least, self.most)
         # The gas of a vessel that empties is never colder or warmer than by this.
         return (mass, np.clip(_number(state[1]), -3.0, 3.0), *map(_bounded, state[2:]))
 
 
 def _number(value: Array) -> Array:
-    return np.nan_to_num(value, nan=0.0)
+    return np.where(np.isnan(value), 0.0, value)
 
 
 def _bounded(value: Array) -> Array:
