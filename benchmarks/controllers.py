@@ -2,7 +2,7 @@
 
     python benchmarks/controllers.py                 # Tables 4.5.1 to 4.5.3, 5.2.1 to 5.3.1
     python benchmarks/controllers.py --only speed    # how fast the 28 cells run in one batch
-    python benchmarks/controllers.py --table all     # how many cells agree, of 4.5.1 to 5.5.3
+    python benchmarks/controllers.py --table all     # how many cells agree, of all
     python benchmarks/controllers.py --table 5.4.14  # the cells of one table, and how many agree
 
 Each table is computed twice: with the rig's sensors (encoder counts, pressure noise, 50 Hz
@@ -28,20 +28,26 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from datasets.thesis.reference_rig import design  # noqa: E402
+from sysid.controllers.backstepping import BacksteppingController  # noqa: E402
 from sysid.controllers.design_model import with_bipolynomials  # noqa: E402
+from sysid.controllers.interface import Reference, StateEstimate  # noqa: E402
 from sysid.controllers.loop import closed_loop  # noqa: E402
 from sysid.controllers.modes import Mode  # noqa: E402
 from sysid.controllers.sensing import SensorSuite  # noqa: E402
 from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder  # noqa: E402
 from sysid.parameters import read_bundle  # noqa: E402
+from sysid.plant import base, plant  # noqa: E402
+from sysid.plant.base import Array  # noqa: E402
+from sysid.plant.ports import Model, Point  # noqa: E402
 from sysid.thesis import (  # noqa: E402
     TABLES,
     TRAJECTORIES,
     Agreement,
     TableRig,
     ThesisTable,
+    batches,
     printed,
-    thesis_table,
+    thesis_tables,
 )
 
 SENSORS = {"rig's sensors": SensorSuite(), "perfect sensors": SensorSuite.perfect()}
@@ -110,6 +116,71 @@ def compensations(rig: TableRig) -> None:
         )
 
 
+@dataclasses.dataclass(frozen=True)
+class PressureFeedback(BacksteppingController):
+    """Backstepping whose flows follow the pressures' errors alone: without the flows of the motion.
+
+    `rates`: the share of the wanted pressures' rates, `volume`: that of the flow behind the piston.
+    """
+
+    rates: float = 0.0
+    volume: float = 0.0
+
+    def _feedback(
+        self, point: Point, estimate: StateEstimate, reference: Reference, model: Model
+    ) -> tuple[tuple[Array, Array], Array]:
+        """Without the coupling of torque and pressures, which is negligible in SI."""
+        p = point.parameters
+        wanted, effort, _ = self._wanted(point, estimate, reference, model)
+        flows = []
+        for i, (side, gain) in enumerate((("a", self.k3), ("b", self.k4))):
+            pressure = point.pressure(side)
+            flows.append(
+                base.flow_from_pressure_rate(
+                    gain * (wanted.pressures[i] - pressure) + self.rates * wanted.rates[i],
+                    pressure,
+                    plant.chamber_volume(side, plant.displacement(point, model), p),
+                    self.volume * plant.volume_rate(side, point, model),
+                    p.heat_capacity_ratio,
+                    p.gas_constant,
+                    p.temperature,
+                )
+            )
+        return (flows[0], flows[1]), effort
+
+
+def lead(rig: TableRig) -> None:
+    """Tables 5.2.1 and 5.2.2 with and without the flows of the motion in the feedback."""
+    rows = printed("table_5_2")
+    shares = [(1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.0)]
+    cases = []
+    for rates, volume in shares:
+        for row in rows:
+            motor = row["table"] == "5.2.1"
+            for compensated in (False, True):
+                controller = PressureFeedback(
+                    rig.bipolynomial,
+                    rates=rates,
+                    volume=volume,
+                    portion=0.1 if motor else 0.0,
+                    feedforward=compensated and not motor,
+                    compensation=compensated and motor,
+                )
+                mode = Mode.HYBRID if motor else Mode.PNEUMATIC
+                cases.append(rig.case(controller, int(row["trajectory"]), mode))
+    ours = 1e3 * np.array([run.metrics.rmse for run in rig.run(cases)]).reshape(4, len(rows), 2)
+    print("\nRMSE in mrad without -> with compensation, by the flows of the motion in the feedback")
+    for row, cells in zip(rows, ours.transpose(1, 0, 2), strict=True):
+        figures = "  ".join(
+            f"rates {r:g} volume {v:g}: {a:5.2f} -> {b:5.2f}"
+            for (r, v), (a, b) in zip(shares, cells, strict=True)
+        )
+        theirs = " -> ".join(
+            f"{1e3 * float(row[key]):.2f}" for key in ("without_rmse_rad", "with_rmse_rad")
+        )
+        print(f"{row['table']} {row['trajectory']}: {figures}  printed {theirs}")
+
+
 def horizons(rig: TableRig) -> None:
     """Table 5.3.1, pneumatic."""
     print("\nTable 5.3.1, pneumatic: RMSE by horizon, trajectories 1 and 4 printed; ours 1 to 4")
@@ -172,13 +243,19 @@ def table_agreement(names: tuple[str, ...]) -> None:
     for sensors, rig in (("rig's sensors", own), ("perfect sensors", ideal)):
         print(f"\n=== {sensors} ===")
         print("table    cells within-2 smaller larger  lost-in-print in-both  rank correlation")
-        made = [thesis_table(name, rig) for name in names]
-        for found in made:
-            print(f"{found.name:8}{counts([found])}", flush=True)
-            if len(names) == 1:
-                cells_of(found)
-        if len(made) > 1:
-            print(f"{'all':8}{counts(made)}")
+        made: list[ThesisTable] = []
+        for batch in [names] if len(names) == 1 else batches():
+            made += thesis_tables(batch, rig).values()
+            for found in made[-len(batch) :]:
+                print(f"{found.name:8}{counts([found])}", flush=True)
+        if len(names) == 1:
+            cells_of(made[0])
+            continue
+        rmse = [found for found in made if found.measure == "RMSE"]
+        before = [found for found in rmse if found.name < "6"]
+        print(f"{'to 5.5.3':8}{counts(before)}")
+        print(f"{'RMSE':8}{counts(rmse)}")
+        print(f"{'A to D':8}{counts([found for found in made if found.name[0] in 'ABCD'])}")
 
 
 def counts(tables: list[ThesisTable]) -> str:
@@ -214,6 +291,7 @@ def cells_of(found: ThesisTable) -> None:
 PARTS = {
     "tables": comparison,
     "types": compensations,
+    "lead": lead,
     "horizons": horizons,
     "varying": varying,
     "speed": speed,

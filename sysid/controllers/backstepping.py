@@ -44,6 +44,22 @@ class BacksteppingMemory(NamedTuple):
     rejected: Array = 0.0
 
 
+class WantedEffort(NamedTuple):
+    """Wanted effort Nm, its rate Nm/s, and the error z2 rad/s that couples to the pressures."""
+
+    effort: Array
+    rate: Array
+    z2: Array
+
+
+class WantedState(NamedTuple):
+    """What the feedback wants: the whole effort Nm, pressures Pa and flows kg/s of A and B."""
+
+    effort: Array
+    pressures: tuple[Array, Array]
+    flows: tuple[Array, Array]
+
+
 class _Wanted(NamedTuple):
     """Wanted effort beyond gravity's counterweight and its rate; pressures and their rates."""
 
@@ -86,10 +102,10 @@ class BacksteppingController(GuardedController):
         own = self.design.payload_mass * self.design.payload_length**2
         return BacksteppingMemory(np.zeros(lanes) + own, np.zeros(lanes), np.zeros(lanes))
 
-    def stability(self) -> StabilityCheck:
+    def stability(self, uses_motor: bool = True) -> StabilityCheck:
         """The gains against 4.3.50, of a controller for one rig (not stacked)."""
-        p = self.motor_p if self.compensation else 0.0
-        d = self.motor_d if self.compensation else 0.0
+        acts = self.compensation and uses_motor
+        p, d = (self.motor_p, self.motor_d) if acts else (0.0, 0.0)
         return check_stability(self.k1, self.k2, p, d, float(self.design.parameters.inertia))
 
     def law(
@@ -109,10 +125,7 @@ class BacksteppingController(GuardedController):
         if self.feedforward:
             ahead_a, ahead_b = self._feedforward(reference, model)
             flow_a, flow_b = flow_a + ahead_a, flow_b + ahead_b
-        motor = self.portion / (1.0 + self.portion) * effort
-        if self.compensation:
-            motor = motor + self.motor_p * (reference.position - estimate.position)
-            motor = motor + self.motor_d * (reference.velocity - estimate.velocity)
+        motor = self._motor(effort, point, estimate, reference, model)
         limit = model.parameters.max_effort
         command = base.limit_effort(known(motor_command(motor, point, model)), limit)
         if not design.is_measured:
@@ -125,6 +138,21 @@ class BacksteppingController(GuardedController):
             valve_b=design.inverse_b.duty(known(flow_b), estimate.pressure_b),
             payload_kg=payload_mass(payload, design),
         )
+
+    def _motor(
+        self,
+        effort: Array,
+        point: Point,
+        estimate: StateEstimate,
+        reference: Reference,
+        model: Model,
+    ) -> Array:
+        """The motor's effort, Nm, of a whole wanted one (4.3.23, 4.3.41)."""
+        motor = self.portion / (1.0 + self.portion) * effort
+        if self.compensation:
+            motor = motor + self.motor_p * (reference.position - estimate.position)
+            motor = motor + self.motor_d * (reference.velocity - estimate.velocity)
+        return motor
 
     def _feedback(
         self, point: Point, estimate: StateEstimate, reference: Reference, model: Model
@@ -147,6 +175,13 @@ class BacksteppingController(GuardedController):
         self, point: Point, estimate: StateEstimate, reference: Reference, model: Model
     ) -> tuple[_Wanted, Array, Array]:
         """Wanted pressures, the whole wanted effort Nm (4.3.13), and the error z2 rad/s."""
+        effort, rate, z2 = self._effort(point, estimate, reference, model)
+        return self._pressures(effort, rate, self.portion, point, model), effort, z2
+
+    def _effort(
+        self, point: Point, estimate: StateEstimate, reference: Reference, model: Model
+    ) -> WantedEffort:
+        """The whole wanted effort and its rate (4.3.13, 4.3.26)."""
         p = point.parameters
         z1 = reference.position - estimate.position
         dz1 = reference.velocity - estimate.velocity
@@ -157,21 +192,24 @@ class BacksteppingController(GuardedController):
         friction = sliding_friction(point, model, reference.velocity)
         effort = p.inertia * beta + opposing_effort(point, model) + friction
         rate = p.inertia * dbeta + p.viscous * reference.acceleration
-        return self._pressures(effort, rate, self.portion, point, model), effort, z2
+        return WantedEffort(effort, rate, z2)
 
-    def wanted_pressures(
-        self, estimate: StateEstimate, reference: Reference
-    ) -> tuple[Array, Array]:
-        """Chamber pressures, Pa (n,), that the feedback wants at every row of a record.
+    def wanted(
+        self, estimate: StateEstimate, reference: Reference, model: Model | None = None
+    ) -> WantedState:
+        """What the feedback wants at every row of a record, (n,): effort, pressures, flows.
 
-        With the design's own payload: an estimator's is not known from a record.
+        By `model` (None: the design's own, with its own payload: what an estimator knew is not in
+        a record).
         """
-        model, none = self.design.model, 0.0 * estimate.position
+        known_model, none = model or self.design.model, 0.0 * estimate.position
         motion = Motion(
             estimate.position, estimate.velocity, estimate.pressure_a, estimate.pressure_b
         )
-        point = point_at(motion, model, none, none, reference.velocity)
-        return self._wanted(point, estimate, reference, model)[0].pressures
+        point = point_at(motion, known_model, none, none, reference.velocity)
+        wanted, _, _ = self._wanted(point, estimate, reference, known_model)
+        flows, effort = self._feedback(point, estimate, reference, known_model)
+        return WantedState(effort, wanted.pressures, flows)
 
     def _pressures(
         self, effort: Array, rate: Array, portion: Array, point: Point, model: Model
@@ -248,4 +286,10 @@ def backstepping_type(number: int, design: DesignModel, **gains: Any) -> Backste
     )
 
 
-__all__ = ["BacksteppingController", "BacksteppingMemory", "backstepping_type"]
+__all__ = [
+    "BacksteppingController",
+    "BacksteppingMemory",
+    "WantedEffort",
+    "WantedState",
+    "backstepping_type",
+]

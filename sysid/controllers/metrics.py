@@ -10,6 +10,9 @@ import numpy as np
 from sysid.controllers.trajectories import SETTLED_S
 from sysid.types import FloatArray
 
+LOST_RAD = 0.1
+"""RMSE from which on the thesis calls a loop unstable (5.4.1.3), rad."""
+
 
 @dataclass(frozen=True)
 class TrackingMetrics:
@@ -43,4 +46,11 @@ def tracking_metrics(
     )
 
 
-__all__ = ["TrackingMetrics", "tracking_metrics"]
+def is_lost(position: FloatArray, reference: FloatArray, reach: float) -> bool:
+    """Whether a loop is unstable: not finite, beyond `reach` (rad), or off by LOST_RAD in RMSE."""
+    if not np.isfinite(position).all() or np.max(np.abs(position)) > reach:
+        return True
+    return bool(np.sqrt(np.mean((reference - position) ** 2)) >= LOST_RAD)
+
+
+__all__ = ["LOST_RAD", "TrackingMetrics", "is_lost", "tracking_metrics"]

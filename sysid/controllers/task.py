@@ -12,6 +12,8 @@ import numpy as np
 
 from sysid.controllers.cases import Case, ClosedLoopRun
 from sysid.controllers.design_model import DesignModel, design_from_bundle
+from sysid.controllers.force import force_controller
+from sysid.controllers.gains import ChosenGains
 from sysid.controllers.hidden_state import Watch
 from sysid.controllers.interface import Controller
 from sysid.controllers.modes import Mode
@@ -33,7 +35,7 @@ from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model
 from sysid.types import Progress, no_progress
 
-CONTROLLERS = ("pva", "backstepping", "dvmpc")
+CONTROLLERS = ("pva", "backstepping", "dvmpc", "force")
 HORIZON = 40
 """Ticks that DVMPC predicts: the best of Table 5.3.1."""
 MOTOR_SHARE = 0.1
@@ -49,8 +51,10 @@ class Choice:
     """The requested run: `controller` as requested, the number of the trajectory, the mode.
 
     `payload_kg` is on the plant, unknown to the controller (None: the rig file's).
-    `inverse`: which of `INVERSES` gives backstepping its duties; `seed` that of the noise.
+    `inverse`: which of `INVERSES` gives backstepping and force control their duties; `seed` that of
+    the noise.
     `tuning`: the options of the named controllers; `perfect_sensors`: no counts, noise, filter.
+    `gains`: of a named controller, in place of the printed ones.
     """
 
     controller: str
@@ -61,6 +65,7 @@ class Choice:
     seed: int = 0
     tuning: Tuning = NO_TUNING
     perfect_sensors: bool = False
+    gains: ChosenGains | None = None
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -70,7 +75,8 @@ class Choice:
             for name, value in self.tuning.given().items()
         ]
         sensors = ["perfect sensors"] if self.perfect_sensors else []
-        return tuple(word.replace("_", " ") for word in (*found, *sensors))
+        gains = ["tuned gains"] if self.gains is not None else []
+        return tuple(word.replace("_", " ") for word in (*found, *sensors, *gains))
 
 
 @dataclass(frozen=True)
@@ -125,8 +131,10 @@ def prepared(
     named = split_reference(choice.controller) if own is None else None
     choice.tuning.check(choice.controller if own is None and named is None else None)
     notices = [*rig.notices]
+    if choice.gains is not None and (own is not None or named is not None):
+        raise input_error("gains", "are those of a named controller", "omit them")
     if own is None and named is None:
-        make = _by_name(choice, bundle, catalogue)
+        make = _with_gains(choice, _by_name(choice, bundle, catalogue))
     else:
         make, said = _users(choice, bundle, catalogue, own, named)
         notices += said
@@ -207,14 +215,31 @@ def _by_name(
         if mode is not Mode.PNEUMATIC:
             raise input_error(f"mode {mode.value}", "pva drives no motor", "use mode pneumatic")
         return PvaController
-    inverse = choice.inverse if name == "backstepping" else "averaged"
+    inverse = "averaged" if name == "dvmpc" else choice.inverse
     design = design_from_bundle(bundle, inverse=inverse, catalogue=catalogue)
+    if name == "force":
+        return lambda: force_controller(design, bundle.rig, choice.tuning.stiffness)
     seen = choice.payload_kg is not None and bundle.rig.is_vertical
     estimator = choice.tuning.estimator(seen, bundle.rig)
     if name == "dvmpc":
         return lambda: choice.tuning.dvmpc(design, HORIZON, estimator)
     portion = MOTOR_SHARE if mode.uses_motor else 0.0
     return lambda: choice.tuning.backstepping(design, portion, estimator)
+
+
+def _with_gains(choice: Choice, make: Callable[[], Controller]) -> Callable[[], Controller]:
+    """The same with the choice's gains. Raises InputError for those of another controller."""
+    gains = choice.gains
+    if gains is None:
+        return make
+    if (gains.controller, gains.mode) != (choice.controller, choice.mode):
+        raise input_error(
+            "gains",
+            f"are those of {gains.controller} in mode {gains.mode.value}, not of "
+            f"{choice.controller} in mode {choice.mode.value}",
+            "give the file of this controller and mode",
+        )
+    return lambda: gains.applied(make())
 
 
 def _users(

@@ -19,6 +19,7 @@ _OWNERS = {
     "varying_input": ("dvmpc",),
     "type": ("backstepping",),
     "estimate_payload": ("dvmpc", "backstepping"),
+    "stiffness": ("force",),
 }
 
 
@@ -28,15 +29,17 @@ class Tuning:
 
     `horizon` ticks that DVMPC predicts; `varying_input`: its input may change within them, and
     it predicts the valves' delays; `type` 1 to 4 of backstepping (Table 5.4.3);
-    `estimate_payload`: whether the payload is estimated while the loop runs.
+    `estimate_payload`: whether the payload is estimated while the loop runs; `stiffness` Nm/rad
+    of force control.
     """
 
     horizon: int | None = None
     varying_input: bool | None = None
     type: int | None = None
     estimate_payload: bool | None = None
+    stiffness: float | None = None
 
-    def given(self) -> dict[str, int | bool]:
+    def given(self) -> dict[str, float | bool]:
         """The options that were given, by name."""
         return {name: value for name in _OWNERS if (value := getattr(self, name)) is not None}
 
@@ -58,6 +61,8 @@ class Tuning:
                 "is out of range" + (" with a varying input" if self.varying_input else ""),
                 f"give {shortest} to {_LONGEST_HORIZON} ticks",
             )
+        if self.stiffness is not None and not self.stiffness > 0.0:
+            raise input_error(f"stiffness {self.stiffness:g}", "is not positive", "give N m/rad")
         if self.type not in (None, 1, 2, 3, 4):
             raise input_error(f"backstepping type {self.type}", "is unknown", "give 1 to 4")
 

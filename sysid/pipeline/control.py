@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
 from sysid.blocks.drawing import plot_panels
 from sysid.blocks.numbers import number
 from sysid.blocks.progress import progress_or_shown
@@ -15,6 +17,9 @@ from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
 from sysid.controllers.cases import ClosedLoopRun
 from sysid.controllers.design_model import assumed_constants, require_declared
+from sysid.controllers.error_budget import Stability, stability_of
+from sysid.controllers.force import effort_errors
+from sysid.controllers.gains import read_gains
 from sysid.controllers.interface import Controller
 from sysid.controllers.metrics import TrackingMetrics
 from sysid.controllers.modes import Mode
@@ -55,7 +60,7 @@ class ControlledRun(Shown):
 
     `run` holds every signal, true and measured; `task` what was run; `sources` name the
     controller's bundle and the plant's. `draws`: the same loop on plants drawn from the errors of
-    the plant's bundle.
+    the plant's bundle. `stability`: the thesis' conditions and the run's errors against its bounds.
     """
 
     run: ClosedLoopRun
@@ -63,6 +68,7 @@ class ControlledRun(Shown):
     sources: tuple[str, str]
     notices: tuple[str, ...]
     draws: TrackingDraws | None = None
+    stability: Stability | None = None
 
     @property
     def metrics(self) -> TrackingMetrics:
@@ -74,6 +80,15 @@ class ControlledRun(Shown):
         if self.task.choice.trajectory in _SETTLING:
             return found
         return TrackingMetrics(found.rmse, found.mae, math.nan, math.nan)
+
+    @property
+    def effort_rmse_nm(self) -> float:
+        """RMSE of the effort of cylinder and motor against the wanted one, Nm; NaN without force
+        control."""
+        if self.task.choice.controller != "force":
+            return math.nan
+        case = self.task.case(self.task.make())
+        return float(np.sqrt(np.mean(effort_errors(case, self.run) ** 2)))
 
     @property
     def faults(self) -> tuple[str, ...]:
@@ -121,8 +136,13 @@ class ControlledRun(Shown):
         found = [(text, getattr(self.metrics, name)) for name, text in _METRICS.items()]
         rows = [(text, number(1e3 * value)) for text, value in found if not math.isnan(value)]
         yield table("Errors of the true position", ("Metric", "mrad"), rows)
+        if not math.isnan(self.effort_rmse_nm):
+            row = ("RMSE", number(self.effort_rmse_nm))
+            yield table("Error of the effort, wanted less given", ("Metric", "N m"), [row])
         if self.draws is not None:
             yield self.draws.table()
+        if self.stability is not None:
+            yield from self.stability.tables()
 
     def footnotes(self) -> Iterable[str]:
         """The faults that the loop reports, and the notices."""
@@ -152,7 +172,13 @@ class ControlledRun(Shown):
             if self.draws is not None:
                 written += self.draws.write(place, comments)
             write_control_page(
-                page, self.shown, self.headline(), metrics, self._origin(), self.notices
+                page,
+                self.shown,
+                self.headline(),
+                metrics,
+                self._origin(),
+                self.notices,
+                self.stability,
             )
             return (*written, page)
 
@@ -174,9 +200,12 @@ class ControlledRun(Shown):
             k: None if isinstance(v, float) and math.isnan(v) else v
             for k, v in self.records()[0].items()
         }
+        effort = self.effort_rmse_nm
         return {
             **record,
+            **({} if math.isnan(effort) else {"effort_rmse_nm": effort}),
             **({} if self.draws is None else {"draws": self.draws.to_json()}),
+            **({} if self.stability is None else {"stability": self.stability.to_json()}),
             "options": list(self.task.choice.words),
             "faults": list(self.faults),
             "notices": list(self.notices),
@@ -196,10 +225,13 @@ class ControlOptions(Reported):
     varying_input: bool | None = None
     backstepping_type: int | None = None
     estimate_payload: bool | None = None
+    stiffness: float | None = None
     perfect_sensors: bool = False
+    gains: str | Path | None = None
     duration_s: float = DURATION_S
     seed: int = 0
     draws: int = 0
+    stability: bool = False
     effects: EffectSource = None
     accept_assumed: bool = False
 
@@ -209,7 +241,11 @@ class ControlOptions(Reported):
     def choice(self, controller: str) -> Choice:
         """The case of a controller of this name. Raises InputError for an unknown mode."""
         tuning = Tuning(
-            self.horizon, self.varying_input, self.backstepping_type, self.estimate_payload
+            self.horizon,
+            self.varying_input,
+            self.backstepping_type,
+            self.estimate_payload,
+            self.stiffness,
         )
         return Choice(
             controller,
@@ -220,6 +256,7 @@ class ControlOptions(Reported):
             self.seed,
             tuning,
             self.perfect_sensors,
+            None if self.gains is None else read_gains(Path(self.gains)),
         )
 
 
@@ -229,19 +266,23 @@ def control(
 ) -> ControlledRun:
     """Run a controller that reads a bundle, in closed loop on the plant of the same or another.
 
-    `controller`: "pva", "backstepping", "dvmpc", "FILE.py:CLASS" (the file is run), or a class or
-    object of your own (`sysid.controllers.interface.Controller`). `trajectory` 1 to 4 (thesis,
-    Table 4.2.1), `mode` "pneumatic", "motor" or "hybrid". `payload_kg` is on the plant; the
-    controller does not know it and, in the vertical, estimates it. `plant`: a bundle that stands
-    for the rig (None: the controller's). `inverse`: where backstepping's duties come from,
+    `controller`: "pva", "backstepping", "dvmpc", "force", "FILE.py:CLASS" (the file is run), or a
+    class or object of your own (`sysid.controllers.interface.Controller`). `trajectory` 1 to 4
+    (thesis, Table 4.2.1), `mode` "pneumatic", "motor" or "hybrid". `payload_kg` is on the plant;
+    the controller does not know it and, in the vertical, estimates it. `plant`: a bundle that
+    stands for the rig (None: the controller's). `inverse`: where backstepping's duties come from,
     "averaged", "bipolynomial" or "ann". DVMPC's `horizon` in ticks, and whether its input may vary
     within it; `backstepping_type` 1 to 4 (Table 5.4.3: without compensation, motor's, feedforward,
     both); `estimate_payload` (None: where `payload_kg` is given in the vertical).
-    `perfect_sensors`: no counts, noise or filter. `draws`: on so many plants, drawn from the errors
-    of the plant's bundle, the loop runs too. `seed` is that of the sensors' noise and of the draws.
-    `accept_assumed`: the controller may use assumed constants. Raises InputError for a rig or
-    choice that cannot be run, NotIdentifiedError, with the missing key, for a bundle that lacks
-    what controller or plant needs.
+    `stiffness` of force control, Nm/rad (None: the cylinder's effort at a tenth of the travel).
+    `perfect_sensors`: no counts, noise or filter. `gains`: a file of `sysid control --tune`, for
+    the printed gains. `draws`: on so many plants, drawn from the errors of the plant's bundle, the
+    loop runs too. `seed` is that of the sensors' noise and of the draws.
+    `stability`: the thesis' conditions on the gains of backstepping or DVMPC, and what the run's
+    errors of friction, flows and motor allow as a tracking error. `accept_assumed`: the controller
+    may use assumed constants. Raises InputError for a rig or choice that cannot be run,
+    NotIdentifiedError, with the missing key, for a bundle that lacks what controller or plant
+    needs.
 
     >>> tracked = si.control(bundle, "dvmpc", trajectory=3, mode="hybrid", duration_s=1.0)
     >>> tracked.metrics.rmse < 0.1, tracked.faults
@@ -254,6 +295,8 @@ def control(
     task = prepared(choice, bundle, options.plant, own=own, catalogue=catalogue)
     with progress_or_shown(options.progress, "controlling") as tell:
         run, said = run_task(task, options.duration_s, tell)
+        stability = stability_of(task.case(task.make()), run) if options.stability else None
+        said = (*said, *(() if stability is None else stability.notes()))
         draws = None
         if options.draws:
             draws, held = _drawn(task, options.plant or bundle, options, tell)
@@ -262,7 +305,8 @@ def control(
     if assumed := assumed_constants(bundle.rig):
         names = ", ".join(assumed)
         said = (f"the controller uses undeclared constants: {names}", *said)
-    return ControlledRun(run, task, sources, tuple(dict.fromkeys((*task.notices, *said))), draws)
+    told = tuple(dict.fromkeys((*task.notices, *said)))
+    return ControlledRun(run, task, sources, told, draws, stability)
 
 
 def _drawn(

@@ -27,28 +27,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class ControlTable(Shown):
-    """A table of the thesis: `table` holds RMSE in rad, ours and printed; `rig` names the rig."""
+    """A table of the thesis: `table` holds errors in rad, ours and printed; `rig` names the rig."""
 
     table: ThesisTable
     rig: str
 
     def headline(self) -> str:
         """The table's title, and the rig."""
-        return f"{self.table.title}: RMSE on {self.rig}"
+        return f"{self.table.title}: {self.table.measure} on {self.rig}"
+
+    @property
+    def _key(self) -> str:
+        return self.table.measure.lower()
 
     def records(self) -> list[dict[str, Any]]:
         """One record per cell: ours and the printed value, rad or Pa, and the factor between them.
 
-        None in ours: the loop is unstable; in print: it is illegible.
+        The keys say `rmse`, or `error` where rows hold other metrics too. None in ours: the loop is
+        unstable; in print: it is illegible.
         """
         return [
             {
                 "table": self.table.name,
                 self.table.heading: row.label,
                 "column": column.label,
-                f"rmse_{column.unit.lower()}": _known(ours),
-                f"printed_rmse_{column.unit.lower()}": _known(theirs),
-                "factor": _known(ours / theirs),
+                f"{self._key}_{column.unit.lower()}": _known(ours),
+                f"printed_{self._key}_{column.unit.lower()}": _known(theirs),
+                "factor": _known(ours / theirs) if theirs else None,
             }
             for row in self.table.rows
             for column, ours, theirs in zip(self.table.columns, row.ours, row.printed, strict=True)
@@ -88,20 +93,25 @@ def control_table(
     name: str,
     bundle: Bundle | None = None,
     *,
+    max_torque_nm: float | None = None,
     accept_assumed: bool = False,
     progress: Progress | None = None,
 ) -> ControlTable:
-    """Compute a table of the thesis' controllers: 4.5.1 to 4.5.6, 5.2.1 to 5.4.26, or 5.5.3.
+    """Compute a table of the thesis' controllers: 4.4.3 to 5.5.3, 6.3.2 to 6.5.22, or of A to D.
 
     On a bundle's rig, or (None) on the thesis' own, as far as it is printed; tables of a
-    payload in the horizontal or the vertical turn it. Raises InputError or NotIdentifiedError for
+    payload in the horizontal or the vertical turn it. `max_torque_nm`: that of the motor at the
+    output, in place of the rig's. Raises InputError or NotIdentifiedError for
     another number, and for a bundle that the table's controllers cannot use.
     """
     known = bundle or read_bundle(thesis_folder() / REFERENCE_BUNDLE)
     require_declared(known, accept_assumed)
-    rig = TableRig.of(known)
+    rig, named = TableRig.of(known), known.rig.name
+    if max_torque_nm is not None:
+        rig = rig.limited(max_torque_nm)
+        named = f"{named} with a motor of {max_torque_nm:g} N m"
     with progress_or_shown(progress, "controlling") as tell:
-        return ControlTable(thesis_table(name, rig, tell), known.rig.name)
+        return ControlTable(thesis_table(name, rig, tell), named)
 
 
 __all__ = ["TABLES", "ControlTable", "control_table"]

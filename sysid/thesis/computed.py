@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from sysid.controllers.cases import Case, ClosedLoopRun
+from sysid.controllers.metrics import LOST_RAD
 from sysid.controllers.trajectories import DURATION_S
-from sysid.thesis.declaration import Cell, Column, Quantity, TableLoop
+from sysid.thesis.declaration import Cell, Column, Declaration, Quantity, TableLoop
 from sysid.thesis.index import ENTRIES, declared
 from sysid.thesis.rig import TableRig
 from sysid.thesis.valve import pressure_rmse
 from sysid.types import Progress, no_progress
 
-LOST_RAD = 0.1
-"""RMSE from which on the thesis calls a loop unstable (5.4.1.3), rad."""
-
 
 @dataclass(frozen=True)
 class TableRow:
-    """A row: RMSE by column, ours and the printed one, in the columns' units.
+    """A row: errors by column, ours and the printed one, in the columns' units.
 
     NaN in `ours`: the loop is unstable; in `printed`: the print cannot be read.
     """
@@ -36,7 +35,8 @@ class TableRow:
 class ThesisTable:
     """A table of the thesis, and what its rows and columns are.
 
-    `is_experiment`: printed figures were measured on the rig, ours are simulated.
+    `is_experiment`: printed figures were measured on the rig, ours are simulated. `measure`: what
+    the cells hold, RMSE, or errors that the rows name.
     """
 
     name: str
@@ -45,6 +45,7 @@ class ThesisTable:
     columns: tuple[Column, ...]
     rows: tuple[TableRow, ...]
     is_experiment: bool = False
+    measure: Literal["RMSE", "error"] = "RMSE"
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class Agreement:
         for table in tables:
             for row in table.rows:
                 for column, ours, theirs in zip(table.columns, row.ours, row.printed, strict=True):
-                    if math.isnan(theirs):
+                    if not theirs > 0.0:  # not legible, or too small for the print
                         continue
                     is_lost = column.unit == "rad" and theirs >= LOST_RAD
                     (lost if is_lost else tracked).append((ours, theirs))
@@ -82,6 +83,9 @@ class Agreement:
         return cls(len(tracked), within, lower, higher, len(lost), both)
 
 
+_Errors = dict[tuple[TableLoop, Quantity], float]
+
+
 def thesis_table(
     name: str, rig: TableRig, progress: Progress = no_progress, duration: float = DURATION_S
 ) -> ThesisTable:
@@ -89,13 +93,28 @@ def thesis_table(
 
     Raises InputError for another name, or for a rig that lacks what the table needs.
     """
-    found, entry = declared(name), ENTRIES[name]
-    cells = [cell for _, row in found.rows for cell in row]
+    return thesis_tables([name], rig, progress, duration)[name]
+
+
+def thesis_tables(
+    names: Sequence[str],
+    rig: TableRig,
+    progress: Progress = no_progress,
+    duration: float = DURATION_S,
+) -> dict[str, ThesisTable]:
+    """Several of TABLES, each loop that they share run once, all in one batch."""
+    found = {name: declared(name) for name in names}
+    cells = [cell for one in found.values() for _, row in one.rows for cell in row]
     loops = tuple(dict.fromkeys(loop for cell in cells for loop in cell.loops))
     cases = [rig.case_of(loop) for loop in loops]
     progress(f"simulating {len(loops)} closed loops of {duration:g} s")
     runs = dict(zip(loops, zip(cases, rig.run(cases, duration), strict=True), strict=True))
     errors = _errors(cells, runs, rig.reach)
+    return {name: _table(name, one, errors) for name, one in found.items()}
+
+
+def _table(name: str, found: Declaration, errors: _Errors) -> ThesisTable:
+    entry = ENTRIES[name]
     rows = tuple(
         TableRow(
             label,
@@ -105,10 +124,16 @@ def thesis_table(
         for label, row in found.rows
     )
     title = f"Table {name}, {entry.title}"
-    return ThesisTable(name, title, entry.heading, found.columns, rows, entry.is_experiment)
-
-
-_Errors = dict[tuple[TableLoop, Quantity], float]
+    quantities = {cell.quantity for _, row in found.rows for cell in row}
+    return ThesisTable(
+        name,
+        title,
+        entry.heading,
+        found.columns,
+        rows,
+        entry.is_experiment,
+        "error" if quantities & {"mae", "sse", "ssa"} else "RMSE",
+    )
 
 
 def _errors(
@@ -119,14 +144,16 @@ def _errors(
 
 
 def _error(case: Case, run: ClosedLoopRun, quantity: Quantity, reach: float) -> float:
-    """RMSE of a quantity; NaN for a loop that is unstable: it leaves the cylinder's stroke."""
+    """A quantity's error; NaN for a loop that is unstable: it leaves the cylinder's stroke."""
     if not np.isfinite(run.position).all() or np.max(np.abs(run.position)) > reach:
         return math.nan
-    return run.metrics.rmse if quantity == "position" else pressure_rmse(case, run, quantity)
+    if quantity in ("pressure_a", "pressure_b"):
+        return pressure_rmse(case, run, quantity)
+    return float(getattr(run.metrics, "rmse" if quantity == "position" else quantity))
 
 
 def _mean(errors: _Errors, cell: Cell) -> float:
     return float(np.mean([errors[loop, cell.quantity] for loop in cell.loops]))
 
 
-__all__ = ["LOST_RAD", "Agreement", "TableRow", "ThesisTable", "thesis_table"]
+__all__ = ["LOST_RAD", "Agreement", "TableRow", "ThesisTable", "thesis_table", "thesis_tables"]

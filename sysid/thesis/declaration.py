@@ -11,8 +11,9 @@ from sysid.controllers.modes import Mode
 from sysid.controllers.trajectories import Sine
 from sysid.io.bundled import thesis_folder
 
-Quantity = Literal["position", "pressure_a", "pressure_b"]
-"""Whose error a cell holds: the position's (rad) or a chamber's pressure (Pa)."""
+Quantity = Literal["position", "mae", "sse", "ssa", "pressure_a", "pressure_b"]
+"""What a cell holds: the position's RMSE, its largest error, its steady-state error and amplitude
+(6.4), rad, or the RMSE of a chamber's pressure, Pa."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class TableLoop:
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell: the mean over `loops` of the RMSE of a quantity, and the printed figure.
+    """A cell: the mean over `loops` of a quantity's error, and the printed figure.
 
     `printed` is NaN where the print cannot be read.
     """

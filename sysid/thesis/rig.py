@@ -148,6 +148,24 @@ class TableRig:
             changes[name] = dataclasses.replace(own, model=turn(own.model), gravity=float(vertical))
         return dataclasses.replace(self, **changes)
 
+    def limited(self, max_torque: float) -> TableRig:
+        """The same rig, whose motor gives this torque, Nm, as its controllers know.
+
+        Raises InputError for a torque that is not positive.
+        """
+        if not max_torque > 0.0:
+            raise input_error(f"largest torque {max_torque:g} N m", "is not positive", "give more")
+
+        def limit(model: Model) -> Model:
+            parameters = model.parameters.replace(max_effort=float(max_torque))
+            return dataclasses.replace(model, parameters=parameters)
+
+        changes: dict[str, Any] = {"plant": limit(self.plant)}
+        for name in ("design", "bipolynomial"):
+            own: DesignModel = getattr(self, name)
+            changes[name] = dataclasses.replace(own, model=limit(own.model))
+        return dataclasses.replace(self, **changes)
+
     def assuming(self, payload_kg: float) -> TableRig:
         """The same rig, with controllers that take this payload, kg, into account."""
         return dataclasses.replace(

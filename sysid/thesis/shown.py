@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,9 +20,11 @@ _SQUARE = (5.2, 4.6)
 _FEW = 20
 _SECTIONS = {"4.5": "4.5, simulated", "5.2": "5.2, 5.3, 5.5", "5.3": "5.2, 5.3, 5.5"}
 _SECTIONS |= {"5.4": "5.4, payloads", "5.5": "5.2, 5.3, 5.5"}
+_MEASURED = {"4": "4.5, measured", "6": "6, measured"}
 _NAMES = {"pva": "PVA", "backstepping": "Backstepping", "dvmpc": "DVMPC"}
 # Letters of a name that fits between two dots.
 _SHORT = 4
+_METRICS = ("RMSE", "MAE", "SSE", "SSA")
 # Factors from which on a cell is tinted, and tinted more.
 _TINTS = (2.0, 5.0)
 # The largest group first: the others are drawn over it.
@@ -58,7 +61,8 @@ def _unit(column: Column, found: ThesisTable) -> str:
 
 def unit_of(found: ThesisTable) -> str:
     """The quantity of the table, with its unit if it has one."""
-    return "RMSE" if len({c.unit for c in found.columns}) > 1 else "RMSE in mrad"
+    name = {"RMSE": "RMSE", "error": "errors"}[found.measure]
+    return name if len({c.unit for c in found.columns}) > 1 else f"{name} in mrad"
 
 
 def compared(found: ThesisTable) -> ComparedTable:
@@ -82,6 +86,26 @@ def compared(found: ThesisTable) -> ComparedTable:
     )
 
 
+def means(tables: Sequence[ThesisTable], letter: str) -> ComparedTable:
+    """An appendix's tables as one, a row each: the means of its metrics, ours above measured."""
+    rows = []
+    for found in tables:
+        last = {row.label: (row.ours[-1], row.printed[-1]) for row in found.rows}
+        cells = tuple(
+            _cell(found.columns[-1], *last[name]) if name in last else ComparedCell("", "", "")
+            for name in _METRICS
+        )
+        rows.append((found.title.removeprefix("Table ").removesuffix(", experiment"), cells))
+    return ComparedTable(
+        caption=f"Appendix {letter}: means of five tests in mrad, simulated above measured",
+        heading="Table",
+        groups=(),
+        columns=_METRICS,
+        rows=tuple(rows),
+        id=f"table-{letter}",
+    )
+
+
 def _row_name(label: str) -> str:
     """A row's label as the page writes it."""
     name, *rest = label.split(",")
@@ -92,6 +116,8 @@ def _cell(column: Column, ours: float, theirs: float) -> ComparedCell:
     mine, print_ = _error(ours, column), _error(theirs, column, "not legible")
     if math.isnan(theirs):
         return ComparedCell(mine, print_, "")
+    if theirs == 0.0:
+        return ComparedCell(mine, "0", "")
     if math.isnan(ours):
         return ComparedCell(mine, print_, "", 2)
     factor = ours / theirs
@@ -153,7 +179,7 @@ def _group(table: ThesisTable, column: Column, by_table: bool) -> str:
     if not by_table:
         return (column.group or column.title).capitalize()
     if table.is_experiment:
-        return "4.5, measured"
+        return _MEASURED[table.name[0]]
     return _SECTIONS.get(table.name[:3], table.name[:3])
 
 
@@ -191,4 +217,4 @@ def _dots(found: ThesisTable) -> Figure:
     return Figure("fig-table", "RMSE, ours and printed", said, (panel,), size=_SIZE)
 
 
-__all__ = ["agreement_sentence", "compared", "figure", "scatter", "unit_of"]
+__all__ = ["agreement_sentence", "compared", "figure", "means", "scatter", "unit_of"]

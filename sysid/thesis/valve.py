@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from sysid.controllers.backstepping import BacksteppingController
-from sysid.controllers.cases import PERIOD_S, Case, ClosedLoopRun
-from sysid.controllers.interface import Reference, StateEstimate
+from sysid.controllers.cases import Case, ClosedLoopRun
 from sysid.controllers.modes import Mode
-from sysid.controllers.sensing import filter_coefficients
+from sysid.controllers.record import estimates_of, references_of
 from sysid.controllers.trajectories import Sine
 from sysid.thesis.declaration import (
     Cell,
@@ -75,28 +74,10 @@ def pressure_rmse(case: Case, run: ClosedLoopRun, quantity: Quantity) -> float:
     """
     controller = case.controller
     assert isinstance(controller, BacksteppingController)
-    wanted = controller.wanted_pressures(_estimates(case, run), Reference(*run.reference.T))
+    wanted = controller.wanted(estimates_of(case, run), references_of(run)).pressures
     side = 0 if quantity == "pressure_a" else 1
     error = wanted[side] - (run.pressure_a, run.pressure_b)[side]
     return float(np.sqrt(np.mean(error**2)))
-
-
-def _estimates(case: Case, run: ClosedLoopRun) -> StateEstimate:
-    """What the controller was given at every tick, (n,), as `sense` makes it."""
-    from scipy.signal import lfilter
-
-    (b, a) = filter_coefficients(PERIOD_S, case.sensors.cutoff_hz)
-    raw = np.diff(run.measured, prepend=run.measured[0]) / PERIOD_S
-    change = np.diff(raw, prepend=0.0) / PERIOD_S
-    return StateEstimate(
-        tick=np.arange(len(run.time)),
-        position=run.measured,
-        velocity=lfilter(b, a, raw),
-        acceleration=lfilter(b, a, change),
-        raw_velocity=raw,
-        pressure_a=run.measured_a,
-        pressure_b=run.measured_b,
-    )
 
 
 __all__ = ["by_valve_model", "pressure_rmse"]

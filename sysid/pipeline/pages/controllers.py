@@ -8,7 +8,7 @@ from sysid.blocks.html import fill
 from sysid.blocks.sections import FigureGroup, Section
 from sysid.io.files import write_atomic
 from sysid.thesis import Agreement, ThesisTable
-from sysid.thesis.overview import ControllersPage, sections, summary
+from sysid.thesis.overview import ControllersPage, rmse_tables, sections, summary
 from sysid.thesis.shown import agreement_sentence, compared, figure
 
 
@@ -37,7 +37,7 @@ def write_controllers_page(path: Path, content: ControllersPage) -> None:
         subject="the thesis' tables and figures, computed anew",
         facts=[("Rig", content.rig), ("Made by", "python reports/make_controllers.py")],
         level="plain",
-        sentence=agreement_sentence(Agreement.of(list(content.tables.values()))),
+        sentence=agreement_sentence(Agreement.of(rmse_tables(content.tables))),
         summary=summary(content),
         sections=list(sections(content)),
     )

@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sysid.blocks.html import fill
+from sysid.blocks.sections import Lines, Section
 from sysid.blocks.standing import section_or_why
 from sysid.blocks.tables import Table
+from sysid.controllers.error_budget import Stability
 from sysid.controllers.shown import ShownLoop
 from sysid.io.files import write_atomic
 
@@ -19,6 +21,7 @@ def write_control_page(
     metrics: Table,
     facts: Mapping[str, str],
     notices: Sequence[str],
+    stability: Stability | None = None,
 ) -> None:
     """Write one self-contained HTML page, whole or not at all; `facts` stand in its head.
 
@@ -28,6 +31,7 @@ def write_control_page(
         section_or_why("tracking", "Tracking", loop.tracking),
         section_or_why("pressures", "Chambers", loop.chambers),
         section_or_why("commands", "Commands", loop.commands),
+        None if stability is None else _stability(stability),
     )
     faults = loop.run.faults
     said = f"The loop reports {len(faults)} fault{'s' if len(faults) > 1 else ''}."
@@ -43,6 +47,18 @@ def write_control_page(
         sections=list(filter(None, parts)),
     )
     write_atomic(path, page)
+
+
+def _stability(found: Stability) -> Section:
+    """Conditions on the gains, and what the run's errors allow."""
+    intro = (
+        "A proof fails where a condition does not hold; the loop need not. The errors are those of "
+        "this run: the plant's effort less what the controller took it for. Their sum never "
+        "exceeded its largest value, and the tracking error stays within what that allows.",
+    )
+    notes = (Lines(tuple(f"{line[:1].upper()}{line[1:]}." for line in found.notes())),)
+    blocks = (*found.tables(), *(notes if found.notes() else ()))
+    return Section("stability", "Stability", intro, blocks)
 
 
 __all__ = ["write_control_page"]
