@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from scipy.stats import f as f_distribution
 
 from sysid.types import FloatArray
 
@@ -74,8 +73,10 @@ def change_in(days: FloatArray, values: FloatArray, std: FloatArray) -> Change |
         gain = float(weights @ (x * centred)) ** 2 / float(weights @ (x * x))
         left = max(total - gain, 0.0) / dof
         found.append((gain / max(left, 1.0), first, shape))
+    from scipy.special import fdtrc
+
     statistic, first, shape = max(found, key=lambda one: one[0])
-    p_value = min(len(found) * float(f_distribution.sf(statistic, 1, dof)), 1.0)
+    p_value = min(len(found) * float(fdtrc(1, dof, statistic)), 1.0)
     return _fitted(days, values, weights, first, shape, p_value)
 
 

@@ -20,8 +20,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from sysid.blocks.drawing import plot_panels
 from sysid.blocks.figures import Figure, Mark, Panel, Points, Role, Scale, Span
@@ -363,9 +361,11 @@ def _welch(one: Estimate, two: Estimate) -> float:
 
 
 def _f_p_value(wald: float, rank: int, dof: float) -> float:
+    from scipy.special import chdtrc, fdtrc
+
     if math.isinf(dof):
-        return float(chi2.sf(wald, rank))
-    return float(f_distribution.sf(wald / rank, rank, dof))
+        return float(chdtrc(rank, wald))
+    return float(fdtrc(rank, dof, wald / rank))
 
 
 def _wald(z: FloatArray, correlation: FloatArray) -> tuple[float, int]:

@@ -206,7 +206,7 @@ def pwm_period(trials: Iterable[Trial]) -> float | None:
     pulses of this period make it: sampled too seldom, those of a shorter one show a smaller line.
     """
     from scipy.ndimage import median_filter
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     ripples = [ripple for trial in trials for ripple in _ripples(trial)]
     if not ripples:
@@ -226,7 +226,7 @@ def pwm_period(trials: Iterable[Trial]) -> float | None:
     over = power[first:] / ground[first:]
     at = first + int(np.argmax(over))
     degrees = 2 * len(ripples)
-    level = chi2.isf(_FALSE_RIPPLE / len(over), degrees) / chi2.median(degrees)
+    level = chdtri(degrees, _FALSE_RIPPLE / len(over)) / chdtri(degrees, 0.5)
     place = _peak(power, at) / size
     if over[at - first] < level:
         return None

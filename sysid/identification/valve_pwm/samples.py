@@ -287,7 +287,7 @@ class _PulseMean:
         The pressure's ripple is the integral of the pulses, whose fundamental is a cosine about
         their middle. NaN where fewer than three phases, or noise, hide it.
         """
-        if self.phases(pwm_period) < FEWEST_PHASES or len(self.values) < 2:
+        if self.phases(pwm_period) < FEWEST_PHASES or np.count_nonzero(self.usable) < 2:
             return math.nan
         begin = self.first + self.block // 2
         place = np.arange(begin, begin + len(self.values))
@@ -411,16 +411,24 @@ def _within(
     spread, crosses = np.zeros(len(begin)), np.zeros(len(begin), dtype=bool)
     boundaries = choked_boundaries(air, test.supply)
     of_noise = noise**2 / mean.block if math.isfinite(noise) else 0.0
-    for i, (start, stop) in enumerate(zip(begin, end, strict=True)):
+    halfway = 0.5 * (mean.values[1:] + mean.values[:-1])
+    for i, (start, stop) in enumerate(zip(begin.tolist(), end.tolist(), strict=True)):
         own = test.pressure[mean.first + start : mean.first + stop + mean.block - 1]
-        crosses[i] = any(own.min() < boundary < own.max() for boundary in boundaries)
-        place = np.arange(1, stop - start)
-        between = 0.5 * (mean.values[start + 1 : stop] + mean.values[start : stop - 1])
-        weights = place * (stop - start - place)
-        middle = np.average(between, weights=weights)
-        variance = float(np.average((between - middle) ** 2, weights=weights))
-        spread[i] = math.sqrt(max(variance - of_noise, 0.0))
+        low, high = own.min(), own.max()
+        crosses[i] = any(low < boundary < high for boundary in boundaries)
+        weights = _slope_weights(stop - start)
+        between = halfway[start : stop - 1]
+        off = between - weights @ between
+        spread[i] = math.sqrt(max(float(weights @ (off * off)) - of_noise, 0.0))
     return spread, crosses
+
+
+@lru_cache(maxsize=4096)
+def _slope_weights(points: int) -> FloatArray:
+    """Weights (points - 1,) of the differences between neighbours in a slope; their sum is 1."""
+    place = np.arange(1.0, points)
+    weights = place * (points - place)
+    return np.asarray(weights / np.sum(weights))
 
 
 def _slopes(
