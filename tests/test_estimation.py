@@ -13,6 +13,7 @@ from benchmarks.interval_coverage import first_order, linear_holds
 from sysid.errors import NotIdentifiedError
 from sysid.estimation import linear as estimation
 from sysid.estimation.linear import Estimate
+from sysid.estimation.multiple_tests import adjusted
 
 
 def test_estimate_as_the_bundle_holds_it() -> None:
@@ -135,3 +136,10 @@ def test_mean_estimate_is_students() -> None:
     values = np.array([0.31, 0.35, 0.33, 0.36])
     expected = stats.t.interval(0.95, 3, values.mean(), stats.sem(values))
     assert estimation.mean_estimate(values, "Nm").interval == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("size", [0, 1, 2, 25])
+def test_p_values_for_the_false_discovery_rate_are_scipys(size: int) -> None:
+    p_values = np.random.default_rng(size).uniform(size=size) ** 3
+    wanted = stats.false_discovery_control(p_values, method="by") if size else p_values
+    assert np.allclose(adjusted(p_values.tolist()), wanted, rtol=1e-14)

@@ -15,13 +15,17 @@ SIGNIFICANCE = 0.05
 def adjusted(p_values: Sequence[float]) -> FloatArray:
     """P-values (n,) adjusted for the false discovery rate, whatever the tests' dependence (n,).
 
-    Benjamini and Yekutieli, Ann. Statist. 29 (2001) 1165-1188, by scipy.
+    Benjamini and Yekutieli, Ann. Statist. 29 (2001) 1165-1188, as `scipy.stats.
+    false_discovery_control`, which takes a second to import.
     """
-    from scipy.stats import false_discovery_control
-
-    if not len(p_values):
-        return np.zeros(0)
-    return np.asarray(false_discovery_control(p_values, method="by"))
+    p = np.asarray(p_values, dtype=float)
+    order = np.argsort(p)
+    rank = np.arange(1, len(p) + 1)
+    scaled = p[order] * (len(p) / rank * np.sum(1.0 / rank))
+    found = np.empty_like(p)
+    # Of those with larger p-values none is adjusted to less.
+    found[order] = np.minimum.accumulate(scaled[::-1])[::-1]
+    return np.clip(found, 0.0, 1.0)
 
 
 __all__ = ["SIGNIFICANCE", "adjusted"]
