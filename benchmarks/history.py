@@ -13,9 +13,11 @@ import argparse
 import datetime
 import json
 import os
+import resource
 import statistics
 import subprocess
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +53,38 @@ def commit() -> str:
         return git("rev-parse", "--short", "HEAD") + ("+" if changed else "")
     except (OSError, subprocess.CalledProcessError):
         return ""
+
+
+def processor_seconds(
+    command: Sequence[str], folder: Path | None = None, environment: Mapping[str, str] | None = None
+) -> float:
+    """Processor time of one whole process and those it waits for, s; it works in a folder (None:
+    this one). RuntimeError with its last words where it fails."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)}: {done.stderr[-500:]}")
+    return after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+
+
+def in_turn(
+    name: str, ours: Sequence[str], theirs: Sequence[str], folder: Path | None, runs: int
+) -> float:
+    """Two processes in turn: both medians of processor time, and the median of the ratio of pairs.
+
+    Ours and the ratio are recorded under `name`; the ratio is returned.
+    """
+    processor_seconds(ours, folder), processor_seconds(theirs, folder)
+    pairs = [
+        (processor_seconds(ours, folder), processor_seconds(theirs, folder)) for _ in range(runs)
+    ]
+    mine, other = (statistics.median(pair[i] for pair in pairs) for i in (0, 1))
+    ratio = statistics.median(a / b for a, b in pairs)
+    print(f"{name}: {mine:.2f} s against {other:.2f} s of processor time, ratio {ratio:.2f}")
+    record(f"{name}, processor", mine, "s")
+    record(f"{name}, ratio", ratio, "-")
+    return ratio
 
 
 def read(path: Path = HISTORY) -> dict[str, list[dict[str, Any]]]:

@@ -2,34 +2,24 @@
 
     python benchmarks/startup.py
 
-Prints, for each pair, both medians and their ratio. The processes of a pair take turns, so
-that a machine that slows down slows both.
+Prints, for each pair, both medians of processor time and their ratio. The processes of a pair take
+turns, so that a machine that slows down slows both.
 """
 
 from __future__ import annotations
 
-import statistics
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
-from benchmarks.history import record  # noqa: E402
+from benchmarks.history import in_turn  # noqa: E402
 
 RUNS = 15
 LOG_BYTES = 2_000_000
-
-
-def seconds(command: Sequence[str], folder: Path | None) -> float:
-    """Wall time of one process, at work in a folder (None: this one)."""
-    start = time.perf_counter()
-    subprocess.run(command, check=True, capture_output=True, cwd=folder)
-    return time.perf_counter() - start
 
 
 def compare(
@@ -39,14 +29,9 @@ def compare(
     limit: float,
     folder: Path | None = None,
 ) -> None:
-    """Print the medians of both and of the ratio pair by pair."""
-    seconds(ours, folder), seconds(theirs, folder)
-    pairs = [(seconds(ours, folder), seconds(theirs, folder)) for _ in range(RUNS)]
-    ratio = statistics.median(a / b for a, b in pairs)
-    mine, other = (statistics.median(p[i] for p in pairs) for i in (0, 1))
-    print(f"{name}: {mine:.2f} s against {other:.2f} s, ratio {ratio:.2f} (at most {limit:g})")
-    record(f"startup, {name}", mine, "s")
-    record(f"startup, {name}, ratio", ratio, "-")
+    """Print and record the medians of both and of the ratio pair by pair."""
+    in_turn(f"startup, {name}", ours, theirs, folder, RUNS)
+    print(f"  (at most {limit:g})")
 
 
 def two_megabyte_log(folder: Path) -> Path:

@@ -44,7 +44,7 @@ def samples(frame, rig, side):
     middle = 0.5 * (air["atmospheric_pressure_pa"] + air["supply_pressure_pa"])
     period = rig["sampling"]["period_s"]
     filter_ = signal.butter(2, CUTOFF_HZ, fs=1.0 / period, output="sos")
-    found = {True: [], False: []}
+    found: dict[bool, list[tuple[np.ndarray, ...]]] = {True: [], False: []}
     for test, rows in frame[frame[f"duty_{side}"] > 0.0].groupby("test", sort=False):
         raw = rows[f"pressure_{side}_pa"].to_numpy(float)
         smooth = signal.sosfiltfilt(filter_, raw)

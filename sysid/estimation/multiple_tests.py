@@ -25,7 +25,7 @@ def adjusted(p_values: Sequence[float]) -> FloatArray:
     found = np.empty_like(p)
     # Of those with larger p-values none is adjusted to less.
     found[order] = np.minimum.accumulate(scaled[::-1])[::-1]
-    return np.clip(found, 0.0, 1.0)
+    return np.asarray(np.clip(found, 0.0, 1.0))
 
 
 __all__ = ["SIGNIFICANCE", "adjusted"]
