@@ -1,15 +1,21 @@
 """`sysid run` on many times the bundled campaign's data: time and memory against the original.
 
     python benchmarks/growth.py [--times 20]
+    python benchmarks/growth.py --campaigns 100
 
 Every test of every log is repeated under a label of its own, with fresh sensor noise of
 the size of one count, so that no two are alike. Whole processes, one after the other, from
 a filled compilation cache; peak memory is the process tree's largest resident set.
+
+With --campaigns, one process fits, refines and diagnoses (`quick`) so many small campaigns of
+different rigs, each with another effect: its memory at the end, garbage given back, over that after
+the tenth.
 """
 
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import shutil
 import subprocess
@@ -24,9 +30,16 @@ import pandas as pd
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
+import sysid as si  # noqa: E402
+from benchmarks.fleet import KINDS, SMALL  # noqa: E402
 from benchmarks.history import record  # noqa: E402
+from datasets.generator.campaign import drawn_effects, make_campaign  # noqa: E402
+from datasets.generator.effects import FORMS  # noqa: E402
+from datasets.generator.files import write_campaign  # noqa: E402
+from sysid.parallel import give_back  # noqa: E402
 
 BUNDLED = REPOSITORY / "datasets" / "bundled"
+SEED = 33001
 _NOISE = {"pressure_a_pa": 50.0, "pressure_b_pa": 50.0}
 
 
@@ -67,11 +80,55 @@ def measured(campaign: Path, results: Path) -> tuple[float, float]:
     return time.perf_counter() - start, usage.ru_maxrss / 1e6
 
 
+def held() -> float:
+    """This process' resident set, GB, without what it has freed."""
+    gc.collect()
+    give_back()
+    pages = int(Path("/proc/self/statm").read_text("utf-8").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e9
+
+
+def one_after_the_other(count: int) -> None:
+    """So many campaigns in this process."""
+    names = sorted(FORMS)
+    after: list[float] = []
+    for number in range(count):
+        name = names[number % len(names)]
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                effects = drawn_effects(SEED + number, [(name, FORMS[name][0], 1.0)])
+                made = make_campaign(SEED + number, size=SMALL, kinds=KINDS, effects=effects)
+            except ValueError as error:
+                print(f"{name}: {error}")
+                made = make_campaign(SEED + number, size=SMALL, kinds=KINDS)
+            write_campaign(Path(folder), made, "python benchmarks/growth.py")
+            _all_of(si.read_campaign(Path(folder) / "campaign.toml"))
+        after.append(held())
+        print(f"{number + 1}: {name}, {after[-1]:.3f} GB", flush=True)
+    ratio = after[-1] / after[min(count, 10) - 1]
+    record(f"growth, {count} campaigns in a process over ten, memory", ratio, "-")
+    print(f"{ratio:.2f} times")
+
+
+def _all_of(campaign: si.Campaign) -> None:
+    try:
+        bundle = si.fit(campaign)
+        si.refine(campaign, bundle)
+        si.diagnose(campaign, bundle, quick=True)
+    except si.SysidError as error:
+        print(error)
+
+
 def main() -> None:
     """Run both and print the ratios."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--times", type=int, default=20)
-    times = parser.parse_args().times
+    parser.add_argument("--campaigns", type=int)
+    given = parser.parse_args()
+    if given.campaigns:
+        one_after_the_other(given.campaigns)
+        return
+    times = given.times
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
         found = {}

@@ -53,7 +53,7 @@ from sysid.plant.stepper import Lanes
 from sysid.types import FloatArray
 
 _COMPILER_OPTIONS = {"xla_backend_optimization_level": 2}
-_MOST_PROGRAMS = 16
+_MOST_PROGRAMS = 8
 _SHOWN = ("position", "velocity", "pressure_a", "pressure_b")
 _MEASURED = ("measured", "measured_a", "measured_b")
 _RECORDED = (*_SHOWN, *_MEASURED, "motor", "command_a", "command_b", "payload_kg")

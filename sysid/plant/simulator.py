@@ -41,8 +41,8 @@ _ROWS = 1280
 # Half the compile time of the default level, and no slower; vectors as wide as the processor's,
 # where the compiler would stop at 256 bit.
 COMPILER_OPTIONS = {"xla_backend_optimization_level": 2, "xla_cpu_prefer_vector_width": 512}
-# Structures of models for which compiled programs are kept: more than one command meets.
-MOST_PROGRAMS = 32
+# Compiled programs that are kept: more than a command needs; each takes some 20 MB.
+_MOST_PROGRAMS = 12
 # No run needs nearly as many continuations for its events: more would be an endless loop.
 MOST_CALLS = 1000
 ENDLESS = (
@@ -113,7 +113,7 @@ def _unpack(layout: _Layout, packed: _Packed) -> list[dict[str, Any]]:
     ]
 
 
-@kept(MOST_PROGRAMS, COMPILER_OPTIONS)
+@kept(_MOST_PROGRAMS, COMPILER_OPTIONS)
 def _advance_chunk(
     lanes: Lanes,
     table: Table,

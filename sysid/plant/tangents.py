@@ -48,7 +48,7 @@ STARTS = STATE
 # As in `simulator`: few shapes are ever compiled. The tangents fill the vectors next to the runs.
 _WIDTH = 8
 _ROWS = (256, 1024)
-_MOST_PROGRAMS = 8
+_MOST_PROGRAMS = 4
 # Delays are moved by this for the edges' tangents, s: less than any sub-step that counts.
 _DELAY_STEP = 1e-7
 _TIMING = ("on_delay_a", "off_delay_a", "on_delay_b", "off_delay_b")

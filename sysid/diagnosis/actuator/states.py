@@ -34,6 +34,8 @@ _STATE_STEP_S = 1e-3
 # compiled.
 _ROWS = 65536
 _LANES = 256
+# Compiled programs that are kept: a round of the search asks for ten; each takes some 3 MB.
+_MOST_PROGRAMS = 24
 _SIGNALS = (
     "time",
     "position",
@@ -216,9 +218,9 @@ def _padded(channel: _Channel) -> Any:
 def _compiled() -> Any:
     """`_histories`, compiled; jax is loaded with the first effect that has a state."""
     from sysid.plant.programs import Programs
-    from sysid.plant.simulator import COMPILER_OPTIONS, MOST_PROGRAMS
+    from sysid.plant.simulator import COMPILER_OPTIONS
 
-    return Programs(_histories, MOST_PROGRAMS, COMPILER_OPTIONS)
+    return Programs(_histories, _MOST_PROGRAMS, COMPILER_OPTIONS)
 
 
 def _histories(
