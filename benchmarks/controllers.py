@@ -236,9 +236,10 @@ def speed(rig: TableRig) -> None:
     )
 
 
-def table_agreement(names: tuple[str, ...]) -> None:
+def table_agreement(names: tuple[str, ...], max_torque: float, has_delays: bool) -> None:
     """Tables as `sysid control --table` computes them: cells of one, counts of several."""
-    own = TableRig.of(read_bundle(thesis_folder() / REFERENCE_BUNDLE))
+    own = TableRig.of(read_bundle(thesis_folder() / REFERENCE_BUNDLE)).limited(max_torque)
+    own = own if has_delays else own.without_delays()
     ideal = dataclasses.replace(own, sensors=SensorSuite.perfect())
     for sensors, rig in (("rig's sensors", own), ("perfect sensors", ideal)):
         print(f"\n=== {sensors} ===")
@@ -303,10 +304,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--max-torque", type=float, default=0.795, help="motor's limit, Nm")
     parser.add_argument("--only", choices=PARTS, help="one part (default: all)")
+    parser.add_argument("--no-valve-delays", action="store_true", help="--table: valves at once")
     parser.add_argument("--table", choices=("all", *TABLES), metavar="NUMBER", help="or all")
     options = parser.parse_args()
     if options.table:
-        table_agreement(TABLES if options.table == "all" else (options.table,))
+        names = TABLES if options.table == "all" else (options.table,)
+        table_agreement(names, options.max_torque, not options.no_valve_delays)
         return
     for name, sensors in SENSORS.items():
         print(f"\n=== {name}, motor up to {options.max_torque:g} Nm ===")

@@ -173,6 +173,22 @@ def test_a_stronger_motor_is_known_to_its_controllers(rig: TableRig) -> None:
         rig.limited(0.0)
 
 
+def test_valves_without_delay_are_known_to_the_controllers(rig: TableRig) -> None:
+    """Half of the period open passes half of the flow: no share is added by delays."""
+    fast = rig.without_delays()
+    case = fast.case_of(TableLoop("backstepping", Mode.PNEUMATIC, 4, inverse="averaged"))
+    controller: Any = case.controller
+    for parameters in (case.plant.parameters, controller.design.parameters):
+        assert parameters.on_delay_a == parameters.off_delay_b == 0.0
+    law = controller.design.inverse_a
+    both = law.open_flow(np.array([1.5e5])), law.closed_flow(np.array([1.5e5]))
+    assert law.flow(np.array([0.5]), np.array([1.5e5])) == pytest.approx(0.5 * sum(both))
+    other = rig.case_of(TableLoop("backstepping", Mode.PNEUMATIC, 4)).controller
+    thesis = fast.case_of(TableLoop("backstepping", Mode.PNEUMATIC, 4)).controller
+    duties = [c.design.inverse_a.duty(1e-4, 1.5e5) for c in (other, thesis)]  # type: ignore[attr-defined]
+    assert duties[1] > duties[0]
+
+
 def test_printed_inertias_are_those_of_the_rig(rig: TableRig) -> None:
     """Table 5.4.2 follows from 5.4.1 with the rig's arm and lever."""
     for row in printed("table_5_4_payloads"):

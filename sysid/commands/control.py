@@ -118,6 +118,9 @@ _run_options = options(
     help="--table: the motor's largest torque, in place of the rig's.",
 )
 @click.option(
+    "--no-valve-delays", is_flag=True, default=None, help="--table: valves that switch at once."
+)
+@click.option(
     "--tune",
     is_flag=True,
     help="Search the controller's gains for BUNDLE, with --draws robustly; -o DIR/gains.json.",
@@ -139,6 +142,7 @@ def control(
             bundle,
             chosen["output"],
             max_torque_nm=chosen["max_torque_nm"],
+            valve_delays=not chosen["no_valve_delays"],
             accept_assumed=chosen["accept_assumed"],
             progress=progress(),
         )
@@ -150,8 +154,9 @@ def control(
     for name in needed:
         if chosen[name] is None:
             raise click.UsageError(f"Missing option '--{name}'.")
-    if chosen.pop("max_torque_nm") is not None:
-        raise click.UsageError("--max-torque goes with --table.")
+    for name in ("max_torque_nm", "no_valve_delays"):
+        if chosen.pop(name) is not None:
+            raise click.UsageError(f"--{_option(name)} goes with --table.")
     output = chosen["output"]
     if tune:
         _show(tuned(bundle, **_of_tuning(chosen), progress=progress()), as_json)
@@ -174,11 +179,12 @@ def _of_tuning(chosen: dict[str, Any]) -> dict[str, Any]:
 
 def _option(name: str) -> str:
     """An option as it is written."""
-    return {"payload_kg": "payload", "backstepping_type": "type"}.get(name, name).replace("_", "-")
+    names = {"payload_kg": "payload", "backstepping_type": "type", "max_torque_nm": "max-torque"}
+    return names.get(name, name).replace("_", "-")
 
 
 def _no_run_options(chosen: dict[str, Any]) -> None:
-    also = ("output", "seed", "accept_assumed", "max_torque_nm")
+    also = ("output", "seed", "accept_assumed", "max_torque_nm", "no_valve_delays")
     given = [n for n, v in chosen.items() if v is not None and n not in also]
     if given:
         raise click.UsageError(f"--{_option(given[0])} does not go with --table.")
@@ -223,6 +229,7 @@ def tabulate(
     output: Path | None,
     *,
     max_torque_nm: float | None = None,
+    valve_delays: bool = True,
     accept_assumed: bool = False,
     progress: Progress = no_progress,
 ) -> Controlled:
@@ -234,6 +241,7 @@ def tabulate(
         name,
         bundle,
         max_torque_nm=max_torque_nm,
+        valve_delays=valve_delays,
         accept_assumed=accept_assumed,
         progress=progress,
     )

@@ -94,6 +94,7 @@ def control_table(
     bundle: Bundle | None = None,
     *,
     max_torque_nm: float | None = None,
+    valve_delays: bool = True,
     accept_assumed: bool = False,
     progress: Progress | None = None,
 ) -> ControlTable:
@@ -101,8 +102,9 @@ def control_table(
 
     On a bundle's rig, or (None) on the thesis' own, as far as it is printed; tables of a
     payload in the horizontal or the vertical turn it. `max_torque_nm`: that of the motor at the
-    output, in place of the rig's. Raises InputError or NotIdentifiedError for
-    another number, and for a bundle that the table's controllers cannot use.
+    output, in place of the rig's; `valve_delays` False: valves that switch at once. Raises
+    InputError or NotIdentifiedError for another number, and for a bundle that the table's
+    controllers cannot use.
     """
     known = bundle or read_bundle(thesis_folder() / REFERENCE_BUNDLE)
     require_declared(known, accept_assumed)
@@ -110,6 +112,8 @@ def control_table(
     if max_torque_nm is not None:
         rig = rig.limited(max_torque_nm)
         named = f"{named} with a motor of {max_torque_nm:g} N m"
+    if not valve_delays:
+        rig, named = rig.without_delays(), f"{named}, valves without delay"
     with progress_or_shown(progress, "controlling") as tell:
         return ControlTable(thesis_table(name, rig, tell), named)
 

@@ -48,7 +48,8 @@ _PARTS = (
         "4.4.3",
         "4.4.3",
         "Measured on hardware of which only the inertias and the horizon are printed; ours runs "
-        "on this rig with these.",
+        "on this rig with these. In the pneumatic mode its RMSE are within 6 % of the print's, "
+        "without and with the estimator.",
     ),
     _Part(
         "simulated",
@@ -153,7 +154,10 @@ _PARTS = (
         "6.5.9",
         "Measured with gains that were retuned for 0.22 kg, which the controllers assume; ours are "
         "simulations with these gains, five seeds of the sensors' noise as five tests. In the "
-        "horizontal our estimator does not act, as above.",
+        "horizontal our estimator does not act, as above. Backstepping comes within a factor of 2 "
+        "in 54 of 72 cells. Printed DVMPC follows trajectory 1 to 5 to 9 mrad in the pneumatic "
+        "mode, ours to 1 to 2 mrad. Ours loses trajectory 4 with 0.22 kg in the pneumatic mode and "
+        "with 0.32 kg in the hybrid one, the print only with 0.32 kg in the pneumatic one.",
     ),
     _Part(
         "tests-vertical",

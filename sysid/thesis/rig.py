@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from sysid.controllers.backstepping import backstepping_type
 from sysid.controllers.cases import Case, ClosedLoopRun
 from sysid.controllers.design_model import DesignModel, design_from_bundle, with_bipolynomials
 from sysid.controllers.dvmpc import DvmpcController
+from sysid.controllers.effective_law import averaged_law
 from sysid.controllers.feedforward import FeedforwardController
 from sysid.controllers.interface import Controller
 from sysid.controllers.modes import Mode
@@ -26,12 +27,14 @@ from sysid.controllers.sensing import SensorSuite
 from sysid.controllers.task import HORIZON, MOTOR_SHARE, check_rotary, check_travel
 from sysid.controllers.trajectories import DURATION_S, DesiredMotion, thesis_trajectory
 from sysid.errors import input_error
+from sysid.io.channels import SIDES
 from sysid.io.rig import GRAVITY_M_PER_S2, Rig
 from sysid.parameters.content import BundleContent
 from sysid.plant.ports import Model
 from sysid.thesis.declaration import TableLoop, printed
 from sysid.thesis.tracking import TRAJECTORIES
 
+_DELAYS = ("on_delay_a", "on_delay_b", "off_delay_a", "off_delay_b")
 Setup = tuple[Controller, int, Mode]
 """A closed loop on the rig as it is: controller, trajectory, mode."""
 
@@ -156,15 +159,33 @@ class TableRig:
         if not max_torque > 0.0:
             raise input_error(f"largest torque {max_torque:g} N m", "is not positive", "give more")
 
-        def limit(model: Model) -> Model:
-            parameters = model.parameters.replace(max_effort=float(max_torque))
-            return dataclasses.replace(model, parameters=parameters)
+        return self._changed({"max_effort": float(max_torque)})
 
-        changes: dict[str, Any] = {"plant": limit(self.plant)}
-        for name in ("design", "bipolynomial"):
-            own: DesignModel = getattr(self, name)
-            changes[name] = dataclasses.replace(own, model=limit(own.model))
-        return dataclasses.replace(self, **changes)
+    def without_delays(self) -> TableRig:
+        """The same rig with valves that switch at once, as its controllers know."""
+        return self._changed(dict.fromkeys(_DELAYS, 0.0), refit=True)
+
+    def _changed(self, values: Mapping[str, float], refit: bool = False) -> TableRig:
+        """The same rig with other parameters of plant and controllers' models.
+
+        `refit`: the duties' inverses depend on them.
+        """
+
+        def change(model: Model) -> Model:
+            return dataclasses.replace(model, parameters=model.parameters.replace(**values))
+
+        def known(own: DesignModel) -> DesignModel:
+            model = change(own.model)
+            if not refit:
+                return dataclasses.replace(own, model=model)
+            a, b = (averaged_law(model, side) for side in SIDES)
+            return dataclasses.replace(own, model=model, inverse_a=a, inverse_b=b)
+
+        design = known(self.design)
+        bipolynomial = with_bipolynomials(design) if refit else known(self.bipolynomial)
+        return dataclasses.replace(
+            self, plant=change(self.plant), design=design, bipolynomial=bipolynomial
+        )
 
     def assuming(self, payload_kg: float) -> TableRig:
         """The same rig, with controllers that take this payload, kg, into account."""
