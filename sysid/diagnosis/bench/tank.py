@@ -226,10 +226,10 @@ class TankComponent(Component):
         longest = _LONGEST_STEP_BINS[self.law] * first
         times = tank_gas.grid(float(end), first, longest, _GROWTH)
         found = tank_gas.simulated(starts, times, together, iso)
-        runs = zip(*(np.split(values, len(models), axis=1) for values in found), strict=True)
+        runs = np.split(np.arange(len(lanes)), len(models))
         return [
-            self._left(chosen, steps, model, times, *run)
-            for model, run in zip(models, runs, strict=True)
+            self._left(chosen, steps, model, found.of(own.tolist()))
+            for model, own in zip(models, runs, strict=True)
         ]
 
     def _iso6358(self, laws: Sequence[Law]) -> Iso6358 | None:
@@ -248,16 +248,13 @@ class TankComponent(Component):
         chosen: Sequence[Discharge],
         steps: Sequence[float],
         model: Model,
-        times: FloatArray,
-        pressures: FloatArray,
-        rates: FloatArray,
+        course: tank_gas.Course,
     ) -> list[FloatArray]:
         """Measured pressure less what the sensor would show of the simulated ones, from the start
         that suits each test best."""
         found = []
         for i, (d, step) in enumerate(zip(chosen, steps, strict=True)):
-            pair = [i, i + len(chosen)]
-            true = tank_gas.between(d.time, times, pressures[:, pair], rates[:, pair])
+            true = course.of([i, i + len(chosen)]).at(d.time)
             seen = []
             for one in true.T:
                 channels: dict[str, Array] = {self.channel: one}

@@ -65,16 +65,56 @@ def adiabatic_share(conductance: float, volume: float) -> float:
     return 1.0 / (1.0 + conductance / wall_scale(volume))
 
 
-def simulated(
-    starts: FloatArray, times: FloatArray, model: Model, law: Iso6358 | None
-) -> tuple[FloatArray, FloatArray]:
-    """Pressures (m, runs) Pa and their rates at times (m,) s of runs from `starts` (runs,), Pa.
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Pressures (m, runs) Pa and their rates at times (m,) s, Pa/s.
+
+    `changes` (4, runs): when a run's flow ceases to be choked, s, its pressure then, and its rate
+    before and after; infinite where it does not.
+    """
+
+    times: FloatArray
+    pressures: FloatArray
+    rates: FloatArray
+    changes: FloatArray
+
+    def of(self, runs: Sequence[int]) -> Course:
+        """Some of the runs."""
+        chosen = list(runs)
+        return Course(
+            self.times, self.pressures[:, chosen], self.rates[:, chosen], self.changes[:, chosen]
+        )
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Pressures at times (n,) s, (n, runs): cubics between the steps, and to a change in one.
+
+        A cubic across the change would miss the corner by some Pa over a whole step.
+        """
+        k = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2)
+        begin, end = self.times[k][:, None], self.times[k + 1][:, None]
+        when, pressure, before, after = self.changes
+        inside, now = (begin <= when) & (when < end), time[:, None]
+        early, late = inside & (now < when), inside & (now >= when)
+        return _cubic(
+            now,
+            (np.where(late, when, begin), np.where(early, when, end)),
+            (
+                np.where(late, pressure, self.pressures[k]),
+                np.where(early, pressure, self.pressures[k + 1]),
+            ),
+            (np.where(late, after, self.rates[k]), np.where(early, before, self.rates[k + 1])),
+        )
+
+
+def simulated(starts: FloatArray, times: FloatArray, model: Model, law: Iso6358 | None) -> Course:
+    """The course at times (m,) s of runs from `starts` (runs,), Pa.
 
     `law` None: the thesis'. What cannot be, as below a vacuum, is held at what can.
     """
     highest = _MOST * max(float(np.max(starts)), float(np.max(model.parameters.atmosphere)))
     vessel = _BaseVessel(model, highest) if law is None else _GasVessel(model, highest, law)
     pressures, rates = np.empty((2, len(times), len(starts)))
+    changes = np.full((4, len(starts)), np.inf)
     state = vessel.at_rest(starts)
     for k, t in enumerate(times.tolist()):
         slopes, decays = vessel.slopes(t, state)
@@ -92,12 +132,16 @@ def simulated(
             # To the change of the law, and on by the other one.
             until, after = share * step, (1.0 - share) * step
             middle = relaxing_step(state, slopes, decays, functools.partial(ahead, by=until), until)
-            vessel.change(share < 1.0)
+            change = share < 1.0
+            before = vessel.slopes(t + until, middle)[0]
+            vessel.change(change)
             slopes, decays = vessel.slopes(t + until, middle)
+            corner = np.array([t + until, middle[0], before[0], slopes[0]])
+            changes = np.where(change, corner, changes)
             later = functools.partial(ahead, time=t + until, by=after)
             there = relaxing_step(middle, slopes, decays, later, after)
         state = vessel.held(there)
-    return pressures, rates
+    return Course(times, pressures, rates, changes)
 
 
 class _BaseVessel:
@@ -296,20 +340,24 @@ def grid(end: float, first: float, longest: float, growth: float) -> FloatArray:
     return np.array(times)
 
 
-def between(at: FloatArray, times: FloatArray, values: FloatArray, rates: FloatArray) -> FloatArray:
-    """Cubic Hermite interpolation at times (n,) of values (m, runs) with their rates, (n, runs)."""
-    k = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
-    step = (times[k + 1] - times[k])[:, None]
-    s = (at - times[k])[:, None] / step
+def _cubic(
+    at: FloatArray,
+    times: tuple[FloatArray, FloatArray],
+    values: tuple[FloatArray, FloatArray],
+    rates: tuple[FloatArray, FloatArray],
+) -> FloatArray:
+    """Hermite's cubic through values and rates at the two `times` about each of `at`."""
+    step = times[1] - times[0]
+    s = (at - times[0]) / step
     bend = (3.0 - 2.0 * s) * s * s
-    slope = step * s * (1.0 - s) * ((1.0 - s) * rates[k] - s * rates[k + 1])
-    return np.asarray(values[k] + bend * (values[k + 1] - values[k]) + slope)
+    slope = step * s * (1.0 - s) * ((1.0 - s) * rates[0] - s * rates[1])
+    return np.asarray(values[0] + bend * (values[1] - values[0]) + slope)
 
 
 __all__ = [
+    "Course",
     "Iso6358",
     "adiabatic_share",
-    "between",
     "grid",
     "simulated",
     "wall_conductance",
