@@ -2,6 +2,7 @@
 
     python -m benchmarks.tanks [--draws 20] [--seed 0] [--kinds short slow exact choked iso warm]
     python -m benchmarks.tanks --verdicts            # with the verdict of the diagnosis of each
+    python -m benchmarks.tanks --law thesis          # by that law, without the choice (faster)
 
 Each draw has its own volume, law, noise, rate, duration and number of discharges. The pressure is
 integrated apart from `sysid.plant`: the gas' mass and internal energy are the states.
@@ -201,14 +202,14 @@ def verdict_of(draw: Draw, bundle_parts: object) -> str:
     return f"{found.verdict} {[e.id for e in found.effects]} {found.because or ''}".strip()
 
 
-def measured(kind: str, draws: int, first: int, verdicts: bool) -> None:
+def measured(kind: str, draws: int, first: int, verdicts: bool, by: str = "auto") -> None:
     """Law, errors and intervals of draws of a kind, a line each, and their sums."""
     right, errors, held = [], {}, {}  # type: ignore[var-annotated]
     for seed in range(first, first + draws):
         draw, began = drawn(kind, seed), time.process_time()
         line = f"{kind} {seed}:"
         try:
-            found = bench_fit("tank", draw.trials, draw.rig)
+            found = bench_fit("tank", draw.trials, draw.rig, by)
         except Exception as error:  # a benchmark counts what fails
             print(f"{line} FAILS {type(error).__name__}: {error}", flush=True)
             right.append(False)
@@ -250,9 +251,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     parser.add_argument("--verdicts", action="store_true")
+    parser.add_argument("--law", choices=("auto", "thesis", "iso6358"), default="auto")
     asked = parser.parse_args()
     for kind in asked.kinds:
-        measured(kind, asked.draws, asked.seed, asked.verdicts)
+        measured(kind, asked.draws, asked.seed, asked.verdicts, asked.law)
 
 
 if __name__ == "__main__":

@@ -138,15 +138,15 @@ def fit_by_law(
     thesis = fit_averaged(flows, conditions)
     if law == THESIS:
         return thesis, ()
-    other = replace(conditions, by_iso=True)
-    rough = on_its_own(partial(fit_averaged, flows, other, rough=True))
+    by_iso = replace(conditions, by_iso=True)
+    rough = on_its_own(partial(fit_averaged, flows, by_iso, rough=True))
     if isinstance(rough, Failure):
         return thesis, ()
     # Twice the log evidence of n samples grows by at most n for each share of the sum of squares.
     within_reach = DECISIVE + _STILL_TO_GAIN * len(flows.flow)
     if sum(evidence_for(rough, thesis, flows).values()) < -within_reach:
         return thesis, ()
-    iso = on_its_own(partial(fit_averaged, flows, other))
+    iso = on_its_own(partial(fit_averaged, flows, by_iso))
     if isinstance(iso, Failure):
         return thesis, ()
     evidence = evidence_for(iso, thesis, flows)
