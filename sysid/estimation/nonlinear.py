@@ -247,16 +247,17 @@ class LeastSquaresFit:
         known of a scatter then (the matrix holds the residuals' error).
         """
         factors = self._group_factors(groups)
+        others = _all_but_each(factors)
         scale = np.linalg.norm(self.jacobian[:, self._free], axis=0)
 
         def move(i: int) -> FloatArray:
-            left, found = _without(factors, i), np.zeros(len(self.values))
+            left, found = others[i], np.zeros(len(self.values))
             step, *_ = np.linalg.lstsq(left[:, :-1], -left[:, -1], rcond=RANK_TOLERANCE)
             found[self._free] = step / scale
             return found
 
         matrix = jackknife(move, len(factors))
-        shown = self._shown_by(factors)
+        shown = self._shown_by(factors, others)
         alone = np.flatnonzero(shown <= 1)
         matrix[alone, :] = matrix[:, alone] = 0.0
         matrix[alone, alone] = np.diag(self.covariance)[alone]
@@ -267,15 +268,15 @@ class LeastSquaresFit:
 
         1 too where it is known by one of them alone: without that, others could make up for it.
         """
-        return self._shown_by(self._group_factors(groups))
+        factors = self._group_factors(groups)
+        return self._shown_by(factors, _all_but_each(factors))
 
-    def _shown_by(self, factors: Sequence[FloatArray]) -> IntArray:
+    def _shown_by(self, factors: Sequence[FloatArray], others: Sequence[FloatArray]) -> IntArray:
         free = np.flatnonzero(self._free)
         found = np.zeros(len(self.values), dtype=np.intp)
         for i, own in enumerate(factors):
             found[free] += np.linalg.norm(own[:, :-1], axis=0) > RANK_TOLERANCE
-            left = np.linalg.qr(_without(factors, i)[:, :-1], mode="r")
-            _, sizes, ways = np.linalg.svd(left)
+            _, sizes, ways = np.linalg.svd(others[i][:, :-1])
             lost = ways[len(sizes[sizes > RANK_TOLERANCE]) :]
             # Of a direction that is lost without the group, the parameters that take part in it.
             found[free[np.any(np.abs(lost) > 1e-3, axis=0)]] = -len(factors)
@@ -354,9 +355,19 @@ class Bounded:
         return replace(found, interval=(low + step, high + step))
 
 
-def _without(factors: Sequence[FloatArray], i: int) -> FloatArray:
-    """The equations of all groups but one, (k, columns)."""
-    return np.vstack([factors[i][:0], *factors[:i], *factors[i + 1 :]])
+def _all_but_each(factors: Sequence[FloatArray]) -> list[FloatArray]:
+    """For each group the triangular factor (k, columns) of the equations of all others.
+
+    Of those before and of those after a group, each joined on one group at a time: a rotation loses
+    nothing of what the equations say.
+    """
+    ahead, behind = [factors[0][:0]], [factors[0][:0]]
+    for own in factors[:-1]:
+        ahead.append(np.asarray(np.linalg.qr(np.vstack((ahead[-1], own)), mode="r")))
+    for own in factors[:0:-1]:
+        behind.append(np.asarray(np.linalg.qr(np.vstack((own, behind[-1])), mode="r")))
+    both = zip(ahead, reversed(behind), strict=True)
+    return [np.asarray(np.linalg.qr(np.vstack(pair), mode="r")) for pair in both]
 
 
 def minimise(

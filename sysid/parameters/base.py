@@ -42,7 +42,12 @@ class Part(BaseModel):
     """
 
     model_config = ConfigDict(
-        extra="allow", frozen=True, arbitrary_types_allowed=True, protected_namespaces=()
+        extra="allow",
+        frozen=True,
+        arbitrary_types_allowed=True,
+        protected_namespaces=(),
+        # A class is made ready when it is used: a tenth of a second at the start of each command.
+        defer_build=True,
     )
 
     _order: tuple[str, ...] = PrivateAttr(())
