@@ -18,7 +18,7 @@ sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.history import in_turn  # noqa: E402
 
-RUNS = 15
+RUNS = 5
 LOG_BYTES = 2_000_000
 
 
