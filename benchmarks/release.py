@@ -1,10 +1,11 @@
 """The figures of speed that every release records: each by the benchmark that has it.
 
-    python benchmarks/release.py [PART ...]      # demo cores imports pwm simulation; all by default
+    python benchmarks/release.py [PART ...]      # all of them by default
 
 `demo`: `sysid demo` with an empty cache of compiled programs and with the one that it leaves, and
 how many programs that is. `cores`: a diagnosis by one job and by all cores. The others run
-`startup.py`, `valve_pwm.py speed` and `simulation.py`, which record theirs.
+`startup.py` (`imports`), `growth.py` (`memory`), `valve_pwm.py` (`pwm`) and `simulation.py`, which
+record theirs.
 """
 
 from __future__ import annotations
@@ -97,6 +98,7 @@ PARTS: dict[str, list[Callable[[], None]]] = {
     "demo": [demo],
     "cores": [cores],
     "imports": [of("benchmarks/startup.py")],
+    "memory": [of("benchmarks/growth.py", "--campaigns", "100")],
     "pwm": [of("benchmarks/valve_pwm.py", "speed")],
     "simulation": [of("benchmarks/simulation.py", part) for part in ("speed", "cores")],
 }
