@@ -111,11 +111,11 @@ def _optimistix(size: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
 def _at(base: ReducedEquations, y: Any, directions: FloatArray) -> tuple[Any, Any, Any]:
     """The equations along these directions; of those that are 0, without slopes."""
-    from sysid.plant.jax_setup import jnp
+    from sysid.plant.jax_setup import jax
 
     rows = (0, directions.shape[1] - len(directions))
     residual, slopes = np.pad(base.r, rows), np.pad(base.jacobian @ directions, (rows, (0, 0)))
-    return y, jnp.asarray(residual), jnp.asarray(slopes)
+    return y, jax.device_put(residual), jax.device_put(slopes)
 
 
 def _directions(problem: Problem, base: ReducedEquations) -> FloatArray:

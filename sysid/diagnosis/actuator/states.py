@@ -96,11 +96,14 @@ def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str
 
     Without `needs_flow` only the torque balance is concerned, and held tests are left out.
     """
+    from sysid.plant.jax_setup import on_processor
+
     found = {name: np.zeros(len(traces)) for name in model.state_names}
     structure, numbers = split((model.parameters, *model.effects))
     # As numbers of one kind: jax compiles anew for each kind.
     inputs = [{name: np.asarray(v, dtype=float) for name, v in part.items()} for part in numbers]
-    signals = _signals(traces)
+    with on_processor():
+        signals = _signals(traces)
 
     def histories(pieces: _Pieces) -> list[FloatArray]:
         return _history_of(pieces, signals, inputs, structure, model.state_names)
@@ -208,10 +211,12 @@ class _Channel:
 # Traces of other valve timings share all channels but the openings.
 @lru_cache(maxsize=2 * len(_SIGNALS))
 def _padded(channel: _Channel) -> Any:
-    from sysid.plant.jax_setup import jnp
+    from sysid.plant.jax_setup import jax
 
-    values = channel.values
-    return jnp.asarray(np.pad(values, [(0, -len(values) % _ROWS), *[(0, 0)] * (values.ndim - 1)]))
+    values = channel.values  # device_put compiles nothing, jnp.asarray does for each shape
+    return jax.device_put(
+        np.pad(values, [(0, -len(values) % _ROWS), *[(0, 0)] * (values.ndim - 1)])
+    )
 
 
 @cache
