@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.errors import Failure, NotIdentifiedError, error_of, input_error, on_its_own
 from sysid.estimation.linear import Estimate
-from sysid.estimation.quality import DISAGREE, LEAST_EXPLAINED, SCATTER_TIMES
+from sysid.estimation.quality import LEAST_EXPLAINED, SCATTER_TIMES
 from sysid.identification.friction.clusters import Clusters, cluster_test
 from sysid.identification.friction.combinations import (
     Combination,
@@ -24,6 +24,7 @@ from sysid.identification.friction.combinations import (
     mean_friction,
     unidentified,
 )
+from sysid.identification.friction.cross_check import disagreement
 from sysid.identification.friction.effort import (
     TrialUse,
     against_motion,
@@ -644,16 +645,8 @@ def _compare(
         "motion is reported in addition as a cross-check"
     )
     for name, check in cross_check.items():
-        mine = parameters[name]
-        if not (mine.identified and check.identified):
-            continue
-        error = math.hypot(mine.std, check.std)
-        if abs(mine.value - check.value) > DISAGREE * error:
-            notices.append(
-                f"{u.key(name)}: constant-effort tests give {mine.value:.4g} {mine.unit}, motion "
-                f"{check.value:.4g}, apart by {abs(mine.value - check.value) / error:.1f} standard "
-                "errors: Coulomb and viscous friction alone do not describe both"
-            )
+        said = disagreement(u.key(name), parameters[name], check)
+        notices += [] if said is None else [said]
 
 
 def _order(parameters: dict[str, Estimate], u: MotionUnits, notices: list[str]) -> None:

@@ -26,7 +26,8 @@ _MEASURE = """
   for (const e of document.querySelectorAll(main)) {
     if (!shown(e) || e.closest('.interactive')) continue;
     const box = e.getBoundingClientRect();
-    const scroll = e.closest('.scroll');
+    // A row of figures may be swiped.
+    const scroll = e.closest('.scroll, .panels');
     if (!scroll && (box.left < -slack || box.right > wide + slack))
       faults.push(`outside the page (to ${box.right.toFixed()}): ${named(e)}`);
     if (!e.closest('svg') && e.scrollWidth > e.clientWidth + slack && e.clientWidth > 0

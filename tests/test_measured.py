@@ -266,15 +266,19 @@ def test_the_overview_has_a_row_a_campaign() -> None:
     (row,) = overview(results)
     assert dict(zip(COLUMNS, row, strict=True)) == {
         "Set": "axis",
-        "Base model": "friction: coulomb_n",
         "Found": "stribeck-friction (or dahl)",
         "Held-out RMSE of": "motor_force_n",
         "Before": "4.00",
         "After": "1.00",
         "Correct model": "0.500",
+        "After / correct": "2.0",
         "Down by": "75 %",
         "Remains": "motor_force_n over velocity (12 %)",
+        "Base model": "friction: coulomb_n",
     }
+    results["sets"][0]["campaigns"][0]["known"] = "the seal was changed"
+    (row,) = overview(results)
+    assert row[COLUMNS.index("Remains")].endswith("(12 %); known: the seal was changed")
     assert with_agreement(results)["sets"][0]["agreement"] == []
 
 

@@ -325,7 +325,8 @@ def test_training_rows_are_folded(made: Made) -> None:
 
 
 @pytest.mark.parametrize("best", [None, "ann", "averaged"])
-def test_maps_of_laws_that_are_not_recommended_are_folded(best: str | None) -> None:
+def test_only_the_recommended_law_is_drawn_in_sight(best: str | None) -> None:
+    from sysid.blocks.figures import Line, Words
     from sysid.blocks.sections import FigureGroup, Fold
     from sysid.identification.valve_pwm.shown import _figure_blocks, _Measured
     from sysid.surfaces.bipolynomial import Bipolynomial
@@ -340,17 +341,29 @@ def test_maps_of_laws_that_are_not_recommended_are_folded(best: str | None) -> N
 
     setattr(Judged, "best", best)  # noqa: B010
     levels = level_flows(duty, pressure, flow)
-    part = Judged("a", "fill", cast(Any, None), levels, {"bipolynomial": surface, "ann": surface})
+    kinds = ["bipolynomial", "ann", "averaged"]
+    part = Judged("a", "fill", Valve(), levels, dict.fromkeys(kinds, surface))
     (group,) = [b for b in _figure_blocks(part) if isinstance(b, FigureGroup)]
-    folds = [b for b in _figure_blocks(part) if isinstance(b, Fold) and "maps" in b.summary]
-    kinds = {None: ["bipolynomial", "ann"], "ann": ["ann"], "averaged": []}[best]
-    assert [f.id.removeprefix("fig-a-fill-") for f in group.figures] == [
-        "cuts", *(k for kind in kinds for k in (kind, f"{kind}-error")), "measured",
-    ]  # fmt: skip
+    folds = [b for b in _figure_blocks(part) if isinstance(b, Fold)]
+    shown = kinds if best is None else [best]
+    ids = [f.id.removeprefix("fig-a-fill-") for f in group.figures]
+    maps = [name for kind in shown for name in (kind, f"{kind}-error")]
+    assert ids == ["cuts", *maps, *(["measured"] if best is None else [])]
+    cuts = cast(Any, group.figures[0]).panels[0].marks
+    labels = [m.label for m in cuts if isinstance(m, Line) and m.label]
+    assert len(labels) == len(shown)
+    # Each curve carries its duty.
+    assert [m.text for m in cuts if isinstance(m, Words)] == [
+        "0.10",
+        "0.30",
+        "0.50",
+        "0.70",
+        "0.90",
+    ]
     assert len(folds) == (best is not None)
     if folds:
         (inner,) = folds[0].blocks
-        assert isinstance(inner, FigureGroup) and len(inner.figures) == 4 - 2 * len(kinds)
+        assert isinstance(inner, FigureGroup) and len(inner.figures) == 2 + 2 * 2
 
 
 def test_elements_have_names_and_ids_of_their_own(made: Made) -> None:
@@ -404,7 +417,7 @@ def test_the_refinement_is_told_whole(made: Made) -> None:
     text = section_text(made.html, "refinement")
     assert "4 parameters were estimated together" in text and "over 30 segments" in text
     assert "did not converge: it stalled after 41 simulations" in text
-    assert "2 further segments are excluded" in text
+    assert "2 of 32 segments are excluded" in text
     assert "2.1 % for sliding and 3.4 % for static friction" in text
     assert "of friction.static_nm they say less than what was known before" in text
     assert "hardly distinguish: friction.coulomb_nm and friction.static_nm (−0.93)" in text
@@ -544,15 +557,126 @@ def test_verdict_falls_with_the_fit(made: Made) -> None:
         assert bool(open_ended.held_back) is (level == "good")
 
 
-def test_verdict_s_colour_is_that_of_the_worst_below_it(made: Made) -> None:
-    """A surface with which the position is not followed is not green."""
+def test_verdict_s_colour_is_that_of_the_model_it_recommends(made: Made) -> None:
+    """Mean flows that the page advises against, with which the position is lost, limit nothing."""
+    from sysid.validation.shown_tests import MODEL_NAMES, recommended_models
+
+    best = recommended_models(made.validation)[1]
     judged = verdict(made.bundle, made.validation)
-    levels = {c.level for c in judged.concerns}
-    assert any(c.level == "poor" and "under PWM" in c.name for c in judged.concerns)
-    assert judged.level == concerns.worst(levels) == "poor"
-    named = next(c.name for c in judged.concerns if c.level == "poor")
-    assert named in judged.held_back and "(poor)" in judged.held_back
-    assert 'class="verdict poor"' in made.html and judged.held_back in plain(made.html)
+    under_pwm = [c.name for c in judged.concerns if "under PWM" in c.name]
+    assert under_pwm == [f"the position under PWM with the {MODEL_NAMES[best]}"]
+    own = verdict(made.bundle.without("friction", "valves"), made.validation).level
+    assert judged.level == concerns.worst((own, *(c.level for c in judged.concerns)))
+    assert f'class="verdict {judged.level}"' in made.html
+    # What is recommended does limit it.
+    logs = tuple(g for g in made.validation.logs if g.model in ("discrete", "bipolynomial"))
+    only = verdict(made.bundle, dataclasses.replace(made.validation, logs=logs))
+    assert [c.level for c in only.concerns if "under PWM" in c.name] == ["poor"]
+    assert only.level == "poor"
+
+
+def test_laws_that_are_not_recommended_are_known_by_their_places() -> None:
+    from sysid.identification.valve_pwm.choice import not_recommended, recommended
+    from sysid.parameters import PwmSurfaces
+    from sysid.parameters.valves import DutyErrors, SurfaceChoice
+
+    errors = DutyErrors(
+        rmse=0.01, max_relative_error_percent=1.0, max_error_points=1.0, p95_error_points=1.0,
+        n_parameters=9, n_points=50,
+    )  # fmt: skip
+    choice = SurfaceChoice(
+        bipolynomial=errors, network=errors, noise_rmse=None, recommended="ann", reason="",
+        n_tests=9, folds=4, seed=0,
+    )  # fmt: skip
+    held = PwmSurfaces(bipolynomial=Surface(), ann=Surface(), comparison=choice)
+    valve = Valve(pwm=PwmDirections(fill=held))
+    assert recommended(valve, "fill") == "ann" and recommended(valve, "discharge") is None
+    assert not_recommended(valve, "a") == {
+        "valves.a.pwm.fill.bipolynomial", "valves.a.pwm.averaged, fill",
+    }  # fmt: skip
+    assert not_recommended(Valve(), "a") == set()
+
+
+def test_notices_stand_where_their_numbers_stand() -> None:
+    from sysid.blocks.sections import Lines, Notes, Section
+    from sysid.pipeline.pages.notices import by_section, with_notices
+
+    campaign = read_campaign(BUNDLED)
+    log = next(e for e in campaign.logs if e.kind == "valve-pwm")
+    pressure = f"{log.path}, test 45: excluded: the pressure stays within 1 % of its start"
+    coulomb = "coulomb_nm: constant-effort tests give 0.17 Nm, motion 0.174, apart by 3.1 errors"
+    notices = [
+        pressure,
+        coulomb,
+        "valve A: the fit did not converge",
+        "valve B, discharging: no usable test above duty 0.74",
+        "the clock runs slow",
+    ]
+    found = by_section(notices, campaign)
+    assert {k: len(v) for k, v in found.items()} == {
+        "surfaces": 2, "friction": 1, "valves": 1, "fits": 1,
+    }  # fmt: skip
+    assert found["surfaces"][0] == pressure.replace(str(log.path), log.path.name)
+    section = Section("friction", "Friction", (), (Lines(("said",)),))
+    assert with_notices(section, ["said"]) is section
+    many = with_notices(section, [coulomb, *(f"another of kind {c}" for c in "abcdef")])
+    first, folded, _ = many.blocks
+    assert isinstance(first, Notes) and coulomb in first.lines and len(first.lines) == 4
+    assert isinstance(folded, Lines) and folded.summary and len(folded.lines) == 3
+
+
+TRACE: dict[str, Any] = {
+    "source": "run.csv, test 2", "channel": "theta_rad", "tests": 3, "time": [0.0, 0.5, 1.0],
+    "measured": [0.0, 0.5, 1.0], "before": [0.0, 0.3, 0.5], "after": [0.0, 0.45, 0.95],
+    "fit": {"before": 40.0, "after": 92.0},
+    "friction": [
+        {"source": "run.csv, test 2", "own": -0.03, "scatter": 0.02, "rmse": 0.004, "of": 0.01},
+        {"source": "run.csv, test 1", "own": 0.001, "scatter": 0.02, "rmse": 0.009, "of": 0.01},
+    ],
+}  # fmt: skip
+
+
+def test_the_first_screen_shows_a_held_out_test_before_and_after() -> None:
+    from sysid.diagnosis.wording import own_friction
+    from sysid.pipeline.pages.held_out import first_picture
+
+    shown = first_picture(None, {"figures": {"trace": TRACE}, "effects": [{}]}, False)
+    assert shown is not None
+    (figure,) = cast(Any, shown.figures)
+    above, below = figure.panels
+    assert above.marks[0].label == "measured" and len(above.marks) == 3
+    assert np.allclose(below.marks[-1].y, [0.0, 50.0, 50.0])  # mrad
+    assert "run.csv, test 2" in shown.caption and "92.0 %, 40.0 % before" in shown.caption
+    # What friction of its own explains is said only where it is most of the residual's square.
+    assert "84 % of the square" in shown.caption and "3.0 % less than the model's" in shown.caption
+    assert own_friction(TRACE, "run.csv, test 1") == ""
+    same = first_picture(None, {"figures": {"trace": TRACE}, "effects": []}, False)
+    assert same is not None and len(cast(Any, same.figures[0]).panels[0].marks) == 2
+    assert first_picture(None, None, False) is None
+
+
+def test_what_to_do_next_is_what_advise_predicts(made: Made) -> None:
+    from sysid.pipeline.pages.next_steps import next_line
+
+    advice = {
+        "parameters": [{"name": "friction.coulomb_nm", "unit": "Nm", "std_now": 0.002}],
+        "tests": [
+            {"test": "motion-motor: sine 1 Hz, 5 s", "gain": 0.2,
+             "std_after": {"friction.coulomb_nm": 0.001}},
+        ],
+        "ties": [],
+    }  # fmt: skip
+    section = next_section(made.bundle, {**DIAGNOSIS, "component": "actuator"}, "c.toml", advice)
+    assert section is not None
+    tests = next(b for b in section.blocks if isinstance(b, Table) and "could run" in b.caption)
+    row = [str(cell) for cell in tests.rows[0]]
+    assert row == ["motion-motor: sine 1 Hz, 5 s", "18", "friction.coulomb_nm, by 50 %"]
+    plain = {**DIAGNOSIS, "verdict": "effects-found", "unexplained": [], "effects": []}
+    assert next_line(made.bundle, plain, advice).startswith(
+        "motion-motor: sine 1 Hz, 5 s: standard"
+    )
+    assert "distinguish" not in next_line(made.bundle, plain, None)
+    assert "two known pressures" in next_line(made.bundle, DIAGNOSIS, advice)
 
 
 def test_unidentified_parameters_are_named(made: Made) -> None:
@@ -742,6 +866,9 @@ class Watched:
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("dialog", self._asked)
         self.page.goto(path.as_uri())
+        # A phone folds the sections.
+        unfold = "for (const part of document.querySelectorAll('details.part')) part.open = true"
+        self.page.evaluate(unfold)
 
     def _said(self, message: Any) -> None:
         if message.type in ("error", "warning"):

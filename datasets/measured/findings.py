@@ -20,14 +20,15 @@ Content = Mapping[str, Any]
 BEGIN, END = "<!-- measured -->", "<!-- /measured -->"
 COLUMNS = (
     "Set",
-    "Base model",
     "Found",
     "Held-out RMSE of",
     "Before",
     "After",
     "Correct model",
+    "After / correct",
     "Down by",
     "Remains",
+    "Base model",
 )
 # Number of parameters that a line names before it counts the others.
 _MOST_NAMES = 4
@@ -284,26 +285,28 @@ def overview(results: Content) -> list[tuple[str, ...]]:
 def _rows(measured: Content) -> Iterator[tuple[str, ...]]:
     blank = (MISSING,) * (len(COLUMNS) - 3)
     if measured["problem"] is not None:
-        yield (measured["name"], MISSING, f"failed: {measured['problem']}", *blank)
+        yield (measured["name"], f"failed: {measured['problem']}", *blank, MISSING)
         return
     several = len(mains(measured)) > 1
     for main in mains(measured):
         title = f"{measured['name']}, {main['name']}" if several else str(measured["name"])
         law = base_text(main["law"], _MOST_NAMES)
         if main["diagnosis"] is None:
-            yield (title, law, f"failed: {main['problem']}", *blank)
+            yield (title, f"failed: {main['problem']}", *blank, law)
             continue
         errors = errors_of(main)
-        cells = error_cells(errors[0]) if errors else ("nothing held out", *(MISSING,) * 4)
+        cells = error_cells(errors[0]) if errors else ("nothing held out", *(MISSING,) * 5)
         found, remains = found_text(main["diagnosis"]), remains_text(main["diagnosis"])
-        yield (title, law, found, *cells, remains)
+        known = f"; known: {main['known']}" if main.get("known") else ""
+        yield (title, found, *cells, f"{remains}{known}", law)
 
 
-def error_cells(errors: Errors) -> tuple[str, str, str, str, str]:
-    """Channel, before, after, of a correct model and the percentage down."""
+def error_cells(errors: Errors) -> tuple[str, str, str, str, str, str]:
+    """Channel, before, after, of a correct model, after over that, and the percentage down."""
     before, after, floor = errors.before, errors.after, errors.noise_floor
+    times = None if after is None or not floor else after / floor
     down = percent(errors.percent_down, 2)
-    return errors.channel, number(before), number(after), number(floor), down
+    return errors.channel, number(before), number(after), number(floor), number(times, 2), down
 
 
 # --- the README's table -----------------------------------------------------------------

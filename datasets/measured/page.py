@@ -55,7 +55,7 @@ def render_page(results: Content) -> str:
         "The campaigns fitted and diagnosed, with the errors on held-out recordings (SI units)",
         _without_base(COLUMNS),
         [_without_base(row) for row in overview(results)],
-        text=(1, 2, 7),
+        text=(1, 2, 8),
     )
     return fill(
         _TEMPLATE.name,
@@ -260,6 +260,7 @@ def _repeat_blocks(measured: Content, main: Content) -> list[Block]:
         "Before",
         "After",
         "Correct model",
+        "After / correct",
         "Down by",
     )
     caption = "Does the verdict repeat? The campaign and its repeats"
@@ -275,7 +276,7 @@ def _repeat_blocks(measured: Content, main: Content) -> list[Block]:
 
 
 def _repeat_row(campaign: Content) -> Sequence[str]:
-    diagnosis, blank = campaign["diagnosis"], (MISSING,) * 5
+    diagnosis, blank = campaign["diagnosis"], (MISSING,) * 6
     if diagnosis is None:
         return ("failed", str(campaign["problem"]), *blank)
     errors = errors_of(campaign)

@@ -165,6 +165,7 @@ def _run_campaign(
         "name": campaign.name,
         "repeat": campaign.repeat,
         "of": campaign.of,
+        "known": campaign.known,
         "problem": None,
         "status": 0,
         "law": {},

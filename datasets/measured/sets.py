@@ -16,7 +16,7 @@ SET_FILE = "set.toml"
 _SET_KEYS = ("title", "source", "licence", "folder", "question", "data", "convert", "campaign")
 _TEXTS = ("title", "source", "licence", "folder", "question")
 _CONVERT_KEYS = ("source", "recipe", "log", "folder", "test", "rows")
-_CAMPAIGN_KEYS = ("file", "name", "repeat", "of")
+_CAMPAIGN_KEYS = ("file", "name", "repeat", "of", "known")
 # Where `folder` is searched: next to the project, or in it (the project's own tables).
 _PLACES = ("shared", "project")
 
@@ -39,12 +39,16 @@ class Conversion:
 
 @dataclass(frozen=True)
 class SetCampaign:
-    """One `[[campaign]]`. A repeat checks whether the verdict of the campaign `of` recurs."""
+    """One `[[campaign]]`. A repeat checks whether the verdict of the campaign `of` recurs.
+
+    `known`: what is known of errors that remain far above a correct model's; empty without.
+    """
 
     file: str
     name: str
     repeat: bool = False
     of: str | None = None
+    known: str = ""
 
 
 @dataclass(frozen=True)
@@ -143,7 +147,8 @@ def _campaign(
     if not repeat:
         if "of" in table:
             raise input_error(where, "of is given without repeat = true", "add it, or drop of")
-        return SetCampaign(file, name)
+        known = _text(table, "known", where) if "known" in table else ""
+        return SetCampaign(file, name, known=known)
     mains = [entry.file for entry in before if not entry.repeat]
     of = table.get("of", mains[-1] if mains else None)
     if of not in mains:

@@ -48,6 +48,14 @@ class Lines:
 
 
 @dataclass(frozen=True)
+class Notes:
+    """What limits a number, shown where the number stands."""
+
+    lines: tuple[str, ...]
+    kind: Literal["notes"] = "notes"
+
+
+@dataclass(frozen=True)
 class Heading:
     """A heading below the section's own."""
 
@@ -73,7 +81,7 @@ class Fold:
     kind: Literal["fold"] = "fold"
 
 
-Block = Table | ComparedTable | FigureGroup | Plot | Lines | Heading | Terms | Fold
+Block = Table | ComparedTable | FigureGroup | Plot | Lines | Notes | Heading | Terms | Fold
 
 
 @dataclass(frozen=True)
@@ -86,4 +94,4 @@ class Section:
     blocks: tuple[Block, ...] = field(default=())
 
 
-__all__ = ["Block", "FigureGroup", "Fold", "Heading", "Lines", "Plot", "Section", "Terms"]
+__all__ = ["Block", "FigureGroup", "Fold", "Heading", "Lines", "Notes", "Plot", "Section", "Terms"]

@@ -74,7 +74,7 @@ def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> Table:
             entry.file,
             entry.kind if check is None or check.declared else _kinds(check),
             entry.valve.upper() if entry.valve else MISSING,
-            "held out" if entry.use == "holdout" else "fit",
+            "held out" if entry.use == "holdout" else "training",
         )
         if check is None:
             rows.append((*head, MISSING, MISSING, MISSING, MISSING, "not checked"))

@@ -208,7 +208,8 @@ def _campaign(
     read = read_with(campaign, component, progress(), exclude)
     found = fit_campaign(read, law=law, load=load, progress=progress("fitting "))
     said = (*found.contradictions, *contradictions_in(read), *found.notices)
-    unseen = write_results(read, found.bundle, PageOptions(progress=progress()), output, report)
+    page = PageOptions(progress=progress(), notices=found.notices)
+    unseen = write_results(read, found.bundle, page, output, report)
     fitted = Fitted(found.bundle, found.remarks, (*unseen, *said), output, report)
     _show(fitted, as_json, campaign_tables)
 

@@ -61,6 +61,11 @@ run_options = options(
         default=True,
         help="Whether to estimate all parameters together on the motion logs.",
     ),
+    click.option(
+        "--advise/--no-advise",
+        default=False,
+        help="Whether the report says which test to run next, as sysid advise predicts it.",
+    ),
     budget_option,
     quick_option,
     effects_option,

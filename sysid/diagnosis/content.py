@@ -26,8 +26,9 @@ def content(diagnosis: Diagnosis) -> dict[str, Any]:
 def figures(diagnosis: Diagnosis) -> dict[str, Any]:
     """The numbers behind the report's figures, a JSON-able dict.
 
-    `curves`: mean residual over a regressor before and after the effects. Further keys are those of
-    `names`, and the evidence's own. `missing` says which of these could not be worked out, and why.
+    `curves`: mean residual over a regressor before and after the effects; `trace`: a held-out test
+    of an actuator, where there is one. Further keys are those of `names`, and the evidence's own.
+    `missing` says which of these could not be worked out, and why.
     """
     found = names(diagnosis)
     own = on_its_own(diagnosis.evidence.figures)
@@ -35,7 +36,8 @@ def figures(diagnosis: Diagnosis) -> dict[str, Any]:
         what = "the figures of the residual could not be worked out"
         found["missing"].append(f"{what}: {own.reason}")
         own = {"curves": []}
-    return {**found, **own}
+    trace = {} if diagnosis.trace is None else {"trace": dict(diagnosis.trace)}
+    return {**found, **own, **trace}
 
 
 def names(diagnosis: Diagnosis) -> dict[str, Any]:

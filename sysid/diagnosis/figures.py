@@ -198,11 +198,12 @@ def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) 
     )
     name = regressor_name(content["regressor"])
     description = f"Mean residual in bins of {name}: {told}."
+    heading = f"{title} over {name}"
     return _residual_figure(
         id,
         f"{title}: residual over {name}",
         description,
-        f"{title} over {name}",
+        heading if len(heading) <= _LONGEST_TITLE else title,
         axis,
         unit,
         marks,

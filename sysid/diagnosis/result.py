@@ -43,7 +43,8 @@ class Diagnosis:
     or none was requested. `simulated`: errors (3,) of the training tests with these numbers, where
     a refinement computed them. `missed`: what was not done after the search. `contradicted`: ids of
     effects that an earlier search found but that have no strength in motion, and were barred from
-    this search. `evaluations`: how many were made (`sysid.parallel.spend`).
+    this search. `evaluations`: how many were made (`sysid.parallel.spend`). `trace`: a held-out
+    test as it is drawn (`sysid.diagnosis.actuator.holdout.trace`), None without one.
     """
 
     effects: tuple[FoundEffect, ...]
@@ -60,6 +61,7 @@ class Diagnosis:
     missed: tuple[Missed, ...] = ()
     contradicted: tuple[str, ...] = ()
     evaluations: int = 0
+    trace: Mapping[str, Any] | None = None
 
     @property
     def verdict(self) -> Verdict:

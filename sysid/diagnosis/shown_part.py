@@ -77,7 +77,7 @@ def part_section(content: Content, is_linear: bool, *, is_alone: bool = True) ->
     over, tests = figures.get("over") or [], figures.get("tests") or []
     if not over and not tests:
         return None
-    named = {"before": "base", "after": "extended"} if content["effects"] else {"after": "fitted"}
+    named = _laws(content)
     blocks: list[Block] = []
     if over:
         shown = tuple(
@@ -85,10 +85,8 @@ def part_section(content: Content, is_linear: bool, *, is_alone: bool = True) ->
         )
         blocks.append(FigureGroup(_over_caption(figures), shown))
     if tests:
-        shown = tuple(
-            _test(place, entry, figures, named, is_linear) for place, entry in enumerate(tests)
-        )
-        blocks.append(FigureGroup(_tests_caption(figures, tests), shown))
+        shown = tuple(figures_of_tests(content, is_linear))
+        blocks.append(FigureGroup(tests_caption(content, len(tests)), shown))
     alone = "The part was tested alone. " if is_alone else ""
     intro = (
         f"{alone}The signal as it was measured, together with the fitted law "
@@ -100,6 +98,20 @@ def part_section(content: Content, is_linear: bool, *, is_alone: bool = True) ->
         ),
     )
     return Section("part", "Measured and modelled", intro, tuple(blocks))
+
+
+def _laws(content: Content) -> Mapping[str, str]:
+    """The laws that are drawn, by their keys in an entry, and what they are called."""
+    return {"before": "base", "after": "extended"} if content["effects"] else {"after": "fitted"}
+
+
+def figures_of_tests(content: Content, is_linear: bool) -> list[Figure]:
+    """A figure of each test that a part's content holds."""
+    figures, named = content["figures"], _laws(content)
+    return [
+        _test(place, entry, figures, named, is_linear)
+        for place, entry in enumerate(figures.get("tests") or [])
+    ]
 
 
 def _over_caption(figures: Content) -> str:
@@ -116,7 +128,10 @@ def _over_caption(figures: Content) -> str:
     )
 
 
-def _tests_caption(figures: Content, tests: Sequence[Content]) -> str:
+def tests_caption(content: Content, shown: int) -> str:
+    """Says of the first `shown` tests of a part's content what is drawn."""
+    figures = content["figures"]
+    tests: Sequence[Content] = figures["tests"][:shown]
     used = "held-out" if figures.get("use") == "holdout" else "training"
     many = len(tests) > 1
     names = "; ".join(entry["test"] for entry in tests if entry["test"])
@@ -215,4 +230,4 @@ def _test(
     )
 
 
-__all__ = ["fitted_axis", "part_section"]
+__all__ = ["figures_of_tests", "fitted_axis", "part_section", "tests_caption"]

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from sysid.blocks.channels import channel_of
-from sysid.blocks.numbers import number
+from sysid.blocks.numbers import number, percent
 from sysid.diagnosis.looked import QUICK, stage_text
 from sysid.estimation.linear import Estimate
 
@@ -18,6 +18,8 @@ Content = Mapping[str, Any]
 
 CORRECT_MODEL = "Correct model"
 """Heads the errors that a correct model would have: noise, and the tests' own scatter."""
+# Share of a residual's square that a cause explains to be said to explain most of it.
+_MOST = 0.5
 SMALLEST_P = 1e-20
 """P-values extrapolate from a few twins: below this their size means nothing."""
 _PROPER_NAMES = ("Coulomb", "Stribeck", "LuGre", "PWM")
@@ -210,6 +212,27 @@ def advice_on_rest(content: Content) -> tuple[str, ...]:
     return tuple(lines)
 
 
+def own_friction(trace: Content, source: str) -> str:
+    """How much of a held-out test's residual is that friction differs from test to test.
+
+    That no law of one friction can follow. `source` is the test as the diagnosis' trace names it;
+    empty where it is not most of the residual's square.
+    """
+    own = next((one for one in trace.get("friction", ()) if one["source"] == source), None)
+    gained = 0.0 if own is None else 1.0 - (own["rmse"] / own["of"]) ** 2
+    if own is None or gained < _MOST:
+        return ""
+    channel = channel_of(trace["channel"])
+    off, scatter = (percent(100.0 * abs(own[k]), 2) for k in ("own", "scatter"))
+    before, after = (number(channel.residual(own[k])) for k in ("of", "rmse"))
+    return (
+        f" Most of its residual ({percent(100.0 * gained, 2)} of the square) is this test's own "
+        f"friction, {off} {'more' if own['own'] > 0.0 else 'less'} than the model's (from test to "
+        f"test it differs by {scatter}): with it the RMSE is {after} {channel.residual_unit}, not "
+        f"{before}."
+    )
+
+
 def joined(items: Sequence[str], word: str = "and") -> str:
     """A list in words."""
     if len(items) < 2:
@@ -282,6 +305,7 @@ __all__ = [
     "errors_by_step",
     "is_refined",
     "joined",
+    "own_friction",
     "p_text",
     "parameter_rows",
     "regressor_name",

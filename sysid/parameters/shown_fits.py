@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from sysid.blocks.quality import quality_table
-from sysid.blocks.sections import Section
+from sysid.blocks.sections import Block, Fold, Lines, Section
 from sysid.estimation.quality import GOOD_SHARE, LEAST_EXPLAINED, USABLE_SHARE
 from sysid.parameters import Bundle
 
 
-def fits_section(bundle: Bundle) -> Section | None:
-    """The section on the judgements in the bundle; None where it holds none (an older file)."""
+def fits_section(bundle: Bundle, advised_against: Collection[str] = ()) -> Section | None:
+    """The section on the judgements in the bundle; None where it holds none (an older file).
+
+    Those at the places that are `advised_against` are folded.
+    """
     judged = bundle.qualities()
     if not judged:
         return None
@@ -26,8 +31,14 @@ def fits_section(bundle: Bundle) -> Section | None:
     )
     # Friction first, then valve A, then B.
     ordered = dict(sorted(judged.items(), key=lambda item: _side(item[0])))
-    blocks = (quality_table(ordered, "Fits"),)
-    return Section("fits", "How well the laws follow their tests", intro, blocks)
+    main = {place: one for place, one in ordered.items() if place not in advised_against}
+    others = {place: one for place, one in ordered.items() if place in advised_against}
+    blocks: list[Block] = [quality_table(main or ordered, "Fits")]
+    if main and others:
+        table = quality_table(others, "Fits of laws that are not recommended")
+        blocks.append(Fold("Laws that are not recommended", (table,)))
+    blocks.append(Lines(intro, "What the verdicts mean"))
+    return Section("fits", "How well the laws follow their tests", (), tuple(blocks))
 
 
 def _side(place: str) -> str:

@@ -24,9 +24,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class AdviseOptions(Reported):
-    """`effects`: those of the bundle that the catalogue lacks."""
+    """`effects`: those of the bundle that the catalogue lacks; `sizes`: whether to find, too, the
+    smallest size of each effect that would show, which takes most of the time."""
 
     effects: EffectSource = None
+    sizes: bool = True
 
 
 @takes(AdviseOptions)
@@ -49,7 +51,12 @@ def advise(campaign: Campaign, bundle: Bundle, options: AdviseOptions) -> Advice
     catalogue = catalogue_from(options.effects)
     with progress_or_shown(options.progress, "advising") as tell:
         return advice.advise(
-            campaign, bundle, threshold=_threshold(catalogue), catalogue=catalogue, progress=tell
+            campaign,
+            bundle,
+            threshold=_threshold(catalogue),
+            catalogue=catalogue,
+            progress=tell,
+            sizes=options.sizes,
         )
 
 
@@ -116,6 +123,7 @@ def _both(
             catalogue=catalogue,
             progress=tell,
             beginning=began,
+            sizes=options.sizes,
         )
     return found, test
 

@@ -16,6 +16,7 @@ from sysid.diagnosis import content, wording
 from sysid.diagnosis.actuator.diagnose import diagnose as diagnose_actuator
 from sysid.diagnosis.actuator.diagnose import (
     open_loop_errors,
+    open_loop_trace,
     rivals_of,
     with_errors_after_judged,
 )
@@ -33,7 +34,7 @@ from sysid.diagnosis.refined import (
 )
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.diagnosis.tables import summary
-from sysid.errors import NotIdentifiedError, input_error
+from sysid.errors import Failure, NotIdentifiedError, input_error, on_its_own
 from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
@@ -41,6 +42,7 @@ from sysid.parameters import Bundle, EffectEntry, HeldOutError
 from sysid.parameters.assembled_model import assumed_parameters
 from sysid.parameters.effects import entry_of
 from sysid.parameters.possible import impossible
+from sysid.parameters.refinement import ScatterOfFriction
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 from sysid.plant.effects.entry import Catalogue
@@ -226,7 +228,26 @@ def _searched(
     else:
         notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle, campaign.rig)]
         look = _look_at_actuator(campaign, bundle, logs, catalogue, options)
-    return without_contradicted(look, open_ones, options.tell), tuple(notices)
+    found = without_contradicted(look, open_ones, options.tell)
+    if kind is None:
+        found = replace(found, trace=_trace(campaign, bundle, found, logs, catalogue))
+    return found, tuple(notices)
+
+
+def _trace(
+    campaign: Campaign,
+    bundle: Bundle,
+    found: Diagnosis,
+    logs: Sequence[tuple[str, str, Log]],
+    catalogue: Catalogue,
+) -> Mapping[str, Any] | None:
+    """A held-out test as it is drawn; None where it cannot be simulated."""
+    longer = extended_bundle(bundle, found, campaign)
+    before, after = (one.model(campaign.rig, catalogue) for one in (bundle, longer))
+    known = None if longer.refinement is None else longer.refinement.friction_scatter
+    scatter = float(known.sliding) if isinstance(known, ScatterOfFriction) else 0.0
+    made = on_its_own(partial(open_loop_trace, logs, campaign.rig, before, after, scatter))
+    return None if isinstance(made, Failure) else made
 
 
 def _look_at_part(

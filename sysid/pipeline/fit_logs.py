@@ -140,7 +140,10 @@ def fit_logs(options: PartOptions, files: FitFiles) -> Fitted:
     unseen: tuple[str, ...] = ()
     if page is not None:
         campaign = _as_campaign(given, files, options)
-        shown = PageOptions(by_content=not chosen.get("kind"), progress=files.progress)
+        told = tuple(map(given.said, dict.fromkeys(result.notices)))
+        shown = PageOptions(
+            by_content=not chosen.get("kind"), progress=files.progress, notices=told
+        )
         unseen = write_page(page, campaign, bundle, shown)
     wrong = (line for log in logs for line in log.contradictions)
     read = (line for log in logs for line in log.notices)

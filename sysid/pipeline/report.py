@@ -29,15 +29,16 @@ def report(
     checked: ValidationResult | None = None,
     *,
     checks: Sequence[LogCheck] | None = None,
+    notices: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> None:
     """Write one self-contained HTML page about a campaign, whole or not at all.
 
-    `found`: a diagnosis, or a bundle where none was made; `checked` a validation. Sections
-    without content are missing, and the page says so. `checks` None: every log is checked
-    anew. Raises InputError where a log cannot be read or the file not be written, and for the
-    bundle of a linear rig with a rotary one's campaign, or the reverse; where another rig file
-    differs in less, the page says so.
+    `found`: a diagnosis, or a bundle where none was made; `checked` a validation. Sections without
+    content are missing, and the page says so. `checks` None: every log is checked anew. `notices`:
+    the fit's, each shown where its number stands. Raises InputError where a log cannot be read or
+    the file not be written, and for the bundle of a linear rig with a rotary one's campaign, or the
+    reverse; where another rig file differs in less, the page says so.
 
     >>> si.report("out.html", campaign, bundle, checked)
     """
@@ -51,6 +52,7 @@ def report(
             validation=checked,
             checks=checks_of(campaign) if checks is None else checks,
             diagnosis=None if isinstance(found, Bundle) else found.content(),
+            notices=notices,
             progress=tell,
         )
 
@@ -59,11 +61,13 @@ def report(
 class PageOptions(Reported):
     """What a page shows in addition to what was requested: a validation, or how to make one.
 
-    `by_content`: logs that no campaign declares may hold tests of several kinds.
+    `by_content`: logs that no campaign declares may hold tests of several kinds; `notices`: the
+    fit's, each shown where its number stands.
     """
 
     validation: ValidationResult | Callable[[], ValidationResult] | None = None
     by_content: bool = False
+    notices: Sequence[str] = ()
 
 
 def write_page(
@@ -84,6 +88,7 @@ def write_page(
         found,
         None if isinstance(validation, Failure) else validation,
         checks=() if isinstance(checks, Failure) else checks,
+        notices=options.notices,
         progress=options.tell,
     )
     return tuple(notices)

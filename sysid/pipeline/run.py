@@ -1,5 +1,7 @@
 """The whole pipeline, stage by stage: check, fit, diagnose, refine, validate, report, export.
 
+Where it is asked for, which test to run next is predicted before the report is written.
+
 Each stage writes complete files and is then entered in `run.json` with the digests of all
 its inputs. A later call repeats what failed, what is missing and what is stale, and says
 why.
@@ -49,6 +51,7 @@ _EXTENDED_FILE = "extended.json"
 _REFINED_FILE = "refined.json"
 _DIAGNOSIS_FILE = "diagnosis.json"
 _CHECKS_FILE = "checks.json"
+_ADVICE_FILE = "advice.json"
 _NOT_DONE_YET = "not done yet"
 # In a stage's record: the processor time after which it was cut short, s; and whether that was by
 # the evaluations that it may make without a budget.
@@ -86,13 +89,14 @@ class RunOptions(FitOptions, DiagnoseOptions):
     """The options of a fit and of a diagnosis, and which stages there are.
 
     `diagnose`: whether to search for what the model lacks; `refine`: whether to estimate all
-    parameters together, too; `effects`: a Python file with further effects, `component`: one with
-    a user's own component; `exclude`: what is not read of the logs; `entered` is called with
-    the name of each stage.
+    parameters together, too; `advise`: whether the report says which test to run next; `effects`: a
+    Python file with further effects, `component`: one with a user's own component; `exclude`: what
+    is not read of the logs; `entered` is called with the name of each stage.
     """
 
     effects: Path | None = None
     diagnose: bool = True
+    advise: bool = False
     component: str | None = None
     exclude: Sequence[str] = ()
     entered: Progress = no_progress
@@ -132,6 +136,18 @@ class PipelineRun:
             return None
         content: dict[str, Any] = json.loads(self.path(_DIAGNOSIS_FILE).read_text("utf-8"))
         return content
+
+    def advice(self) -> dict[str, Any] | None:
+        """What to run next, as written; None where it was not asked for or cannot be said."""
+        if not self.options.advise:
+            return None
+        content: dict[str, Any] = json.loads(self.path(_ADVICE_FILE).read_text("utf-8"))
+        return None if "skipped" in content else content
+
+    def notices_of(self, stage: str) -> list[str]:
+        """The notices of a stage that was done, in this call or an earlier one."""
+        found: list[str] = _read_state(self.folder).get(stage, {}).get(_NOTICES, [])
+        return found
 
 
 def digests(campaign: Campaign) -> dict[str, str]:
@@ -285,8 +301,8 @@ def has_whole_diagnosis(run: PipelineRun) -> bool:
 _QUICK_SHARE = 0.2
 # Seconds of each stage on two processor cores, where no earlier run of the folder says more.
 _USUAL = {
-    "check": 4.0, "fit": 25.0, "diagnose": 60.0, "refine": 1.0, "validate": 8.0, "report": 12.0,
-    "export": 3.0,
+    "check": 4.0, "fit": 25.0, "diagnose": 60.0, "refine": 1.0, "validate": 8.0, "advise": 20.0,
+    "report": 12.0, "export": 3.0,
 }  # fmt: skip
 
 
@@ -299,7 +315,8 @@ def expected_seconds(folder: Path, options: RunOptions) -> dict[str, float]:
     }
     whole = min(_USUAL["diagnose"], options.budget or math.inf)
     usual = _USUAL | {"diagnose": _QUICK_SHARE * whole if options.quick else whole}
-    left_out = {"diagnose": not options.diagnose, "refine": not options.simulates}
+    done = {"diagnose": options.diagnose, "refine": options.simulates, "advise": options.advise}
+    left_out = {name: not wanted for name, wanted in done.items()}
     return {n: known.get(n, usual[n]) for n in usual if not left_out.get(n)}
 
 
@@ -434,6 +451,17 @@ def _validate(run: PipelineRun) -> None:
     write_bundle(bundle, run.path(BUNDLE_FILE))
 
 
+def _advise(run: PipelineRun) -> None:
+    """Which test to run next; where that cannot be said a notice says why."""
+    from sysid.pipeline.advise import AdviseOptions, advise
+
+    options = AdviseOptions(effects=run.options.effects, sizes=False, progress=run.options.tell)
+    work = partial(advise, run.campaign, run.bundle(BUNDLE_FILE), options)
+    found = unless_failed("no advice", work, run.notices)
+    content = {"skipped": found.reason} if isinstance(found, Failure) else found.to_json()
+    write_atomic(run.path(_ADVICE_FILE), _json_text(content))
+
+
 def _written(
     run: PipelineRun, path: Path, write: Callable[[], Result], not_done: str
 ) -> Result | Failure:
@@ -459,6 +487,8 @@ def _report(run: PipelineRun) -> None:
             validation=_validated(run),
             checks=[LogCheck.from_json(c) for c in content["logs"]],
             diagnosis=run.diagnosis(),
+            advice=run.advice(),
+            notices=run.notices_of("fit"),
             progress=run.options.tell,
         ),
         "no report",
@@ -481,9 +511,15 @@ def _export(run: PipelineRun) -> None:
 def stages_of(run: PipelineRun) -> list[Stage]:
     """The stages of a run, in turn."""
     diagnosed = (_DIAGNOSIS_FILE, _EXTENDED_FILE)
-    shown = (BUNDLE_FILE, _CHECKS_FILE, *([_DIAGNOSIS_FILE] if run.options.diagnose else []))
+    shown = (
+        BUNDLE_FILE,
+        _CHECKS_FILE,
+        *([_DIAGNOSIS_FILE] if run.options.diagnose else []),
+        *([_ADVICE_FILE] if run.options.advise else []),
+    )
     refined_from = _EXTENDED_FILE if run.options.diagnose else FITTED_FILE
-    done = {"diagnose": run.options.diagnose, "refine": run.options.simulates}
+    asked = run.options
+    done = {"diagnose": asked.diagnose, "refine": asked.simulates, "advise": asked.advise}
     left_out = {name for name, wanted in done.items() if not wanted}
     stages = [
         Stage("check", (_CHECKS_FILE,), (), _check, reads_effects=False),
@@ -496,11 +532,12 @@ def stages_of(run: PipelineRun) -> list[Stage]:
             reads_refine=True,
             has_quick=True,
             was_cut_short=_was_cut_short,
-            layout=3,
+            layout=4,
         ),
         Stage("refine", (_REFINED_FILE,), (refined_from,), _refine),
         Stage("validate", (BUNDLE_FILE,), (run.model_file,), _validate),
-        Stage("report", (REPORT_FILE,), shown, _report),
+        Stage("advise", (_ADVICE_FILE,), (BUNDLE_FILE,), _advise),
+        Stage("report", (REPORT_FILE,), shown, _report, layout=2),
         Stage("export", tuple(EXPORTS.values()), (BUNDLE_FILE,), _export),
     ]
     if component_in(run.campaign) is not None:

@@ -110,12 +110,13 @@ def advise(
     catalogue: Catalogue | None = None,
     progress: Progress = no_progress,
     beginning: Beginning | None = None,
+    sizes: bool = True,
 ) -> AdviceResult:
     """Predict every parameter's standard error now, and after each of a list of tests.
 
-    `catalogue`: the effects whose smallest sizes are found (none where it is empty).
-    `threshold`: how many standard errors an effect's strength must reach to be detected.
-    `beginning`: `begin` of the same, None: made here. Raises as `begin` does.
+    `catalogue`: the effects whose smallest sizes are found (none where it is empty). `threshold`:
+    how many standard errors an effect's strength must reach to be detected. `beginning`: `begin` of
+    the same, None: made here; `sizes`: whether to find these sizes. Raises as `begin` does.
     """
     began = beginning or begin(campaign, bundle, catalogue, progress)
     setting, unknowns = began.setting, began.setting.unknowns
@@ -134,15 +135,16 @@ def advise(
     options.sort(key=lambda o: -_reduction(now, o, p))
     candidates = tuple(_candidate(now, o, unknowns, tests.motions) for o in options)
     best = [i for i, o in enumerate(options) if o.motion is not None][:3]
-    sizes, skipped = effect_sizes(
-        tests, [options[i] for i in best], setting, known.values(), threshold, progress
+    sought = known.values() if sizes else ()
+    found, skipped = effect_sizes(
+        tests, [options[i] for i in best], setting, sought, threshold, progress
     )
     return AdviceResult(
         parameters=unknowns,
         now=_std(now, unknowns),
         candidates=candidates,
         ties=_ties(now, options, candidates, unknowns, probes, rivals),
-        sizes=sizes,
+        sizes=found,
         size_tests=tuple(candidates[i].name for i in best),
         skipped=skipped,
         threshold=threshold,

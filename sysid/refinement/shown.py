@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 from sysid.blocks.channels import channel_of
 from sysid.blocks.numbers import MISSING, estimate_cells, number, percent
-from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section
+from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Notes, Section
 from sysid.blocks.tables import NotedCell, Table, table
 from sysid.estimation.linear import Estimate
 from sysid.io.rig import Rig
@@ -36,7 +36,7 @@ def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
     if not values:
         return None
     intervals = Fold("95 % intervals", (intervals_table(refinement),))
-    blocks: list[Block] = [before_and_after_table(values), intervals]
+    blocks: list[Block] = [*_excluded(refinement), before_and_after_table(values), intervals]
     wrong = contradictions(values, rig)
     if wrong:
         blocks.append(Lines(tuple(wrong)))
@@ -127,11 +127,8 @@ def _intro(refinement: Refinement, values: list[RefinedValue]) -> tuple[str, ...
 
 
 def _state(refinement: Refinement) -> str:
-    """How the estimation ended, and the segments that it excluded."""
-    count, left_out = (
-        read_number(refinement.evaluations),
-        read_number(refinement.segments_left_out),
-    )
+    """How the estimation ended."""
+    count = read_number(refinement.evaluations)
     after = "" if count is None else f" after {count:.0f} simulations of all of them"
     parts = []
     if refinement.converged is True:
@@ -141,13 +138,28 @@ def _state(refinement: Refinement) -> str:
             f"The estimation did not converge: it stalled{after}, so that values and standard "
             "errors are those of the best point found."
         )
-    if left_out:
-        plural = left_out > 1
-        parts.append(
-            f"{left_out:.0f} further segment{'s are' if plural else ' is'} excluded, as the model "
-            f"does not follow {'them' if plural else 'it'} from any start state."
-        )
     return " ".join(parts)
+
+
+def _excluded(refinement: Refinement) -> list[Block]:
+    """The share of the training tests that the numbers do not rest on."""
+    used, left_out = (
+        read_number(refinement.segments),
+        read_number(refinement.segments_left_out),
+    )
+    if not left_out:
+        return []
+    many = left_out > 1
+    of = "" if used is None else f" of {used + left_out:.0f}"
+    return [
+        Notes(
+            (
+                f"{left_out:.0f}{of} segments {'are' if many else 'is'} excluded, as the model "
+                f"does not follow {'them' if many else 'it'} from any start state: the numbers "
+                "hold for the others.",
+            )
+        )
+    ]
 
 
 def _informed(values: list[RefinedValue]) -> str:

@@ -182,6 +182,7 @@ class DutyNetwork(Regressor):
 
     def predict(self, X: ArrayLike) -> FloatArray:
         """Duty (n,) at X (n, 2): flow [kg/s], pressure [Pa]; saturated at the domain."""
+        self._require_fitted()
         return self.duty(*columns(X, ("flow", "pressure")))[0]
 
     def duty(self, flow: ArrayLike, pressure: ArrayLike) -> tuple[FloatArray, FlagArray]:

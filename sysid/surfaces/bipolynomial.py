@@ -147,6 +147,7 @@ class Bipolynomial(Regressor):
 
     def predict(self, X: ArrayLike) -> FloatArray:
         """Mean flow (n,) [kg/s] at X (n, 2): duty, pressure [Pa]; saturated at the domain."""
+        self._require_fitted()
         return self.flow(*columns(X, ("duty", "pressure")))[0]
 
     def flow(self, duty: ArrayLike, pressure: ArrayLike) -> tuple[FloatArray, FlagArray]:

@@ -1,21 +1,34 @@
 """scikit-learn's estimator interface without importing scikit-learn (which takes 0.7 s).
 
 `sklearn.clone`, `cross_val_score` and `GridSearchCV` ask for `get_params`, `set_params`
-and `__sklearn_tags__`; only the last needs scikit-learn, and only scikit-learn calls it.
+and `__sklearn_tags__`; only the last needs scikit-learn, and only scikit-learn calls it. Unusable
+samples are a ValueError, and an estimator without a fit a NotFittedError, as it expects. Of
+`check_estimator` what needs other columns than a duty and a pressure cannot hold: a surface is of
+two, in their ranges (`tests/test_surfaces_sklearn.py` lists those checks, each with the reason).
 """
 
 from __future__ import annotations
 
 import inspect
+import sys
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sysid.errors import input_error
+from sysid.errors import InputError, input_error
 from sysid.types import FloatArray
 
 _Self = TypeVar("_Self", bound="Regressor")
+
+
+class SampleError(InputError, ValueError):
+    """Samples that a surface cannot be fitted on or evaluated at, which are a ValueError too."""
+
+
+def sample_error(where: str, what: str, fix: str) -> SampleError:
+    """A line that names the place, what is wrong there and the fix."""
+    return SampleError(str(input_error(where, what, fix)))
 
 
 class ExportedNumbers(NamedTuple):
@@ -94,47 +107,66 @@ class Regressor:
         return 1.0 - error / spread
 
     def _require_fitted(self) -> None:
-        if not self.__sklearn_is_fitted__():
-            raise input_error(type(self).__name__, "has not been fitted", "call fit first")
+        if self.__sklearn_is_fitted__():
+            return
+        error = input_error(type(self).__name__, "has not been fitted", "call fit first")
+        if "sklearn" not in sys.modules:
+            raise error
+        from sklearn.exceptions import NotFittedError
+
+        raise type("NotFitted", (InputError, NotFittedError), {})(str(error))
 
 
 def columns(X: ArrayLike, names: tuple[str, str]) -> tuple[FloatArray, FloatArray]:
     """The two columns of X (n, 2) as float64. Raises InputError for any other shape."""
-    array = np.asarray(X, dtype=float)
+    fix = f"give two columns, {names[0]} and {names[1]}"
+    if hasattr(X, "toarray"):
+        raise sample_error("surface", "X is sparse, which is not supported", fix)
+    given = np.asarray(X)
+    if given.dtype.kind == "c":
+        raise sample_error("surface", "Complex data not supported", fix)
+    array = np.asarray(given, dtype=float)
+    if array.ndim == 2 and array.shape[1] < 2:
+        n, k = array.shape
+        # In scikit-learn's words, for which its checks look.
+        what = f"{k} feature(s) (shape=({n}, {k})) while a minimum of 2 is required."
+        raise sample_error("surface", f"X has {what}", fix)
     if array.ndim != 2 or array.shape[1] != 2:
-        raise input_error(
-            "surface", f"X has shape {array.shape}", f"give two columns, {names[0]} and {names[1]}"
-        )
+        count = f" (n_samples = {len(array)})" if array.ndim else ""
+        raise sample_error("surface", f"X has shape {array.shape}{count}", fix)
     return array[:, 0], array[:, 1]
 
 
 def checked_samples(
-    duty: ArrayLike, pressure: ArrayLike, flow: ArrayLike
+    duty: ArrayLike | None, pressure: ArrayLike, flow: ArrayLike | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Training samples: (n,) each, duty 0 to 1, absolute pressure [Pa], flow [kg/s].
 
     Raises InputError for other lengths, values that are not finite, or a mistaken unit.
     """
+    if duty is None or flow is None:
+        what = "requires y to be passed, but the target y is None"
+        raise sample_error("surface", what, "give the flow or duty of each sample")
     u, p, m = (np.ascontiguousarray(a, dtype=float) for a in (duty, pressure, flow))
     if u.ndim != 1 or u.shape != p.shape or u.shape != m.shape:
         shapes = f"{u.shape}, {p.shape} and {m.shape}"
-        raise input_error("surface samples", f"have shapes {shapes}", "give (n,) arrays")
+        raise sample_error("surface samples", f"have shapes {shapes}", "give (n,) arrays")
     if u.size == 0:
-        raise input_error("surface samples", "there are none", "give samples of a valve-pwm test")
+        raise sample_error("surface samples", "there are none", "give samples of a valve-pwm test")
     for name, values in (("duty", u), ("pressure", p), ("flow", m)):
         # A sum is finite when all its terms are; an overflow of finite terms is an error anyway.
         if not np.isfinite(values.sum()):
             row = int(np.argmin(np.isfinite(values)))
-            raise input_error(
+            raise sample_error(
                 "surface samples", f"{name} is not finite at row {row}", "omit such rows"
             )
     if u.min() < 0.0 or u.max() > 1.0:
         row = int(np.argmax(np.abs(u - 0.5)))
-        raise input_error(
+        raise sample_error(
             "surface samples", f"duty = {u[row]:g} at row {row}", "give it from 0 to 1, not percent"
         )
     if p.min() <= 0.0 or p.max() < 2e4:
-        raise input_error(
+        raise sample_error(
             "surface samples",
             f"pressure runs from {p.min():g} to {p.max():g}",
             "give absolute pressures in Pa",
@@ -148,7 +180,7 @@ def checked_weights(sample_weight: ArrayLike | None, n: int) -> FloatArray | Non
         return None
     weight = np.ascontiguousarray(sample_weight, dtype=float)
     if weight.shape != (n,) or not np.isfinite(weight).all() or (weight < 0).any():
-        raise input_error("sample_weight", "is not n finite values >= 0", "give 1/std**2 per row")
+        raise sample_error("sample_weight", "is not n finite values >= 0", "give 1/std**2 per row")
     if not weight.any():
-        raise input_error("sample_weight", "is zero everywhere", "give 1/std**2 per row")
+        raise sample_error("sample_weight", "is zero everywhere", "give 1/std**2 per row")
     return weight

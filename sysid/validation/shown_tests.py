@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from sysid.blocks.channels import ACTUATOR_CHANNELS, Channel
 from sysid.estimation.linear import NORMAL
 from sysid.types import FloatArray
+from sysid.validation.results import Errors
 
 if TYPE_CHECKING:
     from sysid.validation import TestResult, ValidationResult
@@ -22,7 +23,7 @@ MODEL_NAMES = {
     "bipolynomial": "bipolynomial",
     "ann": "network",
 }
-"""Tests that are drawn; the tables hold all of them."""
+"""The valve models that a validation may hold; the first follows every pulse."""
 NOISE_BAND = NORMAL
 """Half-width of the noise band in standard deviations: 95 % of pure noise lies inside."""
 
@@ -43,11 +44,21 @@ class ShownTest:
         return next(iter(self.results.values()))
 
     @property
+    def source(self) -> str:
+        """Its file and its label, as messages name it."""
+        return f"{self.first.file}, test {self.test}" if self.test else self.first.file
+
+    @property
     def title(self) -> str:
         """Log, test and use; text from a file, to be escaped."""
         test = f", test {self.test}" if self.test else ""
         used = "held out" if self.use == "holdout" else "training"
         return f"{self.log}{test} ({self.kind}, {used})"
+
+    def under(self, models: Sequence[str]) -> ShownTest:
+        """The same under some of its valve models; under its own where it has none of them."""
+        kept = {model: result for model, result in self.results.items() if model in models}
+        return replace(self, results=kept or self.results)
 
     def channels(self) -> list[Channel]:
         """The measured channels, position first."""
@@ -58,6 +69,24 @@ class ShownTest:
         fits = [r.errors.fit_percentage for r in self.first.channels.values()]
         known = [f for f in fits if f is not None]
         return 100.0 - known[0] if known else 0.0
+
+
+def recommended_models(validation: ValidationResult) -> tuple[str, ...]:
+    """The primary valve model, and of the others the one that follows the position best.
+
+    On the held-out logs that it simulates; on the training logs where none is held out.
+    """
+    logs = validation.select("holdout") or validation.logs
+    order = [model for model in MODEL_NAMES if validation.select(model=model)]
+    errors: dict[str, float] = {}
+    for model in order[1:]:
+        channels = [log.channels for log in logs if log.model == model]
+        key = next((c.key for c in ACTUATOR_CHANNELS if any(c.key in own for own in channels)), "")
+        parts = [own[key].errors for own in channels if key in own]
+        if parts:
+            errors[model] = Errors.pooled(parts).rmse
+    best = min(errors, key=errors.__getitem__, default=None)
+    return tuple(order[:1]) if best is None else (order[0], best)
 
 
 def shown_channels(validation: ValidationResult) -> list[Channel]:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
+from urllib.parse import quote
 
 from sysid.app import parts
 from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
 from sysid.app.workbench import stamp_of
 from sysid.blocks.html import block_html
+from sysid.io.files import make_folder
 from sysid.pipeline.check import check_campaign
 
 # A matrix of more logs than these is read as a list.
@@ -32,6 +35,10 @@ class IdentifyScreen(Screen):
     """Whether the tests are enough, before anything is fitted."""
 
     title = "Can it identify?"
+
+    def __init__(self, window: Any) -> None:
+        super().__init__(window)
+        self.aim = ""
 
     def read(self) -> IdentifyContent:
         campaign = self.bench.campaign()
@@ -69,6 +76,14 @@ class IdentifyScreen(Screen):
             "every effect that they would show, and what distinguishes ties; a minute or more."
         )
         text += parts.button("Ask for advice", "identify-advise", kind="primary")
+        text += parts.note(
+            "Or with it a test to play: its commands as a log, within travel, speed and effort. It "
+            "is for all parameters, or for those named here (as in valves.a.c_fill, with spaces)."
+        )
+        aim = parts.entry("identify-for", self.aim, "for", size=28, hint="all parameters")
+        play = parts.button("Write a test to play", "identify-play",
+                            title="sysid advise -o: a file that the rig can play")  # fmt: skip
+        text += f"<div class='bar2'>{aim} {play}</div>" + self._played()
         kept = self.bench.journal.kept.get(_ADVICE)
         if isinstance(kept, dict):
             old = kept.get("of") != list(stamp_of(content.bundle) or ())
@@ -76,21 +91,46 @@ class IdentifyScreen(Screen):
             text += f"{note}<pre>{parts.words(kept.get('text', ''))}</pre>"
         return text
 
+    def _played(self) -> str:
+        """The tests to play that were written, to keep."""
+        lines = [
+            [f"<b>{parts.words(name)}</b>", f'<a href="files/{quote(name)}" download>keep</a>']
+            for name in map(self.bench.named, sorted(self.bench.results.glob("play*.csv")))
+        ]
+        return parts.rows(("Test to play", ""), lines) if lines else ""
+
     async def do(self, what: str, value: Any) -> None:
-        if what != "identify-advise":
+        if what == "identify-for":
+            self.aim = " ".join(str(value).split())
+        elif what in ("identify-advise", "identify-play"):
+            self._ask(with_test=what == "identify-play")
+        else:
             await super().do(what, value)
-            return
+
+    def _ask(self, *, with_test: bool) -> None:
         bundle = self.bench.best_bundle()
         campaign = self.bench.campaign()
-        if bundle is not None:
-            words = ["advise", campaign.path.name, "--bundle", self.bench.named(bundle)]
-            self.window.start("advising", [*words, *self.bench.own_words(component=False)])
+        if bundle is None:
+            return
+        words = ["advise", campaign.path.name, "--bundle", self.bench.named(bundle)]
+        if with_test:
+            make_folder(self.bench.results)
+            words += ["-o", self.bench.named(_unused(self.bench.results))]
+            words += [word for name in self.aim.split() for word in ("--for", name)]
+        what = "designing a test to play" if with_test else "advising"
+        self.window.start(what, [*words, *self.bench.own_words(component=False)])
 
     async def finished(self, job: Job) -> None:
         if job.words[0] == "advise" and job.code == 0:
             bundle = self.bench.folder / job.words[3]
             advice = {"text": job.output, "of": list(stamp_of(bundle) or ())}
             self.bench.journal.keep(_ADVICE, advice)
+
+
+def _unused(folder: Path) -> Path:
+    """A name for a test to play that no file has: one that was played belongs to its log."""
+    names = (folder / f"play{'' if i == 1 else f'_{i}'}.csv" for i in itertools.count(1))
+    return next(path for path in names if not path.exists())
 
 
 def _missing(answers: Iterable[Any]) -> Iterator[str]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from sysid.blocks.channels import channel_of
 from sysid.blocks.numbers import number
 from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.evidence import TwinEvidence
-from sysid.diagnosis.actuator.holdout import HeldOut, motion_tests
+from sysid.diagnosis.actuator.holdout import HeldOut, motion_tests, trace
 from sysid.diagnosis.actuator.loop import Loop, Memory, close_loop
 from sysid.diagnosis.actuator.unexplained import (
     faintest,
@@ -252,6 +252,19 @@ def open_loop_errors(
     return _by_channel([errors], rig)[0]
 
 
+def open_loop_trace(
+    logs: Sequence[tuple[str, str, Log]],
+    rig: Rig,
+    before: Model,
+    after: Model,
+    scatter: float = 0.0,
+) -> dict[str, Any] | None:
+    """A held-out test as `holdout.trace` has it; None where nothing is held out."""
+    outside = _simulable(_held_out(logs, rig), [before, after])
+    with limited():
+        return trace(outside, before, after, scatter) if outside.tests else None
+
+
 def is_far_off(errors: FloatArray, floor: FloatArray, fitted: FloatArray | None = None) -> bool:
     """Whether the errors of the held-out tests, (3,), are far above a correct model's.
 
@@ -385,6 +398,7 @@ __all__ = [
     "diagnose",
     "is_far_off",
     "open_loop_errors",
+    "open_loop_trace",
     "rivals_of",
     "with_errors_after_judged",
 ]

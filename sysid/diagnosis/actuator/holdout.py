@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import PurePath
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +23,8 @@ from sysid.types import FloatArray
 _HORIZON_S = 1.0
 # Draws of the tests' friction for the noise floor; the squares of these many are averaged.
 _DRAWS = 8
+# Points of a curve that is drawn.
+_DRAWN = 600
 
 
 @dataclass(frozen=True)
@@ -129,6 +133,111 @@ class HeldOut:
         if not some.any():
             raise SimulationError(NOT_FINITE)
         return np.asarray(np.sqrt(squares[some] / rows[some] + noise.total**2))
+
+
+def trace(
+    tests: HeldOut, before: Model, after: Model, scatter: float = 0.0
+) -> dict[str, Any] | None:
+    """The position in one test: measured, and as two models simulate it open loop.
+
+    Of the tests the one whose position the first model follows worst, by RMSE over the spread.
+    `source` names it; `channel` of `time`, `measured`, `before` and `after`, (n,) each and thinned,
+    in SI units; `fit` percentages by the same names, over the rows that count; `tests`: of how
+    many. `friction`, where the tests' friction scatters by a share `scatter`: of each test
+    (`source`) the share by which its own is off (`own`), and the RMSE with it (`rmse`), next to
+    that without (`of`). None without a test whose position varies.
+    """
+    measured = [test.measured_in(test.whole)[0] for test in tests.tests]
+    runs = [
+        [run[0, : len(m)] for run, m in zip(tests.simulated(model), measured, strict=True)]
+        for model in (before, after)
+    ]
+    spreads = [float(np.linalg.norm(m - m.mean())) for m in measured]
+    off = [
+        [float(np.linalg.norm(m - run)) / spread if spread > 0.0 else np.nan for run in pair]
+        for m, spread, *pair in zip(measured, spreads, *runs, strict=True)
+    ]
+    known = [i for i, pair in enumerate(off) if np.isfinite(pair).all()]
+    if not known:
+        return None
+    at = max(known, key=lambda i: off[i][0])
+    kept = np.unique(np.linspace(0, len(measured[at]) - 1, _DRAWN).astype(int))
+    named = {"measured": measured[at], "before": runs[0][at], "after": runs[1][at]}
+    fits = [100.0 * (1.0 - share) for share in off[at]]
+    return {
+        "source": _named(tests.tests[at]),
+        "channel": tests.rig.position_channel,
+        "tests": len(tests.tests),
+        "time": (tests.tests[at].period * kept).tolist(),
+        **{name: curve[kept].tolist() for name, curve in named.items()},
+        "fit": dict(zip(("before", "after"), fits, strict=True)),
+        "friction": _own_friction(tests, after, measured, runs[1], scatter),
+    }
+
+
+def _named(test: MotionTest) -> str:
+    """A test by its file, without the folder, and its label."""
+    return PurePath(test.source).name
+
+
+def _own_friction(
+    tests: HeldOut,
+    model: Model,
+    measured: Sequence[FloatArray],
+    simulated: Sequence[FloatArray],
+    scatter: float,
+) -> list[dict[str, Any]]:
+    """The friction of each test with which a model follows its position best.
+
+    By two steps of Gauss and Newton, within three times the `scatter`; none without scatter, and
+    none of a test that is followed no better with its own.
+    """
+    if not scatter > 0.0:
+        return []
+
+    def run(shares: FloatArray) -> list[FloatArray]:
+        models = [_with_friction(model, float(share)) for share in shares]
+        found = tests.simulated(models, nan_if_endless=True)
+        return [own[0, : len(m)] for own, m in zip(found, measured, strict=True)]
+
+    def errors(curves: Sequence[FloatArray]) -> FloatArray:
+        pairs = zip(measured, curves, strict=True)
+        return np.array([float(np.sqrt(np.mean((m - c) ** 2))) for m, c in pairs])
+
+    shares, curves = np.zeros(len(measured)), list(simulated)
+    first = errors(curves)
+    best, own = first.copy(), shares.copy()
+    for _ in range(2):
+        moved = run(shares + 0.1 * scatter)
+        for i, (m, curve, other) in enumerate(zip(measured, curves, moved, strict=True)):
+            slope = (other - curve) / (0.1 * scatter)
+            size = float(slope @ slope)
+            if np.isfinite(size) and size > 0.0:
+                shares[i] += float(slope @ (m - curve)) / size
+        shares = np.clip(shares, -3.0 * scatter, 3.0 * scatter)
+        curves = run(shares)
+        now = errors(curves)
+        better = now < best
+        best, own = np.where(better, now, best), np.where(better, shares, own)
+    return [
+        {"source": _named(test), "own": o, "scatter": scatter, "rmse": after, "of": was}
+        for test, o, after, was in zip(
+            tests.tests, own.tolist(), best.tolist(), first.tolist(), strict=True
+        )
+        if after < was
+    ]
+
+
+def _with_friction(model: Model, share: float) -> Model:
+    """A model whose friction is larger by a share, at rest and sliding."""
+    p = model.parameters
+    factor = 1.0 + share
+    changed = p.replace(
+        static_effort=p.static_effort * factor,
+        coulomb_effort=p.coulomb_effort * factor,
+        viscous=p.viscous * factor,
+    )
+    return Model(changed, model.effects)
 
 
 def motion_tests(rig: Rig, logs: Sequence[tuple[str, Log]]) -> HeldOut:

@@ -8,9 +8,10 @@ import numpy as np
 
 from sysid.blocks.figures import Band, Figure, Intervals, Line, Mark, Panel, Points, Role, Scale
 from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, unit
-from sysid.blocks.sections import Block, FigureGroup, Lines, Section
+from sysid.blocks.sections import Block, FigureGroup, Lines, Notes, Section
 from sysid.blocks.tables import TableColumn, estimate_table, table
 from sysid.estimation.linear import Estimate
+from sysid.identification.friction.cross_check import disagreement
 from sysid.io.motion import MotionUnits
 from sysid.parameters import Bundle, Friction
 from sysid.parameters.friction import TestUse
@@ -32,6 +33,8 @@ def friction_section(bundle: Bundle) -> Section:
     if (check := parts.get("friction.cross_check")) is not None:
         caption = "Cross-check: the same parameters from general motion"
         blocks.append(check.shown(caption))
+        # Of a refined or extended bundle the numbers are no longer those of the tests alone.
+        blocks += [] if bundle.refinement or bundle.effects else _disagreements(friction)
     figures = (speed_figure(friction), breakaway_figure(friction))
     drawn = tuple(figure for figure in figures if figure is not None)
     if drawn:
@@ -50,6 +53,15 @@ def friction_section(bundle: Bundle) -> Section:
     }.get(str(friction.source))
     intro = (source,) if source else ()
     return Section("friction", "Friction", intro, tuple(blocks))
+
+
+def _disagreements(friction: Friction) -> list[Block]:
+    """What the two kinds of tests do not agree on, under their table."""
+    checked = friction.cross_check if isinstance(friction.cross_check, dict) else {}
+    own = friction.estimates()
+    lines = [disagreement(key, own[key], check) for key, check in checked.items() if key in own]
+    found = tuple(line for line in lines if line is not None)
+    return [Notes(found)] if found else []
 
 
 def _combinations(friction: Friction) -> list[Block]:

@@ -8,24 +8,47 @@ from typing import Any
 
 import numpy as np
 
-from sysid.blocks.figures import ColourMap, Dash, Figure, Line, Mark, Panel, Points, Role, Scale
+from sysid.blocks.figures import (
+    ColourMap,
+    Dash,
+    Figure,
+    Line,
+    Mark,
+    Panel,
+    Points,
+    Role,
+    Scale,
+    Words,
+)
 from sysid.blocks.numbers import MISSING, estimate_cells, number
 from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section
 from sysid.blocks.tables import Table, estimate_table, table
+from sysid.identification.valve_pwm import choice as choices
 from sysid.identification.valve_pwm.remarks import Remarks
-from sysid.identification.valve_pwm.samples import sample_tests
+from sysid.identification.valve_pwm.samples import FlowSamples, sample_tests
 from sysid.identification.valve_pwm.selection import select_tests
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
-from sysid.parameters import FittedValves, PwmSurfaces
-from sysid.parameters.valves import AveragedRecord, DutyErrors, ResolutionRecord, SurfaceChoice
-from sysid.surfaces.comparison import obeys_averaged_law
-from sysid.surfaces.domain import LevelFlows, level_flows
+from sysid.parameters import FittedValves, PwmSurfaces, Valve
+from sysid.parameters.valves import (
+    AVERAGED,
+    LAW_KEYS,
+    AveragedRecord,
+    DutyErrors,
+    ResolutionRecord,
+    SurfaceChoice,
+)
+from sysid.surfaces.averaged import AveragedLaw
+from sysid.surfaces.domain import Domain, LevelFlows, level_flows
 from sysid.types import FloatArray
 
 _NAMES = {"bipolynomial": "Bipolynomial", "ann": "Network", "averaged": "Averaged law"}
 DIRECTIONS = {"fill": "filling", "discharge": "discharging"}
-_STYLES: tuple[tuple[Role, Dash], ...] = (("model", "solid"), ("second", "dashed"))
+_STYLES: tuple[tuple[Role, Dash], ...] = (
+    ("model", "solid"),
+    ("second", "dashed"),
+    ("third", "dotted"),
+)
 _LAW_NAMES = {
     "choked_flow_fill_kg_s": "Choked flow, filling",
     "choked_flow_dis_kg_s": "Choked flow, discharging",
@@ -42,15 +65,45 @@ _LAW_NAMES = {
 
 
 @dataclass(frozen=True)
+class _HeldLaw:
+    """The averaged law of a held chamber, with the ripple of its pulses, drawn as a surface is.
+
+    `lines`: supply and atmosphere, Pa; `per_flow`: k R T / V, Pa/kg.
+    """
+
+    law: AveragedLaw
+    lines: tuple[float, float]
+    per_flow: float
+    domain_: Domain
+
+    def flow(self, duty: FloatArray, pressure: FloatArray) -> tuple[FloatArray]:
+        """Mean flow, kg/s, over a period."""
+        share = self.law.open_share(duty)
+        found = self.law.mean_pulse(share, pressure, self.lines, self.per_flow)
+        return (np.asarray(found.mean(share)),)
+
+    def duty(self, flow: FloatArray, pressure: FloatArray) -> tuple[FloatArray]:
+        """Duty for a mean flow."""
+        return (np.asarray(self.law.held_duty(flow, pressure, self.lines, self.per_flow)),)
+
+
+@dataclass(frozen=True)
 class _Measured:
-    """One valve and direction: measured flow by duty and pressure, and the fitted surfaces."""
+    """One valve and direction: measured flow by duty and pressure, and the laws fitted to it.
+
+    `surfaces` by kind, the averaged law among them where it can be drawn.
+    """
 
     side: str
     direction: str
-    held: PwmSurfaces
+    valve: Valve
     levels: LevelFlows | None
     surfaces: dict[str, Any]
-    averaged: AveragedRecord | None = None
+
+    @property
+    def held(self) -> PwmSurfaces:
+        """What the bundle holds of this direction."""
+        return self.valve.surfaces(self.direction) or PwmSurfaces()
 
     @property
     def errors(self) -> list[tuple[str, DutyErrors | None, DutyErrors | None]]:
@@ -58,39 +111,21 @@ class _Measured:
         found = [
             (k, s.errors("held_out"), s.errors("fitted")) for k, s in self.held.surfaces().items()
         ]
-        law = self.averaged
+        law = self.valve.averaged()
         if law is not None:
             held, fitted = (law.errors(self.direction, use) for use in ("held_out", "fitted"))
-            found.append(("averaged", held, fitted))
+            found.append((AVERAGED, held, fitted))
         return found
 
     @property
     def choice(self) -> SurfaceChoice | None:
         """Both surfaces next to each other, where both were fitted."""
-        made = self.held.comparison
-        return made if isinstance(made, SurfaceChoice) else None
-
-    @property
-    def rivals(self) -> tuple[DutyErrors, DutyErrors] | None:
-        """Held-out errors of the averaged law and of the network; None without both."""
-        errors = {kind: held for kind, held, _ in self.errors}
-        law, network = errors.get("averaged"), errors.get("ann")
-        return None if law is None or network is None else (law, network)
-
-    @property
-    def obeys_averaged_law(self) -> bool:
-        """Whether both are there, and the averaged law follows as well as the network."""
-        if self.rivals is None:
-            return False
-        law, network = self.rivals
-        return obeys_averaged_law(law.rmse, network.rmse, _figure(self.choice, "noise_rmse"))
+        return choices.choice_of(self.held)
 
     @property
     def best(self) -> str | None:
-        """The kind to use: the averaged law where it is obeyed, else the better surface."""
-        if self.obeys_averaged_law:
-            return "averaged"
-        return None if self.choice is None else self.choice.recommended
+        """The kind to use."""
+        return choices.recommended(self.valve, self.direction)
 
     @property
     def tag(self) -> str:
@@ -125,10 +160,11 @@ def _obedience(parts: Sequence[_Measured]) -> Iterator[str]:
     """Directions in which a valve obeys the averaged law, by held-out error in duty."""
     obeyed = []
     for part in parts:
-        if part.rivals is None:
+        rivals = choices.rivals(part.valve, part.direction)
+        if rivals is None:
             continue
-        law, network = part.rivals
-        if part.obeys_averaged_law:
+        law, network = rivals
+        if choices.is_averaged(part.valve, part.direction):
             obeyed.append(part.title[0].lower() + part.title[1:])
             continue
         yield (
@@ -142,9 +178,10 @@ def _obedience(parts: Sequence[_Measured]) -> Iterator[str]:
 
 def _laws(parts: Sequence[_Measured]) -> list[Table]:
     """The averaged laws that were fitted to the PWM tests, one table a valve."""
-    found = {p.side: p.averaged for p in parts if p.averaged is not None}
     tables = []
-    for side, law in found.items():
+    for side, law in {p.side: p.valve.averaged() for p in parts}.items():
+        if law is None:
+            continue
         named = {_LAW_NAMES[key]: estimate for key, estimate in law.estimates().items()}
         caption = f"Valve {side.upper()}: averaged law from the PWM tests alone"
         tables.append(estimate_table(caption, named, "page"))
@@ -156,19 +193,22 @@ def _parts(
 ) -> list[_Measured]:
     found = []
     for side, valve in sorted(valves.sides().items()):
-        levels = _levels(side, logs, rig) if valve.pwm is not None else {}
+        samples = _samples(side, logs, rig) if valve.pwm is not None else {}
         for direction in DIRECTIONS:
             held = valve.surfaces(direction)
             if held is None or not held.surfaces():
                 continue
             surfaces = {kind: surface.model() for kind, surface in held.surfaces().items()}
-            found.append(
-                _Measured(side, direction, held, levels.get(direction), surfaces, valve.averaged())
-            )
+            levels, own = None, samples.get(direction)
+            if own is not None:
+                levels = level_flows(own.duty, own.pressure, own.flow)
+                law = _held_law(valve.averaged(), own, rig, next(iter(surfaces.values())).domain_)
+                surfaces |= {} if law is None else {AVERAGED: law}
+            found.append(_Measured(side, direction, valve, levels, surfaces))
     return found
 
 
-def _levels(side: str, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> dict[str, LevelFlows]:
+def _samples(side: str, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> dict[str, FlowSamples]:
     """Measured flow by direction, sampled from the fit tests as the fit does."""
     trials = [t for named, log in logs if named in (None, side) for t in log.trials]
     tests = select_tests(trials, rig, side, Remarks())
@@ -176,8 +216,34 @@ def _levels(side: str, logs: Sequence[tuple[str | None, Log]], rig: Rig) -> dict
     for direction in DIRECTIONS:
         samples = sample_tests([t for t in tests if t.filling == (direction == "fill")], rig)
         if len(samples):
-            found[direction] = level_flows(samples.duty, samples.pressure, samples.flow)
+            found[direction] = samples
     return found
+
+
+def _held_law(
+    record: AveragedRecord | None, samples: FlowSamples, rig: Rig, domain: Domain
+) -> _HeldLaw | None:
+    """The averaged law under the conditions of a direction's tests; None without one."""
+    period = None if record is None else record.pwm_period_s
+    if record is None or rig.air is None or not isinstance(period, int | float):
+        return None
+    numbers = record.estimates()
+    keys = {**record.flow_keys(), "off_delay": "delay_difference_s"}
+    if not all(numbers[key].identified for key in keys.values()):
+        return None
+    values = {name: float(numbers[key].value) for name, key in keys.items()}
+    reference = float(rig.air.supply_pressure_pa)
+    law = AveragedLaw(
+        **{**dict.fromkeys(LAW_KEYS, 0.0), **values},
+        temperature=rig.air.temperature_k,
+        supply=reference,
+        supply_reference=reference,
+        atmosphere=rig.air.atmospheric_pressure_pa,
+        on_delay=0.0,
+        period=float(period),
+    )
+    supply, per_flow = float(np.median(samples.supplies)), float(np.median(samples.per_flow))
+    return _HeldLaw(law, (supply, rig.air.atmospheric_pressure_pa), per_flow, domain)
 
 
 # --- tables ----------------------------------------------------------------------------
@@ -234,7 +300,9 @@ def _part_blocks(part: _Measured) -> list[Block]:
     if isinstance(study, ResolutionRecord):
         folded.append(_resolution(study))
     if part.choice is not None:
-        blocks.append(Lines((f"Choice: {part.choice.reason}.",)))
+        said = Lines((f"Of the two surfaces: {part.choice.reason}.",))
+        # Where neither is recommended it is of use only to who wants one nevertheless.
+        (folded if part.best == AVERAGED else blocks).append(said)
     if folded:
         blocks.append(Fold(f"{part.title}: coefficients and weights", tuple(folded)))
     return blocks
@@ -244,18 +312,19 @@ def _figure_blocks(part: _Measured) -> list[Block]:
     """The figures, those of laws that are not recommended folded."""
     blocks: list[Block] = []
     figures, others = _figures(part)
+    which = "the fitted laws" if part.best is None else f"the {_NAMES[part.best].lower()}"
     if figures:
         caption = (
-            f"{part.title}: measured and fitted mean flow, flow over pressure at a few duties "
-            "(dots: measured), and the duty that the surface gives for a flow less the true "
-            "one. Grey: not visited, or outside the domain."
+            f"{part.title}: flow over pressure at a few duties (dots: measured, the number is the "
+            f"duty), flow by {which}, and the duty that it gives for a flow less the true one. "
+            "Grey: not visited, or outside the domain."
         )
         blocks.append(FigureGroup(caption, tuple(figures)))
     if others:
         names = " and ".join(_NAMES[kind].lower() for kind in part.surfaces if kind != part.best)
-        caption = f"{part.title}: the same of what is not recommended."
+        caption = f"{part.title}: the same of what is not recommended, and the measured flow."
         group = FigureGroup(caption, tuple(others))
-        blocks.append(Fold(f"{part.title}: maps of the {names}, not recommended", (group,)))
+        blocks.append(Fold(f"{part.title}: {names}, not recommended", (group,)))
     return blocks
 
 
@@ -312,27 +381,37 @@ def _resolution(study: ResolutionRecord) -> Table:
 def _figures(part: _Measured) -> tuple[list[Figure], list[Figure]]:
     """Those to show, and those of laws that are not recommended.
 
-    First flow over pressure by each surface, then the recommended one's map and its error in duty
-    (those of all where none is recommended), then what was measured.
+    Of the recommended law (of all where none is): flow over pressure, its map and its error in
+    duty. Of the others the same, and the map of what was measured.
     """
     levels = part.levels
     if levels is None:
         return [], []
     flow, pressure = 1e3 * levels.flow, levels.pressure / 1e3
     limits = (float(np.nanmin(flow)), float(np.nanmax(flow)))
-    errors = {k: _duty_error(s, levels) for k, s in part.surfaces.items()}
-    known = [np.abs(e[np.isfinite(e)]) for e in errors.values()]
-    largest = max((float(np.percentile(k, 99)) for k in known if k.size), default=1.0)
-    shown = [flow_figure(part.title, part.tag, levels, part.surfaces)]
+    shown_kinds = [k for k in part.surfaces if part.best in (None, k)] or list(part.surfaces)
+    shown: list[Figure] = []
     others: list[Figure] = []
-    for kind, surface in part.surfaces.items():
-        grid, title = (levels.duty, pressure, errors[kind]), f"{_NAMES[kind]}: error in duty"
-        maps = [
-            _map(part, kind, f"{_NAMES[kind]}: flow", _fitted(surface), limits),
-            _map(part, f"{kind}-error", title, grid, (-largest, largest), True),
-        ]
-        (shown if part.best in (None, kind) else others).extend(maps)
-    shown.append(_map(part, "measured", "Measured flow", (levels.duty, pressure, flow), limits))
+    for kinds, figures in (
+        (shown_kinds, shown),
+        ([k for k in part.surfaces if k not in shown_kinds], others),
+    ):
+        own = {kind: part.surfaces[kind] for kind in kinds}
+        if not own:
+            continue
+        tag = part.tag if figures is shown else f"{part.tag}-others"
+        figures.append(flow_figure(part.title, tag, levels, own))
+        errors = {kind: _duty_error(surface, levels) for kind, surface in own.items()}
+        known = [np.abs(e[np.isfinite(e)]) for e in errors.values()]
+        largest = max((float(np.percentile(k, 99)) for k in known if k.size), default=1.0)
+        for kind, surface in own.items():
+            grid, title = (levels.duty, pressure, errors[kind]), f"{_NAMES[kind]}: error in duty"
+            figures += [
+                _map(part, kind, f"{_NAMES[kind]}: flow", _fitted(surface), limits),
+                _map(part, f"{kind}-error", title, grid, (-largest, largest), True),
+            ]
+    measured = _map(part, "measured", "Measured flow", (levels.duty, pressure, flow), limits)
+    (others or shown).append(measured)
     return shown, others
 
 
@@ -395,7 +474,10 @@ def _map(
 
 
 def flow_figure(title: str, tag: str, levels: LevelFlows, surfaces: Mapping[str, Any]) -> Figure:
-    """Flow over pressure at a few duties: measured points, fitted lines by the surface's kind."""
+    """Flow over pressure at a few duties: measured points, and a line for each law.
+
+    Each duty stands at the end of its curve where the flow is largest.
+    """
     domain = next(iter(surfaces.values())).domain_
     inside = np.flatnonzero(domain.holds_duty(levels.duty))
     chosen = inside[np.linspace(0, len(inside) - 1, min(5, len(inside))).astype(int)]
@@ -404,23 +486,49 @@ def flow_figure(title: str, tag: str, levels: LevelFlows, surfaces: Mapping[str,
         seen = levels.count[row] > 0
         flow = 1e3 * levels.flow[row, seen]
         marks.append(Points(levels.pressure[seen] / 1e3, flow, size=2.2, is_filled=True))
-    low, high = domain.pressure_range
-    pressure = np.linspace(low, high, 60)
     for (kind, surface), (role, dash) in zip(surfaces.items(), _STYLES, strict=False):
         label = _NAMES[kind].lower()
         for row in chosen:
-            ends = levels.pressure[np.flatnonzero(np.isfinite(levels.flow[row]))[[0, -1]]]
-            p = pressure[(pressure >= ends[0]) & (pressure <= ends[1])]
+            p = _visited(levels, row)
             if len(p) < 2:
                 continue
             flow = 1e3 * surface.flow(np.full_like(p, levels.duty[row]), p)[0]
             marks.append(Line(p / 1e3, flow, role, label, dash))
             label = ""
+    marks += _duties_named(levels, chosen)
     duties = ", ".join(number(float(levels.duty[r]), 2) for r in chosen)
     description = f"{title}: measured and fitted flow over pressure at duties of {duties}."
-    panel = Panel(Scale("Pressure", "kPa"), Scale("Flow", "g/s"), tuple(marks))
+    x, y = Scale("Pressure", "kPa", margin=0.12), Scale("Flow", "g/s")
+    panel = Panel(x, y, tuple(marks), legend="above")
     heading = "Flow at a few duties"
     return Figure(f"fig-{tag}-cuts", f"{title}. {heading}", description, (panel,), heading)
+
+
+def _visited(levels: LevelFlows, row: int) -> FloatArray:
+    """Pressures over what a level visited, Pa, so close that a bend of the law shows."""
+    known = levels.pressure[np.isfinite(levels.flow[row])]
+    return np.linspace(known[0], known[-1], 120) if len(known) > 1 else known
+
+
+def _duties_named(levels: LevelFlows, rows: Sequence[int]) -> list[Words]:
+    """The duty of each level, outside of its curve's end with the larger flow.
+
+    One that would lie over another is omitted.
+    """
+    reach, span = float(np.ptp(levels.pressure)) / 1e3, 1e3 * float(np.nanmax(np.abs(levels.flow)))
+    marks: list[Words] = []
+    for row in rows:
+        known = np.flatnonzero(np.isfinite(levels.flow[row]))
+        if not len(known):
+            continue
+        first, last = known[0], known[-1]
+        is_first = abs(levels.flow[row, first]) >= abs(levels.flow[row, last])
+        at = first if is_first else last
+        x = float(levels.pressure[at]) / 1e3 + (-0.08 if is_first else 0.08) * reach
+        y, text = 1e3 * float(levels.flow[row, at]), number(float(levels.duty[row]), 2)
+        if all(abs(x - m.x) > 0.15 * reach or abs(y - m.y) > 0.09 * span for m in marks):
+            marks.append(Words(x, y, text, is_small=True))
+    return marks
 
 
 __all__ = ["DIRECTIONS", "flow_figure", "surfaces_section"]

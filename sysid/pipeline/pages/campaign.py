@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.blocks.sections import Block, Fold, Plot, Section
+from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Section
 from sysid.blocks.standing import section_or_why
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
@@ -19,6 +19,10 @@ from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
 from sysid.parameters import Bundle, Provenance, assumptions, shown_by_logs
 from sysid.parameters.provenance import family
+from sysid.pipeline.pages.concerns import advised_against
+from sysid.pipeline.pages.held_out import first_picture
+from sysid.pipeline.pages.next_steps import next_line
+from sysid.pipeline.pages.notices import by_section, excluded_lines, with_notices
 from sysid.pipeline.pages.opening import ReportVerdict, verdict
 from sysid.types import Progress
 
@@ -41,13 +45,16 @@ def write_report(
     validation: ValidationResult | None = None,
     checks: Sequence[LogCheck] = (),
     diagnosis: Mapping[str, Any] | None = None,
+    advice: Mapping[str, Any] | None = None,
+    notices: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> None:
     """Write the report of a campaign as one self-contained HTML file, whole or not at all.
 
     Curves are computed anew from the campaign's fit logs and the bundle, so that a later
     process can rebuild the report; `validation` and `checks` are what `sysid.validation` and
-    `sysid.checks.log_check` found, `diagnosis` what `sysid.diagnosis.content.content` made of one.
+    `sysid.checks.log_check` found, `diagnosis` what `sysid.diagnosis.content.content` made of one,
+    `advice` an `AdviceResult.to_json`. `notices` are the fit's: each stands where its number does.
     Sections whose part is missing are omitted, and the page says so; one that cannot be made says
     why. Raises InputError where the file cannot be written, and for the bundle of a linear rig with
     a rotary one's campaign, or the reverse.
@@ -58,6 +65,8 @@ def write_report(
         validation=validation,
         checks=checks,
         diagnosis=diagnosis,
+        advice=advice,
+        notices=notices,
         progress=progress,
     )
     write_atomic(path, html)
@@ -70,6 +79,8 @@ def render_report(
     validation: ValidationResult | None = None,
     checks: Sequence[LogCheck] = (),
     diagnosis: Mapping[str, Any] | None = None,
+    advice: Mapping[str, Any] | None = None,
+    notices: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> str:
     """The page of `write_report` as text."""
@@ -78,12 +89,20 @@ def render_report(
     from sysid.blocks import svg
 
     with svg.styled():
-        parts = report_parts(campaign, bundle, validation, diagnosis)
-        sections, left_out = _sections(campaign, bundle, checks, parts, tell)
+        parts = report_parts(campaign, bundle, validation, diagnosis, advice)
+        said = by_section(notices, campaign)
+        sections, left_out = _sections(campaign, bundle, checks, parts, said, tell)
     tell("assembling the page")
     judged = _judged(bundle, validation, diagnosis)
-    judged = replace(judged, notes=(*_other_rig(campaign, bundle), *judged.notes))
-    return _fill(campaign, bundle, judged, sections, left_out)
+    following = on_its_own(partial(next_line, bundle, diagnosis, advice))
+    judged = replace(
+        judged,
+        notes=(*_other_rig(campaign, bundle), *judged.notes, *excluded_lines(campaign)),
+        following="" if isinstance(following, Failure) else following,
+    )
+    picture = on_its_own(partial(first_picture, validation, diagnosis, campaign.rig.is_linear))
+    shown = None if isinstance(picture, Failure) else picture
+    return _fill(campaign, bundle, judged, shown, sections, left_out)
 
 
 def _judged(
@@ -124,6 +143,7 @@ def _sections(
     bundle: Bundle,
     checks: Sequence[LogCheck],
     parts: Sequence[ReportPart],
+    notices: Mapping[str, Sequence[str]],
     tell: Progress,
 ) -> tuple[list[Section], list[str]]:
     """The sections with content, and a line for each that is omitted."""
@@ -131,9 +151,10 @@ def _sections(
     from sysid.parameters.shown_fits import fits_section
     from sysid.pipeline.pages.provenance import provenance_section
 
+    against = advised_against(bundle)
     told: list[ReportPart] = [
         ("data", "Data and their quality", "", lambda: quality_section(campaign, checks)),
-        ("fits", "How well the laws follow their tests", "", lambda: fits_section(bundle)),
+        ("fits", "How well the laws follow their tests", "", lambda: fits_section(bundle, against)),
         *parts,
         ("provenance", "Provenance", "", lambda: provenance_section(bundle)),
     ]
@@ -143,7 +164,7 @@ def _sections(
         section = section_or_why(id, title, partial(_written, build))
         if section is not None:
             tell(f"drawn: {title}")
-            sections.append(section)
+            sections.append(with_notices(section, notices.get(id, ())))
         elif lacks:
             left_out.append(f"{title}: {lacks}.")
     return sections, left_out
@@ -163,6 +184,7 @@ def report_parts(
     bundle: Bundle,
     validation: ValidationResult | None = None,
     diagnosis: Mapping[str, Any] | None = None,
+    advice: Mapping[str, Any] | None = None,
 ) -> list[ReportPart]:
     """Each section's id, title, the line if it is missing ("": none), and its builder."""
     from sysid.pipeline.pages.next_steps import open_questions
@@ -205,7 +227,7 @@ def report_parts(
     def next_steps() -> Section | None:
         from sysid.pipeline.pages.next_steps import next_section
 
-        return next_section(bundle, diagnosis, campaign.path.name)
+        return next_section(bundle, diagnosis, campaign.path.name, advice)
 
     def own() -> Section | None:
         from sysid.validation.shown_own import own_section
@@ -216,7 +238,7 @@ def report_parts(
     def motion() -> Section | None:
         from sysid.pipeline.pages.motion import validation_section
 
-        return None if validation is None else validation_section(validation)
+        return None if validation is None else validation_section(validation, diagnosis)
 
     def residuals() -> Section | None:
         from sysid.validation.shown_residuals import residuals_section
@@ -272,12 +294,14 @@ def _fill(
     campaign: Campaign,
     bundle: Bundle,
     judged: ReportVerdict,
+    picture: FigureGroup | None,
     sections: Sequence[Section],
     left_out: Sequence[str],
 ) -> str:
     from markupsafe import Markup
 
     from sysid.blocks.html import fill, origin_text, template_text
+    from sysid.blocks.standing import drawn
     from sysid.pipeline.pages.interactive import bokeh_script
 
     plots = [block for section in sections for block in _plots(section.blocks)]
@@ -290,6 +314,7 @@ def _fill(
         orientation="tank" if rig.is_tank_alone else f"{rig.orientation}, {rig.motion}",
         fitted=_moment(bundle.created),
         verdict=judged,
+        picture=None if picture is None else drawn((picture,))[0],
         assumed=_assumed(bundle),
         shown=shown_by_logs(bundle),
         origin=origin_text(_own_provenance(campaign, bundle).fitted_on),

@@ -1,4 +1,4 @@
-"""What limits a verdict: its colour is that of the worst finding below it."""
+"""What limits a verdict: its colour is that of the worst finding on the model it recommends."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 from sysid.blocks.quality import quality_name
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.lack_of_fit import MISFIT
+from sysid.identification.valve_pwm.choice import not_recommended
 from sysid.parameters import Bundle
 
 LEVELS = ("good", "fair", "poor")
@@ -37,9 +38,18 @@ def worst(levels: Iterable[str]) -> str:
     return LEVELS[max(known)] if known else "none"
 
 
+def advised_against(bundle: Bundle) -> set[str]:
+    """The places in a bundle of laws that the page advises against: no model to trust uses them."""
+    sides = {} if bundle.valves is None else bundle.valves.sides()
+    return {place for side, valve in sides.items() for place in not_recommended(valve, side)}
+
+
 def of_bundle(bundle: Bundle, unidentified: Sequence[str]) -> Iterator[Concern]:
-    """Every law by the verdict on its own fit, and what no data identify."""
+    """Every law that is recommended by the verdict on its own fit, and what no data identify."""
+    left_out = advised_against(bundle)
     for place, one in bundle.qualities().items():
+        if place in left_out:
+            continue
         level = "poor" if one.is_doubtful else "good" if one.verdict == "good" else "fair"
         yield Concern(level, f"the fit of {_named(place)}")
     if unidentified:
@@ -74,7 +84,7 @@ def sentence(level: str, concerns: Sequence[Concern], own: str) -> str:
     names = list(dict.fromkeys(c.name for c in concerns if c.level == level))
     more = len(names) - _MOST_NAMED
     listed = "; ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
-    return f"The colour is that of the worst part of the model ({level}): {listed}."
+    return f"The colour is that of the worst part of the recommended model ({level}): {listed}."
 
 
 def _named(place: str) -> str:
@@ -87,6 +97,7 @@ __all__ = [
     "ROUGHLY",
     "WELL",
     "Concern",
+    "advised_against",
     "level_of_fit",
     "of_bundle",
     "of_diagnosis",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,11 +13,13 @@ from sysid.blocks.figures import TALL_PANEL, Dash, Figure, Line, Mark, Panel, Ro
 from sysid.blocks.numbers import MISSING, number, percent
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Plot, Section
 from sysid.blocks.tables import Table, table
+from sysid.diagnosis.wording import own_friction
 from sysid.pipeline.pages.interactive import overlay_document, overlay_samples
 from sysid.validation.shown_tests import (
     MODEL_NAMES,
     NOISE_BAND,
     ShownTest,
+    recommended_models,
     shown_channels,
     tests_of,
     tests_to_show,
@@ -37,14 +39,21 @@ MODEL_LINES: dict[str, tuple[Role, Dash]] = {
 """How each valve model's curves are drawn."""
 
 
-def validation_section(validation: ValidationResult) -> Section:
-    """Every motion log, simulated from its first row given only its commands."""
-    blocks = _tables(validation)
-    blocks.append(_structure_table(validation))
-    blocks.append(_growth(validation))
+def validation_section(
+    validation: ValidationResult, diagnosis: Mapping[str, Any] | None = None
+) -> Section:
+    """Every motion log, simulated from its first row given only its commands.
+
+    Of a held-out test it says how much of the residual is its own friction, by the `diagnosis`.
+    """
+    trace = (diagnosis or {}).get("figures", {}).get("trace") or {}
+    recommended = recommended_models(validation)
+    others = [m for m in MODEL_NAMES if validation.select(model=m) and m not in recommended]
     tests = tests_of(validation)
     shown = tests_to_show(tests)
-    blocks += [_plot(i, test) for i, test in enumerate(shown)]
+    blocks = [*_tables(validation, recommended), _growth(validation, recommended)]
+    blocks += [_plot(i, test.under(recommended), trace) for i, test in enumerate(shown)]
+    blocks += _folded(validation, recommended, others)
     if validation.notices:
         blocks.append(Lines(tuple(dict.fromkeys(validation.notices)), "Notices"))
     intro = [
@@ -60,18 +69,31 @@ def validation_section(validation: ValidationResult) -> Section:
     return Section("validation", "Open-loop validation", tuple(intro), tuple(blocks))
 
 
-def _tables(validation: ValidationResult) -> list[Block]:
-    """The errors of the held-out logs; those of the training logs are folded beneath them.
+def _tables(validation: ValidationResult, models: Sequence[str]) -> list[Block]:
+    """The errors of the held-out logs under these models; of the training logs without any."""
+    logs = [log for log in validation.select("holdout") or validation.logs if log.model in models]
+    return [_table(logs, c) for c in shown_channels(validation)]
 
-    Where nothing is held out, the training logs' in their place.
-    """
+
+def _folded(
+    validation: ValidationResult, recommended: Sequence[str], others: Sequence[str]
+) -> list[Block]:
+    """What limits no verdict: other models of the valves' mean flow, and the training logs."""
     channels = shown_channels(validation)
     held, training = validation.select("holdout"), validation.select("fit")
-    blocks: list[Block] = [_table(held or training, c) for c in channels]
+    blocks: list[Block] = []
+    if others:
+        rows = [log for log in held or training if log.model in others]
+        names = " and ".join(MODEL_NAMES[model] for model in others)
+        growth = _growth(validation, others, "-others")
+        inner: list[Block] = [*(_table(rows, c) for c in channels), growth]
+        blocks.append(
+            Fold(f"Under the valve models that are not recommended: {names}", tuple(inner))
+        )
     if held and training:
-        folded = tuple(_table(training, c) for c in channels)
-        blocks.append(Fold("Errors on the training logs", folded))
-    return blocks
+        tables: tuple[Block, ...] = tuple(_table(training, c) for c in channels)
+        blocks.append(Fold("Errors on the training logs", tables))
+    return [*blocks, _structure_table(validation)]
 
 
 def _table(logs: Sequence[LogResult], channel: Channel) -> Table:
@@ -154,17 +176,19 @@ def _loudest(log: LogResult, channel: str) -> str:
 # --- figures ---------------------------------------------------------------------------
 
 
-def _growth(validation: ValidationResult) -> FigureGroup:
+def _growth(validation: ValidationResult, models: Sequence[str], suffix: str = "") -> FigureGroup:
+    """`suffix`: of the figures' ids."""
     figures = []
     for channel in shown_channels(validation):
-        lines, used = _growth_lines(validation, channel)
+        lines, used = _growth_lines(validation, channel, models)
         title = f"{channel.title}: how the error grows"
         description = f"{channel.title}, RMS over all starts within the tests: " + "; ".join(used)
         x = Scale("Time since the start", "s", limits=(0.0, None))
         y = Scale("RMS error", channel.residual_unit, limits=(0.0, None))
         panel = Panel(x, y, lines, legend="above")
         heading = f"{channel.title}: error over the horizon"
-        figures.append(Figure(f"fig-growth-{channel.key}", title, description, (panel,), heading))
+        id = f"fig-growth-{channel.key}{suffix}"
+        figures.append(Figure(id, title, description, (panel,), heading))
     caption = (
         "How the open-loop error grows with the time since the simulation last started from the "
         "measured state; one line per valve model, over the held-out logs (all logs if none is)."
@@ -173,12 +197,13 @@ def _growth(validation: ValidationResult) -> FigureGroup:
 
 
 def _growth_lines(
-    validation: ValidationResult, channel: Channel
+    validation: ValidationResult, channel: Channel, models: Sequence[str]
 ) -> tuple[tuple[Line, ...], list[str]]:
-    """A line for each valve model, and where it ends, in words."""
+    """A line for each of the valve models, and where it ends, in words."""
     lines, used = [], []
     use = "holdout" if validation.select("holdout") else None
-    for model, name in MODEL_NAMES.items():
+    for model in models:
+        name = MODEL_NAMES[model]
         curves, times = [], []
         for log in validation.select(use, model):
             for test in log.tests:
@@ -205,11 +230,11 @@ def _growth_lines(
     return tuple(lines), used
 
 
-def _plot(index: int, test: ShownTest) -> Plot:
+def _plot(index: int, test: ShownTest, trace: Mapping[str, Any]) -> Plot:
     channels = test.channels()
     static = tuple(svg.picture(_overlay(f"fig-motion-{index}", test, c)) for c in channels)
     caption = f"{test.title}: measured and simulated, residual with the 95 % band of the "
-    caption += "sensor noise."
+    caption += f"sensor noise.{own_friction(trace, test.source)}"
     fits = "; ".join(_fits(test, channel) for channel in channels)
     return Plot(
         id=f"plot-{index}",

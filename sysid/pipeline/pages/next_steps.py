@@ -8,7 +8,7 @@ from typing import Any
 
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, Lines, Section
-from sysid.blocks.tables import table
+from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.tables import named
 from sysid.diagnosis.wording import advice_on_rest
@@ -26,10 +26,13 @@ Content = Mapping[str, Any]
 _WIDE = 0.25
 
 
-def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Section | None:
-    """The section on next steps, from the diagnosis and the bundle alone: nothing is simulated.
+def next_section(
+    bundle: Bundle, diagnosis: Content | None, campaign: str, advice: Content | None = None
+) -> Section | None:
+    """The section on next steps, from what was found: nothing is simulated here.
 
-    `campaign` is its file's name. None without next steps.
+    `campaign` is its file's name, `advice` what `sysid advise --json` prints. None without next
+    steps.
     """
     found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
     blocks: list[Block] = []
@@ -39,6 +42,8 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
         blocks += [Lines(said)] if said else []
     if not bundle.rig.is_tank_alone:  # no other test of a tank gives what its discharge does not
         blocks += _lacking(bundle)
+    if advice is not None:
+        blocks += _advised(advice)
     is_advised = is_of_actuator(found) and bundle.friction is not None and bundle.valves is not None
     if not blocks and not (found is not None and is_advised):
         return None
@@ -47,13 +52,77 @@ def next_section(bundle: Bundle, diagnosis: Content | None, campaign: str) -> Se
         if blocks
         else ["No question is open: an effect too small for these tests may still be there."]
     )
-    if is_advised:
+    if advice is not None:
+        intro.append(
+            f"Predicted for this rig by sysid advise. sysid advise {campaign} --bundle bundle.json "
+            "-o next.csv writes such a test as a file that the rig can play."
+        )
+    elif is_advised:
         intro.append(
             f"sysid advise {campaign} --bundle bundle.json predicts for this rig what each of a "
             "list of further tests would add, and the smallest size of every effect that they "
-            "would show; it takes a minute or more and is not part of this report."
+            "would show; sysid run --advise puts it here."
         )
     return Section("next", "What to do next", tuple(intro), tuple(blocks))
+
+
+def next_line(bundle: Bundle, diagnosis: Content | None, advice: Content | None = None) -> str:
+    """The most useful next step in a line; empty where none is known.
+
+    Which effect it is comes first, then the test that adds most, then what lacks information.
+    """
+    found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
+    for effect in [] if found is None else found["effects"]:
+        if effect["ambiguous_with"] and effect["advice"]:
+            return f"To know which effect it is: {_sentence(effect['advice'])}."
+    said = () if found is None else advice_on_rest(found)
+    if said:
+        return said[0]
+    for test in [] if advice is None else advice["tests"][:1]:
+        return f"Run {test['test']}: standard errors {_smaller(test)} % smaller on average."
+    if bundle.rig.is_tank_alone:
+        return ""
+    for block in _lacking(bundle):
+        if isinstance(block, Table):
+            name, lacks, helps = (str(cell) for cell in block.rows[0])
+            return f"{name} ({lacks}): {helps}."
+    return "" if found is None else "No question is open."
+
+
+_MOST_TESTS = 5
+
+
+def _advised(advice: Content) -> list[Block]:
+    """The tests that say most, and those that would distinguish what is tied."""
+    units = {p["name"]: (p["unit"], p["std_now"]) for p in advice["parameters"]}
+    rows = []
+    for test in advice["tests"][:_MOST_TESTS]:
+        after = {
+            name: std / units[name][1]
+            for name, std in test["std_after"].items()
+            if std is not None and units[name][1]
+        }
+        most = min(after, key=after.__getitem__, default=None)
+        helped = "" if most is None else f"{most}, by {100.0 * (1.0 - after[most]):.0f} %"
+        rows.append((test["test"], _smaller(test), helped))
+    blocks: list[Block] = []
+    if rows:
+        columns = ("Test", "Standard errors smaller by, %", "Most")
+        caption = "Tests that the rig could run next, the best first"
+        blocks.append(table(caption, columns, rows, text=(0, 2)))
+    ties = [
+        (*tie["pair"], number(tie["correlation_now"], 2), tie["test"] or "none of these")
+        for tie in advice["ties"]
+    ]
+    if ties:
+        heads = ("One", "Other", "Correlation", "Test that lowers it most")
+        blocks.append(table("Hard to distinguish", heads, ties, text=(1, 3), code=(0,)))
+    return blocks
+
+
+def _smaller(test: Content) -> str:
+    """By how much a test would lower the standard errors on average, per cent."""
+    return f"{100.0 * (1.0 - math.exp(-test['gain'])):.0f}"
 
 
 def open_questions(diagnosis: Content | None, *, is_validated: bool) -> str:
@@ -162,4 +231,4 @@ def _size(quantity: Quantity) -> float:
     return quantity.typical or (reach if math.isfinite(reach) else 0.0)
 
 
-__all__ = ["next_section"]
+__all__ = ["next_line", "next_section", "open_questions"]

@@ -16,7 +16,7 @@ from sysid.diagnosis.wording import sentence
 from sysid.parameters import Bundle, ComponentRecord
 from sysid.pipeline.pages import concerns
 from sysid.pipeline.pages.concerns import Concern, level_of_fit
-from sysid.validation.shown_tests import MODEL_NAMES, shown_channels
+from sysid.validation.shown_tests import MODEL_NAMES, recommended_models, shown_channels
 
 if TYPE_CHECKING:
     from sysid.validation import ChannelResult, LogResult, ValidationResult
@@ -27,8 +27,8 @@ class ReportVerdict:
     """`level` ("good", "fair", "poor" or "none") is that of the worst of what stands below.
 
     `sentence` says how well the model follows the rig, `notes` are reservations. `diagnosis` is
-    its verdict in one sentence, `held_back` what makes the level worse than the sentence, else
-    empty. `concerns` are all findings from which the level was chosen.
+    its verdict in one sentence, `following` what to do next, `held_back` what makes the level worse
+    than the sentence, else empty. `concerns` are all findings from which the level was chosen.
     """
 
     level: str
@@ -36,6 +36,7 @@ class ReportVerdict:
     table: Table | None
     notes: tuple[str, ...] = ()
     diagnosis: str = ""
+    following: str = ""
     held_back: str = ""
     concerns: tuple[Concern, ...] = ()
 
@@ -154,9 +155,9 @@ def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVer
     )
     said = f"{_opening(level)} on {basis}, simulated open loop, {_figures(pooled)}."
     models = sorted({MODEL_NAMES[log.model] for log in logs})
-    others = list(_other_models(held or validation.logs, logs))
-    found = tuple(concern for _, concern in others if concern is not None)
-    notes = (*(note for note, _ in others), *notes)
+    best = recommended_models(validation)[1:]
+    said_of_others, found = _other_models(held or validation.logs, logs, best)
+    notes = (*said_of_others, *notes)
     return ReportVerdict(level, said, _table(pooled, models, bundle), notes, concerns=found)
 
 
@@ -211,19 +212,13 @@ def _opening(level: str) -> str:
 
 
 def _figures(pooled: Sequence[_Pooled]) -> str:
-    """The position's fit and error over one second, and the pressures' against their noise."""
+    """The fit percentage of each channel over whole tests."""
     said = []
     for p in pooled:
-        unit = p.channel.residual_unit
-        if p.channel.key.startswith("pressure"):
-            said.append(
-                f"{p.channel.title.lower().replace(' a', ' A').replace(' b', ' B')} fits to "
-                f"{percent(p.fit)} ({number(p.times_noise, 2)} times its sensor's noise)"
-            )
-            continue
-        second = f", {number(p.rmse_second)} {unit} RMSE over one second" if p.rmse_second else ""
-        said.append(f"position fits to {percent(p.fit)}{second}")
-    return ", ".join(said[:-1]) + (" and " if len(said) > 1 else "") + said[-1]
+        is_chamber = p.channel.key.startswith("pressure")
+        name = f"pressure {p.channel.title[-1]}" if is_chamber else "position"
+        said.append(f"{name} to {percent(p.fit)}")
+    return f"it fits {', '.join(said[:-1])}{' and ' if len(said) > 1 else ''}{said[-1]}"
 
 
 def _table(pooled: Sequence[_Pooled], models: Sequence[str], bundle: Bundle) -> Table:
@@ -247,13 +242,13 @@ def _table(pooled: Sequence[_Pooled], models: Sequence[str], bundle: Bundle) -> 
 
 
 def _other_models(
-    logs: Sequence[LogResult], primary: Sequence[LogResult]
-) -> Iterator[tuple[str, Concern | None]]:
-    """The position's fit under the other valve models, on the logs that they simulate.
+    logs: Sequence[LogResult], primary: Sequence[LogResult], recommended: Sequence[str]
+) -> tuple[tuple[str, ...], tuple[Concern, ...]]:
+    """Which model of the valves' mean flow to use, by the position's fit on the logs under PWM.
 
-    Then which of the mean flows to use: the one with which the position is followed best.
+    The concern is on that one alone: a model that is not recommended limits nothing.
     """
-    errors: dict[str, float] = {}
+    found: dict[str, tuple[_Pooled, _Pooled, str]] = {}
     for model, name in MODEL_NAMES.items():
         own = [g for g in logs if g.model == model and not any(g is p for p in primary)]
         channels = [c for g in own for c in g.channels]
@@ -264,18 +259,20 @@ def _other_models(
         channel = next((c for c in _positions() if c.key in channels), None)
         if channel is None or not base:
             continue
-        there, here = _pool(own, channel), _pool(base, channel)
-        errors[name] = there.rmse
-        said = (
-            f"With the valves' mean flow from the {name}, position fits to {percent(there.fit)} "
-            f"on the tests under PWM ({percent(here.fit)} with the {MODEL_NAMES[base[0].model]})."
-        )
-        level = "none" if there.fit is None else level_of_fit(there.fit)
-        yield said, Concern(level, f"the position under PWM with the {name}")
-    if len(errors) > 1:
-        best = min(errors, key=errors.__getitem__)
-        said = f"For the valves' mean flow under PWM, use the {best}: position is followed best."
-        yield said, None
+        pooled = _pool(own, channel), _pool(base, channel)
+        found[name] = (*pooled, MODEL_NAMES[base[0].model])
+    best = next((MODEL_NAMES[m] for m in recommended if MODEL_NAMES[m] in found), None)
+    if best is None:
+        return (), ()
+    there, here, usual = found[best]
+    others = [f"{name} {percent(found[name][0].fit)}" for name in found if name != best]
+    said = (
+        f"For the valves' mean flow under PWM use the {best}: position fits to "
+        f"{percent(there.fit)} on the tests under PWM ({'; '.join([*others, ''])}"
+        f"{usual}, pulse by pulse, {percent(here.fit)})."
+    )
+    level = "none" if there.fit is None else level_of_fit(there.fit)
+    return (said,), (Concern(level, f"the position under PWM with the {best}"),)
 
 
 def _positions() -> list[Channel]:
@@ -286,11 +283,9 @@ def _positions() -> list[Channel]:
 
 def _doubtful(bundle: Bundle) -> Iterator[str]:
     """One line per fit that does not follow its own tests, or is impossible."""
-    found = bundle.qualities()
-    for place, one in found.items():
-        better = found.get(place.replace(".bipolynomial", ".ann"), one)
-        # A bipolynomial is coarse; with a network that is right, nothing is in doubt.
-        if one.is_doubtful and better.is_doubtful:
+    left_out = concerns.advised_against(bundle)
+    for place, one in bundle.qualities().items():
+        if one.is_doubtful and place not in left_out:
             yield f"{quality_name(place)}: {one.verdict}"
 
 

@@ -19,12 +19,18 @@ _PACKAGES = ("numpy", "scipy", "jax", "torch", "matplotlib", "bokeh")
 def provenance_section(bundle: Bundle) -> Section:
     """The section on the bundle's provenance and this program's own versions."""
     source = bundle.provenance
-    blocks: list[Block] = [_made(bundle), _logs(source)]
+    blocks: list[Block] = [
+        Fold("Versions", (_made(bundle),)),
+        Fold("Logs and their checksums", (_logs(source),)),
+    ]
     seeds, options = _flat(source.seeds), _flat(source.options)
+    told: list[Block] = []
     if seeds:
-        blocks.append(table("Seeds", ("Seed", "Value"), seeds))
+        told.append(table("Seeds", ("Seed", "Value"), seeds))
     if options:
-        blocks.append(table("Options", ("Option", "Value"), options, text=(1,)))
+        told.append(table("Options", ("Option", "Value"), options, text=(1,)))
+    if told:
+        blocks.append(Fold("Seeds and options", tuple(told)))
     blocks.append(Fold("Rig file, as used", (_rig(bundle.rig_content),)))
     return Section("provenance", "Provenance", (), tuple(blocks))
 
@@ -46,7 +52,7 @@ def _made(bundle: Bundle) -> Table:
 
 def _logs(source: Provenance) -> Table:
     rows = [
-        (e.file, e.kind or MISSING, "held out" if e.use == "holdout" else "fit", e.sha256)
+        (e.file, e.kind or MISSING, "held out" if e.use == "holdout" else "training", e.sha256)
         for e in source.logs
     ]
     columns = ("Log", "Kind", "Use", "SHA-256")
