@@ -47,14 +47,15 @@ COMMANDS = {
     "fit": "Identify parameters: one part from its logs, or a whole CAMPAIGN.toml.",
     "fleet": "`run` for every CAMPAIGN, and one page on all of them: what changed, and when.",
     "init": "Write a commented rig or campaign file to fill in.",
+    "pwm-frequency": "Which PWM frequency to run a valve at, from logs at several.",
     "refine": "All parameters of the assembled model together, by simulation error.",
     "run": "The whole pipeline, from checks to exports. Resumes where it stopped.",
     "simulate": "Open-loop simulation of the commands in INPUTS, a log.",
     "validate": "Open-loop simulation of a bundle's model against a campaign's motion logs.",
 }
 """The first line of each command's help; `NAME` is the function of that name in `NAME.py`."""
-# This file has the name of one of them.
-_FILES = {"app": "workbench"}
+# This file has the name of one of them, and a name in Python has no hyphen.
+_FILES = {"app": "workbench", "pwm-frequency": "pwm_frequency"}
 
 
 def home_of(name: str) -> str:

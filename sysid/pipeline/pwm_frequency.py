@@ -1,0 +1,118 @@
+"""The choice of a PWM frequency from constant-duty logs at several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sysid.errors import input_error
+from sysid.identification.valve_pwm.frequency import FrequencyChoice, choose_frequency
+from sysid.identification.valve_pwm.frequency_shown import frequency_section
+from sysid.io.bare_rig import read_bare_logs
+from sysid.io.files import check_each_once, write_atomic
+from sysid.io.log_constants import pwm_period
+from sysid.io.logs import Log, Trial, exclusions_for, read_log
+from sysid.io.rig import Rig, find_rig_file, read_rig
+from sysid.io.tables import require_log
+from sysid.io.units import parse_map
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrequencyFiles:
+    """The logs of a comparison, one PWM frequency each, and where its page goes.
+
+    `hertz`: the frequency of each log, in order; empty: what the ripple of its pulses shows.
+    `valve`, `least_range` as in `choose_frequency`.
+    """
+
+    logs: Sequence[Path]
+    rig: Path | None = None
+    maps: Sequence[str] = ()
+    exclude: Sequence[str] = ()
+    hertz: Sequence[float] = ()
+    valve: str | None = None
+    least_range: float | None = None
+    report: Path | None = None
+
+
+def compare_frequencies(files: FrequencyFiles) -> FrequencyChoice:
+    """Read the logs and choose among their frequencies; writes the page where one is asked for.
+
+    Raises InputError for logs that cannot be used or show no frequency, NotIdentifiedError where
+    they do not identify the linear range of the duty.
+    """
+    check_each_once(files.logs, "log")
+    if files.hertz and len(files.hertz) != len(files.logs):
+        raise input_error(
+            "--hz",
+            f"{len(files.hertz)} frequencies for {len(files.logs)} logs",
+            "give one for each log, in order",
+        )
+    logs, rig, notices = _read(files)
+    given = [1.0 / f for f in files.hertz] or [period_of(log.trials, log.path) for log in logs]
+    found = choose_frequency(
+        [(p, log.path.name, log.trials) for p, log in zip(given, logs, strict=True)],
+        rig,
+        valve=files.valve,
+        least_range=files.least_range,
+    )
+    found = found.noting(notices)
+    if files.report is not None:
+        write_atomic(files.report, _page(found, rig))
+    return found
+
+
+def _read(files: FrequencyFiles) -> tuple[list[Log], Rig, list[str]]:
+    """The logs, their rig (of bare logs the first one's), and notices."""
+    mapping = parse_map(files.maps)
+    excluded = exclusions_for(files.exclude, files.logs, mapping)
+    logs: list[Log] = []
+    rigs: list[Rig] = []
+    notices: list[str] = []
+    for path, own in zip(files.logs, excluded, strict=True):
+        require_log(path)
+        place = files.rig or find_rig_file(path)
+        if place is None:
+            bare = read_bare_logs((path,), mapping, None, (own,), readings=False)
+            rigs.append(bare.read_with)
+            logs += bare.logs
+            notices += bare.notices
+        else:
+            rigs.append(read_rig(place))
+            logs.append(read_log(path, rigs[-1], mapping, exclude=own))
+    notices += [line for log in logs for line in log.notices]
+    return logs, rigs[0], list(dict.fromkeys(notices))
+
+
+def period_of(trials: Sequence[Trial], path: Path) -> float:
+    """The PWM period that the ripple of a log's pulses shows, s. Raises InputError for none."""
+    found = pwm_period(trials)
+    if found is None:
+        raise input_error(
+            path,
+            "its pressures show no ripple of pulses, which would give its PWM frequency",
+            "give the frequency of each log with --hz, in order",
+        )
+    return found
+
+
+def _page(found: FrequencyChoice, rig: Rig) -> str:
+    from sysid.blocks.html import fill
+
+    first, *_ = found.tables()
+    section = frequency_section(found)
+    return fill(
+        "control.html",
+        name=rig.name,
+        subject="PWM frequencies",
+        facts=[("Logs", ", ".join(dict.fromkeys(r.source for r in found.responses)))],
+        level="good",
+        sentence=f"{found.headline()}.",
+        metrics=first,
+        notes=[f"Notice: {line}." for line in found.notices],
+        sections=[section],
+    )
+
+
+__all__ = ["FrequencyFiles", "compare_frequencies", "period_of"]
