@@ -126,12 +126,12 @@ def fit_by_law(
         fit = fit_averaged(flows, series)
         if law == SERIES:
             return fit, ()
-        other, _ = fit_by_law(flows, plain, AUTO)
-        total = sum(evidence_for(fit, other, flows).values())
+        single, _ = fit_by_law(flows, plain, AUTO)
+        total = sum(evidence_for(fit, single, flows).values())
         said = f"twice the log evidence for a flow control in series {total:.3g}"
         if total >= -DECISIVE:
             return fit, (f"the averaged law: the valve and its flow control in series ({said})",)
-        return other, (f"the averaged law: these tests are evidence against one ({said})",)
+        return single, (f"the averaged law: these tests are evidence against one ({said})",)
     conditions = plain
     if law == ISO6358:
         return fit_averaged(flows, replace(conditions, by_iso=True)), ()
