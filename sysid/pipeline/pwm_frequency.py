@@ -100,8 +100,8 @@ def period_of(trials: Sequence[Trial], path: Path) -> float:
 def _page(found: FrequencyChoice, rig: Rig) -> str:
     from sysid.blocks.html import fill
 
-    first, *_ = found.tables()
-    section = frequency_section(found)
+    first, *others = found.tables()
+    section = frequency_section(found.headline(), others, found.responses)
     return fill(
         "control.html",
         name=rig.name,

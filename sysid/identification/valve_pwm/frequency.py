@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from sysid.blocks.drawing import plot_panels
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table
 from sysid.errors import Failure, NotIdentifiedError, input_error, on_its_own
+from sysid.identification.valve_pwm.duty_response import DutyResponse, LinearRange, line_of
 from sysid.identification.valve_pwm.frequency_shown import (
     frequency_table,
     opening_panel,
@@ -41,81 +42,9 @@ if TYPE_CHECKING:
 
 # A line with two ends needs so many duties.
 _FEWEST_DUTIES = 6
-# A step of duty that gives less than this share of an even step is one of responses that overlap.
-_OVERLAP = 0.5
 _ROUNDS = 200
 # The one-sided quantile of a difference that is significant at 5 %.
 _SIGNIFICANT = 1.645
-
-
-@dataclass(frozen=True)
-class LinearRange:
-    """The duties `first` to `last` in which a valve's opening follows the duty, with their errors.
-
-    `std` that of last - first. The opening is `low` up to `first` and `high` from `last` on.
-    """
-
-    first: float
-    last: float
-    std: float
-    low: float = 0.0
-    high: float = 1.0
-
-    @property
-    def width(self) -> float:
-        """Of the duty, 0 to 1."""
-        return self.last - self.first
-
-
-@dataclass(frozen=True, eq=False)
-class DutyResponse:
-    """One valve at one PWM frequency: its opening over duty, and what follows.
-
-    `duty` (n,); `opening` (n,) the share of time that the valve is open, 0 at the least and 1 at
-    the largest that the tests show; `std` its standard error; `linear` the linear range of the
-    duty; `resolution` by direction (Table 3.7.1); `curves`: pressure over time of each test, with
-    its duty and whether it fills.
-    """
-
-    valve: str
-    period_s: float
-    source: str
-    duty: FloatArray
-    opening: FloatArray
-    std: float
-    linear: LinearRange
-    resolution: Mapping[str, ResolutionStudy] = field(default_factory=dict)
-    curves: tuple[tuple[float, bool, FloatArray, FloatArray], ...] = ()
-
-    @property
-    def frequency_hz(self) -> float:
-        """Of the pulses."""
-        return 1.0 / self.period_s
-
-    @property
-    def unusable_s(self) -> float:
-        """The part of a period in which the end of a pulse changes nothing, s."""
-        return (1.0 - self.linear.width) * self.period_s
-
-    @property
-    def overlapping(self) -> list[tuple[float, float]]:
-        """Neighbouring duties whose responses overlap: less than half of an even step apart."""
-        steps = np.diff(self.opening) / np.diff(self.duty)
-        least = _OVERLAP / max(self.linear.width, 1e-9) * (self.linear.high - self.linear.low)
-        near = np.flatnonzero(steps < least)
-        return [(round(float(self.duty[i]), 6), round(float(self.duty[i + 1]), 6)) for i in near]
-
-    @property
-    def unevenness(self) -> float:
-        """RMS of the opening about the line, as a share of the whole opening."""
-        line = _line(self.duty, self.linear)
-        return float(np.sqrt(np.mean((self.opening - line) ** 2)))
-
-    @property
-    def least_step(self) -> float:
-        """The step of duty whose response is twice its own standard error."""
-        slope = (self.linear.high - self.linear.low) / max(self.linear.width, 1e-9)
-        return 2.0 * math.sqrt(2.0) * self.std / slope
 
 
 @dataclass(frozen=True, repr=False)
@@ -361,7 +290,7 @@ def _width_error(duty: FloatArray, opening: FloatArray, line: LinearRange, std: 
     if line.last < duty[-1] - 1e-6:
         columns.append(-inside * rise * (duty - line.first) / width**2)
         of_width.append(1.0)
-    left = opening - _line(duty, line)
+    left = opening - line_of(duty, line)
     variance = max(float(left @ left) / max(len(duty) - len(columns), 1), std**2)
     jacobian, weights = np.column_stack(columns), np.array(of_width)
     inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
@@ -383,12 +312,6 @@ def _best(
     i = int(np.argmin(left))
     level = float(opening.mean() - slope[i] * x[i].mean())
     return LinearRange(float(a[i]), float(b[i]), 0.0, level, level + float(slope[i]))
-
-
-def _line(duty: FloatArray, linear: LinearRange) -> FloatArray:
-    """The opening (n,) by the line."""
-    x = np.clip((duty - linear.first) / linear.width, 0.0, 1.0)
-    return np.asarray(linear.low + (linear.high - linear.low) * x)
 
 
 # --- the choice ------------------------------------------------------------------------

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -11,9 +10,7 @@ from sysid.blocks.figures import Dash, Figure, Line, Mark, Panel, Points, Role, 
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, FigureGroup, Lines, Section
 from sysid.blocks.tables import Table, table
-
-if TYPE_CHECKING:
-    from sysid.identification.valve_pwm.frequency import DutyResponse, FrequencyChoice
+from sysid.identification.valve_pwm.duty_response import DutyResponse
 
 _ROLES: tuple[Role, ...] = ("second", "model", "third", "fourth")
 _DASHES: tuple[Dash, ...] = ("solid", "dashed", "dotted", "dash-dot")
@@ -105,11 +102,13 @@ def _responses_panel(response: DutyResponse, filling: bool) -> Panel:
     return Panel(Scale("Time", "s"), Scale("Pressure", "kPa"), tuple(marks))
 
 
-def frequency_section(choice: FrequencyChoice) -> Section:
-    """The section of a report on the choice of the PWM frequency."""
-    blocks: list[Block] = [Lines((f"{choice.headline()}.",)), *choice.tables()]
-    for valve in dict.fromkeys(r.valve for r in choice.responses):
-        own = [r for r in choice.responses if r.valve == valve]
+def frequency_section(
+    headline: str, tables: Iterable[Table], responses: Sequence[DutyResponse]
+) -> Section:
+    """The section of a page on the choice of the PWM frequency; `headline` says which and why."""
+    blocks: list[Block] = [Lines((f"{headline}.",)), *tables]
+    for valve in dict.fromkeys(r.valve for r in responses):
+        own = [r for r in responses if r.valve == valve]
         ranges = ", ".join(
             f"{number(r.frequency_hz)} Hz {r.linear.first:.3f} to {r.linear.last:.3f}" for r in own
         )
@@ -117,7 +116,7 @@ def frequency_section(choice: FrequencyChoice) -> Section:
             f"fig-pwm-frequency-{valve}",
             f"Valve {valve.upper()}: opening over duty",
             f"Share of time that valve {valve.upper()} is open, over duty; linear at {ranges}.",
-            (opening_panel(choice.responses, valve),),
+            (opening_panel(responses, valve),),
         )
         blocks.append(
             FigureGroup(
