@@ -167,9 +167,10 @@ def test_the_command_takes_logs_without_the_flow_control(
     )
     campaign = tmp_path / "campaign.toml"
     campaign.write_text(f'rig = "rig.toml"\n{logs}', "utf-8")
-    given, bundle = str(tmp_path / "with.csv"), str(tmp_path / "b.json")
+    given, bare, bundle = (str(tmp_path / n) for n in ("with.csv", "bare.csv", "b.json"))
+    page = tmp_path / "page.html"
     for arguments in (
-        ["valve-discrete", given, "--without-control", str(tmp_path / "bare.csv"), "--no-report"],
+        ["valve-discrete", given, "--without-control", bare, "--report", str(page)],
         [str(campaign)],
     ):
         assert main(["fit", *arguments, "-o", bundle, "--json"]) == 0
@@ -178,6 +179,9 @@ def test_the_command_takes_logs_without_the_flow_control(
         assert law["law"] == {"fill": "thesis-series", "exhaust": "thesis-series"}
         assert law["control_c_fill"]["value"] == pytest.approx(BENCH.c_fill[1], rel=0.01)
         assert [log.get("flow_control") for log in found["provenance"]["logs"]] == [None, False]
+    shown = page.read_text("utf-8")
+    assert "Flow law of valve A: the law of a flow control in series follows" in shown
+    assert "Dashed: the law that was not chosen (the thesis&#39; law and ISO 6358)" in shown
     campaign.write_text(campaign.read_text("utf-8").replace("= false", '= "no"'), "utf-8")
     assert main(["fit", str(campaign)]) == 2
     assert "flow_control = 'no' is neither true nor false" in capsys.readouterr().err

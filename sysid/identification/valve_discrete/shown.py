@@ -181,7 +181,8 @@ def _curve(
 
 def _figures(side: str, curves: Sequence[PressureCurve]) -> FigureGroup:
     """The test with the worst fit: whole, and close-ups of one filling and one discharge."""
-    worst = max(curves, key=lambda c: c.rmse)
+    # Of tests without the flow control there is no law to compare with.
+    worst = max([c for c in curves if c.rejected] or curves, key=lambda c: c.rmse)
     figures = [_panel(side, worst, "whole test", None, "whole")]
     for edges, name in ((worst.opens, "filling"), (worst.closes, "discharge")):
         if edges.size:
