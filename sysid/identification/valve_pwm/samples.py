@@ -221,7 +221,7 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
         tuple(t.supply for t in tests),
         tuple(t.volume for t in tests),
         tuple(heat * t.temperature / t.volume for t in tests),
-        _sampling(means, tests, pwm_period),
+        _sampling(means, tests, rig),
     )
     if not parts:
         none = np.empty(0)
@@ -314,14 +314,16 @@ class _PulseMean:
 
 
 def _sampling(
-    means: Sequence[_PulseMean], tests: Sequence[PwmTest], pwm_period: float
+    means: Sequence[_PulseMean], tests: Sequence[PwmTest], rig: Rig
 ) -> tuple[tuple[float, int], ...]:
     """Each test's pulse centre (a share of the period, or NaN) and the phases that its rows show.
 
     Where the pulses of all tests begin at one place among the rows, as they do where the log and
     the pulses start together, that place holds for all: pulses or pauses that fall between two
-    rows do not show it themselves.
+    rows do not show it themselves. Too few phases show none: a period starts at the test's first
+    row then, as the log format has it, and the valve moves by its declared delays.
     """
+    pwm_period = float(rig.require("pwm", "which the mean over pulses needs").period_s)
     phases = [m.phases(pwm_period) for m in means]
     centres = np.array([m.pulse_centre(t, pwm_period) for m, t in zip(means, tests, strict=True)])
     duty = np.array([t.duty for t in tests])
@@ -331,6 +333,10 @@ def _sampling(
     together = begins.mean() if len(begins) else 0.0
     if abs(together) > _TOGETHER:
         centres = (float(np.angle(together)) / (2.0 * np.pi) + 0.5 * duty) % 1.0
+    if rig.valves is not None:
+        delays = 0.5 * (rig.valves.on_delay_s + rig.valves.off_delay_s) / pwm_period
+        few = np.array(phases) < FEWEST_PHASES
+        centres = np.where(few, (delays + 0.5 * duty) % 1.0, centres)
     return tuple(zip(centres.tolist(), phases, strict=True))
 
 
