@@ -181,7 +181,7 @@ def test_the_command_takes_logs_without_the_flow_control(
         assert [log.get("flow_control") for log in found["provenance"]["logs"]] == [None, False]
     shown = page.read_text("utf-8")
     assert "Flow law of valve A: the law of a flow control in series follows" in shown
-    assert "Dashed: the law that was not chosen (the thesis&#39; law and ISO 6358)" in shown
+    assert "Broken lines: the law that was not chosen (the thesis&#39; law and ISO 6358)" in shown
     campaign.write_text(campaign.read_text("utf-8").replace("= false", '= "no"'), "utf-8")
     assert main(["fit", str(campaign)]) == 2
     assert "flow_control = 'no' is neither true nor false" in capsys.readouterr().err

@@ -10,7 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from sysid.blocks.figures import TALL_PANEL, Figure, Line, Mark, Panel, Points, Rule, Scale
+from sysid.blocks.figures import (
+    TALL_PANEL,
+    Dash,
+    Figure,
+    Line,
+    Mark,
+    Panel,
+    Points,
+    Role,
+    Rule,
+    Scale,
+)
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.sections import Block, FigureGroup, Lines, Section
 from sysid.blocks.tables import Table, table
@@ -26,6 +37,7 @@ from sysid.types import FloatArray
 
 _FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
 _DELAYS = ("on_delay_s", "off_delay_s")
+_STYLES: tuple[tuple[Role, Dash], ...] = (("second", "dashed"), ("third", "dotted"))
 _LAW_NAMES = {THESIS: "the thesis' law", ISO6358: "ISO 6358", SERIES: "a flow control in series"}
 
 
@@ -195,7 +207,7 @@ def _figures(side: str, curves: Sequence[PressureCurve]) -> FigureGroup:
         else f"Valve {side.upper()}, measured and fitted pressure, residual below."
     )
     if worst.rejected:
-        caption += f" Dashed: the law that was not chosen ({' and '.join(worst.rejected)})."
+        caption += f" Broken lines: the law that was not chosen ({' and '.join(worst.rejected)})."
     return FigureGroup(caption, tuple(figures))
 
 
@@ -212,16 +224,16 @@ def _panel(side: str, curve: PressureCurve, what: str, edge: float | None, tag: 
         Line(time, 1e-3 * fitted, "model", "fitted", width=1.0),
     )
     both += tuple(
-        Line(time, 1e-3 * other[rows], "second", f"not chosen: {name}", "dashed", 0.9)
-        for name, other in curve.rejected.items()
+        Line(time, 1e-3 * other[rows], role, f"not chosen: {name}", dash, 0.9)
+        for (role, dash), (name, other) in zip(_STYLES, curve.rejected.items(), strict=False)
     )
     below: tuple[Mark, ...] = (
         Line(time, 1e-3 * residual, "model", width=0.6),
         Rule(0.0, width=0.6),
     )
     below += tuple(
-        Line(time, 1e-3 * (measured - other[rows]), "second", "", "dashed", 0.6)
-        for other in curve.rejected.values()
+        Line(time, 1e-3 * (measured - other[rows]), role, "", dash, 0.6)
+        for (role, dash), other in zip(_STYLES, curve.rejected.values(), strict=False)
     )
     x = Scale("Time", "s")
     rmse = math.sqrt(float(np.mean(residual**2)))
