@@ -673,7 +673,7 @@ def test_what_to_do_next_is_what_advise_predicts(made: Made) -> None:
     assert row == ["motion-motor: sine 1 Hz, 5 s", "18", "friction.coulomb_nm, by 50 %"]
     plain = {**DIAGNOSIS, "verdict": "effects-found", "unexplained": [], "effects": []}
     assert next_line(made.bundle, plain, advice).startswith(
-        "motion-motor: sine 1 Hz, 5 s: standard"
+        "Run motion-motor: sine 1 Hz, 5 s: standard"
     )
     assert "distinguish" not in next_line(made.bundle, plain, None)
     assert "two known pressures" in next_line(made.bundle, DIAGNOSIS, advice)

@@ -170,7 +170,7 @@ def _diagnosis_blocks(main: Content, diagnosis: Content) -> list[Block]:
     errors = errors_of(main)
     if errors:
         caption = "RMSE on the held-out recordings, in each channel's SI unit"
-        heads = ("Channel", "Before", "After", "Correct model", "Down by")
+        heads = ("Channel", "Before", "After", "Correct model", "After / correct", "Down by")
         blocks.append(table(caption, heads, [error_cells(e) for e in errors]))
     if diagnosis["unexplained"]:
         rows = [
