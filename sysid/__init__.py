@@ -17,6 +17,7 @@
 `simulate`, `effects`           a `Model` on a log's inputs, with the catalogue's effects
 `control`                       a controller on it, in a closed loop
 `compare`                       several bundles: what moved
+`monitor`                       whether a machine, by its logs, still obeys its bundle
 `read_bundle`, `write_bundle`   a bundle in a file
 `report`, `export`              a page; C, MATLAB, JSON, FMU, MJCF
 `components`                    what a component of your own derives from
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     )
     from sysid.pipeline.fit import fit
     from sysid.pipeline.fit_part import fit_friction, fit_valve_discrete, fit_valve_pwm
+    from sysid.pipeline.monitor import monitor
     from sysid.pipeline.refine import refine
     from sysid.pipeline.report import report
     from sysid.pipeline.simulate import simulate
@@ -93,6 +95,7 @@ __all__ = [
     "fit_friction",
     "fit_valve_discrete",
     "fit_valve_pwm",
+    "monitor",
     "read_bundle",
     "read_campaign",
     "read_diagnosis",
@@ -125,6 +128,7 @@ _HOMES = {
     "fit_friction": "sysid.pipeline.fit_part",
     "fit_valve_discrete": "sysid.pipeline.fit_part",
     "fit_valve_pwm": "sysid.pipeline.fit_part",
+    "monitor": "sysid.pipeline.monitor",
     "read_bundle": "sysid.pipeline.files",
     "read_campaign": "sysid.pipeline.files",
     "read_diagnosis": "sysid.pipeline.diagnosed",

@@ -47,6 +47,7 @@ COMMANDS = {
     "fit": "Identify parameters: one part from its logs, or a whole CAMPAIGN.toml.",
     "fleet": "`run` for every CAMPAIGN, and one page on all of them: what changed, and when.",
     "init": "Write a commented rig or campaign file to fill in.",
+    "monitor": "Alarms where the machine of each LOG no longer obeys BUNDLE, by kind of drift.",
     "pwm-frequency": "Which PWM frequency to run a valve at, from logs at several.",
     "refine": "All parameters of the assembled model together, by simulation error.",
     "run": "The whole pipeline, from checks to exports. Resumes where it stopped.",

@@ -89,7 +89,9 @@ def export_bundle(
         from sysid.exporters.check_files import check_texts, write_check
 
         listed = listed_effects(bundle, catalogue)
-        made = render(flat, prefix, listed, bundle, accept_assumed=accept_assumed)
+        made = render(
+            flat, prefix, listed, bundle, accept_assumed=accept_assumed, catalogue=catalogue
+        )
         write_atomic(path, made.text)
         if check:
             write_check(check_folder(path), check_texts(flat, made, prefix, f"../{path.name}"))

@@ -66,7 +66,7 @@ def controllers(flat: Flat, model: ControlModel, n: Names) -> str:
     fixed = resources.files("sysid.exporters").joinpath("control.h.in").read_text("utf-8")
     pieces = {
         "@structs@": "\n".join(_gains(flat, model, n)),
-        "@laws@": "\n".join(_function(law, n) for law in model.laws),
+        "@laws@": "\n".join(function_text(law, n) for law in model.laws),
         "@inverses@": "\n".join(_inverse(flat, side, n) for side in SIDES),
     }
     for mark, text in pieces.items():
@@ -144,7 +144,7 @@ static const @p@{name} @p@{name}_defaults = {{
 """
 
 
-def _function(law: ControlLaw, n: Names) -> str:
+def function_text(law: ControlLaw, n: Names) -> str:
     """A law as a C function; its results are worked out before the first is set."""
     made = reduced(*law.results.values())
     lines, results = all_statements(made, n)
@@ -190,4 +190,4 @@ static inline @p@real @p@duty_{side}(int inverse, @p@real flow_kg_s, @p@real pre
 """
 
 
-__all__ = ["AVERAGED", "controllers", "gain_values", "gains", "inverses"]
+__all__ = ["AVERAGED", "controllers", "function_text", "gain_values", "gains", "inverses"]

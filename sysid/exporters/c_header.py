@@ -21,9 +21,10 @@ from sysid.exporters.c_text import Names, comment_text, constant, has, names, re
 from sysid.exporters.flat import Flat, NumberTable, inertia_name, values
 from sysid.io.channels import SIDES
 from sysid.parameters import Bundle, assumptions
-from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.entry import Catalogue, CatalogueEffect
 
 if TYPE_CHECKING:  # sympy is loaded where a header is written
+    from sysid.exporters.c_monitor import MonitorInC
     from sysid.exporters.control_model import ControlModel
 
 _MEANING = {
@@ -119,6 +120,7 @@ class Header:
     constants: NumberTable
     control: ControlModel | None
     why_no_control: str = ""
+    has_monitor: bool = False
 
 
 def render(
@@ -128,8 +130,10 @@ def render(
     bundle: Bundle,
     *,
     accept_assumed: bool = False,
+    catalogue: Catalogue | None = None,
+    monitor: bool = True,
 ) -> Header:
-    """The header of a bundle's content.
+    """The header of a bundle's content, with a `monitor` where it has the controllers' model.
 
     `effects` are the bundle's, None for an invalid entry. Without `accept_assumed` it holds no
     controllers if these would use an assumed constant. Raises InputError for a prefix that is not a
@@ -141,21 +145,24 @@ def render(
     features = _features(flat, held, laws)
     control = _control(bundle, flat, held, effects, n, accept_assumed)
     features["HAS_CONTROLLERS"] = not isinstance(control, str)
+    watch = _monitor(bundle, control, catalogue) if monitor else "it was not asked for"
     guard = f"{n.upper}CONTROLLER_H"
     functions = [
         *(law.text for law in laws if law.text and features[law.feature]),
         held.text(),
         surfaces(flat, n),
         "" if isinstance(control, str) else _controllers(flat, control, n),
+        "" if isinstance(control, str) or isinstance(watch, str) else _monitor_laws(control, n),
     ]
     parts = [
         _title(bundle, flat, held, features["HAS_CONTROLLERS"]),
         f"#ifndef {guard}\n#define {guard}\n\n#include <math.h>\n",
         _NO_FAST_MATH,
-        _feature_lines(features, held, n),
+        _feature_lines(features, held, watch if monitor else None, n),
         mathematics(n),
         _constant_lines(held, flat.rig.assumed, n),
         guarded("\n".join(part for part in functions if part), n),
+        "" if isinstance(watch, str) else _monitor_text(watch, n),
         f"#endif /* {guard} */\n",
     ]
     text = "\n".join(part for part in parts if part)
@@ -168,7 +175,28 @@ def render(
     if control.ignored:
         ids = ", ".join(control.ignored)
         notices.append(f"the controllers in C omit {ids}, whose code has no form in C")
-    return Header(text, notices, present, held.constants, control)
+    has_monitor = not isinstance(watch, str)
+    return Header(text, notices, present, held.constants, control, has_monitor=has_monitor)
+
+
+def _monitor(
+    bundle: Bundle, control: ControlModel | str, catalogue: Catalogue | None
+) -> MonitorInC | str:
+    from sysid.exporters.c_monitor import monitor_of
+
+    return monitor_of(bundle, control, catalogue)
+
+
+def _monitor_laws(control: ControlModel, n: Names) -> str:
+    from sysid.exporters.c_monitor import monitor_laws
+
+    return monitor_laws(control, n)
+
+
+def _monitor_text(made: MonitorInC, n: Names) -> str:
+    from sysid.exporters.c_monitor import monitor_text
+
+    return monitor_text(made, n)
 
 
 def _control(
@@ -266,10 +294,15 @@ def _title(bundle: Bundle, flat: Flat, effects: EffectsInC, has_controllers: boo
     return f"/*\n{body}\n */"
 
 
-def _feature_lines(features: dict[str, bool], effects: EffectsInC, n: Names) -> str:
+def _feature_lines(
+    features: dict[str, bool], effects: EffectsInC, watch: MonitorInC | str | None, n: Names
+) -> str:
     lines = ["/* --- contained (1) or absent (0) in this header --- */", ""]
     lines += [has(f"{n.upper}{feature}", present) for feature, present in features.items()]
     lines += effects.features()
+    if watch is not None:
+        why = f" /* {comment_text(watch, 300)} */" if isinstance(watch, str) else ""
+        lines.append(has(f"{n.upper}HAS_MONITOR", not why) + why)
     return "\n".join(lines) + "\n"
 
 

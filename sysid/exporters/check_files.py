@@ -49,6 +49,10 @@ def checked_rows(flat: Flat, made: Header, rows: int = ROWS, seed: int = _SEED) 
     replays += [function.replay() for function in surface_functions(flat)]
     if made.control is not None:
         replays += control_replays(flat, made.control.design)
+    if made.control is not None and made.has_monitor:
+        from sysid.exporters.c_monitor import MONITOR_FUNCTIONS
+
+        replays += [function.replay(made.control.design) for function in MONITOR_FUNCTIONS]
     return [vectors(replay, parameters, rows, seed) for replay in replays]
 
 

@@ -28,19 +28,17 @@ from sysid.plant.base import Parameters, parameter_names
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
 
-"""Stands for an infinite number in C; within the range of single precision."""
-
-
 # An effect in numbers, and on the names of its constants.
 _Pair = tuple[CatalogueEffect, CatalogueEffect]
 
 
 @dataclass(frozen=True)
 class ControlModel:
-    """What the controllers in C know: their laws, and the same model in numbers."""
+    """What the controllers in C know: their laws, the same model in numbers, and on names."""
 
     design: DesignModel
     laws: tuple[ControlLaw, ...]
+    named: DesignModel
     ignored: tuple[str, ...] = ()
 
 
@@ -77,7 +75,9 @@ def control_model(
     assert laws is not None  # each has a form in C, and they act one after the other
     model = Model(design.parameters, tuple(effect for effect, _ in kept))
     ignored = tuple(pair[0].id for pair in known if not any(pair is k for k in kept))
-    return ControlModel(_with_model(design, model), laws, ignored)
+    on_its_names = Model(parameters, tuple(named for _, named in kept))
+    named = _with_model(design, on_its_names)
+    return ControlModel(_with_model(design, model), laws, named, ignored)
 
 
 def _with_model(design: DesignModel, model: Model) -> DesignModel:

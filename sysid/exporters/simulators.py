@@ -98,7 +98,9 @@ def _controllers(
     from sysid.exporters.fmu_controllers import controllers_fmu
 
     flat = flatten(bundle, "")
-    made = render(flat, DEFAULT_PREFIX, effects, bundle, accept_assumed=accept_assumed)
+    made = render(
+        flat, DEFAULT_PREFIX, effects, bundle, accept_assumed=accept_assumed, monitor=False
+    )
     if made.control is None:
         return made.why_no_control
     return controllers_fmu(bundle, flat, made, made.control)

@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 from sysid.errors import input_error
 from sysid.io.campaign import SIMULATED_KINDS, Campaign
 from sysid.parameters import Bundle
+from sysid.parameters.scatter import bench_scatter
 from sysid.plant.effects.catalogue import catalogue as own_catalogue
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.effects.linear import for_rig
@@ -26,6 +27,7 @@ from sysid.recording.motion_tests import MotionTest
 from sysid.refinement.advice_result import AdviceResult, CandidateTest, Tie
 from sysid.refinement.candidates import CandidateMotion, candidate_motions
 from sysid.refinement.effect_sizes import effect_sizes
+from sysid.refinement.estimation import FrictionScatter
 from sysid.refinement.expected_errors import with_expected_errors
 from sysid.refinement.information import covariance
 from sysid.refinement.options import (
@@ -38,7 +40,7 @@ from sysid.refinement.options import (
     runs_of_tests,
 )
 from sysid.refinement.probes import Probes, probes_of
-from sysid.refinement.refine import bench_scatter, check_on_off_law, motion_tests_of
+from sysid.refinement.refine import check_on_off_law, motion_tests_of
 from sysid.refinement.unknowns import Unknown, chosen, unknowns_of, without_own_data
 from sysid.types import FloatArray, Progress, no_progress
 
@@ -90,7 +92,7 @@ def begin(
     entries = campaign.select(SIMULATED_KINDS, use="fit")
     logged = motion_tests_of(campaign, entries, bundle, notices, needed=False)
     unknowns = tuple(_known_without(bundle, chosen(unknowns_of(bundle, rig, model))))
-    scatter = bench_scatter(bundle)
+    scatter = FrictionScatter(*bench_scatter(bundle.friction))
     setting = AdviceSetting(rig, model, unknowns, noise_of(logged, rig), scatter.pair)
     progress("refining the motion logs")
     with threadpool_limits(1, user_api="blas"):

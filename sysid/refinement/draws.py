@@ -12,10 +12,9 @@ import numpy as np
 from sysid.errors import NotIdentifiedError
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
-from sysid.parameters.refinement import ScatterOfFriction
+from sysid.parameters.scatter import friction_scatter
 from sysid.plant.ports import Model
 from sysid.refinement.prior import prior_factor
-from sysid.refinement.refine import bench_scatter
 from sysid.refinement.unknowns import Unknown, model_at, unknowns_of
 from sysid.types import FloatArray
 
@@ -77,7 +76,7 @@ def with_test_scatter(bundle: Bundle, models: Sequence[Model], seed: int) -> lis
     Sliding and static friction scatter from test to test as the refinement found it, else as the
     bench tests showed it.
     """
-    share = np.array(_scatter(bundle))
+    share = np.array(friction_scatter(bundle))
     rng = np.random.default_rng([seed, 1])
     found = []
     for model in models:
@@ -90,13 +89,6 @@ def with_test_scatter(bundle: Bundle, models: Sequence[Model], seed: int) -> lis
         )
         found.append(Model(own, model.effects))
     return found
-
-
-def _scatter(bundle: Bundle) -> tuple[float, float]:
-    refined = None if bundle.refinement is None else bundle.refinement.friction_scatter
-    if not isinstance(refined, ScatterOfFriction):
-        return bench_scatter(bundle).pair
-    return float(refined.sliding), float(refined.static)
 
 
 def _fitted(bundle: Bundle, rig: Rig, model: Model) -> list[Unknown]:

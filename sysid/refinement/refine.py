@@ -39,7 +39,7 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import assumed_parameters, fitted_inertia
 from sysid.parameters.declared import contradictions
-from sysid.parameters.friction import Friction
+from sysid.parameters.scatter import bench_scatter
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
 from sysid.recording.even import recorded
@@ -77,11 +77,8 @@ from sysid.refinement.whole_tests import (
 from sysid.types import FloatArray, Progress, no_progress
 
 SEGMENT_S = 1.0
-_LEAST_SCATTER, _MOST_SCATTER = 2e-3, 0.1
 # A parameter is informed by motion where its error falls below this share of the bench tests'.
 _INFORMED = 0.9
-# Where no bench test shows the scatter of friction: a usual one, believed as much as five tests.
-_ASSUMED_SCATTER, _ASSUMED_TESTS = 0.02, 5.0
 
 
 def refine(
@@ -126,7 +123,7 @@ def refine(
     numbers_of(unknowns, profile)  # a name that is none is refused before anything is computed
     progress("reading motion logs")
     tests = motion_tests_of(campaign, entries, bundle, notices)
-    scatter = bench_scatter(bundle)
+    scatter = FrictionScatter(*bench_scatter(bundle.friction))
     problem = _problem(campaign, tests, unknowns, model, scatter)
     progress(f"estimating {len(unknowns)} parameters on {len(problem.runs)} segments")
     found = _estimated(problem, scatter, tests, robust, progress, by_differences)
@@ -290,24 +287,6 @@ def motion_tests_of(
     return [t for t in found if t.counted(t.whole) >= LEAST_ROWS]
 
 
-def bench_scatter(bundle: Bundle) -> FrictionScatter:
-    """Friction's scatter from test to test as the bench tests showed it; 2 % where they did not."""
-    pairs = (("coulomb", "friction-sliding"), ("static", "friction-static"))
-    found = [_bench_scatter(bundle.friction, *pair) for pair in pairs]
-    return FrictionScatter(found[0][0], found[1][0], min(tests for _, tests in found))
-
-
-def _bench_scatter(friction: Friction | None, name: str, kind: str) -> tuple[float, float]:
-    """Relative scatter about one law, and the number of tests behind it."""
-    quality = friction.quality if friction is not None else None
-    own = quality.get(kind) if isinstance(quality, dict) else None
-    value = None if friction is None else friction.parameter(name)
-    if own is None or not own.rmse or value is None or not value.identified:
-        return _ASSUMED_SCATTER, _ASSUMED_TESTS
-    share = float(own.rmse) / max(abs(float(value.value)), 1e-12)
-    return min(max(share, _LEAST_SCATTER), _MOST_SCATTER), float(own.samples)
-
-
 def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatArray]:
     """The unknowns with their estimates, and the correlation of their errors (p, p)."""
     solution, unknowns = found.solution, found.problem.unknowns
@@ -415,4 +394,4 @@ def _left_out_notice(runs: Sequence[Run]) -> str:
     )
 
 
-__all__ = ["bench_scatter", "check_on_off_law", "motion_tests_of", "refine"]
+__all__ = ["check_on_off_law", "motion_tests_of", "refine"]

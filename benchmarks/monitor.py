@@ -1,0 +1,288 @@
+"""The monitor on generated machines: false alarms while healthy, and what it finds of wear.
+
+    python benchmarks/monitor.py healthy [--machines 8] [--hours 0.5] [--first 5000]
+    python benchmarks/monitor.py wear [--machines 10] [--first 5000]
+
+Machines are the generator's: its equations, integrator and sensors are its own. A machine repeats
+a motion of its own to and fro, on/off or under PWM, until an end stop; friction scatters from
+cycle to cycle as the bundle says. Its bundle is off by errors of the size that it states.
+
+`healthy`: how many alarms there are in so many hours of motion. `wear`: each drift at twice the
+smallest change that the monitor states for ten cycles of this machine's motion; how many are found
+within ten cycles, and named rightly.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(REPOSITORY))
+
+from datasets.generator.effects.catalogue import Injected  # noqa: E402
+from datasets.generator.rigs import GeneratedRig, random_rig  # noqa: E402
+from datasets.generator.runs import Commands, Start, simulated  # noqa: E402
+from datasets.generator.sensors import measured  # noqa: E402
+from sysid.controllers.monitor.design import MonitorDesign, monitor_design  # noqa: E402
+from sysid.controllers.monitor.drifts import DRIFTS, NAMES, TESTED, UNDECIDED  # noqa: E402
+from sysid.controllers.monitor.evidence import WITHIN, Pool, detectable, mean_cycle  # noqa: E402
+from sysid.controllers.monitor.logged import CycleVerdict, Samples, monitored  # noqa: E402
+from sysid.io.motion import LINEAR, ROTARY  # noqa: E402
+from sysid.parameters import Bundle  # noqa: E402
+from sysid.parameters.content import SCHEMA  # noqa: E402
+from sysid.parameters.files import bundle_from_json  # noqa: E402
+from sysid.types import FloatArray  # noqa: E402
+
+# Relative standard errors of a bundle's numbers, and of the delays, s, as usual campaigns give.
+FRICTION_ERROR, FLOW_ERROR, DELAY_ERROR_S = 0.01, 0.003, 3e-5
+SCATTER = 0.02
+SETTLING = 15
+"""Healthy cycles before a drift begins."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A generated machine at work: its rig, its bundle, and the motion that it repeats."""
+
+    rig: GeneratedRig
+    bundle: Bundle
+    rest_s: float
+    stroke_s: float
+    duties: tuple[float, float] | None
+    motor: float
+
+    def commands(self) -> Commands:
+        """One cycle: B open at first, then A, then B."""
+        h = self.rig.row_period
+        rest, stroke = round(self.rest_s / h), round(self.stroke_s / h)
+        a = np.concatenate((np.zeros(rest), np.ones(stroke), np.zeros(stroke + 1)))
+        motor = self.motor * (2.0 * a - 1.0)
+        if self.duties is None:
+            return Commands(motor, valve_a=a, valve_b=1.0 - a)
+        high, low = self.duties
+        duty_a, duty_b = low + (high - low) * a, high + (low - high) * a
+        # No pulse lasts from one cycle into the next, which is integrated anew.
+        quiet = 1 + 2 * round(float(self.rig.content["pwm"]["period_s"]) / h)
+        duty_a[-quiet:] = duty_b[-quiet:] = 0.0
+        return Commands(motor, duty_a=duty_a, duty_b=duty_b)
+
+
+def machine(seed: int) -> Machine:
+    """The machine of a seed."""
+    rng = np.random.default_rng([seed, 1])
+    rig = random_rig(rng, motion=("rotary", "linear")[seed % 2])
+    duties = None
+    if seed % 3 == 2:
+        duties = float(rng.uniform(0.6, 0.9)), float(rng.uniform(0.05, 0.2))
+    motor = float(rng.uniform(0.0, 0.3)) * rig.max_effort if seed % 5 == 4 else 0.0
+    periods = 1.0 / rig.row_period
+    rest, stroke = rng.uniform(0.1, 0.5), rng.uniform(0.6, 1.5)
+    # Whole PWM periods, so that each cycle begins with one.
+    rest, stroke = (5.0 * round(v * periods / 5.0) / periods for v in (rest, stroke))
+    return Machine(rig, _bundle(rig, rng), rest, stroke, duties, motor)
+
+
+def _bundle(rig: GeneratedRig, rng: np.random.Generator) -> Bundle:
+    """A bundle of the rig's truth, off by errors of the size that it states."""
+
+    def known(value: float, std: float, unit: str) -> dict[str, Any]:
+        return {"value": value + std * float(rng.standard_normal()), "std": std, "unit": unit}
+
+    truth = rig.truth_content()
+    units = LINEAR if rig.is_linear else ROTARY
+    friction = {
+        key: known(value, FRICTION_ERROR * value, units.unit(name))
+        for (key, value), name in zip(
+            truth["friction"].items(), units.named(truth["friction"]), strict=True
+        )
+    }
+    valves = {}
+    for side, law in truth["valves"].items():
+        other = {"c_fill": "kg/(s Pa^0.5)", "c_dis": "kg/(s Pa)"}
+        flows = {
+            key: known(value, FLOW_ERROR * value, other.get(key, "kg/s"))
+            for key, value in law.items()
+        }
+        delays = {
+            key: known(float(rig.content["valves"][key]), DELAY_ERROR_S, "s")
+            for key in ("on_delay_s", "off_delay_s")
+        }
+        level = float(rig.content["air"]["supply_pressure_pa"])
+        valves[side] = {"discrete": {**flows, **delays, "supply_pressure_pa": level}}
+    content = {
+        "schema": SCHEMA,
+        "created": "2026-01-02T03:04:05+00:00",
+        "sysid_version": "0",
+        "rig": rig.content,
+        "friction": friction,
+        "valves": valves,
+        "effects": [],
+        "provenance": {"logs": [], "seeds": {}, "options": {}},
+    }
+    return bundle_from_json(content, Path("generated.json"))
+
+
+@dataclass(frozen=True)
+class Change:
+    """What became of a machine: factors and terms on its truth, by the name of the drift."""
+
+    name: str = ""
+    size: float = 0.0
+
+    def rig(self, rig: GeneratedRig) -> GeneratedRig:
+        """The rig with a leak or a late valve, which are effects of the generator."""
+        name, side = self.name, self.name[-1:]
+        if name == "piston_leak":
+            effect = Injected("piston-leakage", "quadratic", "", {"piston_quadratic": self.size})
+        elif name.startswith("leak_"):
+            effect = Injected(
+                "atmosphere-leakage", "quadratic", side, {"leak_quadratic": self.size}
+            )
+        elif "delay" in name:
+            edge = name.partition("_")[0]
+            effect = Injected("valve-delay", edge, side, {f"{edge}_delay_s": self.size})
+        else:
+            return rig
+        return replace(rig, effects=(effect,))
+
+    def of(self, name: str) -> float:
+        """Its size, where it is of this drift."""
+        return self.size if self.name == name else 0.0
+
+
+def cycles(
+    made: Machine, count: int, rng: np.random.Generator, change: Change | None = None
+) -> Iterator[dict[str, FloatArray]]:
+    """The rows of each cycle; `change` begins after `SETTLING` of them."""
+    rig, commands = made.rig, made.commands()
+    position, pressures = -rig.half_travel, (rig.atmosphere, float(_supply(rig)))
+    for k in range(count):
+        now = change if change is not None and k >= SETTLING else Change()
+        sliding, static = np.exp(SCATTER * rng.standard_normal(2))
+        own = now.rig(rig)
+        plant = own.plant(static, sliding)
+        plant = plant._replace(
+            coulomb_friction=plant.coulomb_friction + now.of("coulomb"),
+            static_friction=plant.static_friction + now.of("coulomb"),
+            viscous_friction=plant.viscous_friction + now.of("viscous"),
+            supply=plant.supply + now.of("supply"),
+        )
+        start = Start(position, *pressures, (0, int(made.duties is None)))
+        states = simulated(own, plant, commands, start)
+        position, pressures = float(states[-1, 0]), (float(states[-1, 2]), float(states[-1, 3]))
+        columns = commands.columns(rig) | measured(states, own, rig.truth.pressure_noise_pa, rng)
+        yield {name: values[:-1] for name, values in columns.items()}
+
+
+def _supply(rig: GeneratedRig) -> float:
+    return float(rig.content["air"]["supply_pressure_pa"])
+
+
+def samples_of(made: Machine, rows: list[dict[str, FloatArray]]) -> Samples:
+    """The cycles as one recorded test."""
+    columns = {name: np.concatenate([own[name] for own in rows]) for name in rows[0]}
+    n = len(next(iter(columns.values())))
+    position = "position_m" if made.rig.is_linear else "theta_rad"
+    motor = columns.get("motor_force_n", columns.get("motor_torque_nm", np.zeros(n)))
+    stem = "valve" if made.duties is None else "duty"
+    return Samples(
+        np.arange(n) * made.rig.row_period,
+        columns[position],
+        {s: columns[f"pressure_{s}_pa"] for s in "ab"},
+        motor,
+        {s: columns[f"{stem}_{s}"] for s in "ab"},
+        dict.fromkeys("ab", made.duties is not None),
+    )
+
+
+def watched(
+    made: Machine, design: MonitorDesign, count: int, seed: int, change: Change | None = None
+) -> list[CycleVerdict]:
+    """The monitor's verdicts over so many cycles."""
+    rng = np.random.default_rng([seed, 2])
+    rows = list(cycles(made, count, rng, change))
+    pool = Pool(design.scatter, design.errors, design.scales)
+    return monitored(design, samples_of(made, rows), pool)
+
+
+def changes_of(made: Machine, design: MonitorDesign, seed: int) -> FloatArray:
+    """The smallest detectable changes within ten cycles of this machine's motion, (p,) SI."""
+    seen = watched(made, design, 4, seed + 1_000_000)
+    mean = mean_cycle([c.cycle for c in seen])
+    found = detectable(mean, design.scatter, design.errors, design.scales)
+    return found.by_cycles[max(WITHIN)]
+
+
+@dataclass(frozen=True)
+class Found:
+    """What became of one drift: the kind at its first alarm, and after how many cycles."""
+
+    seed: int
+    drift: str
+    size: float
+    first: int | None
+    kind: str
+    before: int
+
+
+def wear(seed: int, times: float) -> Iterator[Found]:
+    """Each drift of one machine at so many times its smallest detectable change."""
+    made = machine(seed)
+    design = monitor_design(made.bundle)
+    sizes = changes_of(made, design, seed)
+    for k in TESTED:
+        if not np.isfinite(sizes[k]):
+            yield Found(seed, NAMES[k], float("inf"), None, "", 0)
+            continue
+        # Growing friction and leaks, late valves, a supply that falls.
+        size = times * float(sizes[k]) * (-1.0 if NAMES[k] == "supply" else 1.0)
+        seen = watched(made, design, SETTLING + max(WITHIN) + 1, seed, Change(NAMES[k], size))
+        # The verdict of cycle k comes with the turn in the cycle after it.
+        kinds = [c.verdict.kind for c in seen]
+        after = [i for i, kind in enumerate(kinds) if i >= SETTLING - 1 and kind]
+        first = after[0] - SETTLING + 2 if after else None
+        named = next((kinds[i] for i in after if kinds[i] != UNDECIDED), "")
+        before = sum(1 for kind in kinds[: SETTLING - 1] if kind)
+        yield Found(seed, NAMES[k], size, first, named or (UNDECIDED if after else ""), before)
+
+
+def show_wear(seeds: range, times: float) -> None:
+    """Prints what was found, drift by drift and over all."""
+    total: Counter[str] = Counter()
+    for seed in seeds:
+        for found in wear(seed, times):
+            kind = DRIFTS[NAMES.index(found.drift)].kind
+            in_time = found.first is not None and found.first <= max(WITHIN)
+            possible = np.isfinite(found.size)
+            total["asked"] += possible
+            total["found"] += in_time
+            total["named"] += in_time and found.kind == kind
+            total[f"found {kind}"] += in_time
+            total[f"named {kind}"] += in_time and found.kind == kind
+            total[f"asked {kind}"] += possible
+            total["before"] += found.before
+            print(found, flush=True)
+        print(dict(total), flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=("wear",))
+    parser.add_argument("--machines", type=int, default=10)
+    parser.add_argument("--first", type=int, default=5000)
+    parser.add_argument("--times", type=float, default=2.0)
+    asked = parser.parse_args()
+    seeds = range(asked.first, asked.first + asked.machines)
+    show_wear(seeds, asked.times)
+
+
+if __name__ == "__main__":
+    main()
