@@ -273,15 +273,40 @@ def show_wear(seeds: range, times: float) -> None:
         print(dict(total), flush=True)
 
 
+def show_healthy(seeds: range, hours: float) -> None:
+    """Prints the alarms in so many hours of each machine, in stretches of 50 cycles."""
+    alarms, count, time_s = 0, 0, 0.0
+    for seed in seeds:
+        made = machine(seed)
+        design = monitor_design(made.bundle)
+        pool, left, part = Pool(design.scatter, design.errors, design.scales), 3600.0 * hours, 0
+        while left > 0.0:
+            rng = np.random.default_rng([seed, 3, part])
+            given = samples_of(made, list(cycles(made, 50, rng)))
+            seen = monitored(design, given, pool)
+            alarms += sum(1 for c in seen if c.verdict.alarms)
+            count, part = count + len(seen), part + 1
+            left -= float(given.time[-1])
+            time_s += float(given.time[-1])
+        print(
+            f"machine {seed}: {alarms} alarms in {count} cycles, {time_s / 3600.0:.2f} h",
+            flush=True,
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("wear",))
+    parser.add_argument("what", choices=("healthy", "wear"))
     parser.add_argument("--machines", type=int, default=10)
     parser.add_argument("--first", type=int, default=5000)
     parser.add_argument("--times", type=float, default=2.0)
+    parser.add_argument("--hours", type=float, default=0.5)
     asked = parser.parse_args()
     seeds = range(asked.first, asked.first + asked.machines)
-    show_wear(seeds, asked.times)
+    if asked.what == "healthy":
+        show_healthy(seeds, asked.hours)
+    else:
+        show_wear(seeds, asked.times)
 
 
 if __name__ == "__main__":

@@ -184,7 +184,11 @@ def _chamber(design: MonitorDesign, side: str, samples: Samples, stretches: _Str
     )
     found = _run("chamber", side, fixed, columns, float(readings[0]))
     values, slopes, counts, mean, ends = (part[grid.ends_sample] for part in found)
-    return _Shown(values, slopes, counts, np.where(stretches.follows, mean - ends, 0.0))
+    return _Shown(values, slopes, counts, _kink(mean - ends, stretches.follows))
+
+
+def _kink(found: FloatArray, follows: BoolArray) -> FloatArray:
+    return np.where(follows & np.isfinite(found), found, 0.0)
 
 
 def _shaft(
@@ -248,6 +252,9 @@ def _compiled(kind: str, side: str, structure: Any) -> Any:
             *(after, anew, state),
         )
 
+    def finite(shown: Any, state: Any) -> Any:
+        return jnp.where(jnp.isfinite(shown.value + sum(shown.slopes) + state), 1.0, 0.0)
+
     def chambers(numbers: Any, rows: Any, first: Any) -> Any:
         model, noise, scales, (swept, *choked) = put_together(structure, numbers)
         variance = noise.pressure**2
@@ -265,12 +272,11 @@ def _compiled(kind: str, side: str, structure: Any) -> Any:
             mean = mean + 0.5 * share * (state.pressure + ahead.pressure)
             after, shown = chamber_seen(ahead, reading, variance)
             anew = chamber_start(reading, variance)
-            ended = chosen(follows, known, after, anew, state)
+            ok = follows * finite(shown, after.pressure)
+            ended = chosen(ok, known, after, anew, state)
             kept = jax.tree_util.tree_map(lambda a, b: jnp.where(ends > 0.0, a, b), ended, ahead)
-            used = [
-                jnp.where(follows > 0.0, v, 0.0) for v in (shown.value, jnp.stack(shown.slopes))
-            ]
-            out = (*used, follows, mean, 0.5 * (begun + ahead.pressure))
+            used = [jnp.where(ok > 0.0, v, 0.0) for v in (shown.value, jnp.stack(shown.slopes))]
+            out = (*used, ok, mean, 0.5 * (begun + ahead.pressure))
             begun = jnp.where(ends > 0.0, kept.pressure, begun)
             return (kept, jnp.where(ends > 0.0, 0.0, mean), begun), out
 
@@ -287,10 +293,10 @@ def _compiled(kind: str, side: str, structure: Any) -> Any:
             ahead = shaft_ahead(state, effort, noise.period, shaft, scales)
             after, shown = shaft_seen(ahead, reading, variance)
             anew = shaft_start(reading, variance, speed**2)
-            kept = chosen(follows, known, after, anew, state)
-            used = [
-                jnp.where(follows > 0.0, v, 0.0) for v in (shown.value, jnp.stack(shown.slopes))
-            ]
+            ok = follows * finite(shown, after.velocity)
+            kept = chosen(ok, known, after, anew, state)
+            counts = ok * counts
+            used = [jnp.where(ok > 0.0, v, 0.0) for v in (shown.value, jnp.stack(shown.slopes))]
             return kept, (*used, counts)
 
         return jax.lax.scan(step, shaft_start(first, variance, speed**2), rows)[1]

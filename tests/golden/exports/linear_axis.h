@@ -83,6 +83,7 @@
 #define SYSID_EFFECTS_ACT_ON_CONSTANTS_OVER_TIME 0
 #define SYSID_EFFECTS_CONTAINED 1
 #define SYSID_EFFECTS_NOT_CONTAINED 0
+#define SYSID_HAS_MONITOR 0 /* the rig file has no _pwm_, whose period they need */
 
 /* --- real numbers: double, or what SYSID_REAL says (-DSYSID_REAL=float) --- */
 
