@@ -17,6 +17,7 @@ from sysid.io.channels import SIDES
 from sysid.io.motion import MotionUnits
 from sysid.io.rig import Rig
 from sysid.parameters.assembled_model import model_from_bundle
+from sysid.parameters.base import read_number
 from sysid.parameters.content import BundleContent
 from sysid.parameters.scatter import friction_scatter
 from sysid.parameters.table import ParameterRow, table_of
@@ -180,7 +181,8 @@ def _pressure_noise(bundle: BundleContent) -> float:
     if declared:
         return float(declared)
     laws = (bundle.valve(side).discrete for side in SIDES)
-    shown = [float(law.noise_pa) for law in laws if law is not None and law.noise_pa]
+    found = (read_number(law.noise_pa) for law in laws if law is not None)
+    shown = [noise for noise in found if noise]
     if not shown:
         raise input_error(
             bundle.source,
@@ -272,7 +274,8 @@ def _std(rows: list[ParameterRow], value: float, off: float) -> tuple[float, boo
 def _supply_error(bundle: BundleContent, supply: float) -> tuple[float, bool]:
     """How far the pressure at which the chambers settled, open to the supply, is from it."""
     laws = (bundle.valve(side).discrete for side in SIDES)
-    seen = [float(law.supply_pressure_pa) for law in laws if law and law.supply_pressure_pa]
+    found = (read_number(law.supply_pressure_pa) for law in laws if law is not None)
+    seen = [level for level in found if level]
     if not seen:
         return _UNKNOWN * supply, False
     noise = _pressure_noise(bundle)

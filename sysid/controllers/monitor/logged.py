@@ -89,7 +89,10 @@ def monitored(design: MonitorDesign, samples: Samples, pool: Pool) -> list[Cycle
     stretches = _stretches(design, samples)
     seen = [_chamber(design, side, samples, stretches) for side in SIDES]
     shaft = _shaft(design, samples, stretches, [own.kink for own in seen])
-    sensors = [*zip((CHAMBER[s] for s in SIDES), seen, strict=True), (SHAFT, shaft)]
+    sensors = list(zip((CHAMBER[s] for s in SIDES), seen, strict=True))
+    if not any(samples.is_duty.values()):
+        # Under PWM the effort's ripple is not resolved well enough to speak of friction.
+        sensors.append((SHAFT, shaft))
     strokes, cycle, found, begun = Strokes(SHARE * design.stroke), Cycle(), [], 0
     for k, x in enumerate(samples.position):
         if not stretches.known[k] or not strokes.ends(float(x)):
@@ -287,8 +290,8 @@ def _compiled(kind: str, side: str, structure: Any) -> Any:
         variance, shaft = noise.position**2, ShaftNumbers(*held)
 
         def step(state: Any, row: Any) -> Any:
-            pressures, motor, reading, follows, known = row[:2], row[2], *row[3:]
-            effort = shaft_effort(*(model, state.position, state.velocity), *pressures, motor)
+            at_a, at_b, motor, reading, follows, known = row
+            effort = shaft_effort(model, state.position, state.velocity, at_a, at_b, motor)
             counts = jnp.where(shaft_moves(state, shaft), follows, 0.0)
             ahead = shaft_ahead(state, effort, noise.period, shaft, scales)
             after, shown = shaft_seen(ahead, reading, variance)

@@ -4454,8 +4454,12 @@ static inline int sysid_monitor_observe(sysid_monitor *m, sysid_real position, c
         }
     }
     if (sysid_monitor_all_finite(value[2] + m->shaft.velocity, shaft, SYSID_MONITOR_SHAFT)) {
+        /* Under PWM the effort's ripple is not resolved well enough to speak of friction. */
+        for (side = 0; m->is_duty && side < SYSID_MONITOR_SHAFT; side++) {
+            shaft[side] = 0;
+        }
         sysid_monitor_collect(m, 2, SYSID_MONITOR_SHAFT, sysid_monitor_shaft_places, shaft, value[2],
-                           counts);
+                           counts && !m->is_duty);
     } else {
         sysid_monitor_shaft_start(&m->shaft, position);
         m->counted[2] = all = 0;
