@@ -34,7 +34,7 @@ from datasets.generator.sensors import measured  # noqa: E402
 from sysid.controllers.monitor.design import MonitorDesign, monitor_design  # noqa: E402
 from sysid.controllers.monitor.drifts import DRIFTS, NAMES, TESTED, UNDECIDED  # noqa: E402
 from sysid.controllers.monitor.evidence import WITHIN, Pool, detectable, mean_cycle  # noqa: E402
-from sysid.controllers.monitor.logged import CycleVerdict, Samples, monitored  # noqa: E402
+from sysid.controllers.monitor.logged import CycleVerdict, WatchedSamples, monitored  # noqa: E402
 from sysid.io.motion import LINEAR, ROTARY  # noqa: E402
 from sysid.parameters import Bundle  # noqa: E402
 from sysid.parameters.content import SCHEMA  # noqa: E402
@@ -186,14 +186,14 @@ def _supply(rig: GeneratedRig) -> float:
     return float(rig.content["air"]["supply_pressure_pa"])
 
 
-def samples_of(made: Machine, rows: list[dict[str, FloatArray]]) -> Samples:
+def samples_of(made: Machine, rows: list[dict[str, FloatArray]]) -> WatchedSamples:
     """The cycles as one recorded test."""
     columns = {name: np.concatenate([own[name] for own in rows]) for name in rows[0]}
     n = len(next(iter(columns.values())))
     position = "position_m" if made.rig.is_linear else "theta_rad"
     motor = columns.get("motor_force_n", columns.get("motor_torque_nm", np.zeros(n)))
     stem = "valve" if made.duties is None else "duty"
-    return Samples(
+    return WatchedSamples(
         np.arange(n) * made.rig.row_period,
         columns[position],
         {s: columns[f"pressure_{s}_pa"] for s in "ab"},

@@ -30,7 +30,7 @@ from sysid.controllers.monitor.evidence import (
     whitened,
     without_scatter,
 )
-from sysid.controllers.monitor.logged import CycleVerdict, Samples, monitored
+from sysid.controllers.monitor.logged import CycleVerdict, WatchedSamples, monitored
 from sysid.controllers.monitor.reference import reference_changes
 from sysid.controllers.monitor.strokes import cycle_ends
 from sysid.errors import InputError
@@ -49,16 +49,16 @@ def made(seed: int) -> tuple[Machine, MonitorDesign]:
 
 
 @cache
-def healthy(seed: int, count: int = 3) -> Samples:
+def healthy(seed: int, count: int = 3) -> WatchedSamples:
     own, _ = made(seed)
     return samples_of(own, list(cycles(own, count, np.random.default_rng([seed, 7]))))
 
 
-def verdicts(design: MonitorDesign, given: Samples) -> list[CycleVerdict]:
+def verdicts(design: MonitorDesign, given: WatchedSamples) -> list[CycleVerdict]:
     return monitored(design, given, Pool(design.scatter, design.errors, design.scales))
 
 
-def spoilt(given: Samples) -> Samples:
+def spoilt(given: WatchedSamples) -> WatchedSamples:
     """Each input not finite in turn, in several samples."""
     position, motor = given.position.copy(), given.motor.copy()
     pressure = {s: p.copy() for s, p in given.pressure.items()}
@@ -216,7 +216,7 @@ int main(void)
 _SAFE = ["-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
-def in_c(folder: Path, seed: int, given: Samples, with_: str, *more: str) -> FloatArray:
+def in_c(folder: Path, seed: int, given: WatchedSamples, with_: str, *more: str) -> FloatArray:
     """Alarm, what was rejected, and the statistics after each cycle, (cycles, 2 + p)."""
     own, _ = made(seed)
     if not (folder / "controller.h").is_file():

@@ -24,7 +24,7 @@ from sysid.controllers.monitor.evidence import (
     detectable,
     mean_cycle,
 )
-from sysid.controllers.monitor.logged import CycleVerdict, Samples, monitored
+from sysid.controllers.monitor.logged import CycleVerdict, WatchedSamples, monitored
 from sysid.controllers.monitor.reference import reference_changes
 from sysid.controllers.monitor.stated import change_table, promise, shown_unit
 from sysid.errors import NotIdentifiedError, input_error
@@ -266,7 +266,7 @@ def _assumed(design: MonitorDesign) -> tuple[str, ...]:
     )
 
 
-def samples_of(trial: Trial, rig: Rig) -> Samples:
+def samples_of(trial: Trial, rig: Rig) -> WatchedSamples:
     """A test's readings and commands, evenly sampled. Raises InputError."""
     why = "which a monitor needs"
     trial.require((rig.position_channel, *CHAMBER_PRESSURES), why)
@@ -287,7 +287,7 @@ def samples_of(trial: Trial, rig: Rig) -> Samples:
         trial.require(names, why)
         valves = {side: trial[name] for side, name in zip(SIDES, names, strict=True)}
     motor = trial[rig.effort_channel] if rig.effort_channel in trial else np.zeros(len(trial))
-    return Samples(
+    return WatchedSamples(
         trial.time - trial.time[0],
         trial[rig.position_channel],
         {side: trial[name] for side, name in zip(SIDES, CHAMBER_PRESSURES, strict=True)},

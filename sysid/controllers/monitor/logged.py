@@ -49,7 +49,7 @@ _LENGTHS = 4096
 
 
 @dataclass(frozen=True)
-class Samples:
+class WatchedSamples:
     """A test's readings and commands (n,), SI; `time` s since its first row.
 
     `valve` by side: a duty, or 1 and 0.
@@ -79,10 +79,10 @@ class CycleVerdict:
     cycle: Cycle
 
 
-def monitored(design: MonitorDesign, samples: Samples, pool: Pool) -> list[CycleVerdict]:
+def monitored(design: MonitorDesign, samples: WatchedSamples, pool: Pool) -> list[CycleVerdict]:
     """The verdict after each cycle of a test, which `pool` also collects.
 
-    Samples that are not finite, and those after a gap, begin the observers anew.
+    WatchedSamples that are not finite, and those after a gap, begin the observers anew.
     """
     if len(samples.time) < 2:
         return []
@@ -132,7 +132,7 @@ class _Shown:
     kink: FloatArray
 
 
-def _stretches(design: MonitorDesign, samples: Samples) -> _Stretches:
+def _stretches(design: MonitorDesign, samples: WatchedSamples) -> _Stretches:
     period = float(design.noise.period)
     opens = {side: _open(design, side, samples) for side in SIDES}
     edges = np.concatenate([e for own in opens.values() for e in (own.opens, own.closes)])
@@ -155,7 +155,9 @@ def _collect(cycle: Cycle, sensor: int, own: Sequence[int], shown: _Shown, span:
     cycle.count[sensor] += float(np.sum(both))
 
 
-def _chamber(design: MonitorDesign, side: str, samples: Samples, stretches: _Stretches) -> _Shown:
+def _chamber(
+    design: MonitorDesign, side: str, samples: WatchedSamples, stretches: _Stretches
+) -> _Shown:
     grid, other = stretches.grid, "b" if side == "a" else "a"
     x, row, period = samples.position, stretches.grid.row, float(design.noise.period)
     own = stretches.is_open[side]
@@ -195,7 +197,10 @@ def _kink(found: FloatArray, follows: BoolArray) -> FloatArray:
 
 
 def _shaft(
-    design: MonitorDesign, samples: Samples, stretches: _Stretches, kinks: Sequence[FloatArray]
+    design: MonitorDesign,
+    samples: WatchedSamples,
+    stretches: _Stretches,
+    kinks: Sequence[FloatArray],
 ) -> _Shown:
     pressures = [
         0.5 * (p[1:] + p[:-1]) + kink
@@ -211,7 +216,7 @@ def _shaft(
     return _Shown(values, slopes, counts, np.zeros(0))
 
 
-def _open(design: MonitorDesign, side: str, samples: Samples) -> OpenIntervals:
+def _open(design: MonitorDesign, side: str, samples: WatchedSamples) -> OpenIntervals:
     """When a valve is open, by its commands; one that is not finite holds the last."""
     command = samples.valve[side]
     held = np.maximum.accumulate(np.where(np.isfinite(command), np.arange(len(command)), 0))
@@ -307,4 +312,4 @@ def _compiled(kind: str, side: str, structure: Any) -> Any:
     return jax.jit(chambers if kind == "chamber" else shafts)
 
 
-__all__ = ["CycleVerdict", "Samples", "monitored"]
+__all__ = ["CycleVerdict", "WatchedSamples", "monitored"]

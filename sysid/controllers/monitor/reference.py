@@ -44,7 +44,7 @@ _SPREAD_PA = 200.0
 
 
 @dataclass(frozen=True)
-class Motion:
+class CycleMotion:
     """A motion, evenly sampled, (n,): position, velocity, pressures, valve A on; B the reverse."""
 
     position: FloatArray
@@ -66,7 +66,7 @@ def reference_changes(design: MonitorDesign) -> tuple[Detectable, float] | None:
     return found, (len(motion.position) - 1) * float(design.noise.period)
 
 
-def reference_motion(design: MonitorDesign) -> Motion | None:
+def reference_motion(design: MonitorDesign) -> CycleMotion | None:
     """One cycle after one stroke to begin with, on the design's sampling."""
     rows = _integrated(design)
     if rows is None:
@@ -75,7 +75,7 @@ def reference_motion(design: MonitorDesign) -> Motion | None:
     time = np.arange(0.0, coarse[-1], float(design.noise.period))
     columns = [np.interp(time, coarse, column) for column in rows.T[:4]]
     held = rows[np.minimum((time / _STEP).astype(int), len(rows) - 1), 4]
-    return Motion(columns[0], columns[1], {"a": columns[2], "b": columns[3]}, held)
+    return CycleMotion(columns[0], columns[1], {"a": columns[2], "b": columns[3]}, held)
 
 
 def _integrated(design: MonitorDesign) -> FloatArray | None:
@@ -123,7 +123,7 @@ def _after(
     return pressure[side] + gain * middle
 
 
-def cycle_of(design: MonitorDesign, motion: Motion) -> Cycle:
+def cycle_of(design: MonitorDesign, motion: CycleMotion) -> Cycle:
     """The normal equations' matrix of a motion whose innovations are as the model says."""
     cycle, noise = Cycle(), design.noise
     x, middle = motion.position, 0.5 * (motion.position[1:] + motion.position[:-1])
@@ -188,7 +188,7 @@ def _vector(state: ChamberState) -> ChamberState:
     return state._replace(slopes=(np.zeros(len(state.slopes)),))
 
 
-def _shaft_rows(design: MonitorDesign, motion: Motion) -> FloatArray:
+def _shaft_rows(design: MonitorDesign, motion: CycleMotion) -> FloatArray:
     variance, period = design.position_variance, float(design.noise.period)
     efforts = shaft_effort(
         design.model,
@@ -211,4 +211,4 @@ def _shaft_rows(design: MonitorDesign, motion: Motion) -> FloatArray:
     return np.array(found)
 
 
-__all__ = ["TURN", "Motion", "cycle_of", "reference_changes", "reference_motion"]
+__all__ = ["TURN", "CycleMotion", "cycle_of", "reference_changes", "reference_motion"]
