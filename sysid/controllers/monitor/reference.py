@@ -99,7 +99,7 @@ def _integrated(design: MonitorDesign) -> FloatArray | None:
             effort = 0.0 if held else effort - math.copysign(float(p.coulomb_effort), effort)
         after = v + _STEP * effort / design.shaft.inertia
         after = 0.0 if after * v < 0.0 else after
-        x, v = x + 0.5 * _STEP * (v + after), after
+        x, v = x + _STEP * (v + 0.5 * (after - v)), after
         if abs(x) > stop:
             x, v = math.copysign(stop, x), 0.0
         pressure = {side: _after(design, side, x, v, pressure, on) for side in SIDES}
