@@ -297,18 +297,19 @@ def _correlate(errors: FloatArray, bundle: BundleContent) -> None:
 
 
 def _scatter(bundle: BundleContent, model: Model, scales: FloatArray) -> FloatArray:
-    """(p, 3): friction's scatter from test to test; a load's effort and inertia, which are free.
+    """(p, 4): friction's scatter from test to test; a load's effort and inertia, which are free.
 
-    A load may be whatever it is from one cycle to the next: up to what the shaft would just hold,
-    and as heavy as the machine itself.
+    Coulomb and viscous friction scatter each by itself: by one factor of both, what changes the
+    law's shape from cycle to cycle would count as drift. A load may be whatever it is from one
+    cycle to the next: up to what the shaft would just hold, and as heavy as the machine itself.
     """
     p = model.parameters
     share, _ = friction_scatter(bundle)
-    found = np.zeros((COUNT, 3))
+    found = np.zeros((COUNT, 4))
     found[NAMES.index("coulomb"), 0] = share * float(p.coulomb_effort)
-    found[NAMES.index("viscous"), 0] = share * float(p.viscous)
-    found[NAMES.index("offset"), 1] = max(float(p.static_effort), float(p.coulomb_effort))
-    found[NAMES.index("inertia"), 2] = 1.0
+    found[NAMES.index("viscous"), 1] = share * float(p.viscous)
+    found[NAMES.index("offset"), 2] = max(float(p.static_effort), float(p.coulomb_effort))
+    found[NAMES.index("inertia"), 3] = 1.0
     return np.asarray(found / scales[:, None])
 
 
