@@ -33,7 +33,7 @@ from datasets.generator.runs import Commands, Start, simulated  # noqa: E402
 from datasets.generator.sensors import measured  # noqa: E402
 from sysid.controllers.monitor.design import MonitorDesign, monitor_design  # noqa: E402
 from sysid.controllers.monitor.drifts import DRIFTS, NAMES, TESTED, UNDECIDED  # noqa: E402
-from sysid.controllers.monitor.evidence import WITHIN, Pool, detectable, mean_cycle  # noqa: E402
+from sysid.controllers.monitor.evidence import WITHIN, detectable, mean_cycle  # noqa: E402
 from sysid.controllers.monitor.logged import CycleVerdict, WatchedSamples, monitored  # noqa: E402
 from sysid.io.motion import LINEAR, ROTARY  # noqa: E402
 from sysid.parameters import Bundle  # noqa: E402
@@ -209,7 +209,7 @@ def watched(
     """The monitor's verdicts over so many cycles."""
     rng = np.random.default_rng([seed, 2])
     rows = list(cycles(made, count, rng, change))
-    pool = Pool(design.scatter, design.errors, design.scales)
+    pool = design.pool()
     return monitored(design, samples_of(made, rows), pool)
 
 
@@ -279,7 +279,7 @@ def show_healthy(seeds: range, hours: float) -> None:
     for seed in seeds:
         made = machine(seed)
         design = monitor_design(made.bundle)
-        pool, left, part = Pool(design.scatter, design.errors, design.scales), 3600.0 * hours, 0
+        pool, left, part = design.pool(), 3600.0 * hours, 0
         while left > 0.0:
             rng = np.random.default_rng([seed, 3, part])
             given = samples_of(made, list(cycles(made, 50, rng)))

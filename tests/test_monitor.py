@@ -20,6 +20,7 @@ from sysid.commands.monitor import monitor as monitor_command
 from sysid.controllers.monitor.design import MonitorDesign, monitor_design
 from sysid.controllers.monitor.drifts import COUNT, DRIFTS, KINDS, NAMES, TESTED, UNDECIDED
 from sysid.controllers.monitor.evidence import (
+    LEARNING,
     WITHIN,
     Cycle,
     Pool,
@@ -39,7 +40,7 @@ from sysid.io.tables import write_table
 from sysid.parameters import write_bundle
 from sysid.types import FloatArray
 
-ON_OFF, PWM = 5001, 5003
+ON_OFF, PWM, BIASED = 5001, 5003, 7200
 
 
 @cache
@@ -55,7 +56,7 @@ def healthy(seed: int, count: int = 3) -> WatchedSamples:
 
 
 def verdicts(design: MonitorDesign, given: WatchedSamples) -> list[CycleVerdict]:
-    return monitored(design, given, Pool(design.scatter, design.errors, design.scales))
+    return monitored(design, given, design.pool())
 
 
 def spoilt(given: WatchedSamples) -> WatchedSamples:
@@ -241,6 +242,18 @@ def test_c_says_what_python_says(seed: int, tmp_path: Path) -> None:
         found = in_c(tmp_path, seed, given, "gcc", "-O1")
         assert len(wanted) >= 2 and np.isfinite(wanted).all()
         np.testing.assert_allclose(found[:, 2:], wanted, rtol=1e-6, atol=1e-6)
+
+
+def test_c_learns_from_the_first_cycles_as_python_does(tmp_path: Path) -> None:
+    """Of a machine on which the observer sees friction that is not there."""
+    given = healthy(BIASED, LEARNING + 4)
+    wanted = np.array([c.verdict.z for c in verdicts(made(BIASED)[1], given)])
+    found = in_c(tmp_path, BIASED, given, "gcc", "-O1")
+    assert len(wanted) > LEARNING and np.max(np.abs(wanted)) < threshold()
+    np.testing.assert_allclose(found[:, 2:], wanted, rtol=1e-6, atol=1e-6)
+    blind = replace(made(BIASED)[1], learning=np.zeros(COUNT))
+    pool = Pool(blind.scatter, blind.errors, blind.scales)
+    assert any(c.verdict.alarms for c in monitored(blind, given, pool))
 
 
 @pytest.mark.parametrize("with_", ["gcc", "clang"])

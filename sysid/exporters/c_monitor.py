@@ -15,6 +15,7 @@ from sysid.controllers.monitor.drifts import CHAMBER, DRIFTS, KINDS, NAMES, SHAF
 from sysid.controllers.monitor.evidence import (
     EXCITED,
     FORGETTING,
+    LEARNING,
     ODDS,
     Detectable,
     threshold,
@@ -166,6 +167,7 @@ def monitor_text(made: MonitorInC, n: Names) -> str:
         "chamber": str(len(CHAMBER["a"])),
         "shaft": str(len(SHAFT)),
         "columns": str(design.scatter.shape[1]),
+        "learning": str(LEARNING),
         "together": f"(@p@real){number(max(TIME_TOLERANCE / period, 1e-6))}",
         "logistic": number(LOGISTIC),
         "past": number(PAST),
@@ -185,7 +187,7 @@ def _named() -> Iterable[tuple[int, str]]:
 
 def _flops() -> int:
     """About what the end of a cycle takes, in multiplications and additions."""
-    p, r = len(NAMES), 3
+    p, r = len(NAMES), 4
     return 1000 * round((2 * (p**3 + p**3 / 6 + p**3 / 2 + p**3) + 4 * r * p * p) / 1000)
 
 
@@ -222,6 +224,8 @@ def _constants(design: MonitorDesign, n: Names) -> str:
         _rows("monitor_scatter", design.scatter, n),
         "/* Variances of the bundle's errors, and the covariance of friction's first two. */",
         _table("monitor_errors", np.diag(design.errors), n),
+        "/* The same while the monitor learns. */",
+        _table("monitor_first_errors", np.diag(design.errors) + design.learning, n),
         _one("monitor_shared_error", float(design.errors[0, 1]), "", n),
         _one("monitor_threshold", threshold(), "standard deviations", n),
         _one("monitor_log_odds", math.log(ODDS), "", n),

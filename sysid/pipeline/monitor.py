@@ -19,7 +19,6 @@ from sysid.controllers.monitor.evidence import (
     FALSE_ALARMS,
     WITHIN,
     Detectable,
-    Pool,
     Verdict,
     detectable,
     mean_cycle,
@@ -200,7 +199,7 @@ def monitor(tests: Tests, bundle: Bundle, options: MonitorOptions) -> Monitoring
             tell(f"monitoring {trial.title}")
             samples = samples_of(trial, bundle.rig)
             last = monitor_design(bundle, catalogue, trial.period)
-            pool = pool or Pool(last.scatter, last.errors, last.scales)
+            pool = pool or last.pool()
             found.append(MonitoredTest(trial.title, tuple(monitored(last, samples, pool))))
     cycles = [c.cycle for test in found for c in test.cycles]
     if not cycles:

@@ -10,6 +10,7 @@ import numpy as np
 
 from sysid.controllers.effective_law import edge_delay
 from sysid.controllers.monitor.drifts import CHAMBER, COUNT, FLOWS, NAMES, SHAFT
+from sysid.controllers.monitor.evidence import Pool
 from sysid.controllers.monitor.observer import ShaftNumbers
 from sysid.controllers.monitor.terms import Noise
 from sysid.errors import NotIdentifiedError, input_error
@@ -39,7 +40,8 @@ class MonitorDesign:
 
     `scales` (p,) are the drifts' units of calculation, SI. In these: `scatter` (p, r) has a column
     for each cause that changes from cycle to cycle by one standard deviation, `errors` (p, p) is
-    the covariance of the bundle's own errors. `delays`: of each valve's opening and closing, s.
+    the covariance of the bundle's own errors, `learning` (p,) the further variances of what the
+    first cycles teach. `delays`: of each valve's opening and closing, s.
     `swept`, `choked`: those of `observer.chamber_ahead` and `terms.chamber_terms`, of each chamber.
     `assumed`: drifts whose error in the bundle is not known and taken as 3 %.
     """
@@ -51,6 +53,7 @@ class MonitorDesign:
     scales: FloatArray
     scatter: FloatArray
     errors: FloatArray
+    learning: FloatArray
     delays: Mapping[str, tuple[float, float]]
     swept: Mapping[str, float]
     choked: Mapping[str, tuple[float, float]]
@@ -61,6 +64,10 @@ class MonitorDesign:
     def chamber_scales(self, side: str) -> tuple[float, ...]:
         """The scales of a chamber's drifts."""
         return tuple(float(self.scales[k]) for k in CHAMBER[side])
+
+    def pool(self) -> Pool:
+        """The sums of a monitor that begins."""
+        return Pool(self.scatter, self.errors, self.scales, self.learning)
 
     @property
     def shaft_scales(self) -> tuple[float, ...]:
@@ -125,6 +132,7 @@ def monitor_design(
         scales=scales,
         scatter=_scatter(bundle, model, scales),
         errors=errors,
+        learning=_learning(model, scales),
         delays={
             side: (edge_delay(side, True, whole, 0.0), edge_delay(side, False, whole, 0.0))
             for side in SIDES
@@ -311,6 +319,14 @@ def _scatter(bundle: BundleContent, model: Model, scales: FloatArray) -> FloatAr
     found[NAMES.index("offset"), 2] = max(float(p.static_effort), float(p.coulomb_effort))
     found[NAMES.index("inertia"), 3] = 1.0
     return np.asarray(found / scales[:, None])
+
+
+def _learning(model: Model, scales: FloatArray) -> FloatArray:
+    """(p,): as much friction as there is, of both kinds, may be what the observer makes of it."""
+    found = np.zeros(COUNT)
+    found[NAMES.index("coulomb")] = float(model.parameters.coulomb_effort)
+    found[NAMES.index("viscous")] = float(model.parameters.viscous)
+    return np.square(found / scales)
 
 
 __all__ = ["MonitorDesign", "monitor_design"]

@@ -4,8 +4,12 @@ A cycle gives normal equations A d = b of the drifts d, in their scales. What sc
 cycle, by the columns L of the design, is integrated out: M = A - A L (I + L'AL)^-1 L'A is the
 information that is left, and m = b - A L (I + L'AL)^-1 L'b. Both are summed with forgetting. The
 bundle's own errors, of covariance B, are the same in all cycles, so that m has the covariance
-V + M B M under health. Each drift's statistic is that of its likelihood ratio (a generalised
-likelihood ratio over which one it is; Basseville and Nikiforov, 1993, 2.4.3 and 7.2.4).
+V + M B M under health. So is what the observers themselves make of a motion: quantised positions
+and sampled pressures look like a little more or less friction, always the same. The first cycles
+teach the monitor both, as the posterior mean d0 of drifts of covariance B and, for friction, as
+large as friction itself; from then on m - M d0 is tested. Each drift's statistic is that of its
+likelihood ratio (a generalised likelihood ratio over which one it is; Basseville and Nikiforov,
+1993, 2.4.3 and 7.2.4).
 """
 
 from __future__ import annotations
@@ -26,6 +30,8 @@ FALSE_ALARMS = 1e-6
 """Share of healthy cycles that may end with an alarm."""
 ODDS = 20.0
 """A kind is named where its likelihood is this many times that of any other."""
+LEARNING = 10
+"""Cycles that the monitor learns from at first: friction is compared with these."""
 WITHIN = (1, 10)
 """Numbers of cycles for which the smallest detectable changes are stated."""
 EXCITED = 1e-9
@@ -95,11 +101,17 @@ class Verdict:
 
 @dataclass
 class Pool:
-    """The sums over the cycles; `scatter`, `errors` and `scales` are the design's."""
+    """The sums over the cycles; `scatter`, `errors`, `scales` and `learning` are the design's.
+
+    `learning` (p,): variances that drifts have beyond `errors` while the monitor learns; without
+    them it does not. `baseline` (p,): the drifts that it has learned.
+    """
 
     scatter: FloatArray
     errors: FloatArray
     scales: FloatArray
+    learning: FloatArray | None = None
+    baseline: FloatArray = field(default_factory=lambda: np.zeros(COUNT))
     matrix: FloatArray = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
     vector: FloatArray = field(default_factory=lambda: np.zeros(COUNT))
     variance: FloatArray = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
@@ -109,11 +121,35 @@ class Pool:
         """One more cycle, and what all of them say."""
         excess = cycle.excess()
         matrix, vector = without_scatter(cycle.matrix / excess, cycle.vector / excess, self.scatter)
-        self.matrix = FORGETTING * self.matrix + matrix
-        self.vector = FORGETTING * self.vector + vector
-        self.variance = FORGETTING**2 * self.variance + matrix
+        keeps = 1.0 if self.learns else FORGETTING
+        self.matrix = keeps * self.matrix + matrix
+        self.vector = keeps * self.vector + vector
+        self.variance = keeps**2 * self.variance + matrix
         self.cycles += 1
-        return self.verdict()
+        said = self.verdict()
+        if self.learning is not None and self.cycles == LEARNING:
+            self._learn()
+        return said
+
+    @property
+    def learns(self) -> bool:
+        """Whether the cycle that comes is one of those that the monitor learns from."""
+        return self.learning is not None and self.cycles < LEARNING
+
+    def _learn(self) -> None:
+        """The baseline, and sums anew."""
+        prior = self._prior()
+        covariance = self.variance + self.matrix @ prior @ self.matrix
+        white, rows = whitened(covariance, self.vector, self.matrix @ prior)
+        self.baseline = rows.T @ white
+        self.matrix, self.variance = np.zeros((COUNT, COUNT)), np.zeros((COUNT, COUNT))
+        self.vector = np.zeros(COUNT)
+
+    def _prior(self) -> FloatArray:
+        """Covariance of what is the same in all cycles and not known."""
+        if self.learning is None or self.cycles > LEARNING:
+            return self.errors
+        return np.asarray(self.errors + np.diag(self.learning))
 
     def verdict(self) -> Verdict:
         """What the sums say."""
@@ -128,8 +164,8 @@ class Pool:
 
     def _whitened(self) -> tuple[FloatArray, FloatArray]:
         """G^-1 m and G^-1 M, of G G' = V + M B M."""
-        covariance = self.variance + self.matrix @ self.errors @ self.matrix
-        return whitened(covariance, self.vector, self.matrix)
+        covariance = self.variance + self.matrix @ self._prior() @ self.matrix
+        return whitened(covariance, self.vector - self.matrix @ self.baseline, self.matrix)
 
 
 def judged(z: FloatArray) -> tuple[str, int]:
@@ -215,6 +251,7 @@ __all__ = [
     "EXCITED",
     "FALSE_ALARMS",
     "FORGETTING",
+    "LEARNING",
     "ODDS",
     "WITHIN",
     "Cycle",
