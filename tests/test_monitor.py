@@ -16,6 +16,7 @@ from export_bundles import whole_bundle
 from export_compiler import STRICT, compiler
 
 from benchmarks.monitor import SETTLING, Change, Machine, cycles, machine, samples_of, watched
+from datasets.generator.files import rig_toml
 from sysid.commands.monitor import monitor as monitor_command
 from sysid.controllers.monitor.design import MonitorDesign, monitor_design
 from sysid.controllers.monitor.drifts import COUNT, DRIFTS, KINDS, NAMES, TESTED, UNDECIDED
@@ -36,8 +37,14 @@ from sysid.controllers.monitor.reference import reference_changes
 from sysid.controllers.monitor.strokes import cycle_ends
 from sysid.errors import InputError
 from sysid.exporters import export_bundle
+from sysid.fleet.origin import origin_of
+from sysid.fleet.rows import FleetRow
+from sysid.fleet.trends import fleet_of
+from sysid.io.campaign import read_campaign
 from sysid.io.tables import write_table
 from sysid.parameters import write_bundle
+from sysid.pipeline.fleet_monitor import with_alarms
+from sysid.pipeline.pages.fleet import fleet_page
 from sysid.types import FloatArray
 
 ON_OFF, PWM, BIASED = 5001, 5003, 7200
@@ -293,14 +300,18 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
     own, _ = made(ON_OFF)
     write_bundle(own.bundle, tmp_path / "bundle.json")
     given = healthy(ON_OFF)
+    write_run(tmp_path / "run.csv", own, given)
+    return tmp_path / "bundle.json", tmp_path / "run.csv"
+
+
+def write_run(path: Path, own: Machine, given: WatchedSamples) -> None:
     columns = {
         "time_s": given.time,
         own.bundle.rig.position_channel: given.position,
         **{f"pressure_{s}_pa": p for s, p in given.pressure.items()},
         **{f"valve_{s}": v for s, v in given.valve.items()},
     }
-    write_table(pd.DataFrame(columns), tmp_path / "run.csv", [])
-    return tmp_path / "bundle.json", tmp_path / "run.csv"
+    write_table(pd.DataFrame(columns), path, [])
 
 
 def test_the_command_watches_logs(files: tuple[Path, Path], tmp_path: Path) -> None:
@@ -328,3 +339,25 @@ def test_a_log_without_motion_or_a_column_is_refused(
     write_bundle(whole_bundle(rig_text), tmp_path / "silent.json")
     ran = CliRunner().invoke(monitor_command, [str(tmp_path / "silent.json")])
     assert isinstance(ran.exception, InputError) and "pressure_noise_pa" in str(ran.exception)
+
+
+def test_a_fleet_shows_the_alarms_of_its_rigs_first_monitor(tmp_path: Path) -> None:
+    own, _ = made(ON_OFF)
+    leak = Change("leak_a", 2e-16)
+    worn = list(cycles(own, SETTLING + 4, np.random.default_rng(3), leak))[SETTLING:]
+    runs = {"2025-01-10": healthy(ON_OFF), "2025-02-11": healthy(ON_OFF)}
+    runs["2025-03-12"] = samples_of(own, worn)
+    rows = []
+    for day, given in runs.items():
+        (tmp_path / day).mkdir()
+        (tmp_path / day / "rig.toml").write_text(rig_toml(own.rig.content))
+        write_run(tmp_path / day / "run.csv", own, given)
+        path = tmp_path / day / "campaign.toml"
+        path.write_text('rig = "rig.toml"\n[[log]]\nkind = "motion-discrete"\nfile = "run.csv"\n')
+        write_bundle(own.bundle, tmp_path / day / "bundle.json")
+        rows.append(FleetRow(str(path), day, origin_of(read_campaign(path))))
+    found = fleet_of(with_alarms(rows, tmp_path))
+    assert [row.alarm for row in found.rows[:2]] == [None, ""]
+    assert found.rows[2].alarm == "leakage (leak of chamber A, at supply pressure)"
+    text = fleet_page(found)
+    assert "no alarm" in text and "leakage (leak of chamber A" in text

@@ -48,7 +48,9 @@ class FleetRow:
     `is_whole` false for one that was cut short or a quick one; `effects` by id, each with its
     p-value; `readings` the numbers whose trends are followed; `rig` the content of its rig file by
     section, `fit_logs` the SHA-256 of what was fitted; `notices` those of its run, and of the
-    stages that it found up to date. `exit_code`: what `run` ends with, 0 with a result.
+    stages that it found up to date. `exit_code`: what `run` ends with, 0 with a result. `alarm`:
+    what the monitor of the rig's first campaign says of the motion logs of this one, empty where it
+    is silent; None where there was nothing to watch.
     """
 
     campaign: str
@@ -64,6 +66,7 @@ class FleetRow:
     notices: tuple[str, ...] = ()
     failure: str = ""
     exit_code: int = 0
+    alarm: str | None = None
 
     @property
     def lacks_leakage(self) -> bool:
@@ -87,6 +90,7 @@ class FleetRow:
             "notices": list(self.notices),
             "failure": self.failure,
             "exit_code": self.exit_code,
+            "alarm": self.alarm,
         }
 
     @classmethod

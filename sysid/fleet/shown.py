@@ -70,6 +70,11 @@ def changes_table(changes: Sequence[Trend]) -> Table:
     return table("What changed, most certain first", columns, rows, text=(1, 2, 3))
 
 
+def monitor_cell(alarm: str | None) -> str:
+    """What the monitor of the rig's first campaign says of another."""
+    return "" if alarm is None else alarm or "no alarm"
+
+
 def shown_unit(name: str) -> tuple[float, str]:
     """The scale to the unit that keeps a number readable, and that unit."""
     return _SHOWN.get(name, (1.0, unit(name)))
@@ -154,4 +159,4 @@ def _day(date: str) -> float:
     return float((datetime.date.fromisoformat(date) - _EPOCH).days)
 
 
-__all__ = ["changes_table", "rig_section", "shown_unit", "title_of", "trend_figure"]
+__all__ = ["changes_table", "monitor_cell", "rig_section", "shown_unit", "title_of", "trend_figure"]

@@ -21,7 +21,7 @@ from sysid.errors import one_line
 from sysid.estimation.multiple_tests import adjusted
 from sysid.fleet.changes import LEAST_DATES, change_in
 from sysid.fleet.rows import FAMILIES, Family, FleetReading, FleetRow
-from sysid.fleet.shown import changes_table
+from sysid.fleet.shown import changes_table, monitor_cell
 from sysid.fleet.signs import LeakSign, leak_signs
 from sysid.fleet.trend import Trend
 from sysid.io.rig import differing_sections
@@ -115,13 +115,14 @@ class Fleet(Shown):
         """The campaigns, and what changed."""
         yield table(
             "Campaigns",
-            ("rig", "date", "verdict", "effects"),
+            ("rig", "date", "verdict", "effects", "monitor"),
             tuple(
                 (
                     row.origin.rig if row.origin else row.campaign,
                     row.origin.date.isoformat() if row.origin else "",
                     row.failure or row.verdict or "not diagnosed",
                     ", ".join(row.effects),
+                    monitor_cell(row.alarm),
                 )
                 for row in self.rows
             ),

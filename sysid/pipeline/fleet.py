@@ -21,6 +21,7 @@ from sysid.io.campaign import read_campaign
 from sysid.io.files import check_each_once, write_atomic
 from sysid.io.locks import clear_left, working_in
 from sysid.parameters import read_bundle
+from sysid.pipeline.fleet_monitor import with_alarms
 from sysid.pipeline.request import takes
 from sysid.pipeline.run import FITTED_FILE, RunOptions, RunReport, run_campaign
 from sysid.plant.effects.catalogue import catalogue_with
@@ -76,7 +77,8 @@ def _run_all(campaigns: Sequence[Path], folder: Path, options: FleetOptions) -> 
         else row
         for path, row in zip(campaigns, found, strict=True)
     ]
-    done = fleet_of(rows)
+    options.tell("monitoring")
+    done = fleet_of(with_alarms(rows, folder, effects))
     write_atomic(folder / CONTENT_FILE, json.dumps(done.to_json(), indent=2) + "\n")
     from sysid.pipeline.pages.fleet import write_fleet_page
 

@@ -81,6 +81,16 @@ class Monitoring(Shown):
         """The kind of drift that the last cycle alarms for; empty for none."""
         return "" if self.last is None else self.last.kind
 
+    @property
+    def alarm_in_words(self) -> str:
+        """The kind, and the drift that is most likely; empty for none."""
+        if self.last is None or not self.alarm:
+            return ""
+        said = DRIFTS[self.last.drift].title
+        if self.alarm == UNDECIDED:
+            return f"kind undecided: most likely {said}"
+        return f"{self.alarm} ({said})"
+
     def headline(self) -> str:
         """The last verdict in words."""
         count = sum(len(test.cycles) for test in self.tests)
@@ -90,10 +100,7 @@ class Monitoring(Shown):
             own = sum(len(test.alarms) for test in self.tests)
             before = f"; {own} earlier alarms" if own else ""
             return f"no alarm after {count} cycles: the machine obeys its bundle{before}"
-        said = DRIFTS[self.last.drift].title
-        if self.alarm == UNDECIDED:
-            return f"alarm after {count} cycles, kind undecided: most likely {said}"
-        return f"alarm after {count} cycles: {self.alarm} ({said})"
+        return f"alarm after {count} cycles: {self.alarm_in_words}"
 
     def records(self) -> list[dict[str, Any]]:
         """One record per cycle."""

@@ -13,7 +13,7 @@ from sysid.blocks.numbers import number
 from sysid.blocks.sections import Section
 from sysid.blocks.standing import section_or_why
 from sysid.fleet.rows import LEAKAGE, FleetRow
-from sysid.fleet.shown import changes_table, rig_section, shown_unit, title_of
+from sysid.fleet.shown import changes_table, monitor_cell, rig_section, shown_unit, title_of
 from sysid.fleet.trends import Fleet
 from sysid.io.files import write_atomic
 
@@ -71,7 +71,7 @@ def fleet_page(fleet: Fleet) -> str:
         sentence=_sentence(fleet),
         changes=changes_table(fleet.changes),
         notes=[f"{line}." for line in fleet.notices],
-        columns=["Rig", "Date", "Verdict", "Effects", *names.values()],
+        columns=["Rig", "Date", "Verdict", "Effects", *names.values(), "Monitor"],
         campaigns=[_cells(row, list(names)) for row in fleet.rows],
         sections=sections,
     )
@@ -86,7 +86,8 @@ def _level(fleet: Fleet) -> str:
     if fleet.failed or any(row.verdict == "unexplained" for row in fleet.rows):
         return "poor"
     open_ones = any(row.effects or row.verdict == "incomplete" for row in fleet.rows)
-    return "fair" if fleet.changes or open_ones else "good"
+    alarms = any(row.alarm for row in fleet.rows)
+    return "fair" if fleet.changes or open_ones or alarms else "good"
 
 
 def _sentence(fleet: Fleet) -> str:
@@ -106,7 +107,8 @@ def _campaigns() -> Section:
     intro = (
         "Each campaign went through sysid run; its report lies in a folder next to this page. "
         "Friction is that of the bench tests, leakage what a chamber at supply pressure loses past "
-        "its valve through the effects that the diagnosis found.",
+        "its valve through the effects that the diagnosis found. The monitor of the bundle of a "
+        "rig's first campaign watches the motion logs of the later ones.",
     )
     return Section("campaigns", "Campaigns", intro)
 
@@ -132,7 +134,10 @@ def _cells(row: FleetRow, names: Sequence[str]) -> CampaignCells:
         level="poor" if row.failure else _LEVELS.get(row.verdict or "", ""),
         failed=bool(row.failure),
         effects=", ".join(row.effects),
-        cells=tuple(number(values[n], 4) if n in values else "" for n in names),
+        cells=(
+            *(number(values[n], 4) if n in values else "" for n in names),
+            monitor_cell(row.alarm),
+        ),
         report="" if row.failure else quote(f"{row.folder}/{_REPORT}"),
     )
 
