@@ -77,8 +77,7 @@ def _run_all(campaigns: Sequence[Path], folder: Path, options: FleetOptions) -> 
         else row
         for path, row in zip(campaigns, found, strict=True)
     ]
-    options.tell("monitoring")
-    done = fleet_of(with_alarms(rows, folder, effects))
+    done = fleet_of(with_alarms(rows, folder, effects, options.tell))
     write_atomic(folder / CONTENT_FILE, json.dumps(done.to_json(), indent=2) + "\n")
     from sysid.pipeline.pages.fleet import write_fleet_page
 

@@ -15,10 +15,14 @@ from sysid.parameters import read_bundle
 from sysid.pipeline.monitor import MonitorOptions, monitor
 from sysid.pipeline.run import BUNDLE_FILE
 from sysid.plant.effects.catalogue import EffectSource
+from sysid.types import Progress, no_progress
 
 
 def with_alarms(
-    rows: Sequence[FleetRow], folder: Path, effects: EffectSource = None
+    rows: Sequence[FleetRow],
+    folder: Path,
+    effects: EffectSource = None,
+    progress: Progress = no_progress,
 ) -> list[FleetRow]:
     """The rows with the kind of drift that a monitor of the rig's first campaign alarms for, on the
     motion logs of each later one; as they were where that bundle or these logs allow no monitor.
@@ -31,6 +35,8 @@ def with_alarms(
         if before is not row:
             bundle = folder / before.folder / BUNDLE_FILE
             jobs[row.folder] = partial(_alarm, bundle, Path(row.campaign), effects)
+    if jobs:
+        progress("monitoring")
     found = dict(zip(jobs, parallel.attempt_all(list(jobs.values())), strict=True))
     alarms = {name: said for name, said in found.items() if not isinstance(said, Failure)}
     return [replace(row, alarm=alarms.get(row.folder)) for row in rows]

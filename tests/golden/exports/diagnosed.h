@@ -608,8 +608,8 @@ static const sysid_real sysid_pwm_a_fill_bipolynomial_duty_high[25] = {
     (sysid_real)0.9
 };
 static const sysid_real sysid_pwm_a_fill_bipolynomial_coefficients[9] = {
-    (sysid_real)-0.00022109481251411726, (sysid_real)-0.0002550611717216188, (sysid_real)-1.1885345220727444e-05, (sysid_real)0.0007789164848810725,
-    (sysid_real)0.00015393914016786076, (sysid_real)0.0002641095815088774, (sysid_real)-0.00010474677752120647, (sysid_real)-0.0002427710729654873,
+    (sysid_real)-0.00022109481251411715, (sysid_real)-0.0002550611717216188, (sysid_real)-1.1885345220727444e-05, (sysid_real)0.0007789164848810723,
+    (sysid_real)0.00015393914016786065, (sysid_real)0.0002641095815088774, (sysid_real)-0.00010474677752120638, (sysid_real)-0.0002427710729654873,
     (sysid_real)-0.0002975149262028539
 };
 static const sysid_real sysid_pwm_a_fill_bipolynomial_pressure_scaling[2] = {
@@ -1072,8 +1072,8 @@ static const sysid_real sysid_pwm_a_discharge_bipolynomial_duty_high[25] = {
     (sysid_real)0.74
 };
 static const sysid_real sysid_pwm_a_discharge_bipolynomial_coefficients[9] = {
-    (sysid_real)-0.00020718250638355215, (sysid_real)-0.00012911958569627357, (sysid_real)7.707800684885807e-05, (sysid_real)0.0007036375023759027,
-    (sysid_real)-0.0002868123064877891, (sysid_real)-0.0001211524491114661, (sysid_real)-0.0007220523030818811, (sysid_real)0.0012084309620804174,
+    (sysid_real)-0.00020718250638355204, (sysid_real)-0.00012911958569627338, (sysid_real)7.707800684885808e-05, (sysid_real)0.0007036375023759021,
+    (sysid_real)-0.0002868123064877891, (sysid_real)-0.0001211524491114661, (sysid_real)-0.0007220523030818805, (sysid_real)0.0012084309620804174,
     (sysid_real)-0.0004223876002813121
 };
 static const sysid_real sysid_pwm_a_discharge_bipolynomial_pressure_scaling[2] = {
@@ -1551,8 +1551,8 @@ static const sysid_real sysid_pwm_b_fill_bipolynomial_duty_high[25] = {
     (sysid_real)0.8999999999999999
 };
 static const sysid_real sysid_pwm_b_fill_bipolynomial_coefficients[9] = {
-    (sysid_real)-0.00018915378212309435, (sysid_real)-0.00025434772243101994, (sysid_real)-1.9467050832665085e-05, (sysid_real)0.0009256739850218835,
-    (sysid_real)-0.00019075428431431098, (sysid_real)0.0005344116896062556, (sysid_real)-3.296859115316697e-05, (sysid_real)-0.00016334545882693471,
+    (sysid_real)-0.00018915378212309422, (sysid_real)-0.0002543477224310199, (sysid_real)-1.9467050832665078e-05, (sysid_real)0.000925673985021882,
+    (sysid_real)-0.00019075428431431142, (sysid_real)0.0005344116896062556, (sysid_real)-3.2968591153166796e-05, (sysid_real)-0.00016334545882693471,
     (sysid_real)-0.0004851443570602404
 };
 static const sysid_real sysid_pwm_b_fill_bipolynomial_pressure_scaling[2] = {
@@ -2015,8 +2015,8 @@ static const sysid_real sysid_pwm_b_discharge_bipolynomial_duty_high[25] = {
     (sysid_real)0.7400000000000001
 };
 static const sysid_real sysid_pwm_b_discharge_bipolynomial_coefficients[9] = {
-    (sysid_real)-0.00024848310694471613, (sysid_real)-0.00015887331227227577, (sysid_real)0.00010526306122583782, (sysid_real)0.0007992122748023275,
-    (sysid_real)-0.0002551710485230962, (sysid_real)-0.0002394896703559503, (sysid_real)-0.0007443811583109569, (sysid_real)0.0012676177937613444,
+    (sysid_real)-0.0002484831069447166, (sysid_real)-0.00015887331227227585, (sysid_real)0.00010526306122583782, (sysid_real)0.0007992122748023243,
+    (sysid_real)-0.00025517104852309646, (sysid_real)-0.0002394896703559503, (sysid_real)-0.0007443811583109572, (sysid_real)0.0012676177937613442,
     (sysid_real)-0.00038486329855064703
 };
 static const sysid_real sysid_pwm_b_discharge_bipolynomial_pressure_scaling[2] = {
@@ -3579,8 +3579,8 @@ static inline sysid_real sysid_monitor_effort(sysid_real position, sysid_real ve
    Smallest detectable changes, found in half of the cases, on cycles of 0.68 s
    in which both valves are switched at 30 % of the stroke from the middle (for another
    motion: sysid monitor BUNDLE LOG); of twice the size they are practically always found:
-     Coulomb friction: 0.052 Nm within 1 cycle, 0.012 Nm within 10 cycles
-     viscous friction: 0.018 Nm s/rad within 1 cycle, 0.004 Nm s/rad within 10 cycles
+     Coulomb friction: 0.055 Nm within 1 cycle, 0.012 Nm within 10 cycles
+     viscous friction: 0.018 Nm s/rad within 1 cycle, 0.0041 Nm s/rad within 10 cycles
      leak past the piston, at supply pressure: 1.7 mg/s within 1 cycle, 0.38 mg/s within 10 cycles
      leak of chamber A, at supply pressure: 2.1 mg/s within 1 cycle, 0.47 mg/s within 10 cycles
      leak of chamber B, at supply pressure: 2.4 mg/s within 1 cycle, 0.55 mg/s within 10 cycles
@@ -3595,12 +3595,13 @@ static inline sysid_real sysid_monitor_effort(sysid_real position, sysid_real ve
    of at least 10 % of the travel each way. z[] are the drifts' statistics in standard
    deviations, change[] their sizes in SI; drift is the place of the most likely one. A reading or a
    command that is not finite is left out and counted in rejected: it raises no alarm. A call that
-   ends a cycle takes about 47,000 operations, any other about a tenth of that; nothing is
+   ends a cycle takes about 49,000 operations, any other about a tenth of that; nothing is
    allocated.
 
    The observers are Kalman filters of each chamber's pressure and of the shaft, with their slopes
    over what may drift; a cycle's innovations give normal equations of the drifts, which are summed
-   over the cycles with forgetting (sysid/controllers/monitor). */
+   over the cycles with forgetting. The first 10 cycles teach it what friction is like, and what
+   the observers make of this motion (sysid/controllers/monitor). */
 
 enum {
     SYSID_MONITOR_DRIFT_COULOMB, /* Coulomb friction */
@@ -3638,7 +3639,9 @@ enum {
 /* Slopes of a chamber's pressure and of the shaft; causes that scatter from cycle to cycle. */
 #define SYSID_MONITOR_CHAMBER 9
 #define SYSID_MONITOR_SHAFT 4
-#define SYSID_MONITOR_SCATTER 3
+#define SYSID_MONITOR_SCATTER 4
+/* Cycles that the monitor learns from at first. */
+#define SYSID_MONITOR_LEARNING 10
 
 static const sysid_real sysid_monitor_pressure_noise = (sysid_real)157.0; /* Pa */
 static const sysid_real sysid_monitor_position_noise = (sysid_real)2.2672492052927723e-05; /* rad */
@@ -3684,24 +3687,40 @@ static const sysid_real sysid_monitor_shaft_scales[4] = {
     (sysid_real)0.02865731068780974, (sysid_real)0.005487893374853895,
         (sysid_real)0.02865731068780974, (sysid_real)0.01
 };
-static const sysid_real sysid_monitor_scatter[20][3] = {
-    {(sysid_real)0.11904241790857459, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.2,
-        (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)10.0, (sysid_real)0.0},
-        {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)100.0}, {(sysid_real)0.0, (sysid_real)0.0,
-        (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0,
-        (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0},
-        {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0,
-        (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0,
-        (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0},
-        {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0,
-        (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0,
-        (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0},
-        {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0,
+static const sysid_real sysid_monitor_scatter[20][4] = {
+    {(sysid_real)0.11904241790857459, (sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0},
+        {(sysid_real)0.0, (sysid_real)0.2, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0,
+        (sysid_real)0.0, (sysid_real)10.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0,
+        (sysid_real)0.0, (sysid_real)100.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0,
+        (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0},
+        {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0,
+        (sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0,
+        (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0,
+        (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0},
+        {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0,
+        (sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0,
+        (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0,
+        (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0},
+        {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0,
+        (sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0,
+        (sysid_real)0.0, (sysid_real)0.0}, {(sysid_real)0.0, (sysid_real)0.0, (sysid_real)0.0,
         (sysid_real)0.0}
 };
 /* Variances of the bundle's errors, and the covariance of friction's first two. */
 static const sysid_real sysid_monitor_errors[20] = {
     (sysid_real)0.0036134842459124472, (sysid_real)0.011655009164955073, (sysid_real)0.0,
+        (sysid_real)0.0, (sysid_real)3.1803057251873707e-05, (sysid_real)2.7562009446681967e-05,
+        (sysid_real)3.1803057251873707e-05, (sysid_real)0.046411224864514926,
+        (sysid_real)0.05408649850695824, (sysid_real)0.04701112426918582,
+        (sysid_real)0.045832053095043575, (sysid_real)0.0025321540105193953,
+        (sysid_real)0.0004350168926466429, (sysid_real)0.00013580006893223925,
+        (sysid_real)0.0002287321583680774, (sysid_real)0.00015897286579654238,
+        (sysid_real)0.0003860493812721061, (sysid_real)0.00010691896796393924,
+        (sysid_real)0.00017729716363083214, (sysid_real)0.00011335233345071049
+};
+/* The same while the monitor learns. */
+static const sysid_real sysid_monitor_first_errors[20] = {
+    (sysid_real)35.431356638045216, (sysid_real)100.01165500916495, (sysid_real)0.0,
         (sysid_real)0.0, (sysid_real)3.1803057251873707e-05, (sysid_real)2.7562009446681967e-05,
         (sysid_real)3.1803057251873707e-05, (sysid_real)0.046411224864514926,
         (sysid_real)0.05408649850695824, (sysid_real)0.04701112426918582,
@@ -3752,7 +3771,7 @@ typedef struct {
     sysid_monitor_shaft shaft;
     sysid_monitor_valve valve[2];
     sysid_monitor_equations cycle, pool;
-    sysid_real variance[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS];
+    sysid_real variance[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS], baseline[SYSID_MONITOR_DRIFTS];
     sysid_real position, pressure[2], motor, next_period;
     sysid_real extreme, low, squares[3], count[3], before[3];
     sysid_real z[SYSID_MONITOR_DRIFTS], change[SYSID_MONITOR_DRIFTS];
@@ -4198,7 +4217,7 @@ static inline void sysid_monitor_without_scatter(sysid_monitor_equations *e)
 }
 
 /* The covariance of the sums under health, V + M B M: B is diagonal but for friction's first two. */
-static inline void sysid_monitor_covariance(const sysid_monitor *m,
+static inline void sysid_monitor_covariance(const sysid_monitor *m, const sysid_real *errors,
                                          sysid_real out[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS])
 {
     int i, j, k;
@@ -4206,7 +4225,7 @@ static inline void sysid_monitor_covariance(const sysid_monitor *m,
         for (j = 0; j < SYSID_MONITOR_DRIFTS; j++) {
             sysid_real sum = 0;
             for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
-                sum += m->pool.matrix[i][k] * sysid_monitor_errors[k] * m->pool.matrix[k][j];
+                sum += m->pool.matrix[i][k] * errors[k] * m->pool.matrix[k][j];
             }
             sum += sysid_monitor_shared_error * (m->pool.matrix[i][0] * m->pool.matrix[1][j] +
                                               m->pool.matrix[i][1] * m->pool.matrix[0][j]);
@@ -4215,22 +4234,18 @@ static inline void sysid_monitor_covariance(const sysid_monitor *m,
     }
 }
 
-/* The statistics of the sums, by Cholesky's factor; what was not excited has none. */
-static inline void sysid_monitor_test(sysid_monitor *m)
+/* Cholesky's factor G of a covariance in its place, and G^-1 of a vector and of rows in theirs; a
+   direction that was not excited has none. */
+static inline void sysid_monitor_whiten(sysid_real factor[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS],
+                                     sysid_real *white,
+                                     sysid_real rows[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS])
 {
-    sysid_real factor[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS];
-    sysid_real rows[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS], white[SYSID_MONITOR_DRIFTS];
     int i, j, k;
-    sysid_monitor_covariance(m, factor);
     for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
         const sysid_real own = factor[k][k];
         sysid_real pivot = own;
         for (j = 0; j < k; j++) {
             pivot -= factor[k][j] * factor[k][j];
-        }
-        white[k] = m->pool.vector[k];
-        for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
-            rows[k][i] = m->pool.matrix[k][i];
         }
         if (!(pivot > sysid_monitor_excited * own)) {
             for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
@@ -4259,6 +4274,25 @@ static inline void sysid_monitor_test(sysid_monitor *m)
             factor[i][k] = sum / factor[k][k];
         }
     }
+}
+
+/* The statistics of the sums, less what the first cycles taught. */
+static inline void sysid_monitor_test(sysid_monitor *m)
+{
+    const sysid_real *errors =
+        m->cycles > SYSID_MONITOR_LEARNING ? sysid_monitor_errors : sysid_monitor_first_errors;
+    sysid_real factor[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS];
+    sysid_real rows[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS], white[SYSID_MONITOR_DRIFTS];
+    int i, k;
+    sysid_monitor_covariance(m, errors, factor);
+    for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
+        white[k] = m->pool.vector[k];
+        for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
+            rows[k][i] = m->pool.matrix[k][i];
+            white[k] -= m->pool.matrix[k][i] * m->baseline[i];
+        }
+    }
+    sysid_monitor_whiten(factor, white, rows);
     for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
         sysid_real score = 0, power = 0;
         for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
@@ -4268,6 +4302,42 @@ static inline void sysid_monitor_test(sysid_monitor *m)
         m->z[i] = power > 0 ? score / sysid_sqrt(power) : 0;
         m->change[i] = power > 0 ? score / power * sysid_monitor_scales[i] : 0;
     }
+}
+
+static inline void sysid_monitor_new_sums(sysid_monitor *m)
+{
+    int i, j;
+    for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
+        for (j = 0; j < SYSID_MONITOR_DRIFTS; j++) {
+            m->pool.matrix[i][j] = m->variance[i][j] = 0;
+        }
+        m->pool.vector[i] = 0;
+    }
+}
+
+/* The drifts that the first cycles show, the posterior mean, as the baseline; and sums anew. */
+static inline void sysid_monitor_learn(sysid_monitor *m)
+{
+    sysid_real factor[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS];
+    sysid_real rows[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS], white[SYSID_MONITOR_DRIFTS];
+    int i, k;
+    sysid_monitor_covariance(m, sysid_monitor_first_errors, factor);
+    for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
+        white[k] = m->pool.vector[k];
+        for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
+            rows[k][i] = m->pool.matrix[k][i] * sysid_monitor_first_errors[i];
+        }
+        rows[k][0] += m->pool.matrix[k][1] * sysid_monitor_shared_error;
+        rows[k][1] += m->pool.matrix[k][0] * sysid_monitor_shared_error;
+    }
+    sysid_monitor_whiten(factor, white, rows);
+    for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
+        m->baseline[i] = 0;
+        for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
+            m->baseline[i] += rows[k][i] * white[k];
+        }
+    }
+    sysid_monitor_new_sums(m);
 }
 
 /* The alarm that the statistics speak for. */
@@ -4298,7 +4368,7 @@ static inline void sysid_monitor_judge(sysid_monitor *m)
 /* The end of a cycle: its equations into the sums, and what these say. */
 static inline void sysid_monitor_cycle_ends(sysid_monitor *m)
 {
-    const sysid_real keeps = sysid_monitor_forgetting;
+    const sysid_real keeps = m->cycles < SYSID_MONITOR_LEARNING ? 1 : sysid_monitor_forgetting;
     sysid_real excess = 1;
     int i, j;
     for (i = 0; i < 3; i++) {
@@ -4324,6 +4394,9 @@ static inline void sysid_monitor_cycle_ends(sysid_monitor *m)
     m->cycles++;
     sysid_monitor_test(m);
     sysid_monitor_judge(m);
+    if (m->cycles == SYSID_MONITOR_LEARNING) {
+        sysid_monitor_learn(m);
+    }
 }
 
 /* Whether a cycle ends with a position: the second time that a stroke turns. */
@@ -4362,7 +4435,7 @@ static inline int sysid_monitor_turns(sysid_monitor *m, sysid_real position)
 /* Anew: nothing seen, both valves off. is_duty: the valves' commands are duties, else 1 and 0. */
 static inline void sysid_monitor_start(sysid_monitor *m, int is_duty)
 {
-    int side, i, j;
+    int side, i;
     m->is_duty = is_duty;
     m->is_known = m->is_begun = m->way = m->turns = m->alarm = m->drift = 0;
     m->cycles = 0;
@@ -4385,11 +4458,9 @@ static inline void sysid_monitor_start(sysid_monitor *m, int is_duty)
         m->before[i] = 0;
     }
     sysid_monitor_new_cycle(m);
+    sysid_monitor_new_sums(m);
     for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
-        for (j = 0; j < SYSID_MONITOR_DRIFTS; j++) {
-            m->pool.matrix[i][j] = m->variance[i][j] = 0;
-        }
-        m->pool.vector[i] = m->z[i] = m->change[i] = 0;
+        m->baseline[i] = m->z[i] = m->change[i] = 0;
     }
 }
 
