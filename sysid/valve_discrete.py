@@ -169,7 +169,8 @@ def _fit_valve(
     by_thesis = fit_curves(pieces, start, free_parameters(reasons, read, pieces))
     alone, series = _in_series(bare, valve, rig, by_thesis, law, notices)
     curves, choice = chosen(by_thesis, law, series)
-    reasons = {name: why for name, why in reasons.items() if name not in curves.problem.free}
+    if series is not None and curves is series:  # whose regimes are others
+        reasons = {name: why for name, why in reasons.items() if name not in curves.problem.free}
     contradicted = any_contradiction(used)
     quality = {
         way: replace(one, contradicted=contradicted) for way, one in judged(curves, title).items()

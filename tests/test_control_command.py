@@ -198,7 +198,7 @@ BROKEN = {
     "syntax.py:MyController": "syntax.py, line 2: does not run: SyntaxError",
     "raises.py:MyController": "raises.py, line 6: does not run: ZeroDivisionError",
     "short.py:MyController": "short.py: does not run",
-    "pid": "controller 'pid': is unknown; give pva, backstepping, dvmpc or FILE.py:CLASS",
+    "pid": "controller 'pid': is unknown; give pva, backstepping, dvmpc, force or FILE.py:CLASS",
 }
 FILES = {
     "empty.py": "",

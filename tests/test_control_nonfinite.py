@@ -19,6 +19,7 @@ from sysid.controllers.backstepping import BacksteppingController
 from sysid.controllers.dvmpc import DvmpcController
 from sysid.controllers.faults import SensorFaults
 from sysid.controllers.feedforward import FeedforwardController
+from sysid.controllers.force import ForceController
 from sysid.controllers.guard import GuardedController
 from sysid.controllers.interface import Commands, Controller, Reference, StateEstimate
 from sysid.controllers.loop import Case, ClosedLoopRun, closed_loop
@@ -55,6 +56,7 @@ MAKERS: dict[str, Callable[[], GuardedController]] = {
     "bipolynomial": lambda: BacksteppingController(bipolynomial_design()),
     "effect": lambda: BacksteppingController(drooping()),
     "feedforward": lambda: FeedforwardController(design()),
+    "force": lambda: ForceController(design()),
     "dvmpc": lambda: DvmpcController(design(UPRIGHT), horizon=6, estimator=PayloadEstimator()),
     "varying": lambda: DvmpcController(
         design(), horizon=9, hold=1, varying=True, predicts_delays=True

@@ -38,7 +38,7 @@ DAYS = np.array([0.0, 30.0, 65.0, 90.0, 120.0, 200.0, 230.0, 260.0, 300.0, 340.0
 QUICK = {"diagnose": False, "refine": False}
 # The text of elements that reach beyond the window and do not lie in something that scrolls.
 OUTSIDE = """() => [...document.querySelectorAll("main *, header *")]
-    .filter(e => !e.closest(".scroll") && !e.closest("svg") && e.getClientRects().length)
+    .filter(e => !e.closest(".scroll, .panels") && !e.closest("svg") && e.getClientRects().length)
     .filter(e => e.getBoundingClientRect().right > window.innerWidth + 1)
     .map(e => e.outerHTML.slice(0, 80))"""
 

@@ -48,7 +48,7 @@ COMMANDS = {
     "fleet": "`run` for every CAMPAIGN, and one page on all of them: what changed, and when.",
     "init": "Write a commented rig or campaign file to fill in.",
     "monitor": "Alarms where the machine of each LOG no longer obeys BUNDLE, by kind of drift.",
-    "pwm-frequency": "Which PWM frequency to run a valve at, from logs at several.",
+    "pwm-frequency": "Which PWM frequency to run at, from valve-pwm logs at several: one LOG each.",
     "refine": "All parameters of the assembled model together, by simulation error.",
     "run": "The whole pipeline, from checks to exports. Resumes where it stopped.",
     "simulate": "Open-loop simulation of the commands in INPUTS, a log.",

@@ -378,6 +378,7 @@ def minimise(
     tolerance: float = 1e-10,
     max_evaluations: int = 2000,
     polish: bool = True,
+    to_bounds: bool = False,
 ) -> LeastSquaresFit:
     """Least squares of `residuals(values)` (n,) over the bounded parameters (p,).
 
@@ -385,7 +386,8 @@ def minimise(
     Trust-region reflective steps with columns scaled as they come (Branch, Coleman, Li
     1999) until the sum falls by less than `tolerance` of itself, then (`polish`) Gauss-Newton
     steps for as long as they lower it: the minimum is found to the last digits that the
-    residuals carry. Raises ValueError on a start outside its bounds.
+    residuals carry. `to_bounds`: a parameter that creeps towards a bound is put there. Raises
+    ValueError on a start outside its bounds.
     """
     start = np.array([p.value for p in parameters], dtype=float)
     lower = np.array([p.lower for p in parameters])
@@ -405,9 +407,9 @@ def minimise(
     # A trial step may overflow the model; its infinite sum is refused, which is the answer.
     with np.errstate(all="ignore"):
         bounds = lower / sizes, upper / sizes
-        found = _descended(
-            scaled, scaled_jacobian, start / sizes, bounds, tolerance, max_evaluations
-        )
+        patience = _PATIENCE if to_bounds else max_evaluations
+        limits = patience, max_evaluations
+        found = _descended(scaled, scaled_jacobian, start / sizes, bounds, tolerance, limits)
         end = FitStart(found.x, np.asarray(found.fun), np.asarray(found.jac))
         if polish:
             end = _polished(scaled, scaled_jacobian, end, lower / sizes, upper / sizes)
@@ -437,10 +439,13 @@ def _descended(
     start: FloatArray,
     bounds: tuple[FloatArray, FloatArray],
     tolerance: float,
-    most: int,
+    limits: tuple[int, int],
 ) -> Any:
-    """scipy's result of the trust-region steps; parameters that creep towards a bound are put there
-    and the others' minimum found, which stands if these would still leave through the bound."""
+    """scipy's result of the trust-region steps.
+
+    `limits`: evaluations after which parameters that creep towards a bound are put there and the
+    others' minimum found, which stands if these would still leave through the bound; and of all.
+    """
     from scipy import optimize
 
     def steps(x: FloatArray, count: int) -> Any:
@@ -456,8 +461,9 @@ def _descended(
             max_nfev=count,
         )
 
-    found = steps(start, min(most, _PATIENCE))
-    if found.status > 0 or most <= _PATIENCE:
+    patience, most = limits
+    found = steps(start, min(most, patience))
+    if found.status > 0 or most <= patience:
         return found
     lower, upper = bounds
     bound = np.where(found.grad > 0.0, lower, upper)
@@ -476,7 +482,7 @@ def _descended(
             x[~held],
             (lower[~held], upper[~held]),
             tolerance,
-            most - found.nfev,
+            (patience, most - found.nfev),
         )
         x = whole(others.x)
         slopes = jacobian(x)
