@@ -12,6 +12,7 @@ import json
 import shutil
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from sysid.blocks.figures import Figure
@@ -63,7 +64,7 @@ def model_picture(diagnosis: Path, target: Path) -> None:
         len(panels), sharex=True, figsize=(8.0, 4.2), height_ratios=heights, layout="constrained"
     )
     for ax, panel in zip(axes, panels, strict=True):
-        draw(ax, panel)
+        draw(ax, replace(panel, legend="over") if panel.legend == "above" else panel)
         ax.spines[["top", "right"]].set_visible(False)
         ax.grid(alpha=0.3)
     axes[0].set_xlabel("")
