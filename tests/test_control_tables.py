@@ -40,6 +40,7 @@ from sysid.thesis import (
 )
 from sysid.thesis.figures import figure_runs, figure_sets
 from sysid.thesis.overview import ControllersPage
+from sysid.thesis.shown import compared
 
 APPENDICES = [
     (name, n)
@@ -293,6 +294,14 @@ def test_agreement_counts_cells() -> None:
     print_ = (1.9e-3, 2.1e-3, 0.4e-3, 1.0e-3, 0.3, 0.3)
     table = ThesisTable("0", "", "", columns, (TableRow("", ours, print_),))
     assert Agreement.of([table]) == Agreement(4, 1, 1, 2, 2, 2)
+
+
+def test_an_error_of_nothing_is_far_below_the_print() -> None:
+    """A simulated test may end exactly where it should."""
+    rows = (TableRow("", (0.0, 1.0e-3), (1.0e-3, 1.0e-3)),)
+    table = ThesisTable("0", "", "", (Column("a"), Column("b")), rows)
+    ((_, (nothing, same)),) = compared(table).rows
+    assert "< 0.01" in str(nothing) and "1" in str(same)
 
 
 # --- the command -----------------------------------------------------------------------------

@@ -123,7 +123,8 @@ def _cell(column: Column, ours: float, theirs: float) -> ComparedCell:
     factor = ours / theirs
     if column.unit == "rad" and min(ours, theirs) >= LOST_RAD:
         return ComparedCell(mine, print_, f"({_factor(factor)})")
-    size = sum(max(factor, 1.0 / factor) > tint for tint in _TINTS)
+    away = max(factor, 1.0 / factor) if factor > 0.0 else math.inf
+    size = sum(away > tint for tint in _TINTS)
     return ComparedCell(mine, print_, f"({_factor(factor)})", size if factor > 1.0 else -size)
 
 
