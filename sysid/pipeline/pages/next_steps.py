@@ -198,10 +198,8 @@ def _wide(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
         low, high = estimate.interval
         if not estimate.identified or not (math.isfinite(low) and math.isfinite(high)):
             continue
-        if row.origin == "friction" and name not in positive:
-            continue  # an offset: it may be as near to 0 as it likes
         half = 0.5 * (high - low)
-        # A quantity of either sign is not wide merely because it is close to 0.
+        # A quantity of either sign, such as an offset, is not wide merely because it is close to 0.
         size = max(abs(estimate.value), positive.get(name, 0.0))
         if half <= _WIDE * size or (low * high <= 0.0 and name not in positive):
             continue
