@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +34,6 @@ _LAST_STEP = 1e-10
 
 # So near to a bound, as a share of its scale, a parameter is stuck there.
 _AT_BOUND = 1e-6
-# After so many evaluations a parameter that heads for a bound as near as that, as a share of its
-# scale, is put there: reflective steps only halve the distance. What holds at the bound is checked.
-_PATIENCE, _NEAR_BOUND = 50, 0.1
 
 
 @dataclass(frozen=True)
@@ -378,7 +374,6 @@ def minimise(
     tolerance: float = 1e-10,
     max_evaluations: int = 2000,
     polish: bool = True,
-    to_bounds: bool = False,
 ) -> LeastSquaresFit:
     """Least squares of `residuals(values)` (n,) over the bounded parameters (p,).
 
@@ -386,9 +381,10 @@ def minimise(
     Trust-region reflective steps with columns scaled as they come (Branch, Coleman, Li
     1999) until the sum falls by less than `tolerance` of itself, then (`polish`) Gauss-Newton
     steps for as long as they lower it: the minimum is found to the last digits that the
-    residuals carry. `to_bounds`: a parameter that creeps towards a bound is put there. Raises
-    ValueError on a start outside its bounds.
+    residuals carry. Raises ValueError on a start outside its bounds.
     """
+    from scipy import optimize
+
     start = np.array([p.value for p in parameters], dtype=float)
     lower = np.array([p.lower for p in parameters])
     upper = np.array([p.upper for p in parameters])
@@ -406,10 +402,17 @@ def minimise(
 
     # A trial step may overflow the model; its infinite sum is refused, which is the answer.
     with np.errstate(all="ignore"):
-        bounds = lower / sizes, upper / sizes
-        patience = _PATIENCE if to_bounds else max_evaluations
-        limits = patience, max_evaluations
-        found = _descended(scaled, scaled_jacobian, start / sizes, bounds, tolerance, limits)
+        found = optimize.least_squares(
+            scaled,
+            start / sizes,
+            jac=scaled_jacobian,
+            bounds=(lower / sizes, upper / sizes),
+            x_scale="jac",
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=None,
+            max_nfev=max_evaluations,
+        )
         end = FitStart(found.x, np.asarray(found.fun), np.asarray(found.jac))
         if polish:
             end = _polished(scaled, scaled_jacobian, end, lower / sizes, upper / sizes)
@@ -433,70 +436,6 @@ class FitStart:
     jacobian: FloatArray
 
 
-def _descended(
-    residuals: Residuals,
-    jacobian: Jacobian,
-    start: FloatArray,
-    bounds: tuple[FloatArray, FloatArray],
-    tolerance: float,
-    limits: tuple[int, int],
-) -> Any:
-    """scipy's result of the trust-region steps.
-
-    `limits`: evaluations after which parameters that creep towards a bound are put there and the
-    others' minimum found, which stands if these would still leave through the bound; and of all.
-    """
-    from scipy import optimize
-
-    def steps(x: FloatArray, count: int) -> Any:
-        return optimize.least_squares(
-            residuals,
-            x,
-            jac=jacobian,
-            bounds=bounds,
-            x_scale="jac",
-            ftol=tolerance,
-            xtol=tolerance,
-            gtol=None,
-            max_nfev=count,
-        )
-
-    patience, most = limits
-    found = steps(start, min(most, patience))
-    if found.status > 0 or most <= patience:
-        return found
-    lower, upper = bounds
-    bound = np.where(found.grad > 0.0, lower, upper)
-    held = np.abs(found.x - bound) < _NEAR_BOUND
-    if held.any() and not held.all():
-        x = np.where(held, bound, found.x)
-
-        def whole(values: FloatArray) -> FloatArray:
-            full = x.copy()
-            full[~held] = values
-            return full
-
-        others = _descended(
-            lambda values: residuals(whole(values)),
-            lambda values: jacobian(whole(values))[:, ~held],
-            x[~held],
-            (lower[~held], upper[~held]),
-            tolerance,
-            (patience, most - found.nfev),
-        )
-        x = whole(others.x)
-        slopes = jacobian(x)
-        grad = slopes.T @ others.fun
-        leaves = np.where(bound == lower, grad >= 0.0, grad <= 0.0)
-        if others.status > 0 and others.cost <= found.cost and leaves[held].all():
-            others.x, others.jac, others.grad = x, slopes, grad
-            others.nfev += found.nfev
-            return others
-    again = steps(found.x, most - found.nfev)
-    again.nfev += found.nfev
-    return again
-
-
 def _polished(
     residuals: Residuals,
     jacobian: Jacobian,
@@ -507,24 +446,35 @@ def _polished(
     """Gauss-Newton steps inside the bounds for as long as the sum of squares falls."""
     here = start
     for _ in range(20):
-        x, r, j = here.x, here.residuals, here.jacobian
-        norm = np.sqrt(np.sum(j**2, axis=0))
-        if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
-            return here
-        q, triangle = np.linalg.qr(j / norm)
-        along = -(q.T @ r)
+        trial, fall = _gauss_newton(here, lower, upper)
         # A step that would lower the sum of squares by less than this share is rounding.
-        if not along @ along > 1e-18 * (r @ r):
-            return here
-        step, *_ = np.linalg.lstsq(triangle, along, rcond=1e-14)
-        trial = x + step / norm
-        if np.any(trial <= lower) or np.any(trial >= upper):
+        if trial is None or not fall > 1e-18:
             return here
         new = residuals(trial)
-        if not new @ new < r @ r:
+        if not new @ new < here.residuals @ here.residuals:
             return here
         here = FitStart(trial, new, jacobian(trial))
     return here
+
+
+def _gauss_newton(
+    here: FitStart, lower: FloatArray, upper: FloatArray
+) -> tuple[FloatArray | None, float]:
+    """Where a Gauss-Newton step leads, (p,), and by what share it would lower the sum of squares.
+
+    None where it leaves the bounds, or a parameter does not show.
+    """
+    norm = np.sqrt(np.sum(here.jacobian**2, axis=0))
+    if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
+        return None, 0.0
+    q, triangle = np.linalg.qr(here.jacobian / norm)
+    along = -(q.T @ here.residuals)
+    step, *_ = np.linalg.lstsq(triangle, along, rcond=1e-14)
+    trial = here.x + step / norm
+    if np.any(trial <= lower) or np.any(trial >= upper):
+        return None, 0.0
+    total = float(here.residuals @ here.residuals)
+    return trial, float(along @ along) / total if total > 0.0 else 0.0
 
 
 def without_rows(fit: LeastSquaresFit, start: FitStart, residuals: Residuals) -> FloatArray | None:
@@ -539,18 +489,10 @@ def without_rows(fit: LeastSquaresFit, start: FitStart, residuals: Residuals) ->
     upper = np.array([p.upper for p in fit.parameters])
     here = start
     for _ in range(10):
-        norm = np.sqrt(np.sum(here.jacobian**2, axis=0))
-        if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
-            return None
-        q, triangle = np.linalg.qr(here.jacobian / norm)
-        along = -(q.T @ here.residuals)
-        step, *_ = np.linalg.lstsq(triangle, along, rcond=1e-14)
-        trial = here.x + step / norm
-        if np.any(trial <= lower) or np.any(trial >= upper):
-            return None
+        trial, fall = _gauss_newton(here, lower, upper)
+        if trial is None or fall <= _LAST_STEP:
+            return trial
         new = np.asarray(residuals(trial))
-        if along @ along <= _LAST_STEP * (here.residuals @ here.residuals):
-            return np.asarray(trial)
         if not new @ new < here.residuals @ here.residuals:
             return None
         here = FitStart(trial, new, central_jacobian(residuals, trial, sizes, lower, upper))

@@ -202,13 +202,13 @@ def fit_averaged(flows: MeanFlows, conditions: Conditions, *, rough: bool = Fals
         solution = minimise(some, start, tolerance=_ROUGH, polish=False)
         left = _mean_flow(solution.values, flows, conditions) - flows.flow
     else:
-        first = minimise(_residuals(flows, conditions), start, to_bounds=True).values
+        first = minimise(_residuals(flows, conditions), start).values
         start = [
             replace(p, value=float(np.clip(v, p.lower, p.upper)))
             for p, v in zip(start, first, strict=True)
         ]
         bend = _bend(first, flows, conditions)
-        solution = minimise(_residuals(flows, conditions, bend), start, to_bounds=True)
+        solution = minimise(_residuals(flows, conditions, bend), start)
         left = solution.residuals * _errors(flows)
     return AveragedFit(conditions, solution, flows.test, math.sqrt(float(np.mean(left**2))))
 
