@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,8 @@ from sysid.types import BoolArray, FloatArray
 
 _LENGTHS = 4096
 """Samples are filled up to a multiple of this: what is compiled serves tests of many lengths."""
+# Of each structure of a model three are compiled: both chambers and the shaft.
+_MOST_PROGRAMS = 16
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,7 @@ def _chamber(
         design.chamber_scales(side),
         (design.swept[side], *design.choked[side]),
     )
-    found = _run("chamber", side, fixed, columns, float(readings[0]))
+    found = _run(side, fixed, columns, float(readings[0]))
     values, slopes, counts, mean, ends = (part[grid.ends_sample] for part in found)
     return _Shown(values, slopes, counts, _kink(mean - ends, stretches.follows))
 
@@ -212,7 +214,7 @@ def _shaft(
         dtype=float,
     ).T
     fixed = (design.model, design.noise, design.shaft_scales, (*design.shaft, design.speed))
-    values, slopes, counts = _run("shaft", "", fixed, columns, float(x[0]))
+    values, slopes, counts = _run("", fixed, columns, float(x[0]))
     return _Shown(values, slopes, counts, np.zeros(0))
 
 
@@ -229,8 +231,9 @@ def _open(design: MonitorDesign, side: str, samples: WatchedSamples) -> OpenInte
 
 
 def _run(
-    kind: str, side: str, fixed: tuple[Any, ...], columns: FloatArray, first: float
+    side: str, fixed: tuple[Any, ...], columns: FloatArray, first: float
 ) -> tuple[FloatArray, ...]:
+    """The observer of a chamber, or of the shaft (no side), over all samples of a test."""
     from sysid.plant.jax_setup import on_processor
 
     count = len(columns)
@@ -238,78 +241,95 @@ def _run(
     filled[:count] = np.where(np.isfinite(columns), columns, 0.0)
     structure, numbers = take_apart(fixed)
     with on_processor():
-        run = _compiled(kind, side, structure)
-        found = run(
+        found = _compiled()(
             [np.float64(n) for n in numbers],
             filled,
             np.float64(first if np.isfinite(first) else 0.0),
+            side=side,
+            structure=structure,
         )
         return tuple(np.asarray(part)[:count] for part in found)
 
 
-@lru_cache(maxsize=16)
-def _compiled(kind: str, side: str, structure: Any) -> Any:
-    """The observer over all samples of a test, for models of one structure."""
+@cache
+def _compiled() -> Any:
+    """`_observed`, compiled; jax is loaded with the first test."""
+    from sysid.plant.programs import Programs
+
+    return Programs(_observed, _MOST_PROGRAMS)
+
+
+def _observed(numbers: Any, rows: Any, first: Any, *, side: str, structure: Any) -> Any:
+    """To be traced, for models of one structure."""
+    fixed = put_together(structure, numbers)
+    return _chamber_seen(fixed, rows, first, side) if side else _shaft_seen(fixed, rows, first)
+
+
+def _chosen(follows: Any, known: Any, after: Any, anew: Any, state: Any) -> Any:
     from sysid.plant.jax_setup import jax, jnp
 
-    def chosen(follows: Any, known: Any, after: Any, anew: Any, state: Any) -> Any:
-        return jax.tree_util.tree_map(
-            lambda new, begun, old: jnp.where(
-                follows > 0.0, new, jnp.where(known > 0.0, begun, old)
-            ),
-            *(after, anew, state),
-        )
+    return jax.tree_util.tree_map(
+        lambda new, begun, old: jnp.where(follows > 0.0, new, jnp.where(known > 0.0, begun, old)),
+        *(after, anew, state),
+    )
 
-    def finite(shown: Any, state: Any) -> Any:
-        return jnp.where(jnp.isfinite(shown.value + sum(shown.slopes) + state), 1.0, 0.0)
 
-    def chambers(numbers: Any, rows: Any, first: Any) -> Any:
-        model, noise, scales, (swept, *choked) = put_together(structure, numbers)
-        variance = noise.pressure**2
+def _finite(shown: Any, state: Any) -> Any:
+    from sysid.plant.jax_setup import jnp
 
-        def step(carry: Any, row: Any) -> Any:
-            state, mean, begun = carry
-            duration, reading, follows, known, ends = row[8:]
-            share = duration / noise.period
-            at = ChamberPoint(*row[:8])._replace(pressure=state.pressure)
-            terms = chamber_terms(model, side, at, noise, scales, tuple(choked))
-            switched = chamber_switched(state, terms.jumps)
-            ahead = chamber_ahead(switched, terms, duration, swept * share)
-            beyond = chamber_rate(model, side, past_boundary(at, terms), at.is_open)
-            ahead = chamber_bent(switched, ahead, terms, beyond)
-            mean = mean + 0.5 * share * (state.pressure + ahead.pressure)
-            after, shown = chamber_seen(ahead, reading, variance)
-            anew = chamber_start(reading, variance)
-            ok = follows * finite(shown, after.pressure)
-            ended = chosen(ok, known, after, anew, state)
-            kept = jax.tree_util.tree_map(lambda a, b: jnp.where(ends > 0.0, a, b), ended, ahead)
-            used = [jnp.where(ok > 0.0, v, 0.0) for v in (shown.value, jnp.stack(shown.slopes))]
-            out = (*used, ok, mean, 0.5 * (begun + ahead.pressure))
-            begun = jnp.where(ends > 0.0, kept.pressure, begun)
-            return (kept, jnp.where(ends > 0.0, 0.0, mean), begun), out
+    return jnp.where(jnp.isfinite(shown.value + sum(shown.slopes) + state), 1.0, 0.0)
 
-        return jax.lax.scan(step, (chamber_start(first, variance), 0.0 * first, first), rows)[1]
 
-    def shafts(numbers: Any, rows: Any, first: Any) -> Any:
-        model, noise, scales, (*held, speed) = put_together(structure, numbers)
-        variance, shaft = noise.position**2, ShaftNumbers(*held)
+def _chamber_seen(fixed: Any, rows: Any, first: Any, side: str) -> Any:
+    from sysid.plant.jax_setup import jax, jnp
 
-        def step(state: Any, row: Any) -> Any:
-            at_a, at_b, motor, reading, follows, known = row
-            effort = shaft_effort(model, state.position, state.velocity, at_a, at_b, motor)
-            counts = jnp.where(shaft_moves(state, shaft), follows, 0.0)
-            ahead = shaft_ahead(state, effort, noise.period, shaft, scales)
-            after, shown = shaft_seen(ahead, reading, variance)
-            anew = shaft_start(reading, variance, speed**2)
-            ok = follows * finite(shown, after.velocity)
-            kept = chosen(ok, known, after, anew, state)
-            counts = ok * counts
-            used = [jnp.where(ok > 0.0, v, 0.0) for v in (shown.value, jnp.stack(shown.slopes))]
-            return kept, (*used, counts)
+    model, noise, scales, (swept, *choked) = fixed
+    variance = noise.pressure**2
 
-        return jax.lax.scan(step, shaft_start(first, variance, speed**2), rows)[1]
+    def step(carry: Any, row: Any) -> Any:
+        state, mean, begun = carry
+        duration, reading, follows, known, ends = row[8:]
+        share = duration / noise.period
+        at = ChamberPoint(*row[:8])._replace(pressure=state.pressure)
+        terms = chamber_terms(model, side, at, noise, scales, tuple(choked))
+        switched = chamber_switched(state, terms.jumps)
+        ahead = chamber_ahead(switched, terms, duration, swept * share)
+        beyond = chamber_rate(model, side, past_boundary(at, terms), at.is_open)
+        ahead = chamber_bent(switched, ahead, terms, beyond)
+        mean = mean + 0.5 * share * (state.pressure + ahead.pressure)
+        after, shown = chamber_seen(ahead, reading, variance)
+        anew = chamber_start(reading, variance)
+        ok = follows * _finite(shown, after.pressure)
+        ended = _chosen(ok, known, after, anew, state)
+        kept = jax.tree_util.tree_map(lambda a, b: jnp.where(ends > 0.0, a, b), ended, ahead)
+        used = [jnp.where(ok > 0.0, v, 0.0) for v in (shown.value, jnp.stack(shown.slopes))]
+        out = (*used, ok, mean, 0.5 * (begun + ahead.pressure))
+        begun = jnp.where(ends > 0.0, kept.pressure, begun)
+        return (kept, jnp.where(ends > 0.0, 0.0, mean), begun), out
 
-    return jax.jit(chambers if kind == "chamber" else shafts)
+    return jax.lax.scan(step, (chamber_start(first, variance), 0.0 * first, first), rows)[1]
+
+
+def _shaft_seen(fixed: Any, rows: Any, first: Any) -> Any:
+    from sysid.plant.jax_setup import jax, jnp
+
+    model, noise, scales, (*held, speed) = fixed
+    variance, shaft = noise.position**2, ShaftNumbers(*held)
+
+    def step(state: Any, row: Any) -> Any:
+        at_a, at_b, motor, reading, follows, known = row
+        effort = shaft_effort(model, state.position, state.velocity, at_a, at_b, motor)
+        counts = jnp.where(shaft_moves(state, shaft), follows, 0.0)
+        ahead = shaft_ahead(state, effort, noise.period, shaft, scales)
+        after, shown = shaft_seen(ahead, reading, variance)
+        anew = shaft_start(reading, variance, speed**2)
+        ok = follows * _finite(shown, after.velocity)
+        kept = _chosen(ok, known, after, anew, state)
+        counts = ok * counts
+        used = [jnp.where(ok > 0.0, v, 0.0) for v in (shown.value, jnp.stack(shown.slopes))]
+        return kept, (*used, counts)
+
+    return jax.lax.scan(step, shaft_start(first, variance, speed**2), rows)[1]
 
 
 __all__ = ["CycleVerdict", "WatchedSamples", "monitored"]

@@ -40,7 +40,6 @@ TURN = 0.3
 """Share of the stroke, from its middle, at which the valves are switched."""
 _STEP = 2.0 * MAX_STEP
 _MOST_STEPS = 4000
-_SPREAD_PA = 200.0
 
 
 @dataclass(frozen=True)
@@ -112,13 +111,14 @@ def _after(
     """A chamber's pressure a step later, by the exponential Euler step."""
     share = on if side == "a" else 1.0 - on
     other = "b" if side == "a" else "a"
-    levels = pressure[side] + _SPREAD_PA * np.array([-1.0, 0.0, 1.0])
+    spread = float(design.noise.pressure)
+    levels = pressure[side] + spread * np.array([-1.0, 0.0, 1.0])
     none = np.zeros(3)
     at = ChamberPoint(
         none + x, none + v, levels, none + pressure[other], none, none + 1.0 - share, none, none
     )
     low, middle, high = (float(r) for r in chamber_rate(design.model, side, at, none + share))
-    z = _STEP * (high - low) / (2.0 * _SPREAD_PA)
+    z = _STEP * (high - low) / (2.0 * spread)
     gain = _STEP * (math.expm1(z) / z if abs(z) > 1e-6 else 1.0)
     return pressure[side] + gain * middle
 
