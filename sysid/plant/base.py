@@ -135,6 +135,14 @@ class Parameters:
         """A copy with some fields changed."""
         return dataclasses.replace(self, **changes)
 
+    def with_friction(self, sliding: Array, static: Array) -> Parameters:
+        """A copy with so many times the friction, while it slides and at rest."""
+        return self.replace(
+            coulomb_effort=self.coulomb_effort * sliding,
+            viscous=self.viscous * sliding,
+            static_effort=self.static_effort * static,
+        )
+
     def valve(self, side: str) -> ValveParameters:
         """Valve A's or B's flow parameters; ValueError unless `side` is "a" or "b"."""
         if side not in SIDES:

@@ -81,13 +81,7 @@ def with_test_scatter(bundle: Bundle, models: Sequence[Model], seed: int) -> lis
     found = []
     for model in models:
         sliding, static = np.exp(share * rng.standard_normal(2))
-        p = model.parameters
-        own = p.replace(
-            coulomb_effort=p.coulomb_effort * sliding,
-            viscous=p.viscous * sliding,
-            static_effort=p.static_effort * static,
-        )
-        found.append(Model(own, model.effects))
+        found.append(Model(model.parameters.with_friction(sliding, static), model.effects))
     return found
 
 

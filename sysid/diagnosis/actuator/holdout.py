@@ -230,14 +230,8 @@ def _own_friction(
 
 def _with_friction(model: Model, share: float) -> Model:
     """A model whose friction is larger by a share, at rest and sliding."""
-    p = model.parameters
     factor = 1.0 + share
-    changed = p.replace(
-        static_effort=p.static_effort * factor,
-        coulomb_effort=p.coulomb_effort * factor,
-        viscous=p.viscous * factor,
-    )
-    return Model(changed, model.effects)
+    return Model(model.parameters.with_friction(factor, factor), model.effects)
 
 
 def motion_tests(rig: Rig, logs: Sequence[tuple[str, Log]]) -> HeldOut:

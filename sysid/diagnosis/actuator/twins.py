@@ -224,14 +224,8 @@ def _held(model: Model) -> Model:
 
 
 def scattered(model: Model, scatter: Scatter, rng: np.random.Generator) -> Model:
-    p = model.parameters
     static, sliding = 1.0 + np.array([scatter.static, scatter.sliding]) * rng.standard_normal(2)
-    changed = p.replace(
-        static_effort=p.static_effort * static,
-        coulomb_effort=p.coulomb_effort * sliding,
-        viscous=p.viscous * sliding,
-    )
-    return Model(changed, model.effects)
+    return Model(model.parameters.with_friction(sliding, static), model.effects)
 
 
 def _through_sensors(simulated: Sequence[Trajectory], model: Model, rig: Rig) -> FloatArray:

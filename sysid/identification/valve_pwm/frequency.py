@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from sysid.blocks.drawing import plot_panels
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table
 from sysid.errors import Failure, NotIdentifiedError, input_error, on_its_own
+from sysid.estimation.linear import LEVEL
 from sysid.identification.valve_pwm.duty_response import DutyResponse, LinearRange, line_of
 from sysid.identification.valve_pwm.frequency_shown import (
     frequency_table,
@@ -44,7 +46,7 @@ if TYPE_CHECKING:
 _FEWEST_DUTIES = 6
 _ROUNDS = 200
 # The one-sided quantile of a difference that is significant at 5 %.
-_SIGNIFICANT = 1.645
+_SIGNIFICANT = NormalDist().inv_cdf(LEVEL)
 
 
 @dataclass(frozen=True, repr=False)
