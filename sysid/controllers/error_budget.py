@@ -20,7 +20,7 @@ import numpy as np
 
 from sysid.blocks.numbers import number
 from sysid.blocks.tables import Table, table
-from sysid.controllers.backstepping import BacksteppingController
+from sysid.controllers.backstepping import BacksteppingController, WantedState
 from sysid.controllers.cases import PERIOD_S, Case, ClosedLoopRun
 from sysid.controllers.dvmpc import DvmpcController
 from sysid.controllers.force import ForceController
@@ -287,7 +287,7 @@ def _of_backstepping(
     inertia = float(np.mean(record.model.parameters.inertia))
     damping = inertia * (controller.k1 + controller.k2)
     stiffness = inertia * (1.0 + controller.k1 * controller.k2)
-    chambers = _chambers(controller, record) if case.mode.uses_valves else ()
+    chambers = _chambers(controller, record, wanted) if case.mode.uses_valves else ()
     budget = record.budget(sources, damping, stiffness, chambers)
     if controller.compensation and case.mode.uses_motor:
         # The motor's feedback counts as part of the loop; without it, it is an error (4.3.51).
@@ -311,16 +311,15 @@ def _of_inverse_dynamics(controller: DvmpcController, case: Case, run: ClosedLoo
     shown = record.point(record.shown)
     known = record.model.parameters.inertia * record.reference.acceleration
     friction = sliding_friction(shown, record.model, record.reference.velocity)
-    remaining = known + opposing_effort(shown, record.model) + friction
-    remaining = remaining - cylinder_effort(shown, record.model)
+    weight, cylinder = opposing_effort(shown, record.model), cylinder_effort(shown, record.model)
+    remaining = known + weight + friction - cylinder
     off = record.reference.position - record.shown.position
     rate = record.reference.velocity - record.shown.velocity
     asked = remaining + stiffness * off + damping * rate
-    weight = opposing_effort(shown, record.model)
     sources = {
         "friction": record.friction_error(),
         "model of the load": record.model_error(),
-        "cylinder": cylinder_effort(shown, record.model) - record.cylinder,
+        "cylinder": cylinder - record.cylinder,
         "sensors": stiffness * (record.error - off)
         + damping * (record.rate - rate)
         + opposing_effort(record.point(record.true), record.model)
@@ -342,12 +341,13 @@ def _of_inverse_dynamics(controller: DvmpcController, case: Case, run: ClosedLoo
     )
 
 
-def _chambers(controller: BacksteppingController, record: _RunSignals) -> tuple[ChamberError, ...]:
+def _chambers(
+    controller: BacksteppingController, record: _RunSignals, wanted: WantedState
+) -> tuple[ChamberError, ...]:
     """Errors of flows and pressures, both as means over a PWM period."""
     run = record.run
     model = record.case.plant
     ticks = max(1, round(float(np.ravel(model.parameters.pwm_period)[0]) / PERIOD_S))
-    wanted = controller.wanted(record.shown, record.reference, record.model)
     found = []
     for i, (side, gain) in enumerate((("a", controller.k3), ("b", controller.k4))):
         pressure = np.asarray(getattr(run, f"pressure_{side}"))

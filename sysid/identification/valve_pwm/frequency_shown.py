@@ -11,6 +11,7 @@ from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, FigureGroup, Lines, Section
 from sysid.blocks.tables import Table, table
 from sysid.identification.valve_pwm.duty_response import DutyResponse
+from sysid.identification.valve_pwm.shown import DIRECTIONS
 
 _ROLES: tuple[Role, ...] = ("second", "model", "third", "fourth")
 _DASHES: tuple[Dash, ...] = ("solid", "dashed", "dotted", "dash-dot")
@@ -63,7 +64,7 @@ def resolution_table(responses: Sequence[DutyResponse]) -> Iterator[Table]:
             rows.append(
                 (
                     f"{number(r.frequency_hz)} Hz, valve {r.valve.upper()}",
-                    {"fill": "filling", "discharge": "discharging"}[direction],
+                    DIRECTIONS[direction],
                     f"{study.coarsest:.3g}",
                     flows,
                 )
