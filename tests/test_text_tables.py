@@ -175,12 +175,13 @@ def test_nanoseconds_since_1970_keep_their_digits(tmp_path: Path) -> None:
     assert joined.iloc[0] == pytest.approx(10.0, rel=1e-6)
 
 
-def test_period_of_a_scope_that_states_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("maps", [BY_NAME[1:], ("time_s=X", *BY_NAME[1:])])
+def test_period_of_a_scope_that_states_it(tmp_path: Path, maps: tuple[str, ...]) -> None:
     cells = "".join(
         f"{i},{b:.4f},{c:.4f},,\n" for i, (b, c) in enumerate(zip(POSITION, FORCE, strict=True))
     )
     text = "X,pos,u,Start,Increment\nSequence,Volt,Volt,0.0,1.0E-3\n" + cells
-    report = read(tmp_path, text, *BY_NAME[1:])
+    report = read(tmp_path, text, *maps)
     expect(tmp_path)
     assert any("the file's own period, 0.001 s" in notice for notice in report.notices)
 
@@ -451,3 +452,8 @@ def test_signals_in_rows_are_named(tmp_path: Path) -> None:
     text = "".join(",".join(signal) + "\n" for signal in zip(*columns, strict=True))
     with pytest.raises(InputError, match=r"line 1: 't' names the line.*--transpose"):
         read(tmp_path, text, *BY_NAME)
+
+
+def test_a_heading_again_in_other_capitals(tmp_path: Path) -> None:
+    report = read(tmp_path, "t,pos,u\n" + rows() + "T,Pos,U\n" + rows(), *BY_NAME)
+    assert report.tests == ("1", "2")

@@ -144,6 +144,9 @@ def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.Da
     sources = _sources(table, recipe)
     if "time_s" in sources and recipe.period_s is not None:
         raise input_error(table.path, "has a time_s column of its own", "omit --period")
+    if "time_s" in sources and _numbers_samples(table, *sources["time_s"]):
+        name, _ = sources.pop("time_s")
+        table.notices.append(f"{table.path}: {name} numbers the samples and holds no time")
     made = _of_one_clock if one_clock(table, sources) else _of_several_clocks
     columns, tests, has_row = made(table, recipe, sources)
     columns.update({key: np.full(tests.rows, value) for key, value in recipe.constants.items()})
@@ -292,6 +295,14 @@ def _timed(
         if counts is readings and not stamped:
             time = without_wraps(table, name, time, kept, starts, wraps_of_seconds)
     return time, found_tests(table, time, kept, starts) if tests is None else tests
+
+
+def _numbers_samples(table: ForeignTable, name: str, entry: ColumnMap) -> bool:
+    """Whether a column mapped as seconds counts rows whose period the file states elsewhere."""
+    base, cells = table.sampling.get(name), table.columns[name]
+    if base is None or entry.factor != 1.0 or base.period_s == 1.0 or cells.dtype.kind not in "if":
+        return False
+    return len(cells) > 1 and bool(np.all(np.diff(cells) == 1.0))
 
 
 def _times_read(table: ForeignTable, name: str, entry: ColumnMap, kept: IntArray) -> FloatArray:

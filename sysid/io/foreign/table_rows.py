@@ -59,7 +59,7 @@ class _Sorting:
     def sorted(self) -> TableRows:
         layout, again = self.heading.layout, None
         if self.heading.line is not None:
-            again = _bare(self.lines[self.heading.line][1], layout)
+            again = _bare(self.lines[self.heading.line][1], layout).casefold()
         nothing = layout.delimiter + " \t\0"
         stamped = any(
             STAMP.search(text)
@@ -77,7 +77,7 @@ class _Sorting:
                 self._take(index, stamped)
             elif not text.strip(nothing):
                 self.empty.append(index)
-            elif again is not None and _bare(text, layout) == again:
+            elif again is not None and _bare(text, layout).casefold() == again:
                 self._start()
             elif is_comment(text):
                 self.comments.append(index)
