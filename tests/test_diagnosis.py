@@ -502,6 +502,21 @@ def test_a_law_is_found_beside_base_parameters_that_were_fitted_without_it(
     assert shape.exhaust_blend == pytest.approx(1.0, abs=0.05)
 
 
+def test_what_an_error_of_the_base_parameters_leaves_is_no_structure(
+    healthy: tuple[Tests, Rig, Model],
+) -> None:
+    """It repeats from test to test, as structure does: the fit's own error is taken out first."""
+    tests, rig, model = healthy
+    p = model.parameters
+    wrong = Model(p.replace(viscous=0.6 * p.viscous, coulomb_effort=1.1 * p.coulomb_effort))
+    right, found = (
+        remainders(close_loop(tests, rig, m, [], simulated=lambda trial: 0.0), rig)[0]
+        for m in (model, wrong)
+    )
+    assert found.repeatable <= right.repeatable + 0.05 * right.rmse
+    assert found.rmse == pytest.approx(right.rmse, rel=0.05)
+
+
 def test_slopes_of_the_base_parameters_are_kept_while_they_predict(
     traces: Traces, healthy: tuple[Tests, Rig, Model], monkeypatch: pytest.MonkeyPatch
 ) -> None:

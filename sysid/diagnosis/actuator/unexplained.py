@@ -17,6 +17,7 @@ from sysid.diagnosis.actuator.equation_error import (
     EquationError,
     equation_error,
 )
+from sysid.diagnosis.actuator.refit import with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.binning import binned_means
@@ -72,7 +73,7 @@ def _strongest(found: Loop, channels: Sequence[str]) -> tuple[ResidualCurve, ...
     if not channels:
         return ()
     last = found.search.last
-    error = equation_error(last.frame.traces, last.model)
+    error = _error(found)
     strongest = (next(iter(curves(last.frame, error, channel)), None) for channel in channels)
     return tuple(curve for curve in strongest if curve is not None)
 
@@ -83,7 +84,7 @@ def remainders(found: Loop, rig: Rig) -> tuple[Remainder, ...]:
     Of its windows' means, in the balance's unit; noise is that of the sensors, as a twin shows it.
     """
     last = found.search.last
-    error = equation_error(last.frame.traces, last.model)
+    error = _error(found)
     rests = []
     for channel in BALANCES:
         table = _table(last.frame, error, channel)
@@ -105,16 +106,26 @@ def repeating(
     known = {log_channel(curve.channel, rig) for curve in structured}
     channels = {log_channel(channel, rig): channel for channel in BALANCES}
     first = found.search.first
+    error = equation_error(first.frame.traces, first.model)
     large = []
     for rest in rests:
         if rest.channel in known or rest.repeatable <= rest.noise:
             continue
         channel = channels[rest.channel]
-        error = equation_error(first.frame.traces, first.model)
         before = first.frame.windows[channel].average(error[channel])
         if rest.is_structure(math.sqrt(float(np.mean(before**2)))):
             large.append(channel)
     return _strongest(found, large)
+
+
+def _error(found: Loop) -> EquationError:
+    """What the model found leaves, its base parameters where they suit the tests best.
+
+    What a fit's own error leaves repeats from test to test, and is no effect.
+    """
+    search = found.search
+    model = with_base_refitted(search.first, search.last.model)
+    return equation_error(search.last.frame.traces, model)
 
 
 def log_channel(channel: str, rig: Rig) -> str:
