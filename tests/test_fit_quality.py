@@ -67,7 +67,11 @@ def judged(rmse: float, scatter: float | None = None, spread: float = 1.0) -> Fi
         (judged(0.9, scatter=0.9), "poor: the scatter is as large", False),
         (judged(0.9, scatter=0.1), "poor: the law explains 19 %", True),
         (judged(0.1, spread=0.0), "poor: the effort does not vary", True),
-        (judged(0.01).with_impossible(["it is below zero"]), "impossible: it is below", False),
+        (
+            dataclasses.replace(judged(0.01), impossible=("it is below zero",)),
+            "impossible: it is below",
+            False,
+        ),
     ],
 )
 def test_the_verdict_goes_by_what_is_missed_beyond_the_scatter(

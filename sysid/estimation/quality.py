@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -241,10 +241,6 @@ class FitQuality:
             f"(RMSE {self.rmse:.3g}{unit}) and misses {100.0 * self.missed:.0f} % of its "
             f"spread{beyond}"
         )
-
-    def with_impossible(self, lines: Sequence[str]) -> FitQuality:
-        """The same, with impossible parameters."""
-        return replace(self, impossible=tuple(lines))
 
     def to_json(self) -> dict[str, Any]:
         """The object of a bundle: numbers that are not finite become null."""

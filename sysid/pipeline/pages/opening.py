@@ -52,10 +52,6 @@ class _Pooled:
     fit: float | None
     noise: float
 
-    @property
-    def times_noise(self) -> float:
-        return self.rmse / self.noise if self.noise > 0.0 else math.inf
-
 
 def verdict(
     bundle: Bundle,
