@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
 from sysid.search.columns import ODDS, Columns, FormColumns, Proposal
-from sysid.search.misfit import FORM, ResidualChannel
+from sysid.search.misfit import RELATIVE_MODEL_ERROR, ResidualChannel
 from sysid.search.misfit import cost as cost_of
 from sysid.search.sets import best_sets, names_of
 from sysid.types import FloatArray
@@ -72,7 +72,7 @@ def test_of_what_an_effect_explained_a_share_is_a_misfit_of_its_law() -> None:
     plain = ResidualChannel(rows, draws, square, noise)
     lacking = ResidualChannel(rows, draws, square, noise + 1e6 * square)
     assert plain.misfit == 0.0
-    assert lacking.misfit == pytest.approx(FORM**2 * 1e6)
+    assert lacking.misfit == pytest.approx(RELATIVE_MODEL_ERROR**2 * 1e6)
     assert ResidualChannel(rows, draws, square, 0.5 * noise).misfit == 0.0
     edge = noise + lacking.misfit * square
     expected = 1.0 / (square * (1.0 + lacking.misfit / draws))

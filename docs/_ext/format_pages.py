@@ -88,7 +88,7 @@ def bundle() -> str:
         "its JSON schema, from which this page is made. [Reading the bundle](../how-to/"
         "read-the-bundle.md) shows how a controller takes it in.\n",
         "## The file\n",
-        schema["description"].replace("`spec/bundle.md`", "this page") + "\n",
+        schema["description"].replace("`docs/reference/bundle.md`", "this page") + "\n",
         _properties(schema),
     ]
     for name, definition in sorted(schema["$defs"].items()):

@@ -18,7 +18,7 @@ draws_option = click.option(
     type=click.IntRange(min=20, max=MOST_DRAWS),
     metavar="N",
     default=None,
-    help="Also with N models drawn from the errors of the bundle's numbers.",
+    help="Draw N models from the uncertainty of the bundle's parameters, and add what they give.",
 )
 
 

@@ -57,8 +57,8 @@ _AT_LIMIT = 1.0 - 1e-9
 class ChamberError:
     """Largest errors of a chamber: of its mean flow, kg/s, and of its pressure, Pa.
 
-    `bound` is the pressure's error that the flow's allows, psi dm / k3 (4.3.36). All from when
-    the chambers have been filled on.
+    `bound`: the bound on the pressure error that follows from the flow error, psi dm / k3
+    (4.3.36). All after the chambers' initial fill.
     """
 
     side: str

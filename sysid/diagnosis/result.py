@@ -65,8 +65,8 @@ class Diagnosis:
 
     @property
     def verdict(self) -> Verdict:
-        """What the search says; that it is incomplete where its budget ended first, as what it did
-        not come to may say something else."""
+        """What the search says; incomplete where its budget ended first, as the stages that it did
+        not reach could change the verdict."""
         if self.looked.cut_short:
             return "incomplete"
         if self.because is not None:

@@ -39,7 +39,7 @@ _Fitted = TypeVar("_Fitted", bound=CorrelatedPart)
 
 
 class Bundle(Shown, BundleContent):
-    """All fitted parameters of a rig (`spec/bundle.md`), as read from or written to JSON.
+    """All fitted parameters of a rig (`docs/reference/bundle.md`), as read from or written to JSON.
 
     >>> bundle.friction.coulomb_nm.unit, bundle.valve("a").discrete.on_delay_s.unit
     ('Nm', 's')

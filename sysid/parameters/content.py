@@ -51,7 +51,7 @@ class Parts:
 
 
 class BundleContent(Part):
-    """All fitted parameters of a rig (`spec/bundle.md`), as read from or written to JSON.
+    """All fitted parameters of a rig (`docs/reference/bundle.md`), as read from or written to JSON.
 
     `rig_content` is the rig file's tables as used; `rig` the rig that they describe. `source`
     names the file that it was read from, in messages.

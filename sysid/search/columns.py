@@ -20,7 +20,7 @@ from sysid.search.misfit import ResidualChannel, cost, weights_of
 from sysid.types import BoolArray, FloatArray, IntArray
 
 ODDS = 2.0 * math.log(20.0)
-"""Twice the log of the odds from which on something is not in doubt, as of an interval of 95 %."""
+"""Twice the log odds at which a set is preferred: 20 to 1, as a level of 95 % has it."""
 _PASSES = 6
 # A pass that lowers minus twice the log likelihood by less changes no decision.
 _SETTLED = 1e-2

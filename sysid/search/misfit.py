@@ -22,8 +22,8 @@ import numpy as np
 
 from sysid.types import FloatArray
 
-FORM = 0.05
-"""How far off an effect's law may be, as a share: a prior, that of a model of engineering."""
+RELATIVE_MODEL_ERROR = 0.05
+"""Prior relative error of an effect's law: a model of engineering holds to a few per cent."""
 
 # Draws of a misfit that is noise.
 _MANY = 1e12
@@ -55,7 +55,7 @@ class ResidualChannel:
     def misfit(self) -> float:
         """The least squares that are misfit where most of those without effects are explained, in
         the noise's variances."""
-        return FORM**2 * max(float(self.excess(self.origin)), 0.0)
+        return RELATIVE_MODEL_ERROR**2 * max(float(self.excess(self.origin)), 0.0)
 
     def cost(self, squares: FloatArray | float) -> FloatArray:
         """Minus twice the log likelihood (k,) of sums of squares (k,), up to a constant."""
@@ -82,4 +82,4 @@ def weights_of(channels: Sequence[ResidualChannel], squares: FloatArray) -> Floa
     return np.stack([channel.weight(own) for channel, own in pairs], axis=-1)
 
 
-__all__ = ["FORM", "ResidualChannel", "cost", "weights_of"]
+__all__ = ["RELATIVE_MODEL_ERROR", "ResidualChannel", "cost", "weights_of"]

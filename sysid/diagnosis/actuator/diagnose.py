@@ -173,8 +173,8 @@ def _diagnosed(
 def rivals_of(
     found: Diagnosis, logs: Sequence[tuple[str, str, Log]], rig: Rig, model: Model
 ) -> Iterator[Diagnosis]:
-    """The same diagnosis of a model, with another effect in the place of one from which the
-    balances do not tell it."""
+    """The same diagnosis with each rival that the balances cannot distinguish substituted for the
+    effect that was chosen."""
     evidence = cast(TwinEvidence, found.evidence)
     for search in evidence.loop.search.rivals:
         outside = _simulable(_held_out(logs, rig), [model, *(s.model for s in search.steps)])
