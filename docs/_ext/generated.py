@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import effect_pages
+import equation_pages
 import figure_pages
 import format_pages
 import message_pages
@@ -43,6 +44,7 @@ INCLUDED: dict[str, Callable[[], str]] = {
     "campaign-file.md": format_pages.campaign_file,
     "bundle.md": format_pages.bundle,
     "messages.md": message_pages.messages,
+    "equations.md": equation_pages.equations,
 }
 """Files that pages of the reference include, and what writes them."""
 

@@ -19,18 +19,22 @@ _TOPICS = {
     "valve_pwm": "Fits",
     "surfaces": "Fits",
     "estimation": "Fits",
-    "assembly": "Fits",
-    "model": "Model, effects and simulation",
-    "bundle": "Bundle",
+    "balance": "Fits",
+    "recording": "Fits",
+    "plant": "Model, effects and simulation",
+    "parameters": "Bundle",
     "validation": "Validation and refinement",
     "refinement": "Validation and refinement",
+    "search": "Diagnosis",
     "diagnosis": "Diagnosis",
     "components": "A component of one's own",
     "controllers": "Controllers",
-    "exporters": "Export and report",
-    "report": "Export and report",
+    "thesis": "Controllers",
+    "exporters": "Export",
+    "fleet": "Fleet",
+    "app": "Workbench in the browser",
 }
-_OTHER = "Commands"
+_OTHER = "Commands and pipelines"
 
 
 def messages() -> str:
