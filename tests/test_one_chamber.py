@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,27 +12,43 @@ from typing import Any
 import numpy as np
 import pytest
 
-from datasets.generator.campaign import GeneratedCampaign
+from datasets.generator.campaign import GeneratedCampaign, stream
 from datasets.generator.files import write_campaign
-from datasets.generator.one_chamber import make_one_chamber_campaign
+from datasets.generator.one_chamber import (
+    free_place,
+    make_one_chamber_campaign,
+    random_one_chamber_rig,
+    scaled,
+)
+from datasets.generator.rigs import GeneratedRig
 from sysid.commands.app import main
 from sysid.controllers.design_model import design_from_bundle
 from sysid.diagnosis.actuator.signatures import candidates
 from sysid.errors import InputError, NotIdentifiedError
+from sysid.estimation.linear import Estimate
 from sysid.exporters.base_laws import mechanics
 from sysid.exporters.c_header import render
 from sysid.exporters.flat import flatten
 from sysid.friction import fit_friction
+from sysid.io.campaign import read_campaign
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
+from sysid.io.rig_sections import Motor
 from sysid.io.samples import with_channels
-from sysid.parameters import Bundle, Parts
+from sysid.parameters import Bundle, Parts, write_bundle
+from sysid.parameters.friction import Friction
+from sysid.parameters.valves import FittedValves
 from sysid.plant import base, plant
 from sysid.plant.base import ValveParameters, parameters_from_rig
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.ports import Model, Point
 from sysid.plant.trials import simulate_trials
 from sysid.recording.motion_tests import prepare
+from sysid.refinement import candidates as candidates_of_motion
+from sysid.refinement.advice import begin
+from sysid.refinement.candidates import candidate_motions, leaves_travel
+from sysid.refinement.played import design, proposal
+from sysid.refinement.played.proposal import PlayRequest, played_test
 from sysid.types import FloatArray
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
@@ -373,6 +390,104 @@ def test_check_speaks_of_the_one_chamber(folder: Path, capsys: pytest.CaptureFix
     assert "valve A" in said and "valve B" not in said and "pressure_b_pa" not in said
 
 
+def test_simulated_channels_are_those_of_the_one_chamber(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_bundle(true_bundle(folder), tmp_path / "bundle.json")
+    words = ["--bundle", str(tmp_path / "bundle.json"), "-o", str(tmp_path / "out.csv")]
+    assert main(["simulate", str(folder / "motion_discrete_2.csv"), *words]) == 0
+    said = capsys.readouterr().out
+    assert "pressure_a_pa" in said and "pressure_b_pa" not in said
+
+
+def true_bundle(folder: Path) -> Bundle:
+    """A bundle of the numbers behind seed 41's rig, known to 3 %."""
+    made = random_one_chamber_rig(stream(41, "rig", 1000), "linear", False)
+    return bundle_of(made, read_rig(folder / "rig.toml"))
+
+
+def bundle_of(made: GeneratedRig, rig: Rig) -> Bundle:
+    def known(values: Mapping[str, float]) -> dict[str, Estimate]:
+        return {k: Estimate.symmetric(v, 0.03 * v, "SI", math.inf) for k, v in values.items()}
+
+    truth = made.truth_content()
+    valves = {"a": {"discrete": known(truth["valves"]["a"])}}
+    friction = Friction.model_validate(known(truth["friction"]))
+    return Bundle.new(rig, Parts(friction, FittedValves.model_validate(valves)), [])
+
+
+def test_friction_motion_that_a_valve_drives_is_simulated(folder: Path) -> None:
+    log = log_of(folder, "friction_motion")
+    assert log.rig is not None and "motor_force_n" not in log.trials[0]
+    test = prepare(log.trials[0], "friction-motion", log.rig, 2.0)
+    assert test.pulsed and test.commands[0] is not None
+    rig = dataclasses.replace(log.rig, motor=Motor(force_per_volt_n=1.0, max_force_n=9.0))
+    idle = with_channels(log.trials[0], duty_a=np.zeros(len(log.trials[0])))
+    with pytest.raises(InputError, match="column motor_force_n is missing"):
+        prepare(idle, "friction-motion", rig, 2.0)
+
+
+def test_a_test_begins_where_the_spring_rests_the_piston(rig_text: str) -> None:
+    def rest(preload: float) -> float:
+        spring = {"stiffness_nm_per_rad": 0.5, "preload_nm": preload}
+        return base.place_at_rest(base.bare_parameters(one_chamber(rig_text, spring=spring)))
+
+    half = 0.5 * float(one_chamber(rig_text).travel or 0.0)
+    assert rest(-0.2) == pytest.approx(0.4 - half)
+    assert rest(0.2) == -half and rest(-0.5 * half) == pytest.approx(0.0, abs=1e-9)
+    assert base.place_at_rest(base.bare_parameters(one_chamber(rig_text))) == 0.0
+    out, back = np.array([-0.95, 0.0]) * half, np.array([0.0, 0.95]) * half
+    assert not leaves_travel(out, 0.9 * half, -half).any()
+    assert list(leaves_travel(back, 0.9 * half, -half)) == [False, True]
+
+
+def test_no_motor_is_proposed_where_there_is_none(
+    made: GeneratedCampaign, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(candidates_of_motion, "DURATION_S", 3.0)
+    monkeypatch.setattr(candidates_of_motion, "_DRAWS", 8)
+    rig = read_rig(folder / "rig.toml")
+    found = candidate_motions(rig, bundle_of(made.rig, rig).model(rig), has_motor=False)
+    assert found and not any(m.motor.any() for m in found)
+    for motion in found:
+        assert motion.channels[0, 0] == pytest.approx(free_place(made.rig), abs=1e-3)
+        assert np.ptp(motion.channels[0]) > 0.1 * made.rig.half_travel
+        assert len(motion.valve_columns(rig)) == 1
+
+
+def test_a_test_to_play_of_two_valves(
+    shut: tuple[GeneratedCampaign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, place = shut
+    monkeypatch.setattr(design, "_POOL", 8)
+    monkeypatch.setattr(design, "_ROUNDS", 0)
+    monkeypatch.setattr(proposal, "_TRIED", 6)
+    monkeypatch.setattr(proposal, "_CHECKED", 8)
+    entry = '[[log]]\nkind = "valve-discrete"\nfile = "valve_discrete_a.csv"\nvalve = "a"\n'
+    (place / "bench.toml").write_text(f'rig = "rig.toml"\n{entry}')
+    campaign = read_campaign(place / "bench.toml")
+    asked = PlayRequest(("valves.a.c_dis",), 1.25, speed=2.0)
+    found = played_test(begin(campaign, bundle_of(made.rig, campaign.rig)), asked)
+    (expected,) = found.expected
+    assert expected.after < 0.9 * expected.now
+    log = read_log(found.write(tmp_path / "next.csv"), campaign.rig)
+    (trial,) = log.trials
+    stem = "duty" if found.kind == "motion-pwm" else "valve"
+    fill, bleed = trial[f"{stem}_a_fill"], trial[f"{stem}_a_bleed"]
+    assert fill.any() and fill[-1] == 0.0 and bleed[-1] == 1.0
+    assert "motor_force_n" not in trial
+    rest = base.place_at_rest(found_model(made, campaign.rig).parameters)
+    placed = with_channels(trial, position_m=np.full(len(trial), rest))
+    (run,) = simulate_trials([placed], campaign.rig, found_model(made, campaign.rig))
+    assert 0.02 * made.rig.half_travel < np.ptp(run["position_m"])
+    assert np.abs(run["position_m"]).max() < found.limits.position
+    assert abs(run["pressure_a_pa"][-1] - made.rig.atmosphere) < 0.3 * np.ptp(run["pressure_a_pa"])
+
+
+def found_model(made: GeneratedCampaign, rig: Rig) -> Model:
+    return bundle_of(made.rig, rig).model(rig)
+
+
 def test_controllers_of_two_chambers_say_so(rig_text: str) -> None:
     rig = one_chamber(rig_text)
     bundle = Bundle.new(rig, Parts(), [])
@@ -392,3 +507,22 @@ def test_exported_constants_are_those_of_the_chamber_and_the_spring(rig_text: st
     p = base.bare_parameters(rig)
     assert law.evaluate(p, 0.3) == pytest.approx(base.spring_effort(0.3, p.stiffness, p.preload))
     assert law.evaluate(p, 0.3) == pytest.approx(base.load_effort(0.3, p))
+
+
+# --- the generator's sizes ----------------------------------------------------------------
+
+
+def test_a_campaign_of_another_size_is_similar(
+    made: GeneratedCampaign, folder: Path, tmp_path: Path
+) -> None:
+    """The numbers that a fit should find belong to the scaled logs, to the simulator's accuracy."""
+    other = scaled(made, time=10.0, area=0.1, length=0.5)
+    write_campaign(tmp_path, other, "generated")
+    run, measured = simulated_and_measured(other, tmp_path)
+    noise = np.std(run["pressure_a_pa"] - measured["pressure_a_pa"])
+    assert noise < 1.1 * other.rig.truth.pressure_noise_pa
+    assert measured.time[-1] == pytest.approx(
+        10.0 * log_of(folder, "motion_discrete_2").trials[0].time[-1]
+    )
+    way = np.ptp(measured["position_m"])
+    assert np.max(np.abs(run["position_m"] - measured["position_m"])) < 0.01 * way

@@ -1,8 +1,9 @@
 """Rigs with one chamber and an elastic return: spring-return cylinders, soft actuators.
 
 The piston's other side is open to the atmosphere. Without pressure the spring holds the piston
-inside its stroke, so that every test starts at rest and off the stops. `make_campaign` draws a rig
-and its tests; each test has its own seed.
+inside its stroke, so that every test starts at rest and off the stops.
+`make_one_chamber_campaign` draws a rig and its tests; each test has its own seed. `scaled` makes
+the same campaign of a rig of another size and speed.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ TRIES = 600
 SWING = 0.45  # least way from one extreme to the other, in half travels
 # The spring's effort over the whole stroke, in shares of the chamber's effort at the supply.
 SPRING_SHARE = (0.35, 0.75)
+# Of the way, in half travels, that the supply moves the piston against a stiff spring.
+STIFF_SWING = 0.4
 # Where the spring holds the piston without pressure, in half travels.
 FREE_PLACE = (-0.75, -0.5)
 VACUUM_PA = (2e4, 4.5e4)
@@ -49,12 +52,13 @@ def random_one_chamber_rig(
     with_motor: bool | None = None,
     vacuum: bool = False,
     bleeds: bool = False,
+    stiffer: float = 1.0,
 ) -> GeneratedRig:
     """A rig with chamber A and a return spring; what is not given is drawn.
 
     Rotary or linear; with or without a motor next to the cylinder; `vacuum`: its supply is one, and
     the spring holds the piston at the other end; `bleeds`: a fill and a bleed valve, shut while
-    both are off. The spring is as stiff as `SPRING_SHARE` says.
+    both are off. The spring is as stiff as `SPRING_SHARE` says, times `stiffer`.
     """
     drawn_motion = "linear" if rng.random() < 0.5 else "rotary"
     drawn_motor = bool(rng.random() < 0.5)
@@ -71,7 +75,7 @@ def random_one_chamber_rig(
         key = "mass_kg" if rig.is_linear else "equivalent_kg_m2"
         content["inertia"][key] = float(f"{0.5 * content['inertia'][key]:.5g}")
     rig = dataclasses.replace(rig, content=content)
-    content["spring"] = _spring(rig, rng)
+    content["spring"] = _spring(rig, rng, stiffer)
     if not (drawn_motor if with_motor is None else with_motor):
         del content["motor"]
     t, less = rig.truth, 0.4 if vacuum else 1.0
@@ -86,11 +90,15 @@ def random_one_chamber_rig(
     return GeneratedRig(content, truth)
 
 
-def _spring(rig: GeneratedRig, rng: np.random.Generator) -> dict[str, float]:
+def _reach(rig: GeneratedRig) -> float:
+    """The chamber's effort at the supply, Nm or N."""
     air, cylinder = rig.content["air"], rig.content["cylinder"]
     gauge = abs(float(air["supply_pressure_pa"] - air["atmospheric_pressure_pa"]))
-    reach = gauge * float(cylinder["area_a_m2"]) * rig.radius
-    stiffness = rng.uniform(*SPRING_SHARE) * reach / (2.0 * rig.half_travel)
+    return gauge * float(cylinder["area_a_m2"]) * rig.radius
+
+
+def _spring(rig: GeneratedRig, rng: np.random.Generator, stiffer: float) -> dict[str, float]:
+    stiffness = stiffer * rng.uniform(*SPRING_SHARE) * _reach(rig) / (2.0 * rig.half_travel)
     free = rng.uniform(*FREE_PLACE)
     # At the end of rest: where A is smallest, and in a vacuum where it is largest.
     preload = -stiffness * (free + 1.0) * rig.half_travel
@@ -138,6 +146,8 @@ class _Maker:
         rig, limit = self.rig, LIMIT * self.rig.half_travel
         factors = friction_tests.friction_factors(rng, self.scatter)
         plant, start = rig.plant(*factors), _start(rig, rng)
+        within = _reach(rig) / plant.spring_stiffness / rig.half_travel
+        swing = min(swing, STIFF_SWING * within)
         for attempt in range(TRIES):
             commands = draw(attempt / TRIES)
             states = simulated(rig, plant, commands, start, (-limit, limit))
@@ -327,6 +337,7 @@ def make_one_chamber_campaign(
     with_motor: bool | None = None,
     vacuum: bool = False,
     bleeds: bool = False,
+    stiffer: float = 1.0,
     effects: tuple[Injected, ...] = (),
     duty_step: float = 0.06,
     more: int = 0,
@@ -334,7 +345,8 @@ def make_one_chamber_campaign(
 ) -> GeneratedCampaign:
     """A campaign of a drawn one-chamber rig; arguments as in `random_one_chamber_rig` and
     `campaign.make_campaign`. Raises ValueError where a rig can make no test of a kind."""
-    rig = random_one_chamber_rig(stream(seed, "rig", 1000), motion, with_motor, vacuum, bleeds)
+    rng = stream(seed, "rig", 1000)
+    rig = random_one_chamber_rig(rng, motion, with_motor, vacuum, bleeds, stiffer)
     rig = dataclasses.replace(rig, effects=effects)
     maker = _Maker(rig, scatter, rig.truth.pressure_noise_pa)
     logs = maker.logs(seed, duty_step, more, kinds)
@@ -343,4 +355,68 @@ def make_one_chamber_campaign(
     return GeneratedCampaign(rig, logs, truth)
 
 
-__all__ = ["KINDS", "make_one_chamber_campaign", "random_one_chamber_rig"]
+def scaled(
+    made: GeneratedCampaign, *, time: float = 1.0, area: float = 1.0, length: float = 1.0
+) -> GeneratedCampaign:
+    """The campaign of a rig that is so many times slower, wider and longer, by similarity.
+
+    Pressures, angles and temperatures stay; efforts grow as the area (torques: times the length),
+    flows as the volume over the time. So it is exact, undeclared effects included, which the truth
+    lists with the values that they had before.
+    """
+    rig = made.rig
+    effort = area if rig.is_linear else area * length
+    way = length if rig.is_linear else 1.0
+    flow = area * length / time
+    factors = {
+        "area_a_m2": area,
+        "offset_a_m": length,
+        "stroke_m": length,
+        "pitch_radius_m": length,
+        "equivalent_kg_m2": effort * time**2,
+        "mass_kg": effort * time**2 / way,
+        "stiffness_nm_per_rad": effort,
+        "stiffness_n_per_m": effort / way,
+        "encoder_counts_per_m": 1.0 / way,
+        "c_fill": flow,
+        "c_dis": flow,
+        "choked_flow_fill_kg_s": flow,
+        "choked_flow_dis_kg_s": flow,
+    }
+    efforts = ("preload", "torque_per_volt", "force_per_volt", "max_", "static", "coulomb", "motor")
+    times = ("time_s", "period_s", "on_delay_s", "off_delay_s")
+
+    def factor(name: str) -> float:
+        if name.startswith(efforts):
+            return effort
+        if name.startswith("viscous"):
+            return effort * time / way
+        return time if name in times else factors.get(name, 1.0)
+
+    def changed(table: dict[str, Any]) -> dict[str, Any]:
+        return {
+            k: float(f"{v * factor(k):.12g}") if factor(k) != 1.0 else v for k, v in table.items()
+        }
+
+    content = {section: changed(table) for section, table in rig.content.items()}
+    truth = Truth(
+        **{
+            k: ValveTruth(**changed(v)) if isinstance(v, dict) else changed({k: v})[k]
+            for k, v in dataclasses.asdict(rig.truth).items()
+        }
+    )
+    factors["position_m"] = way
+    logs = [
+        dataclasses.replace(log, tests=[_scaled_test(t, factor) for t in log.tests])
+        for log in made.logs
+    ]
+    now = GeneratedRig(content, truth, rig.effects)
+    return GeneratedCampaign(now, logs, made.truth | now.truth_content())
+
+
+def _scaled_test(test: GeneratedTest, factor: Callable[[str], float]) -> GeneratedTest:
+    columns = {name: factor(name) * values for name, values in test.columns.items()}
+    return dataclasses.replace(test, columns=columns)
+
+
+__all__ = ["KINDS", "make_one_chamber_campaign", "random_one_chamber_rig", "scaled"]

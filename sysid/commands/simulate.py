@@ -52,11 +52,8 @@ def _show(simulated: SimulatedLog, as_json: bool) -> None:
     if as_json:
         print_json(simulated.to_json())
         return
-    names = [simulated.position]
-    title = "Simulated"
-    if simulated.has_chambers:
-        names += ["pressure_a_pa", "pressure_b_pa"]
-        title += f", {simulated.valve_model} valves"
+    names = [simulated.position, *simulated.pressures]
+    title = f"Simulated, {simulated.valve_model} valves" if simulated.pressures else "Simulated"
     rows = []
     for at, (trial, channels) in enumerate(zip(simulated.trials, simulated.channels, strict=True)):
         ranges = [channels[name] for name in names]

@@ -13,6 +13,7 @@ from sysid.blocks.plots import legend, some_axes
 from sysid.blocks.progress import progress_or_shown
 from sysid.blocks.shown import Shown
 from sysid.errors import input_error
+from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import read_log
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-_COMMANDS = ("valve_a", "valve_b", "duty_a", "duty_b", "motor_torque_nm", "motor_force_n")
+_COMMANDS = (*VALVE_COMMANDS, "motor_torque_nm", "motor_force_n")
 
 
 @dataclass(frozen=True, repr=False)
@@ -143,13 +144,13 @@ class Simulation(Shown):
 class SimulatedLog:
     """The result of `sysid simulate`: each trial with its channels (n,), and notices.
 
-    `bands` of each trial, from `draws` models.
+    `pressures`: the channels of the rig's chambers. `bands` of each trial, from `draws` models.
     """
 
     trials: tuple[Trial, ...]
     channels: tuple[Mapping[str, FloatArray], ...]
     position: str
-    has_chambers: bool
+    pressures: tuple[str, ...]
     valve_model: str
     notices: tuple[str, ...]
     written: Path
@@ -278,7 +279,7 @@ def simulate_log(
         log.trials,
         tuple(channels),
         rig.position_channel,
-        rig.cylinder is not None,
+        () if rig.cylinder is None else rig.pressure_channels,
         chosen,
         tuple(dict.fromkeys(notices)),
         output,

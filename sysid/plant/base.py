@@ -360,6 +360,21 @@ def load_effort(position: Array, parameters: Parameters) -> Array:
     return gravity + spring_effort(position, p.stiffness, p.preload)
 
 
+def place_at_rest(parameters: Parameters) -> float:
+    """Where it rests with its chambers at the atmosphere, rad or m: in the middle of its travel,
+    or where a return spring puts it that friction does not hold there, at most at an end stop."""
+    p = parameters
+    if p.stiffness is None or abs(float(load_effort(0.0, p))) <= float(p.static_effort):
+        return 0.0
+    from scipy.optimize import brentq
+
+    half = 0.5 * float(p.stroke) / float(p.pitch_radius)
+    ends = [float(load_effort(x, p)) for x in (-half, half)]
+    if ends[0] * ends[1] > 0.0:
+        return -math.copysign(half, ends[0])
+    return float(brentq(lambda x: float(load_effort(x, p)), -half, half))
+
+
 def sliding_friction(velocity: Array, coulomb_effort: Array, viscous: Array) -> Array:
     """Friction while moving (3.4.1): t_cf sign(w) + Cvf w, Nm or N; zero at zero velocity."""
     xp = array_namespace(velocity, coulomb_effort, viscous)

@@ -10,12 +10,25 @@ from sysid import signals
 from sysid.errors import input_error
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, require_inertia
-from sysid.io.trial_kind import rows_per_period
+from sysid.io.trial_kind import is_active, rows_per_period
 from sysid.recording.recording import Recording
 
 MIN_ROWS = 20
 # Factor by which the efforts of cylinder and motor may exceed the log and the rig file.
 _EFFORT_MARGIN = 1.2
+
+
+def driven_kind(trial: Trial, kind: str, rig: Rig) -> str:
+    """The kind of motion test that a `friction-motion` test is, by what drives it.
+
+    A valve may drive it in place of a motor; then its commands are duties, or on and off.
+    """
+    if kind != "friction-motion":
+        return kind
+    if is_active(trial, *(f"duty_{name}" for name in rig.valve_names)):
+        return "motion-pwm"
+    without_motor = rig.motor is None and rig.effort_channel not in trial
+    return "motion-discrete" if without_motor else kind
 
 
 def check_channels(trial: Trial, kind: str, rig: Rig) -> None:

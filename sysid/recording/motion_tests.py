@@ -26,6 +26,7 @@ from sysid.recording.motion_checks import (
     check_at_rest,
     check_channels,
     check_sampling,
+    driven_kind,
     moves_at_start,
 )
 from sysid.recording.recording import Recording
@@ -125,6 +126,7 @@ def prepare(
     cannot follow the PWM grid, or a test that does not start at rest (with a motor alone it may:
     its first samples show the velocity).
     """
+    kind = driven_kind(trial, kind, rig)
     check_channels(trial, kind, rig)
     check_sampling(trial, kind, rig)
     _check_commands(trial, kind, rig)

@@ -22,7 +22,7 @@ from sysid.parameters import Bundle
 from sysid.parameters.scatter import bench_scatter
 from sysid.plant.effects.catalogue import catalogue as own_catalogue
 from sysid.plant.effects.entry import Catalogue
-from sysid.plant.effects.linear import for_rig
+from sysid.plant.effects.linear import possible_on
 from sysid.recording.motion_tests import MotionTest
 from sysid.refinement.advice_result import AdviceResult, CandidateTest, Tie
 from sysid.refinement.candidates import CandidateMotion, candidate_motions
@@ -93,7 +93,8 @@ def begin(
     logged = motion_tests_of(campaign, entries, bundle, notices, needed=False)
     unknowns = tuple(_known_without(bundle, chosen(unknowns_of(bundle, rig, model))))
     scatter = FrictionScatter(*bench_scatter(bundle.friction))
-    setting = AdviceSetting(rig, model, unknowns, noise_of(logged, rig), scatter.pair)
+    drives = rig.motor is not None or any(rig.effort_channel in t.trial for t in logged)
+    setting = AdviceSetting(rig, model, unknowns, noise_of(logged, rig), scatter.pair, drives)
     progress("refining the motion logs")
     with threadpool_limits(1, user_api="blas"):
         setting = with_expected_errors(setting, logged, scatter, progress)
@@ -124,9 +125,9 @@ def advise(
     setting, unknowns = began.setting, began.setting.unknowns
     rig, model = setting.rig, setting.model
     progress("drawing tests that the rig can do")
-    motions = candidate_motions(rig, model)
+    motions = candidate_motions(rig, model, setting.has_motor)
     tests = runs_of_tests(setting, motions, count_logs=began.counts_logs)
-    known = for_rig(own_catalogue() if catalogue is None else catalogue, rig.is_linear)
+    known = possible_on(own_catalogue() if catalogue is None else catalogue, rig)
     rivals = _rivals(bundle, known)
     probes = probes_of(model, [known[r] for own in rivals.values() for r in own])
     problem = problem_of(tests, probes, setting)

@@ -40,11 +40,14 @@ class BenchCandidate:
     information: FloatArray
 
 
-def bench_candidates(problem: ProbedProblem, rig: Rig, noise: FloatArray) -> list[BenchCandidate]:
-    """Friction by the scatter of its tests, on/off valves by the noise (3,) of a filling."""
+def bench_candidates(
+    problem: ProbedProblem, rig: Rig, noise: FloatArray, has_motor: bool
+) -> list[BenchCandidate]:
+    """Friction, of a rig with a motor, by the scatter of its tests; on/off valves by the noise (3,)
+    of a filling."""
     return [
-        *_sliding(problem, rig),
-        *_static(problem),
+        *(_sliding(problem, rig) if has_motor else ()),
+        *(_static(problem) if has_motor else ()),
         *(_fillings(problem, rig, noise, side) for side in rig.sides if rig.valves is not None),
     ]
 
@@ -110,7 +113,10 @@ def _fillings(problem: ProbedProblem, rig: Rig, noise: FloatArray, side: str) ->
 
 
 def _filling(rig: Rig, model: Model, side: str) -> Inputs:
-    """On until the chamber nears the supply, where the flow's derivative is infinite; then off."""
+    """On until the chamber nears the supply, where the flow's derivative is infinite; then off.
+
+    A chamber that two valves keep shut is then emptied by the second one.
+    """
     from sysid.plant.simulator import simulate
 
     row = rig.sampling.period_s if rig.sampling is not None else MAX_STEP
@@ -129,13 +135,16 @@ def _filling(rig: Rig, model: Model, side: str) -> Inputs:
     def commanded(off: float) -> Inputs:
         on = ((time >= _ON_S) & (time < off)).astype(float)
         valve = ValveCommand(on)
+        if rig.bleeds:
+            bleed = ValveCommand((time >= _OFF_S).astype(float))
+            return dataclasses.replace(held, valve_a=valve, valve_b=bleed)
         if side == "a":
             return dataclasses.replace(held, valve_a=valve)
         return dataclasses.replace(held, valve_b=valve)
 
     (whole,) = simulate([commanded(_OFF_S)], [model])
     pressure = getattr(whole, f"pressure_{side}")
-    full = np.flatnonzero(pressure > atmosphere + _FULL * (supply - atmosphere))
+    full = np.flatnonzero((pressure - atmosphere) / (supply - atmosphere) > _FULL)
     return commanded(float(time[full[0]]) if full.size else _OFF_S)
 
 

@@ -13,11 +13,12 @@ import numpy as np
 
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
+from sysid.plant.base import place_at_rest
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs, ValveCommand
 from sysid.plant.sensors import measured_channels
 from sysid.plant.simulator import MAX_STEP
-from sysid.types import FloatArray
+from sysid.types import BoolArray, FloatArray
 
 DURATION_S = 10.0
 # Shares of half the travel: never exceeded by a proposed test, and reached by one that moves
@@ -37,7 +38,7 @@ _REDRAW_S = 0.6
 class CandidateMotion:
     """A motion test that could be run: its log kind, what it is in words, its commands.
 
-    `motor` (n,) Nm or N; `valves` (2, n) duties (`kind` motion-pwm) or 0 and 1, None: both off.
+    `motor` (n,) Nm or N; `valves` (valves, n) duties (`kind` motion-pwm) or 0 and 1, None: all off.
     `channels` (3, n): position and pressures as the model shows them, without noise.
     """
 
@@ -71,12 +72,28 @@ class CandidateMotion:
         step = rig.encoder_step
         if step is not None:
             shown[0] = step * np.round(self.channels[0] / step)
-        names = (rig.position_channel, "pressure_a_pa", "pressure_b_pa")
-        found = {rig.effort_channel: self.motor, **dict(zip(names, shown, strict=True))}
-        if self.valves is not None:
-            prefix = "duty" if self.kind == "motion-pwm" else "valve"
-            found |= {f"{prefix}_a": self.valves[0], f"{prefix}_b": self.valves[1]}
+        names = (rig.position_channel, *rig.pressure_channels)
+        found = {rig.effort_channel: self.motor, **dict(zip(names, shown, strict=False))}
+        found |= self.valve_columns(rig)
         return Trial("1", self.time, found, f"candidate {self.kind}, {self.text}")
+
+    def valve_columns(self, rig: Rig) -> dict[str, FloatArray]:
+        """The valves' commands (n,) by their names in a log; none where all stay off."""
+        if self.valves is None:
+            return {}
+        prefix = "duty" if self.kind == "motion-pwm" else "valve"
+        names = [f"{prefix}_{name}" for name in rig.valve_names]
+        return dict(zip(names, self.valves, strict=True))
+
+
+def leaves_travel(position: FloatArray, limit: float, rest: float) -> BoolArray:
+    """Where a position (..., n) is farther from the middle than `limit`, both rad or m.
+
+    A spring may rest the piston farther out: there a test begins, and to there it may go back.
+    """
+    beyond = limit * (1.0 + 1e-9)
+    low, high = min(-beyond, rest), max(beyond, rest)
+    return np.asarray((position < low) | (position > high))
 
 
 @dataclass(frozen=True)
@@ -86,6 +103,32 @@ class _Stage:
     rig: Rig
     model: Model
     time: FloatArray
+    has_motor: bool
+
+    @property
+    def motors(self) -> tuple[bool, ...]:
+        """Whether the motor is driven next to the valves: not and, where there is one, driven."""
+        return (False, True) if self.has_motor else (False,)
+
+    @property
+    def rest(self) -> float:
+        """Where a test begins, rad or m from the middle."""
+        return place_at_rest(self.model.parameters)
+
+    @property
+    def way(self) -> float:
+        """How far it can move, rad or m: over its travel, or as far as the supply compresses a
+        return spring."""
+        p, whole = self.model.parameters, 2.0 * self.half_travel
+        if p.stiffness is None or not float(p.stiffness) > 0.0:
+            return whole
+        gauge = abs(float(p.supply) - float(p.atmosphere))
+        return min(whole, gauge * float(p.area_a) * float(p.pitch_radius) / float(p.stiffness))
+
+    @property
+    def valves(self) -> int:
+        """How many valves it has."""
+        return len(self.rig.valve_names)
 
     @property
     def half_travel(self) -> float:
@@ -116,15 +159,16 @@ class _Stage:
         return np.array([[channels[n] for n in names] for channels in found])
 
     def _inputs(self, kind: str, motor: FloatArray, valves: FloatArray | None) -> Inputs:
-        pair = [None, None] if valves is None else list(valves)
-        a, b = (None if v is None else ValveCommand(v, kind == "motion-pwm") for v in pair)
-        return Inputs(self.time, motor, a, b)
+        return inputs_of_commands(kind, self.time, motor, valves, self.rest)
 
     def swing(self, shown: FloatArray) -> FloatArray:
-        """(tests,): share of the travel that each moves over; 0 if it comes near a stop."""
-        position = shown[:, 0]
-        inside = np.abs(position).max(axis=1) <= _LIMIT * self.half_travel
-        return np.where(inside, np.ptp(position, axis=1) / (2.0 * self.half_travel), 0.0)
+        """(tests,): share of the way that each moves over; 0 if it comes near a stop."""
+        inside = ~self.near_stop(shown).any(axis=1)
+        return np.where(inside, np.ptp(shown[:, 0], axis=1) / self.way, 0.0)
+
+    def near_stop(self, shown: FloatArray) -> BoolArray:
+        """(tests, n): where each is nearer to a stop than a proposed test may come."""
+        return leaves_travel(shown[:, 0], _LIMIT * self.half_travel, self.rest)
 
     def made(
         self, text: str, command: tuple[str, FloatArray, FloatArray | None], shown: FloatArray
@@ -133,17 +177,27 @@ class _Stage:
         return CandidateMotion(kind, text, self.time, motor, valves, shown)
 
 
-def candidate_motions(rig: Rig, model: Model) -> list[CandidateMotion]:
-    """Motion tests of every kind that the rig can do, ten seconds each, from rest at the middle.
+def inputs_of_commands(
+    kind: str, time: FloatArray, motor: FloatArray, valves: FloatArray | None, start: float = 0.0
+) -> Inputs:
+    """A test's commands as a run of the simulator, from rest at a position, rad or m."""
+    own = [] if valves is None else [ValveCommand(v, kind == "motion-pwm") for v in valves]
+    a, b = [*own, None, None][:2]
+    return Inputs(time, motor, a, b, position=start)
 
-    Kinds that the model cannot do are skipped: a motor too weak, duties without a PWM period, an
-    arm that falls. Raises InputError without `[cylinder]`, whose stroke limits the motion.
+
+def candidate_motions(rig: Rig, model: Model, has_motor: bool = True) -> list[CandidateMotion]:
+    """Motion tests of every kind that the rig can do, ten seconds each, from where it rests.
+
+    Kinds that the model cannot do are skipped: a motor that it lacks or too weak, duties without a
+    PWM period, an arm that falls. Raises InputError without `[cylinder]`, whose stroke limits the
+    motion.
     """
     rig.require("cylinder", "whose stroke limits a motion test")
     row = rig.sampling.period_s if rig.sampling is not None else MAX_STEP
     time: FloatArray = np.asarray(np.arange(round(DURATION_S / row)) * row, dtype=float)
-    stage = _Stage(rig, model, time)
-    found = list(_motor_sweeps(stage))
+    stage = _Stage(rig, model, time, has_motor)
+    found = list(_motor_sweeps(stage)) if has_motor else []
     if rig.pwm is not None:
         found += _pwm_tests(stage)
     return [*found, *_on_off_tests(stage)]
@@ -178,9 +232,9 @@ def _motor_sweeps(stage: _Stage) -> Iterator[CandidateMotion]:
 
 
 def _pwm_tests(stage: _Stage) -> Iterator[CandidateMotion]:
-    """Both duties as clipped sines about in antiphase, low and high, without and with motor."""
+    """The duties as clipped sines, two about in antiphase; low and high, without and with motor."""
     for level, span in _DUTY_LEVELS.items():
-        for with_motor in (False, True):
+        for with_motor in stage.motors:
             for attempt in range(5):
                 rng = np.random.default_rng((attempt, with_motor, level == "high"))
                 drawn = [_duties(stage, span, with_motor, rng) for _ in range(_DRAWS)]
@@ -202,7 +256,7 @@ def _duties(
     at = period * np.arange(number[-1] + 1)
     hz, phase = rng.uniform(0.25, 0.6), rng.uniform(0.0, 2.0 * np.pi)
     waves = []
-    for own_phase in (phase, phase + np.pi + rng.uniform(-0.5, 0.5)):
+    for own_phase in (phase, phase + np.pi + rng.uniform(-0.5, 0.5))[: stage.valves]:
         middle = rng.uniform(*span)
         sine = _clipped_sine(at, hz * rng.uniform(0.97, 1.03), own_phase, rng.uniform(0.7, 1.0))
         duty = middle + rng.uniform(0.08, 0.2) * sine
@@ -221,7 +275,7 @@ def _motor_with_duties(
 
 
 def _on_off_tests(stage: _Stage) -> Iterator[CandidateMotion]:
-    for with_motor in (False, True):
+    for with_motor in stage.motors:
         rng = np.random.default_rng((7, with_motor))
         motor = _motor_with_duties(stage, rng.uniform(0.3, 0.8), with_motor, rng)
         found = _sequence(stage, motor, rng)
@@ -241,7 +295,7 @@ def _sequence(
     Of several sequences the one that stays off longest is kept until shortly before it does not,
     and drawn anew from there.
     """
-    kept, rows = np.zeros((2, stage.rows)), 0
+    kept, rows = np.zeros((stage.valves, stage.rows)), 0
     for _ in range(20):
         drawn = [_pulses(stage, kept, rows, rng) for _ in range(_DRAWS)]
         shown = stage.shown([("motion-discrete", motor, valves) for valves in drawn])
@@ -249,31 +303,39 @@ def _sequence(
         best = int(np.argmax(swing))
         if swing[best] > _SWING:
             return drawn[best], shown[best]
-        near = np.abs(shown[:, 0]) > _LIMIT * stage.half_travel
+        near = stage.near_stop(shown)
         until = np.where(near.any(axis=1), near.argmax(axis=1), stage.rows)
         longest = int(np.argmax(until))
         back = round(_REDRAW_S / (stage.time[1] - stage.time[0]))
         kept, rows = drawn[longest], max(int(until[longest]) - back, 0)
         if until[longest] == stage.rows:  # it hardly moves
-            kept, rows = np.zeros((2, stage.rows)), 0
+            kept, rows = np.zeros((stage.valves, stage.rows)), 0
     return None
 
 
 def _pulses(stage: _Stage, kept: FloatArray, rows: int, rng: np.random.Generator) -> FloatArray:
-    """The first rows of a sequence (2, n), then pulses of one valve and the other in turn."""
+    """The first rows of a sequence (valves, n), then pulses of one valve and the other in turn."""
     valves = np.array(kept)
     valves[:, rows:] = 0.0
     row_s = float(stage.time[1] - stage.time[0])
-    at, valve = rows + round(rng.uniform(*_PAUSE_S) / row_s), int(rng.integers(2))
+    at, valve = rows + round(rng.uniform(*_PAUSE_S) / row_s), int(rng.integers(stage.valves))
     while at < stage.rows:
         length = max(round(float(np.exp(rng.uniform(*np.log(_PULSE_S)))) / row_s), 1)
         valves[valve, at : at + length] = 1.0
-        if rng.random() < 0.2:  # the other valve over part of it: both chambers under pressure
+        if (
+            stage.valves > 1 and rng.random() < 0.2
+        ):  # the other valve over part of it: both chambers under pressure
             late = at + round(rng.uniform(0.3, 0.9) * length)
             valves[1 - valve, late : late + length] = 1.0
         at += length + round(rng.uniform(*_PAUSE_S) / row_s)
-        valve = 1 - valve if rng.random() < 0.8 else valve
+        valve = (valve + 1) % stage.valves if rng.random() < 0.8 else valve
     return valves
 
 
-__all__ = ["DURATION_S", "CandidateMotion", "candidate_motions"]
+__all__ = [
+    "DURATION_S",
+    "CandidateMotion",
+    "candidate_motions",
+    "inputs_of_commands",
+    "leaves_travel",
+]

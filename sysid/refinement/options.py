@@ -32,7 +32,7 @@ class AdviceSetting:
     """The common setting of all advice: the bundle's model, its unknowns, `noise` (3,) of a sample.
 
     `scatter` of sliding and static friction from test to test, relative. `refined`: the estimate
-    from the campaign's motion logs, None without any.
+    from the campaign's motion logs, None without any. `has_motor`: tests may drive a motor.
     """
 
     rig: Rig
@@ -40,6 +40,7 @@ class AdviceSetting:
     unknowns: tuple[Unknown, ...]
     noise: FloatArray
     scatter: tuple[float, float]
+    has_motor: bool = True
     refined: Estimated | None = None
 
     def errors_of(self, run: Run) -> tuple[Autoregression, ...]:
@@ -92,9 +93,12 @@ def noise_of(tests: Sequence[MotionTest], rig: Rig) -> FloatArray:
 
     Raises InputError where neither does.
     """
-    shown = np.array([t.noise.total for t in tests])
+    own = 1 + len(rig.pressure_channels)
+    shown = np.array([t.noise.total[:own] for t in tests])
     if len(shown) and np.isfinite(shown).any(axis=0).all():
-        return np.asarray(np.nanmedian(shown, axis=0))
+        found = np.nanmedian(shown, axis=0)
+        # A chamber that there is not shows nothing, and a sensor of it would be the other's.
+        return np.append(found, [found[-1]] * (3 - own))
     sensors, step = rig.sensors, rig.encoder_step
     if step is None or sensors.pressure_noise_pa is None:
         raise input_error(
@@ -194,7 +198,7 @@ def information(
 
 def bench_options(problem: ProbedProblem, setting: AdviceSetting) -> list[Option]:
     """Logs of bench tests that could be made."""
-    found = bench_candidates(problem, setting.rig, setting.noise)
+    found = bench_candidates(problem, setting.rig, setting.noise, setting.has_motor)
     return [Option(b.kind, b.text, b.duration, b.information) for b in found]
 
 

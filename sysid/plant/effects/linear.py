@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from sysid.io.rig import Rig
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 
 REFERENCE_RADIUS_M = 0.0375
@@ -52,6 +53,14 @@ def for_rig(
 ) -> dict[str, type[CatalogueEffect]]:
     """Effects by id as a rotary or a linear rig has them."""
     return {k: linear_form(v) for k, v in effects.items()} if is_linear else dict(effects)
+
+
+def possible_on(
+    effects: Mapping[str, type[CatalogueEffect]], rig: Rig
+) -> dict[str, type[CatalogueEffect]]:
+    """Effects by id as a rig has them, without those of a chamber that it lacks."""
+    own = {k: v for k, v in effects.items() if not v.needs_chamber_b or "b" in rig.sides}
+    return for_rig(own, rig.is_linear)
 
 
 def _linear(quantity: Quantity) -> Quantity:

@@ -17,17 +17,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.errors import NotIdentifiedError
+from sysid.plant.base import place_at_rest
 from sysid.plant.ports import Model
 from sysid.plant.sensors import measured_channels
 from sysid.recording.motion_tests import prepare
-from sysid.refinement.candidates import CandidateMotion
+from sysid.refinement.candidates import CandidateMotion, inputs_of_commands
 from sysid.refinement.information import ProbedProblem, covariance, information_of
 from sysid.refinement.lengthening import joined_runs
 from sysid.refinement.options import AdviceSetting
 from sysid.refinement.played.limits import (
     MARGIN,
     MotionLimits,
-    inputs_of_commands,
     inside,
 )
 from sysid.refinement.played.signals import Actuators, Drive, drawn_drives
@@ -262,7 +262,10 @@ def _motions(stage: DesignStage, drives: Sequence[Drive]) -> list[CandidateMotio
 
     rig, model, time = stage.setting.rig, stage.setting.model, stage.rig.time
     commands = [d.commands(stage.rig) for d in drives]
-    inputs = [inputs_of_commands(d.kind, time, *c) for d, c in zip(drives, commands, strict=True)]
+    rest = place_at_rest(model.parameters)
+    inputs = [
+        inputs_of_commands(d.kind, time, *c, rest) for d, c in zip(drives, commands, strict=True)
+    ]
     names = (rig.position_channel, "pressure_a_pa", "pressure_b_pa")
     found = []
     for d, (motor, valves), run in zip(

@@ -14,9 +14,9 @@ import numpy as np
 
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
+from sysid.plant.base import place_at_rest
 from sysid.plant.ports import Model
-from sysid.plant.preparation import Inputs, ValveCommand
-from sysid.refinement.candidates import CandidateMotion
+from sysid.refinement.candidates import CandidateMotion, inputs_of_commands, leaves_travel
 from sysid.refinement.played.signals import Actuators, Drive
 from sysid.refinement.unknowns import Unknown, model_at, unknowns_of
 from sysid.types import BoolArray, FloatArray
@@ -34,7 +34,8 @@ _START = 0.02
 class MotionLimits:
     """`position` from the middle, rad or m; `speed`, rad/s or m/s; `effort`, Nm or N.
 
-    A speed or an effort that is infinite is not limited.
+    A speed or an effort that is infinite is not limited. Where a spring rests the piston farther
+    from the middle, it may go back to there.
     """
 
     position: float
@@ -77,14 +78,16 @@ def inside(
     limits: MotionLimits,
     seed: int,
 ) -> BoolArray:
-    """(drives,): whether each stays within the limits on every plant, from near the middle."""
+    """(drives,): whether each stays within the limits on every plant, from near where it rests."""
     from sysid.plant.simulator import simulate
 
     if not drives:
         return np.zeros(0, dtype=bool)
     rng = np.random.default_rng(seed)
     # In units of half the travel, the same of each plant.
-    starts = 2.0 * _START * limits.position * rng.uniform(-1.0, 1.0, len(plants))
+    near = 2.0 * _START * limits.position * rng.uniform(-1.0, 1.0, len(plants))
+    rests = np.array([place_at_rest(plant.parameters) for plant in plants])
+    starts = rests + near
     commands = [d.commands(rig) for d in drives]
     inputs = [
         inputs_of_commands(d.kind, rig.time, *c, start)
@@ -94,9 +97,10 @@ def inside(
     runs = simulate(inputs, [*plants] * len(drives), nan_if_endless=True)
     held = [
         bool(
-            np.abs(r.position).max() <= limits.position and np.abs(r.velocity).max() <= limits.speed
+            not leaves_travel(run.position, limits.position, start).any()
+            and np.abs(run.velocity).max() <= limits.speed
         )
-        for r in runs
+        for run, start in zip(runs, np.tile(starts, len(drives)), strict=True)
     ]
     stays = np.array(held).reshape(len(drives), len(plants)).all(axis=1)
     weak = [float(np.abs(motor).max()) <= limits.effort for motor, _ in commands]
@@ -107,21 +111,13 @@ def extremes(motions: Sequence[CandidateMotion], plants: Sequence[Model]) -> tup
     """The farthest position from the middle, rad or m, and the highest speed on any plant."""
     from sysid.plant.simulator import simulate
 
+    rests = [place_at_rest(plant.parameters) for plant in plants]
     inputs = [
-        inputs_of_commands(m.kind, m.time, m.motor, m.valves) for m in motions for _ in plants
+        inputs_of_commands(m.kind, m.time, m.motor, m.valves, r) for m in motions for r in rests
     ]
     runs = simulate(inputs, [*plants] * len(motions))
     far = max(float(np.abs(run.position).max()) for run in runs)
     return far, max(float(np.abs(run.velocity).max()) for run in runs)
-
-
-def inputs_of_commands(
-    kind: str, time: FloatArray, motor: FloatArray, valves: FloatArray | None, start: float = 0.0
-) -> Inputs:
-    """A test's commands as a run of the simulator, from rest at a position, rad or m."""
-    pair = [None, None] if valves is None else list(valves)
-    a, b = (None if v is None else ValveCommand(v, kind == "motion-pwm") for v in pair)
-    return Inputs(time, motor, a, b, position=start)
 
 
 __all__ = [
@@ -129,7 +125,6 @@ __all__ = [
     "OFF",
     "MotionLimits",
     "extremes",
-    "inputs_of_commands",
     "inside",
     "off_plants",
 ]

@@ -11,7 +11,7 @@ import numpy as np
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.plant.effects.catalogue import catalogue as own_catalogue
 from sysid.plant.effects.entry import Catalogue
-from sysid.plant.effects.linear import for_rig
+from sysid.plant.effects.linear import possible_on
 from sysid.plant.ports import Model
 from sysid.plant.simulator import MAX_STEP
 from sysid.refinement.advice import Beginning
@@ -62,12 +62,6 @@ def played_test(
     """
     setting, rig = began.setting, began.setting.rig
     rig.require("cylinder", "whose stroke limits a motion test")
-    if len(rig.sides) < 2:
-        raise input_error(
-            rig.source,
-            "declares one chamber",
-            "a test to play is designed for chambers A and B; without -o, advise lists tests",
-        )
     pieces = int(request.duration / _PIECE_S + 1e-9)
     if pieces < 1:
         raise input_error(
@@ -107,7 +101,7 @@ def _aimed(
 ) -> tuple[Probes, Aim]:
     """The effects that are asked for as probes, and the columns of all that is asked."""
     setting = began.setting
-    known = for_rig(own_catalogue() if catalogue is None else catalogue, setting.rig.is_linear)
+    known = possible_on(own_catalogue() if catalogue is None else catalogue, setting.rig)
     held = {entry.id for entry in began.bundle.effects}
     effects = [name for name in asked if name in known and name not in held]
     probes = probes_of(setting.model, [known[name] for name in effects])

@@ -124,12 +124,9 @@ class PlayedTest(Shown):
             columns = {"test": label, "time_s": np.round(motion.time, 9)}
             if self.rig.motor is not None:
                 columns[self.rig.effort_channel] = np.round(motion.motor, 6)
-            if motion.valves is not None:
-                a, b = motion.valves
-                if self.kind == "motion-pwm":
-                    columns |= {"duty_a": a, "duty_b": b}
-                else:
-                    columns |= {"valve_a": a.astype(int), "valve_b": b.astype(int)}
+            valves = motion.valve_columns(self.rig)
+            whole = int if self.kind == "motion-discrete" else float
+            columns |= {name: values.astype(whole) for name, values in valves.items()}
             parts.append(pd.DataFrame(columns))
         return pd.concat(parts, ignore_index=True)
 
@@ -138,13 +135,17 @@ class PlayedTest(Shown):
         units, most, r = self.rig.units, self.limits, self.reached
         speed = f", speed {most.speed:.4g} {units.speed}" if math.isfinite(most.speed) else ""
         effort = f", {units.word} {most.effort:.4g} {units.effort}" if r.effort else ""
+        spring = self.rig.spring is not None
+        where = "where the spring holds it" if spring else "in the middle of the travel"
+        valves = "both valves" if len(self.rig.valve_names) > 1 else "its valve"
+        emptied = " and the chamber emptied" if self.rig.bleeds else ""
         header = PlayedHeader(
             self.kind, tuple((e.name, e.now, e.after, e.unit) for e in self.expected)
         )
         return [
             *header.lines(),
             f"rig {self.rig.name}: {len(self.motions)} tests of {self.motions[0].duration:g} s, "
-            "each from rest in the middle of the travel with both valves off",
+            f"each from rest {where} with {valves} off{emptied}",
             f"limits: {most.position:.4g} {units.position} from the middle{speed}{effort}; on "
             f"{self.plants} plants whose constants are {100 * OFF:.0f} % off it reaches "
             f"{r.position:.4g} {units.position} and {r.speed:.4g} {units.speed}",

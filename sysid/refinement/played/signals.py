@@ -83,13 +83,16 @@ class Actuators:
     """What a rig is driven by: the rows of a test, and the largest commands.
 
     `time` (n,) s; `effort` Nm or N, 0 without a motor; `pwm_rows` in a PWM period, 0 without;
-    `hold_rows` the shortest time for which a valve stays switched, in rows.
+    `hold_rows` the shortest time for which a valve stays switched, in rows; `valves` how many
+    there are; `bleeds`: the second one empties the chamber that the first one fills.
     """
 
     time: FloatArray
     effort: float
     pwm_rows: int
     hold_rows: int
+    valves: int = 2
+    bleeds: bool = False
 
     @classmethod
     def of(cls, rig: Rig, row_s: float, seconds: float, effort: float) -> Actuators:
@@ -99,7 +102,8 @@ class Actuators:
         valves = rig.valves
         # A shorter pulse never opens the valve, a shorter pause never closes it.
         hold = 0.0 if valves is None else 2.0 * (valves.on_delay_s + valves.off_delay_s)
-        return cls(time, effort, pwm, max(math.ceil(hold / row_s), 1))
+        rows = max(math.ceil(hold / row_s), 1)
+        return cls(time, effort, pwm, rows, len(rig.valve_names), rig.bleeds)
 
     def band(self, rows: int) -> tuple[float, float]:
         """The frequencies that a command can have which changes every so many rows, Hz."""
@@ -125,13 +129,13 @@ class Actuators:
 class Drive:
     """How a test is driven: its kind, its waves, and how large they are.
 
-    `motor` None: not driven. `valves`: of A's and B's; `middle` (2,) of the duties, or the
+    `motor` None: not driven. `valves`: of each; `middle` (valves,) of the duties, or the
     threshold above which a valve is on; `span` of the duties. `size` 0 to 1 scales all of it.
     """
 
     kind: str
     motor: Wave | None
-    valves: tuple[Wave, Wave] | None
+    valves: tuple[Wave, ...] | None
     middle: FloatArray
     span: float
     share: float
@@ -141,7 +145,7 @@ class Drive:
     def drawn(cls, kind: str, rng: np.random.Generator, rig: Actuators) -> Drive:
         """A drive of a kind.
 
-        Valves A and B act in opposition, which moves the piston, together, which fills both
+        Two valves act in opposition, which moves the piston, together, which fills both
         chambers under hardly any motion, or each by itself.
         """
         motor_band, valve_band = rig.band(1), rig.band(_rows(kind, rig))
@@ -149,15 +153,15 @@ class Drive:
         motor = Wave.drawn(rng, motor_band) if with_motor else None
         share, span = float(rng.uniform(0.3, 1.0)), float(rng.uniform(0.3, 1.0))
         if kind == "motion-motor":
-            return cls(kind, motor, None, np.zeros(2), span, share)
+            return cls(kind, motor, None, np.zeros(rig.valves), span, share)
         one = Wave.drawn(rng, valve_band)
         opposed = replace(one, phase=one.phase + math.pi, levels=-one.levels)
         other = (opposed, one, Wave.drawn(rng, valve_band))[int(rng.integers(3))]
         if rng.random() < 0.5:
             other = other.changed(rng, valve_band)
         low, high = _MIDDLE if kind == "motion-pwm" else _THRESHOLD
-        middle = rng.uniform(low, high) * (1.0 + 0.2 * rng.uniform(-1.0, 1.0, 2))
-        return cls(kind, motor, (one, other), middle, span, share)
+        middle = rng.uniform(low, high) * (1.0 + 0.2 * rng.uniform(-1.0, 1.0, rig.valves))
+        return cls(kind, motor, (one, other)[: rig.valves], middle, span, share)
 
     def changed(self, rng: np.random.Generator, rig: Actuators) -> Drive:
         """A neighbour of it, as large as it may be."""
@@ -167,17 +171,18 @@ class Drive:
         return replace(
             self,
             motor=None if self.motor is None else self.motor.changed(rng, rig.band(1)),
-            valves=None
-            if valves is None
-            else (valves[0].changed(rng, band), valves[1].changed(rng, band)),
-            middle=self.middle * np.exp(step * rng.standard_normal(2)),
+            valves=None if valves is None else tuple(v.changed(rng, band) for v in valves),
+            middle=self.middle * np.exp(step * rng.standard_normal(len(self.middle))),
             span=float(np.clip(self.span + step * rng.standard_normal(), 0.1, 1.0)),
             share=float(np.clip(self.share + step * rng.standard_normal(), 0.05, 1.0)),
             size=min(1.0, self.size / 0.75),
         )
 
     def commands(self, rig: Actuators) -> tuple[FloatArray, FloatArray | None]:
-        """Motor (n,) Nm or N, and valves (2, n): duties, or 0 and 1; None: both off."""
+        """Motor (n,) Nm or N, and valves (valves, n): duties, or 0 and 1; None: all off.
+
+        A chamber that stays shut without a command is emptied at the end, where tests end at rest.
+        """
         window, n = rig.window, len(rig.time)
         motor = np.zeros(n)
         if self.motor is not None:
@@ -191,11 +196,20 @@ class Drive:
         if self.kind == "motion-pwm":
             duties = [m * (1.0 + self.span * w.values(rig.time)) for w, m in pairs]
             found = self.size * window * np.clip(duties, 0.0, 1.0)
-            return motor, np.round(np.clip(found, 0.0, 0.95), 4)[:, held]
+            found = np.round(np.clip(found, 0.0, 0.95), 4)[:, held]
+            return motor, _emptied(found, rig)
         # A smaller test has shorter and fewer pulses.
         above = [w.values(rig.time) - (1.0 - self.size * (1.0 - m)) for w, m in pairs]
         inside = (window > 0.0) & (window[np.minimum(held + rows, n - 1)] > 0.0)
-        return motor, np.where(inside[held], np.asarray(above)[:, held] > 0.0, 0.0)
+        return motor, _emptied(np.where(inside[held], np.asarray(above)[:, held] > 0.0, 0.0), rig)
+
+
+def _emptied(valves: FloatArray, rig: Actuators) -> FloatArray:
+    """The commands (valves, n) with the bleed valve on at the end, from the last ramp on."""
+    if rig.bleeds:
+        last = rig.time >= (1.0 - _REST - _RAMP) * rig.time[-1]
+        valves[0, last], valves[1, last] = 0.0, 1.0
+    return valves
 
 
 def _rows(kind: str, rig: Actuators) -> int:
