@@ -319,6 +319,20 @@ def noise_floor(values: FloatArray, resolution: float | None = None, stride: int
     return NoiseFloor(step * _noise_in_counts(variance / step**2), step)
 
 
+def position_floor(values: FloatArray, stride: int = 1) -> NoiseFloor:
+    """Noise of a position: that of its least change where it rests on one count most of the time.
+
+    Such a rest shows no noise, and a fast motion in between no count.
+    """
+    found = noise_floor(values, stride=stride)
+    if found.total > 0.0:
+        return found
+    steps = np.abs(np.diff(values))
+    # One unit in the last place of a double is rounding, not a change.
+    steps = steps[steps > 1e-12 * np.abs(values).max(initial=0.0)]
+    return NoiseFloor(0.0, float(steps.min())) if steps.size else found
+
+
 def _settled_variance(x: FloatArray, variance: float) -> float:
     """Variance of coloured noise: over the lag at which it has settled, before motion shows."""
     found = [variance]

@@ -18,6 +18,7 @@ from sysid.types import BoolArray, FloatArray, IntArray
 
 REST_NOISE_TIMES = 5.0
 _REST_SHARE = 0.5
+_HALVINGS = 6
 # What the default filter resolves, whatever the cut-off of a balance is; what is shorter is a turn.
 # With a quarter of its own filter, 12.5 ms at 20 Hz, a quadratic drag of an axis was missed.
 _SHORTEST_S = 1.0 / (signals.PER_LENGTH * signals.DEFAULT_CUTOFF_HZ)
@@ -121,16 +122,20 @@ def default_cutoff(recording: Recording, highest_hz: float) -> float:
     """The highest cut-off up to `highest_hz`, Hz, at which the motion exceeds the noise.
 
     It stays clear of the Nyquist frequency of the position's readings, and is halved until the
-    limit of rest is well below the speeds of the motion.
+    limit of rest is well below the speeds of the motion. A test that rests for most of its time
+    moves in bursts, which longer filters only smear: where so few samples count that none of it
+    is used, the cut-off with most of them is taken.
     """
     cutoff = min(highest_hz, fastest_cutoff(recording))
-    for _ in range(6):
-        motion = FilteredMotion(recording, cutoff)
-        fast = float(np.quantile(np.abs(motion.speed), 0.5))
-        if motion.rest_speed < _REST_SHARE * fast:
+    tried = [FilteredMotion(recording, cutoff)]
+    for _ in range(_HALVINGS):
+        fast = float(np.quantile(np.abs(tried[-1].speed), 0.5))
+        if tried[-1].rest_speed < _REST_SHARE * fast:
             break
-        cutoff *= 0.5
-    return cutoff
+        tried.append(FilteredMotion(recording, 0.5 * tried[-1].cutoff_hz))
+    if len(tried) > 1 and len(tried[-1].rows) < signals.MIN_SAMPLES:
+        return max(tried, key=lambda motion: len(motion.rows)).cutoff_hz
+    return tried[-1].cutoff_hz
 
 
 @lru_cache(maxsize=32)

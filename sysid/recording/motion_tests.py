@@ -300,7 +300,7 @@ def channel_noise(
     the same point of a pulse. Two such combs, half a period apart, are used.
     NaN for a channel that is not logged.
     """
-    totals = [signals.noise_floor(measured[0]).total]
+    totals = [signals.position_floor(measured[0]).total]
     for row in measured[1:]:
         if np.isnan(row).any():
             totals.append(math.nan)

@@ -108,7 +108,7 @@ class Recording:
         """Noise of the position; of a speed's integral, its drift by the end."""
         if self.speed_noise is not None:
             return signals.NoiseFloor(self.drift(len(self)), 0.0)
-        return signals.noise_floor(self.position, stride=self.stride)
+        return signals.position_floor(self.position, self.stride)
 
     def drift(self, samples: int) -> float:
         """Noise of the position, of a speed's integral as it grows over so many samples."""

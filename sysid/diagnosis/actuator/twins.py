@@ -70,13 +70,13 @@ class SensorNoise:
 def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoise:
     """Noise of the channels, from the tests themselves.
 
-    Position: `signals.noise_floor`, white. Pressures: the autocovariance over the calmest
+    Position: `signals.position_floor`, white. Pressures: the autocovariance over the calmest
     blocks of all tests, where neither motion nor flow shows; so too the position of logs whose
     samples lie between measured ones, which correlates their noise.
     """
     position, pressures = rig.position_channel, CHAMBER_PRESSURES
     floors = [
-        signals.noise_floor(t[position], stride=t.stride_of(position))
+        signals.position_floor(t[position], t.stride_of(position))
         for _, _, t in sorted(tests, key=lambda item: len(item[2]))[-24:]
         if position in t and len(t) >= 64
     ]
