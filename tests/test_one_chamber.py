@@ -21,6 +21,8 @@ from datasets.generator.one_chamber import (
     scaled,
 )
 from datasets.generator.rigs import GeneratedRig
+from sysid.balance.motion import default_cutoff
+from sysid.balance.samples import motion_samples
 from sysid.commands.app import main
 from sysid.controllers.design_model import design_from_bundle
 from sysid.diagnosis.actuator.signatures import candidates
@@ -43,6 +45,7 @@ from sysid.plant.base import ValveParameters, parameters_from_rig
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.ports import Model, Point
 from sysid.plant.trials import simulate_trials
+from sysid.recording.even import recorded
 from sysid.recording.motion_tests import prepare
 from sysid.refinement import candidates as candidates_of_motion
 from sysid.refinement.advice import begin
@@ -203,6 +206,24 @@ def test_friction_of_a_motion_that_air_and_spring_drive(
     bare = rig_from_content({k: v for k, v in without.content.items() if k != "spring"}, "rig.toml")
     wrong = fit_friction(log.trials, bare).parameters["coulomb"]
     assert not wrong.identified or abs(wrong.value / t.coulomb_friction - 1.0) > 0.2
+
+
+def test_a_test_that_mostly_rests_keeps_its_motion(folder: Path) -> None:
+    """The spring brings the piston back, and friction holds it: longer filters show no motion."""
+    log = log_of(folder, "friction_motion")
+    assert log.rig is not None
+    trial = log.trials[0]
+    later = trial.time[-1] + trial.period * np.arange(1, 2 * len(trial))
+    rested = {
+        name: np.concatenate([values, np.full(len(later), values[-1])])
+        for name, values in trial.channels.items()
+    }
+    time = np.concatenate([trial.time, later])
+    long = dataclasses.replace(trial, time=time, channels=rested)
+    moving, resting = (recorded(t, log.rig, []) for t in (trial, long))
+    assert default_cutoff(resting, 50.0) == default_cutoff(moving, 50.0) == 50.0
+    used = len(motion_samples(moving, 50.0).effort)
+    assert len(motion_samples(resting, 50.0).effort) == pytest.approx(used, rel=0.1)
 
 
 def test_the_valve_of_the_one_chamber(made: GeneratedCampaign, folder: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -108,6 +110,14 @@ def test_noise_floor_over_a_slow_ramp(ratio: float, counts_a_sample: float) -> N
     # Quantisation of a ramp of a third of a count a sample looks like noise of 0.1 counts.
     if counts_a_sample < 0.1 or ratio >= 0.2:
         assert floor.noise == pytest.approx(0.01 * ratio, rel=0.15)
+
+
+def test_a_position_at_rest_is_known_to_its_least_change() -> None:
+    moving = np.cumsum(np.random.default_rng(3).uniform(2e-4, 6e-4, 140))
+    written = np.concatenate([np.zeros(600), moving, np.full(600, moving[-1])])
+    assert signals.noise_floor(written).total == 0.0
+    assert signals.position_floor(written).total == pytest.approx(2e-4 / math.sqrt(12), rel=0.1)
+    assert signals.position_floor(np.full(300, 0.5)).total == 0.0
 
 
 def test_noise_floor_is_not_fooled_by_motion() -> None:
