@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import shutil
 from pathlib import Path
@@ -18,6 +19,7 @@ from sysid.errors import InputError
 from sysid.estimation.linear import Estimate, mean_estimate
 from sysid.fleet.comparison import Comparison
 from sysid.fleet.rows import effects_of
+from sysid.identification.valve_discrete.responses import Responses
 from sysid.parameters import Bundle
 from sysid.parameters.effects import EffectEntry, entry_of
 from sysid.parameters.refinement import Refinement
@@ -239,8 +241,10 @@ def test_of_other_rigs_and_of_one_alone(bundle: Bundle) -> None:
     linear = si.read_bundle(golden_bundle("linear_axis"))
     with pytest.raises(InputError, match=r"is of a linear rig, .* of a rotary one"):
         si.compare(bundle, linear)
-    with pytest.raises(InputError, match="give at least two"):
-        si.compare(bundle)
+    with pytest.raises(InputError, match="holds no law of valve A that valve B has too"):
+        si.compare(linear)
+    with pytest.raises(InputError, match="give at least one with two valves"):
+        si.compare()
     with pytest.raises(InputError, match="holds no part that"):
         si.compare(bundle.replaced(effects=[], valves=None), bundle.replaced(friction=None))
     surfaces = bundle.replaced(effects=[], friction=None).to_json()
@@ -269,5 +273,33 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert "no parameter moved" in capsys.readouterr().out
     assert main(["compare", *files, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["bundles"] == ["one.json", "two.json"]
-    assert main(["compare", files[0]]) == 2
-    assert "Give at least two bundles" in capsys.readouterr().err
+    page = tmp_path / "page.html"
+    assert main(["compare", files[0], "--report", str(page)]) == 0
+    assert "against valve A: moved" in capsys.readouterr().out
+    assert "fig-responses-dis" in page.read_text("utf-8")
+
+
+def test_responses_of_candidate_valves_follow_from_their_laws(bundle: Bundle) -> None:
+    """A tenth of the way from the atmosphere is choked: a straight line after the delay (3.5.2)."""
+    found = si.compare(bundle, bundle)
+    assert isinstance(found.responses, Responses)
+    assert len({r.valve for r in found.responses.responses}) == 4
+    air, own = bundle.rig.air, bundle.rig.cylinder
+    assert air is not None and own is not None
+    volume = (own.offset_a_m + 0.5 * own.stroke_m) * own.area_a_m2
+    assert found.responses.volume_m3 == pytest.approx(volume)
+    rise = 0.1 * (air.supply_pressure_pa - air.atmospheric_pressure_pa)
+    mass = rise * volume / (air.heat_capacity_ratio * air.gas_constant_j_per_kg_k)
+    mass /= air.temperature_k
+    for response in found.responses.responses[:2]:
+        side = response.valve[-1].lower()
+        part = bundle.parameters.parts()[f"valves.{side}.discrete"]
+        keys = ("choked_flow_fill_kg_s", "on_delay_s")
+        flow, delay = (part.estimates[key].value for key in keys)
+        assert response.times[0].value == pytest.approx(delay + mass / flow, rel=1e-4)
+        slope = np.array([-mass / flow**2, 1.0])
+        error = math.sqrt(slope @ part.covariance(keys) @ slope)
+        assert response.times[0].std == pytest.approx(error, rel=1e-3)
+    valves = si.compare(bundle)
+    assert valves.names == ("valve A", "valve B") and valves.movements and not valves.effects
+    assert valves.to_frame()["part"].unique().tolist() == ["valve discrete"]

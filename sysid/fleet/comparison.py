@@ -15,8 +15,9 @@ discovery rate (`sysid.estimation.multiple_tests`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SMALLEST_P = 1e-300
+VALVES = ("valve A", "valve B")
+"""The names in a comparison of the valves of one bundle."""
 
 State = Literal["same", "grew", "shrank", "appeared", "disappeared"]
 
@@ -99,13 +102,22 @@ class EffectChange:
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Shown):
-    """The result of `compare`: `estimates` by part, parameter and bundle; what moved; effects."""
+    """The result of `compare`: `estimates` by part, parameter and bundle; what moved; effects.
+
+    `names` are of bundles, or of the two valves of one. `respond` makes `responses`.
+    """
 
     names: tuple[str, ...]
     parts: tuple[dict[str, ParameterTable], ...]
     movements: tuple[Movement, ...]
     effects: tuple[EffectChange, ...]
     notices: tuple[str, ...]
+    respond: Callable[[], Shown | None] | None = field(default=None, repr=False, compare=False)
+
+    @cached_property
+    def responses(self) -> Shown | None:
+        """Those of the on/off valves over one another; None without two."""
+        return None if self.respond is None else self.respond()
 
     @property
     def moved(self) -> tuple[Movement, ...]:
@@ -122,7 +134,8 @@ class Comparison(Shown):
         for state in ("appeared", "disappeared", "grew", "shrank"):
             effects = dict.fromkeys(e.effect for e in self.effects if e.state == state)
             said += [f"{state}: {', '.join(effects)}"] if effects else []
-        return f"{len(self.names)} bundles, against {self.names[0]}: {'; '.join(said)}"
+        what = "valves" if self.names == VALVES else "bundles"
+        return f"{len(self.names)} {what}, against {self.names[0]}: {'; '.join(said)}"
 
     def records(self) -> list[dict[str, Any]]:
         """One record per number and bundle: value, std, limits, unit, and its movement."""
@@ -152,7 +165,7 @@ class Comparison(Shown):
         return records
 
     def tables(self) -> Iterable[Table]:
-        """The numbers next to each other, what moved, and the effects."""
+        """The numbers next to each other, what moved, the effects, and the valves' responses."""
         yield table(
             "Parameters with 95 % intervals; * moved significantly against the first",
             ("part", "parameter", *self.names, "unit"),
@@ -168,6 +181,8 @@ class Comparison(Shown):
             ("bundle", "effect", "change"),
             tuple((e.bundle, e.effect, e.state) for e in self.effects if e.state != "same"),
         )
+        if self.responses is not None:
+            yield from self.responses.tables()
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Every number that both have, in standard errors of the difference from the first."""
@@ -195,12 +210,10 @@ class Comparison(Shown):
         """The object that `sysid compare --json` prints."""
         return {
             "bundles": list(self.names),
-            "parameters": [
-                {k: finite_or_none(v) if isinstance(v, float) else v for k, v in record.items()}
-                for record in self.records()
-            ],
+            "parameters": _plain(self.records()),
             "moved": [m.to_json() for m in self.movements],
             "effects": [e.to_json() for e in self.effects],
+            "responses": [] if self.responses is None else _plain(self.responses.records()),
             "notices": list(self.notices),
         }
 
@@ -236,18 +249,57 @@ class Comparison(Shown):
         return (m.bundle, m.part, m.name or "all of it", change, number(m.z), p)
 
 
+def _plain(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Records as JSON holds them: null for what is not a number."""
+    return [
+        {k: finite_or_none(v) if isinstance(v, float) else v for k, v in record.items()}
+        for record in records
+    ]
+
+
 def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparison:
-    """Each bundle against the first. Raises InputError for fewer than two, or of other rigs.
+    """Each bundle against the first, or valve B of one bundle against its valve A.
 
     `names` distinguish the bundles in what is shown. Bundles of one motion (rotary or linear) are
-    comparable; a different rig file is reported in a notice.
+    comparable; a different rig file is reported in a notice. Raises InputError for none, for one
+    without two valves, and for bundles of other motion or of no part in common.
     """
     if len(bundles) < 2:
-        raise input_error("compare", f"{len(bundles)} bundle", "give at least two")
+        return _compared(VALVES, _by_valve(bundles, names), ())
     _check_comparable(bundles, names)
     parts = [bundle.parameters.fitted().parts() for bundle in bundles]
     if not any(set(parts[0]) & set(other) for other in parts[1:]):
         raise _nothing_shared(bundles, names)
+    return _compared(names, parts, _notices(bundles, names))
+
+
+def _by_valve(bundles: Sequence[Bundle], names: Sequence[str]) -> list[dict[str, ParameterTable]]:
+    """The parts of valve A and of valve B of the one bundle, under names that both have."""
+    if not bundles:
+        raise input_error("compare", "no bundle", "give at least one with two valves")
+    parts = bundles[0].parameters.fitted().parts()
+    found: list[dict[str, ParameterTable]] = []
+    for side in SIDES:
+        prefix = f"valves.{side}."
+        own = {place: held for place, held in parts.items() if place.startswith(prefix)}
+        found.append({})
+        for place, held in own.items():
+            shared = f"valve {place.removeprefix(prefix)}"
+            rows = tuple(replace(row, part=shared) for row in held.rows)
+            found[-1][shared] = replace(held, rows=rows)
+    if not found[0].keys() & found[1].keys():
+        raise input_error(
+            names[0],
+            "holds no law of valve A that valve B has too",
+            "give at least two bundles, or one with both valves",
+        )
+    return found
+
+
+def _compared(
+    names: Sequence[str], parts: Sequence[dict[str, ParameterTable]], notices: tuple[str, ...]
+) -> Comparison:
+    """The parts of each name against those of the first."""
     movements = [
         m
         for name, other in zip(names[1:], parts[1:], strict=True)
@@ -260,7 +312,7 @@ def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparis
         for name, other in zip(names[1:], parts[1:], strict=True)
         for change in _effects(parts[0], other, name, moves)
     ]
-    return Comparison(tuple(names), tuple(parts), moves, tuple(effects), _notices(bundles, names))
+    return Comparison(tuple(names), tuple(parts), moves, tuple(effects), notices)
 
 
 def _nothing_shared(bundles: Sequence[Bundle], names: Sequence[str]) -> InputError:
@@ -408,4 +460,4 @@ def _label(movement: Movement) -> str:
     return f"{part} {movement.name}" if movement.name else f"{part} as a whole"
 
 
-__all__ = ["Comparison", "EffectChange", "Movement", "compare_bundles"]
+__all__ = ["VALVES", "Comparison", "EffectChange", "Movement", "compare_bundles"]

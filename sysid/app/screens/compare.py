@@ -82,12 +82,14 @@ class CompareScreen(Screen):
         self._draw_traces()
         tables = "".join(block_html(t) for t in content.compared.tables() if t.rows)
         notices = parts.listed(content.compared.notices)
-        moved = parts.figure_pane(content.compared.figure(), self.window.scheme)
+        responses = content.compared.responses
+        figures = [content.compared.figure(), *(responses.figures() if responses else ())]
+        panes = [parts.figure_pane(figure, self.window.scheme) for figure in figures]
         heading = f"<p class='sentence'>{parts.words(content.compared.headline())}</p>"
         why = parts.note(content.why, "warn") if content.why else ""
         return [
             self.head, parts.html(heading + why), self.plot, parts.html(tables + notices),
-            parts.grid([moved]),
+            parts.grid(panes),
         ]  # fmt: skip
 
     def _head(self, content: CompareContent) -> str:

@@ -27,6 +27,7 @@ from sysid.blocks.sections import Block, FigureGroup, Lines, Section
 from sysid.blocks.tables import Table, table
 from sysid.estimation.quality import root_mean_square
 from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
+from sysid.identification.valve_discrete.responses import valve_of, valve_responses
 from sysid.identification.valve_discrete.trials import Piece, screen
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
@@ -82,6 +83,9 @@ def discrete_section(
         curves = _curves(side, law, logs, rig)
         if curves:
             blocks.append(_figures(side, curves))
+    both = valve_responses([(f"valve {side.upper()}", bundle, side) for side in fitted])
+    if both is not None:
+        blocks += both.blocks()
     intro = (
         "The piston is held, and the valve is switched on and off again; flows, coefficients and "
         "delays are those whose simulated pressure is closest to the measured one."
@@ -116,7 +120,7 @@ def _curves(
     side: str, law: DiscreteLaw, logs: Sequence[tuple[str | None, Log]], rig: Rig
 ) -> list[PressureCurve]:
     """The training tests' curves, simulated from the bundle; none without all four flows."""
-    valve = _valve(law, rig)
+    valve = valve_of(law, rig)
     curves: list[PressureCurve] = []
     if valve is None:
         return curves
@@ -146,29 +150,6 @@ def _rejected(law: DiscreteLaw) -> dict[str, DiscreteValve]:
         if all(f"sonic_conductance_{way}" in own or f"c_{way}" in own for way in ("fill", "dis")):
             found[_LAW_NAMES[one.law]] = dataclasses.replace(plain, **own)
     return found
-
-
-def _valve(law: DiscreteLaw, rig: Rig) -> DiscreteValve | None:
-    """The law of the bundle; a delay that is not identified is the rig file's."""
-    delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0, 0.0)
-    declared = dict(zip(_DELAYS, delays, strict=True))
-    values: dict[str, Any] = dict.fromkeys(
-        _FLOWS, 1.0
-    )  # of a direction by ISO 6358 they are not used
-    estimates = law.estimates()
-    # The thesis law's critical ratios in the bundle are a check; the law itself has 0.53.
-    keys = {**{key: key for key in law.thesis_keys().values()}, **law.iso_keys()}
-    keys |= law.series_keys()
-    for name, key in keys.items():
-        if not (found := estimates[key]).identified:
-            return None
-        values[name] = found.value
-    for name in _DELAYS:
-        delay = estimates.get(name)
-        known = delay is not None and delay.identified
-        values[name] = delay.value if known and delay else declared[name]
-    ways = tuple(way for way, key in VALVE_ALONE.items() if key in values)
-    return DiscreteValve(**values, in_series=ways)
 
 
 def _curve(
