@@ -16,7 +16,8 @@
 `advise`                        which test to run next
 `simulate`, `effects`           a `Model` on a log's inputs, with the catalogue's effects
 `control`                       a controller on it, in a closed loop
-`compare`                       several bundles: what moved
+`compare`                       several bundles: what moved; valves over one another
+`pwm_frequency`                 which PWM frequency to run at, from logs at several
 `monitor`                       whether a machine, by its logs, still obeys its bundle
 `read_bundle`, `write_bundle`   a bundle in a file
 `report`, `export`              a page; C, MATLAB, JSON, FMU, MJCF
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
     from sysid.pipeline.fit import fit
     from sysid.pipeline.fit_part import fit_friction, fit_valve_discrete, fit_valve_pwm
     from sysid.pipeline.monitor import monitor
+    from sysid.pipeline.pwm_frequency import pwm_frequency
     from sysid.pipeline.refine import refine
     from sysid.pipeline.report import report
     from sysid.pipeline.simulate import simulate
@@ -96,6 +98,7 @@ __all__ = [
     "fit_valve_discrete",
     "fit_valve_pwm",
     "monitor",
+    "pwm_frequency",
     "read_bundle",
     "read_campaign",
     "read_diagnosis",
@@ -129,6 +132,7 @@ _HOMES = {
     "fit_valve_discrete": "sysid.pipeline.fit_part",
     "fit_valve_pwm": "sysid.pipeline.fit_part",
     "monitor": "sysid.pipeline.monitor",
+    "pwm_frequency": "sysid.pipeline.pwm_frequency",
     "read_bundle": "sysid.pipeline.files",
     "read_campaign": "sysid.pipeline.files",
     "read_diagnosis": "sysid.pipeline.diagnosed",

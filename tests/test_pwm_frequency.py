@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import sysid as si
 from benchmarks.pwm_frequency import at_period, true_range
 from benchmarks.valves import trial
 from datasets.generator.rigs import reference_rig, rig_toml
@@ -24,7 +25,8 @@ from sysid.identification.valve_pwm.frequency import (
 )
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
-from sysid.pipeline.pwm_frequency import period_of
+from sysid.pipeline.fit import FitOptions, fit_campaign
+from sysid.pipeline.pwm_frequency import campaign_section, period_of
 
 HERTZ = (200.0, 250.0, 300.0)
 DUTIES = (0.0001, 0.0501, 0.2001, 0.4001, 0.6001, 0.7501, 0.8501, 0.9001, 0.9501)
@@ -95,21 +97,27 @@ def test_overlapping_duties() -> None:
     assert replace(one, opening=duty, linear=LinearRange(0.0, 1.0, 0.0)).overlapping == []
 
 
-def test_the_command_its_page_and_its_errors(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "rig.toml").write_text(rig_toml(reference_rig().content), "utf-8")
+def written(folder: Path, *which: int) -> list[str]:
+    """The logs of these frequencies as files, and their rig file; their paths."""
+    (folder / "rig.toml").write_text(rig_toml(reference_rig().content), "utf-8")
     paths = []
-    for _, name, trials in (logged()[0], logged()[2]):
+    for _, name, trials in (logged()[i] for i in which):
         columns = ["time_s", "test", *trials[0].channels]
         rows = [
             np.column_stack([t.time, np.full(len(t), int(t.label)), *t.channels.values()])
             for t in trials
         ]
-        path = tmp_path / name
+        path = folder / name
         head = ",".join(columns)
         np.savetxt(path, np.concatenate(rows), "%.9g", ",", header=head, comments="")
         paths.append(str(path))
+    return paths
+
+
+def test_the_command_its_page_and_its_errors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    paths = written(tmp_path, 0, 2)
     page, asked = tmp_path / "page.html", ["pwm-frequency", *paths, "--hz", "200"]
     assert main([*asked, "--hz", "300", "--json", "--report", str(page)]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -121,3 +129,26 @@ def test_the_command_its_page_and_its_errors(
     quiet = replace(logged()[0][2][0], channels={}, source="quiet.csv")
     with pytest.raises(InputError, match=r"no ripple of pulses.*--hz"):
         period_of([quiet], Path("quiet.csv"))
+
+
+def test_a_campaign_with_logs_at_several(tmp_path: Path) -> None:
+    names = [Path(path).name for path in written(tmp_path, 0, 1)]
+    log = '[[log]]\nkind = "valve-pwm"\nfile = "{}"\n'
+    lines = [
+        'rig = "rig.toml"',
+        log.format(names[0]),
+        f"{log.format(names[1])}pwm_period_s = 0.004",
+    ]
+    path = tmp_path / "campaign.toml"
+    path.write_text("\n".join(lines), "utf-8")
+    campaign = si.read_campaign(path)
+    found = si.pwm_frequency(campaign)
+    assert [r.frequency_hz for r in found.responses] == pytest.approx([200.0, 250.0])
+    assert found.chosen_s == pytest.approx(0.005)
+    section = campaign_section(campaign)
+    assert section is not None and "200 Hz" in str(section.blocks[0])
+    # The surface is that of the rig file's period.
+    fitted = fit_campaign(campaign, FitOptions(surface="bipolynomial"))
+    assert any("log250.csv: its pulses have another" in line for line in fitted.notices)
+    fill = fitted.bundle.valve("a").surfaces("fill")
+    assert fill is not None and fill.n_tests == len(DUTIES)

@@ -31,7 +31,7 @@ from sysid.io.kinds import (
 )
 from sysid.io.logs import Log, read_log, test_labels
 from sysid.io.own_kind import OwnKind, read_own_log
-from sysid.io.rig import Inertia, Rig, read_rig, read_toml, reject_misspelt
+from sysid.io.rig import Inertia, Pwm, Rig, read_rig, read_toml, reject_misspelt
 from sysid.io.samples import Trial
 from sysid.io.source import Source
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, parse_map_table
@@ -59,6 +59,7 @@ _COLUMN_SCHEMA = {
     ]
 }
 _PAYLOAD = range_of(Inertia, "payload_mass_kg")
+_PERIOD = range_of(Pwm, "period_s")
 
 # A table that says which column of a log holds which column of the log format.
 ColumnTable = Annotated[
@@ -114,6 +115,14 @@ class LogEntry(TomlTable):
             "a log of the valve alone, from which thesis-series takes its own coefficients."
         ),
     ] = True
+    pwm_period_s: Annotated[
+        float | None,
+        NumberKey(
+            "PWM period of a valve-pwm log at another frequency than the rig file's, for the choice "
+            "of the frequency; by default what the ripple in its pressure shows.",
+            _PERIOD,
+        ),
+    ] = None
     exclude: list[str | ExcludedSpan] = Field(
         default_factory=list,
         description="What is excluded: labels of whole tests, or tables with a span of one "
@@ -140,7 +149,8 @@ class CampaignLog:
 
     `mapping` is its own `map`, `shared` the campaign's, of columns that not every log has;
     `exclude` is what is not read of it; `payload_kg` what it carried (None: the rig's payload);
-    `flow_control`: whether the valve's flow control was in place.
+    `flow_control`: whether the valve's flow control was in place; `pwm_period_s` the period of its
+    pulses, if declared.
     """
 
     kind: str
@@ -153,6 +163,7 @@ class CampaignLog:
     exclude: tuple[Exclusion, ...] = ()
     payload_kg: float | None = None
     flow_control: bool = True
+    pwm_period_s: float | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -404,20 +415,33 @@ def _entry(
     own, common = (parse_map_table(m, str(path), units) for m in (maps, shared))
     entry = LogEntry.model_construct(file=file, map=maps, **chosen)
     excluded = exclusions_of(table.get("exclude", []), where, str(path))
-    payload = _payload(path, where, table.get("payload_mass_kg"))
+    payload, period = (
+        _number(path, where, table, name) for name in ("payload_mass_kg", "pwm_period_s")
+    )
     in_place = table.get("flow_control", True)
     if not isinstance(in_place, bool):
         what = f"{where}: flow_control = {in_place!r} is neither true nor false"
         raise input_error(path, what, "write it without quotes")
     return CampaignLog(
-        entry.kind, file, log_path, entry.use, entry.valve, own, common, excluded, payload, in_place
+        entry.kind,
+        file,
+        log_path,
+        entry.use,
+        entry.valve,
+        own,
+        common,
+        excluded,
+        payload,
+        in_place,
+        period,
     )
 
 
-def _payload(path: Path, where: str, value: Any) -> float | None:
-    key = declared_keys(LogEntry)["payload_mass_kg"]
-    given = f"{where}: payload_mass_kg"
-    return None if value is None else float(key.check(value, given, str(path)))
+def _number(path: Path, where: str, table: Mapping[str, Any], name: str) -> float | None:
+    """A number of an entry; None where it is not given."""
+    if (value := table.get(name)) is None:
+        return None
+    return float(declared_keys(LogEntry)[name].check(value, f"{where}: {name}", str(path)))
 
 
 def _choices(path: Path, where: str, table: dict[str, Any], own: OwnKind | None) -> dict[str, Any]:

@@ -311,7 +311,12 @@ def _add_valves(assembly: _Assembly, options: FitOptions) -> None:
         entries = assembly.campaign.select([kind])
         # For entries that name no valve, the valve that moves decides.
         for valve in dict.fromkeys(e.valve for e in entries):
-            trials = assembly.read([e for e in entries if e.valve == valve])
+            own = [e for e in entries if e.valve == valve]
+            if kind == "valve-pwm":
+                own = _at_the_rigs_period(assembly, own)
+                if not own:
+                    continue
+            trials = assembly.read(own)
             jobs.append(_ValveJob(kind, valve, trials, assembly.campaign.rig, chosen))
     if not jobs:
         return
@@ -322,6 +327,23 @@ def _add_valves(assembly: _Assembly, options: FitOptions) -> None:
             assembly.lack(found)
         else:
             assembly.merge(found)
+
+
+def _at_the_rigs_period(assembly: _Assembly, entries: list[CampaignLog]) -> list[CampaignLog]:
+    """One valve's logs without those that are for the choice of the frequency (thesis 3.7.2)."""
+    from sysid.identification.valve_pwm.frequency import CampaignTests, at_the_rigs_period
+
+    read = assembly.campaign.read
+    tests = [CampaignTests(e.valve, read(e), e.pwm_period_s) for e in entries]
+    kept = at_the_rigs_period(tests, assembly.campaign.rig)
+    used = [any(one is other for other in kept) for one in tests]
+    assembly.notices += [
+        f"{entry.path}: its pulses have another PWM period than the rig file's: it is used for the "
+        "choice of the frequency, not for the surfaces"
+        for entry, is_used in zip(entries, used, strict=True)
+        if not is_used
+    ]
+    return [entry for entry, is_used in zip(entries, used, strict=True) if is_used]
 
 
 def _add_data_sheets(assembly: _Assembly) -> None:

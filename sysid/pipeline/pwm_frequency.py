@@ -6,16 +6,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sysid.errors import input_error
-from sysid.identification.valve_pwm.frequency import FrequencyChoice, choose_frequency
+from sysid.blocks.sections import Section
+from sysid.errors import InputError, input_error
+from sysid.identification.valve_pwm.frequency import (
+    CampaignTests,
+    FrequencyChoice,
+    choose_frequency,
+    logged_periods,
+)
 from sysid.identification.valve_pwm.frequency_shown import frequency_section
 from sysid.io.bare_rig import read_bare_logs
+from sysid.io.campaign import Campaign
 from sysid.io.files import check_each_once, write_atomic
 from sysid.io.log_constants import pwm_period
 from sysid.io.logs import Log, Trial, exclusions_for, read_log
 from sysid.io.rig import Rig, find_rig_file, read_rig
 from sysid.io.tables import require_log
 from sysid.io.units import parse_map
+from sysid.pipeline.given_tests import rig_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,23 +52,75 @@ def compare_frequencies(files: FrequencyFiles) -> FrequencyChoice:
     """
     check_each_once(files.logs, "log")
     if files.hertz and len(files.hertz) != len(files.logs):
-        raise input_error(
-            "--hz",
-            f"{len(files.hertz)} frequencies for {len(files.logs)} logs",
-            "give one for each log, in order",
-        )
+        raise _not_one_each(files.hertz, files.logs)
     logs, rig, notices = _read(files)
-    given = [1.0 / f for f in files.hertz] or [period_of(log.trials, log.path) for log in logs]
-    found = choose_frequency(
-        [(p, log.path.name, log.trials) for p, log in zip(given, logs, strict=True)],
-        rig,
-        valve=files.valve,
-        least_range=files.least_range,
-    )
-    found = found.noting(notices)
+    found = pwm_frequency(
+        logs, rig, hertz=files.hertz, valve=files.valve, least_range=files.least_range
+    ).noting(notices)
     if files.report is not None:
         write_atomic(files.report, _page(found, rig))
     return found
+
+
+def pwm_frequency(
+    logs: Campaign | Sequence[Log],
+    rig: Rig | None = None,
+    *,
+    hertz: Sequence[float] = (),
+    valve: str | None = None,
+    least_range: float | None = None,
+) -> FrequencyChoice:
+    """Which PWM frequency to run at, from valve-pwm logs at several (thesis 3.7.2).
+
+    `logs`: one log for each frequency, or a campaign with them among its training logs. `hertz`:
+    the frequency of each log, in order; by default that of the ripple of its pulses. The
+    frequency with the widest linear range of the duty is chosen; of those that do not differ from
+    it significantly, the highest. `least_range` (0 to 1): the highest frequency with at least this
+    linear range instead; `valve`: "a" or "b" alone. Raises InputError for logs at one frequency or
+    that show none, NotIdentifiedError where they do not identify the linear range.
+
+    >>> try:
+    ...     si.pwm_frequency(campaign).chosen_s
+    ... except si.InputError as why:
+    ...     "all logs have one PWM period" in str(why)
+    True
+    """
+    if isinstance(logs, Campaign):
+        tests = campaign_tests(logs)
+        own, rig = [one.log for one in tests], logs.rig if rig is None else rig
+        shown = logged_periods(tests, rig)
+    else:
+        own, rig, shown = list(logs), rig_of(logs, rig), []
+    if hertz and len(hertz) != len(own):
+        raise _not_one_each(hertz, own)
+    periods = [1.0 / f for f in hertz] or shown or [period_of(log.trials, log.path) for log in own]
+    given = [(p, log.path.name, log.trials) for p, log in zip(periods, own, strict=True)]
+    return choose_frequency(given, rig, valve=valve, least_range=least_range)
+
+
+def _not_one_each(hertz: Sequence[float], logs: Sequence[object]) -> InputError:
+    return input_error(
+        "--hz",
+        f"{len(hertz)} frequencies for {len(logs)} logs",
+        "give one for each log, in order",
+    )
+
+
+def campaign_tests(campaign: Campaign) -> list[CampaignTests]:
+    """The training logs of PWM valves."""
+    return [
+        CampaignTests(entry.valve, campaign.read(entry), entry.pwm_period_s)
+        for entry in campaign.select(("valve-pwm",))
+    ]
+
+
+def campaign_section(campaign: Campaign) -> Section | None:
+    """The report's section on a campaign's logs at several frequencies; None without such."""
+    tests = campaign_tests(campaign)
+    if campaign.rig.pwm is None or len(set(logged_periods(tests, campaign.rig))) < 2:
+        return None
+    found = pwm_frequency(campaign)
+    return frequency_section(found.headline(), found.tables(), found.responses)
 
 
 def _read(files: FrequencyFiles) -> tuple[list[Log], Rig, list[str]]:
@@ -115,4 +175,11 @@ def _page(found: FrequencyChoice, rig: Rig) -> str:
     )
 
 
-__all__ = ["FrequencyFiles", "compare_frequencies", "period_of"]
+__all__ = [
+    "FrequencyFiles",
+    "campaign_section",
+    "campaign_tests",
+    "compare_frequencies",
+    "period_of",
+    "pwm_frequency",
+]

@@ -29,11 +29,13 @@ from sysid.identification.valve_pwm.frequency_shown import (
     opening_panel,
     resolution_table,
 )
+from sysid.identification.valve_pwm.pulse_line import SAID_DEVIATION
 from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.result import DIRECTIONS
 from sysid.identification.valve_pwm.samples import FlowSamples, PwmTest, sample_tests
 from sysid.identification.valve_pwm.selection import moved_valves, select_tests
-from sysid.io.logs import Trial
+from sysid.io.log_constants import pwm_period
+from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.surfaces.comparison import ResolutionStudy, resolution_study
 from sysid.surfaces.domain import level_flows
@@ -149,6 +151,50 @@ def choose_frequency(
             found.append(response)
     chosen, why = _chosen(found, least_range)
     return FrequencyChoice(tuple(found), chosen, why, remarks.notices())
+
+
+@dataclass(frozen=True)
+class CampaignTests:
+    """A campaign's log: the valve that it is declared to be of (None: any), and the PWM period that
+    it is declared to have, s (None: none is)."""
+
+    valve: str | None
+    log: Log
+    declared_s: float | None = None
+
+
+def logged_periods(logs: Sequence[CampaignTests], rig: Rig) -> list[float]:
+    """The PWM period (s) of each log of a campaign.
+
+    It is the declared one, else the one that the ripple of pulses shows; the rig file's where none
+    shows, where both are as good as the same, and for a valve with a single log, which has nothing
+    to compare it with.
+    """
+    usual = float(rig.require("pwm", "which the mean over pulses needs").period_s)
+    valves = [one.valve for one in logs]
+    found = []
+    for one in logs:
+        shown = one.declared_s
+        if shown is None and valves.count(one.valve) > 1:
+            shown = pwm_period(one.log.trials)
+        is_other = shown is not None and abs(shown / usual - 1.0) > SAID_DEVIATION
+        found.append(shown if shown is not None and is_other else usual)
+    return found
+
+
+def at_the_rigs_period(logs: Sequence[CampaignTests], rig: Rig) -> list[CampaignTests]:
+    """The logs without those at another PWM period than the rig file's; of a valve without one at
+    the rig file's, all whose period is not declared."""
+    if rig.pwm is None:
+        return list(logs)
+    usual = rig.pwm.period_s
+    found = list(zip(logs, logged_periods(logs, rig), strict=True))
+    has_own = {one.valve for one, period in found if period == usual}
+    return [
+        one
+        for one, period in found
+        if period == usual or (one.declared_s is None and one.valve not in has_own)
+    ]
 
 
 def _at_period(rig: Rig, period: float) -> Rig:
@@ -377,10 +423,13 @@ def _others(worst: Mapping[float, DutyResponse], chosen: float) -> str:
 
 
 __all__ = [
+    "CampaignTests",
     "DutyResponse",
     "FrequencyChoice",
     "LinearRange",
+    "at_the_rigs_period",
     "choose_frequency",
     "linear_range",
+    "logged_periods",
     "openings",
 ]

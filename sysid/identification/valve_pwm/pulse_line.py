@@ -16,7 +16,7 @@ from sysid.identification.valve_pwm.samples import PwmTest
 from sysid.types import BoolArray, FloatArray
 
 # Deviation of the period that is said, as a share of the declared one.
-_SAID_DEVIATION = 0.02
+SAID_DEVIATION = 0.02
 # Power of a line above the median of that about it. The noise of three tests exceeds 10 times
 # its median once in 10^9 frequencies; what else a log holds is seldom as narrow as a line.
 _LINE_POWER = 20.0
@@ -47,7 +47,7 @@ def deviating_period(tests: Sequence[PwmTest], declared: float) -> list[str]:
     if strongest is None or power[strongest] < 4.0 * power[expected].max(initial=0.0):
         return []
     seen = rows * sampling / _peak(power, strongest)
-    if abs(seen / declared - 1.0) < _SAID_DEVIATION:
+    if abs(seen / declared - 1.0) < SAID_DEVIATION:
         return []
     # A line that tests without pulses also show is mains hum, or comes from the supply.
     quiet = _alike([t for t in whole if not 0.05 < t.duty < 0.95], sampling, rows)
@@ -63,7 +63,7 @@ def deviating_period(tests: Sequence[PwmTest], declared: float) -> list[str]:
 
 def _alike(tests: Sequence[PwmTest], sampling: float, rows: int) -> list[PwmTest]:
     """The tests of that sampling period, s, with at least so many rows."""
-    near = 0.5 * _SAID_DEVIATION * sampling
+    near = 0.5 * SAID_DEVIATION * sampling
     return [t for t in tests if len(t.pressure) >= rows and abs(t.period - sampling) < near]
 
 
@@ -90,7 +90,7 @@ def _strongest_line(power: FloatArray) -> int | None:
 def _around(place: float, bins: int) -> BoolArray:
     """Which bins (mask) a line at a place between them may fill."""
     # Bins by which a line may miss its place; a Hann window widens it by two to either side.
-    width = max(3, _SAID_DEVIATION * place)
+    width = max(3, SAID_DEVIATION * place)
     return np.asarray(np.abs(np.arange(bins) - place) <= width)
 
 

@@ -204,9 +204,18 @@ def report_parts(
     def surfaces() -> Section | None:
         if bundle.valves is None:
             return None
+        from sysid.identification.valve_pwm.frequency import at_the_rigs_period
         from sysid.identification.valve_pwm.shown import surfaces_section
+        from sysid.pipeline.pwm_frequency import campaign_tests
 
-        return surfaces_section(bundle.valves, _logs(campaign, "valve-pwm"), campaign.rig)
+        tests = at_the_rigs_period(campaign_tests(campaign), campaign.rig)
+        logs = [(one.valve, one.log) for one in tests]
+        return surfaces_section(bundle.valves, logs, campaign.rig)
+
+    def frequencies() -> Section | None:
+        from sysid.pipeline.pwm_frequency import campaign_section
+
+        return campaign_section(campaign)
 
     def diagnosed() -> Section | None:
         from sysid.diagnosis.shown import diagnosis_section
@@ -273,6 +282,7 @@ def report_parts(
         ("friction", "Friction", "" if rig.is_tank_alone else no_friction, friction),
         ("valves", "On/off valves", no_law if switches else "", discrete),
         ("surfaces", "PWM surfaces", no_surface if switches else "", surfaces),
+        ("pwm-frequency", "PWM frequency", "", frequencies),  # of logs at several
         ("validation", "Open-loop validation", not_validated if moves else "", motion),
         ("residuals", "Residuals", "", residuals),  # missing where the validation is
         ("part", "Measured and modelled", "", part_alone),
