@@ -118,8 +118,8 @@ class LogEntry(TomlTable):
     pwm_period_s: Annotated[
         float | None,
         NumberKey(
-            "PWM period of a valve-pwm log at another frequency than the rig file's, for the choice "
-            "of the frequency; by default what the ripple in its pressure shows.",
+            "PWM period of a valve-pwm log at another frequency than the rig file's, for choosing "
+            "the frequency; by default what the ripple in its pressure shows.",
             _PERIOD,
         ),
     ] = None

@@ -56,6 +56,11 @@ _CONDUCTANCE_UNIT = "m3/(s Pa)"
 _GRID_SIZES = (0.5, 0.63, 0.8, 1.0)
 _GRID_RATIOS, _GRID_INDICES = (0.1, 0.3, 0.5), (0.5, 1.0)
 _GRID_SHARES = (3e-3, 0.1, 0.5, 0.97)
+_GUESSED = ("adiabatic_share", "sonic_conductance", "critical_ratio", "subsonic_index")
+# Gauss-Newton steps from the best of each share and ratio, and how many are kept after them; the
+# differences of the steps, and the damping that is tried.
+_ROUNDS = ((3, 4), (3, 1))
+_STEP, _DAMPING = 1e-4, (1e-3, 0.1, 10.0)
 # Below it the gas is as warm as the wall to a thousandth of what it would cool by.
 _ISOTHERMAL = 1e-3
 # Steps of the simulation, in bins of a hundredth of the tank's own time, are short while the gas
@@ -165,20 +170,72 @@ class TankComponent(Component):
 
     @functools.cached_property
     def _first_guess(self) -> Mapping[str, float]:
-        """The best of a coarse grid: from afar a warm wall and a large conductance look alike."""
+        """The best of a coarse grid, once what is best at each wall share and critical ratio has
+        been improved: from afar a warm wall, a large conductance and a small ratio look alike, and
+        each leads to a minimum of its own."""
         p = self.base_parameters
         steepest = max(
             float(np.max(np.log(d.start / d.pressure[1:]) / d.time[1:])) for d in self.discharges
         )
         most = self._volume / (p.gas_constant * p.temperature * ANR_DENSITY) * steepest
-        names = ("sonic_conductance", "critical_ratio", "adiabatic_share", "subsonic_index")
         indices = _GRID_INDICES if self.fits_index else (DEFAULT_INDEX,)
         sizes = [most * share for share in _GRID_SIZES]
-        grid = itertools.product(sizes, _GRID_RATIOS, _GRID_SHARES, indices)
-        laws = [Law(dict(zip(names, numbers, strict=True))) for numbers in grid]
+        places = itertools.product(_GRID_SHARES, _GRID_RATIOS)
+        grid = [
+            [(share, size, ratio, index) for size in sizes for index in indices]
+            for share, ratio in places
+        ]
+        squares = self._squares_at(np.vstack(grid)).reshape(len(grid), -1)
+        points = np.array([own[i] for own, i in zip(grid, squares.argmin(axis=1), strict=True)])
+        for rounds, kept in _ROUNDS:
+            points = self._improved(points, rounds)
+            points = points[np.argsort(self._squares_at(points))[:kept]]
+        return dict(zip(_GUESSED, points[0].tolist(), strict=True))
+
+    def _squares_at(self, points: FloatArray) -> FloatArray:
+        """Sums of squares (k,) of the laws at `points` (k, 4); infinite where one is no number."""
+        found = np.array([float(left @ left) for left in self._left_at(points)])
+        return np.where(np.isfinite(found), found, np.inf)
+
+    def _left_at(self, points: FloatArray) -> list[FloatArray]:
+        """The residuals (n,) of each of the laws at `points` (k, 4), as `_GUESSED` names them."""
+        laws = [Law(dict(zip(_GUESSED, point.tolist(), strict=True))) for point in points]
         found = self.residuals_of(laws, range(len(self.discharges)))
-        squares = [sum(float(part @ part) for part in parts) for parts in found]
-        return laws[int(np.argmin(squares))].values
+        return [np.concatenate(parts) for parts in found]
+
+    def _improved(self, points: FloatArray, rounds: int) -> FloatArray:
+        """Points (k, 4) after some damped Gauss-Newton steps, all of them in one simulation."""
+        free = [0, 1, 2, *([3] if self.fits_index else [])]
+        lower = np.array([0.0, 1e-3 * points[:, 1].min(), 0.0, INDICES[0]])
+        upper = np.array([1.0, 1e3 * points[:, 1].max(), HIGHEST_RATIO, INDICES[1]])
+        for _ in range(rounds):
+            # By the conductance's own size, and the others as they are.
+            sizes = np.ones(points.shape)
+            sizes[:, 1] = points[:, 1]
+            moved = []
+            for i in free:
+                inward = np.where(points[:, i] + _STEP * sizes[:, i] > upper[i], -_STEP, _STEP)
+                moved.append(points.copy())
+                moved[-1][:, i] += inward * sizes[:, i]
+            left = np.reshape(
+                self._left_at(np.vstack([points, *moved])), (1 + len(free), len(points), -1)
+            )
+            tried = []
+            for k, point in enumerate(points):
+                steps = [moved[j][k, i] - point[i] for j, i in enumerate(free)]
+                slopes = ((left[1:, k] - left[0, k]).T / steps) * sizes[k, free]
+                normal, fall = slopes.T @ slopes, slopes.T @ left[0, k]
+                for damping in _DAMPING:
+                    damped = normal + damping * np.diag(np.diag(normal) + 1e-300)
+                    there = point.copy()
+                    there[free] -= np.linalg.lstsq(damped, fall, rcond=None)[0] * sizes[k, free]
+                    tried.append(np.clip(there, lower, upper))
+            here = (left[0] ** 2).sum(axis=1)
+            squares = self._squares_at(np.array(tried)).reshape(len(points), -1)
+            for k in range(len(points)):
+                if squares[k].min() < here[k]:
+                    points[k] = tried[k * len(_DAMPING) + int(squares[k].argmin())]
+        return points
 
     def effects(
         self, catalogue: Mapping[str, type[CatalogueEffect]]
