@@ -39,6 +39,7 @@ from sysid.friction import (
     friction_rmse,
     static_summary,
 )
+from sysid.identification.friction.counted_onset import begins_by_counts
 from sysid.identification.friction.static import find_onset
 from sysid.io.logs import Trial
 from sysid.io.motion import ROTARY
@@ -421,6 +422,21 @@ def test_a_count_that_is_taken_back_is_no_motion(seed: int, counts: int) -> None
     """Edges that jitter by a tenth of a count made it 3 to 15 % too small."""
     result, truth = generated_fit(seed, counts=counts, jitter=0.1)
     assert result["static_nm"].value == pytest.approx(truth["static_nm"], rel=0.02)
+
+
+def test_a_start_by_counts_is_unbiased() -> None:
+    """Where in its count the shaft rested is unknown; taken for the reading, it is 7 ms late."""
+    rng = np.random.default_rng(5003)
+    fine, errors = np.linspace(0.0, 1.0, 40_001), []
+    for _ in range(60):
+        start, rest = rng.uniform(0.1, 0.2), rng.uniform(-0.5, 0.5)
+        s = np.maximum(fine - start, 0.0)
+        course = rest + rng.uniform(100.0, 400.0) * s**2 + rng.uniform(-50.0, 100.0) * s**3
+        edges = np.interp(np.arange(12) + 0.5, course, fine)
+        seen = (np.ceil(edges / 0.001) - 0.5) * 0.001
+        errors.append(begins_by_counts(seen, 0.001) - start)
+    assert abs(np.mean(errors)) < 0.001
+    assert np.std(errors) < 0.006
 
 
 def test_counts_of_presliding_are_not_breakaway() -> None:

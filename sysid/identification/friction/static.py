@@ -27,6 +27,7 @@ from sysid.estimation.linear import (
 )
 from sysid.estimation.multiple_tests import SIGNIFICANCE
 from sysid.estimation.quality import FitQuality, repeats_lack_of_fit
+from sysid.identification.friction.counted_onset import FEWEST, MOST, begins_by_counts
 from sysid.identification.friction.effort import TrialUse, titles
 from sysid.io.motion import MotionUnits
 from sysid.recording.friction_kind import STATIC
@@ -230,6 +231,10 @@ def find_onset(trial: Recording) -> Onset | str:
         if abs(travel) > max(threshold, 0.0 if to_the_end else SUSTAINED_SHARE * span):
             if start < hold // 2:
                 return "it moves from its first samples: not at rest when the ramp starts"
+            began = _by_edges(trial, counts[counts >= before])
+            if began is not None:
+                index = int(np.searchsorted(trial.time, began, side="right")) - 1
+                return Onset(began, max(index, 1), 1 if travel > 0.0 else -1, threshold)
             return _locate(trial, before, after, threshold, hold)
     return (
         f"it never moves by more than {threshold:.2g} (noise, counts, presliding): the ramp ends "
@@ -257,6 +262,19 @@ def _counts(trial: Recording, presliding: float) -> NDArray[np.intp]:
             kept.append(counts[i])
             i += 1
     return np.array(kept, dtype=np.intp)
+
+
+def _by_edges(trial: Recording, counts: NDArray[np.intp]) -> float | None:
+    """When the motion begins whose first counts are after these samples (k,), s; None where fewer
+    than it takes go one way."""
+    change = trial.position[counts + 1] - trial.position[counts]
+    sizes = np.rint(change / trial.position_noise.quantum).astype(np.intp)
+    rows = np.repeat(counts, np.abs(sizes))[:MOST]
+    ways = np.repeat(np.sign(sizes), np.abs(sizes))[:MOST]
+    if len(rows) < FEWEST or abs(int(ways.sum())) < len(ways):
+        return None
+    edges = 0.5 * (trial.time[rows] + trial.time[rows + 1])
+    return max(begins_by_counts(edges, trial.period), float(trial.time[0]))
 
 
 def _rest_in_counts(counts: NDArray[np.intp]) -> int:
