@@ -53,13 +53,13 @@ _CONDUCTANCE_UNIT = "m3/(s Pa)"
 # Ratios of a law that has a subsonic part, and indices of anything between a sharp corner and a
 # laminar passage (ISO 6358-1 has 1/2, tubes have up to 0.6).
 # First guesses; the sizes of what the steepest fall would be by isothermal choked flow.
-_GRID_SIZES = (0.5, 0.63, 0.8, 1.0)
+_GRID_SIZES = (0.5, 0.56, 0.63, 0.71, 0.8, 0.9, 1.0)
 _GRID_RATIOS, _GRID_INDICES = (0.1, 0.3, 0.5), (0.5, 1.0)
 _GRID_SHARES = (3e-3, 0.1, 0.5, 0.97)
 _GUESSED = ("adiabatic_share", "sonic_conductance", "critical_ratio", "subsonic_index")
 # Gauss-Newton steps from the best of each share and ratio, and how many are kept after them; the
 # differences of the steps, and the damping that is tried.
-_ROUNDS = ((3, 4), (3, 1))
+_ROUNDS = ((4, 6), (4, 1))
 _STEP, _DAMPING = 1e-4, (1e-3, 0.1, 10.0)
 # Below it the gas is as warm as the wall to a thousandth of what it would cool by.
 _ISOTHERMAL = 1e-3
