@@ -133,10 +133,10 @@ def prepared(inputs: list[Inputs], models: list[Model]) -> None:
     """What `simulate` does in Python before the compiled steps: checks, edges, tables."""
     shared = Shared()
     for first in range(0, len(inputs), BLOCK):
-        pairs = list(zip(inputs, models, strict=True))[first : first + BLOCK]
-        check_known([model for _, model in pairs], averaged=False)
-        check_commands([one for one, _ in pairs])
-        runs = [prepare(one, model, (), MAX_STEP, shared) for one, model in pairs]
+        own, of_own = inputs[first : first + BLOCK], models[first : first + BLOCK]
+        check_known(of_own, averaged=False)
+        check_commands(own)
+        runs = prepare(own, of_own, (), MAX_STEP, shared)
         for _ in block_of(runs, BLOCK, ROWS, MAX_STEP).tables():
             pass
 

@@ -214,7 +214,7 @@ def test_a_run_longer_than_a_call_is_compiled_once() -> None:
 
     inputs, models = random_runs(seed=2, count=1, seconds=0.1)
     model = stack_models(models)
-    prepared = [prepare(inputs[0], models[0], (), 1e-3)]
+    prepared = prepare(inputs[:1], models[:1], (), 1e-3)
     table = tables.block_of(prepared, 1, 64, 1e-3).table(0)
     lanes = simulator.at_first_row(simulator.start_lanes(inputs, model))
     after = jax.eval_shape(lambda *given: advance(*given, model, ()), lanes, table)

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import operator
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
@@ -420,17 +421,25 @@ def _columns(
 ) -> dict[str, FloatArray]:
     """Each number of parts of one structure, (runs,): those of the part `which` (runs,) says."""
     kind, fixed = structure
-    known = [name for name, _ in fixed]
     values = [value for _, value in fixed]
-    rows = []
-    for part in parts:
-        if type(part) is not kind or [getattr(part, name) for name in known] != values:
-            raise ValueError(_UNLIKE)
-        rows.append([getattr(part, name) for name in names])
-    if not _FIXED.isdisjoint({type(value) for row in rows for value in row}):
+    known = _values_of(tuple(name for name, _ in fixed))
+    if any(type(part) is not kind or known(part) != values for part in parts):
+        raise ValueError(_UNLIKE)
+    numbers = _values_of(names)
+    rows = [numbers(part) for part in parts]
+    if not _FIXED.isdisjoint(set().union(*(map(type, row) for row in rows))):
         raise ValueError(_UNLIKE)
     columns = np.array(rows, dtype=float).reshape(len(rows), len(names)).T[:, which]
     return dict(zip(names, columns, strict=True))
+
+
+@functools.cache
+def _values_of(names: tuple[str, ...]) -> Callable[[Any], list[Any]]:
+    """What reads the attributes of these names, as a list."""
+    if len(names) < 2:
+        return lambda part: [getattr(part, name) for name in names]
+    several = operator.attrgetter(*names)
+    return lambda part: list(several(part))
 
 
 def has_discrete_law(parameters: Parameters) -> bool:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from sysid.plant.pulse_means import pulse_means
 from sysid.types import FloatArray, IntArray
 
 _T = TypeVar("_T")
+_Key = tuple[Any, ...]
+# Commands whose edges are worked out in one go: arrays of more leave a core's cache.
+_TOGETHER = 8
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,7 @@ class Shared:
     """What runs of a batch have in common, computed once, by the identity of their arrays."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[Any, ...], tuple[Any, tuple[Any, ...]]] = {}
+        self._known: dict[_Key, tuple[Any, tuple[Any, ...]]] = {}
         # Arrays by what is soon seen of them, and those that were found to hold the same.
         self._first: dict[tuple[Any, ...], FloatArray] = {}
         self._like: dict[int, tuple[FloatArray, FloatArray]] = {}
@@ -127,11 +131,27 @@ class Shared:
 
     def once(self, arrays: tuple[Any, ...], numbers: tuple[Any, ...], make: Callable[[], _T]) -> _T:
         """make(), or what it made before of the same arrays (the objects) and numbers."""
-        key = (*map(id, arrays), *numbers)
+        key = self.key(arrays, numbers)
         if key not in self._known:
-            self._known[key] = make(), arrays  # these are kept: an id is theirs while they live
-        found: _T = self._known[key][0]
+            self.keep(arrays, numbers, make())
+        found: _T = self[key]
         return found
+
+    @staticmethod
+    def key(arrays: tuple[Any, ...], numbers: tuple[Any, ...]) -> _Key:
+        """Under which it is known what was made of the arrays (the objects) and numbers."""
+        return (*map(id, arrays), *numbers)
+
+    def keep(self, arrays: tuple[Any, ...], numbers: tuple[Any, ...], made: Any) -> None:
+        """Know what was made."""
+        # The arrays are kept: an id is theirs while they live.
+        self._known[self.key(arrays, numbers)] = made, arrays
+
+    def __contains__(self, key: _Key) -> bool:
+        return key in self._known
+
+    def __getitem__(self, key: _Key) -> Any:
+        return self._known[key][0]
 
     def like(self, array: FloatArray) -> FloatArray:
         """The array (n,) itself, or the first that was seen to hold the same."""
@@ -155,30 +175,82 @@ def open_intervals(
 
     `delays` of opening and closing, s, in place of the model's; `shared` as in `prepare`.
     """
-    edges = _edges(inputs, side, model, delays or _delays(side, model), shared or Shared())
+    asked = inputs, side, model, delays or _delays(side, model)
+    (edges,) = _edges([asked], shared or Shared())
     return valve_timing.OpenIntervals(edges[0::2].copy(), edges[1::2].copy())
 
 
-def _edges(
-    inputs: Inputs, side: str, model: Model, delays: tuple[float, float], shared: Shared
-) -> FloatArray:
-    """A valve's edges in order, s: it is open after an odd number of them."""
-    command = inputs.valve(side)
-    if command is None:
-        return np.zeros(0)
-    numbers, time = _numbers(command, model), shared.like(inputs.time)
-    arrays = (time, command.values)
+_Asked = tuple[Inputs, str, Model, tuple[float, float]]
+"""A run's valve, its model, and the delays of opening and closing, s."""
 
-    def commanded() -> tuple[FloatArray, FloatArray]:
-        return shared.once(arrays, numbers, lambda: _commanded(time, command, numbers[-1], shared))
 
-    if not _changes_edges(model):
-        return shared.once(
-            arrays,
-            (*numbers, *delays),
-            lambda: valve_timing.delayed_edges(*commanded(), *delays),
-        )
-    on, off = commanded()
+def _edges(asked: Sequence[_Asked], shared: Shared) -> list[FloatArray]:
+    """Each valve's edges in order, s: it is open after an odd number of them.
+
+    Those that no effect changes are worked out in one go.
+    """
+    found: dict[int, FloatArray] = {}
+    keys: list[_Key | None] = []
+    waiting: dict[_Key, tuple[_Command, tuple[float, float]]] = {}
+    commands: dict[_Key, _Command] = {}
+    for i, (inputs, side, model, delays) in enumerate(asked):
+        values, key = inputs.valve(side), None
+        if values is None:
+            found[i] = np.zeros(0)
+        else:
+            numbers, time = _numbers(values, model), shared.like(inputs.time)
+            command = _Command((time, values.values), numbers)
+            if _changes_edges(model):
+                found[i] = _changed(command, asked[i], shared)
+            else:
+                key = shared.key(command.arrays, (*numbers, *delays))
+                if key not in shared:
+                    waiting[key] = command, delays
+                    commands[shared.key(*command)] = command
+        keys.append(key)
+    if waiting:
+        new = [c for key, c in commands.items() if key not in shared]
+        for i in range(0, len(new), _TOGETHER):
+            some = new[i : i + _TOGETHER]
+            for command, intervals in zip(some, _commanded(some, shared), strict=True):
+                shared.keep(*command, intervals)
+        left = list(waiting.values())
+        for i in range(0, len(left), _TOGETHER):
+            _delay(left[i : i + _TOGETHER], shared)
+    return [found[i] if key is None else shared[key] for i, key in enumerate(keys)]
+
+
+class _Command(NamedTuple):
+    """A valve's command: its `arrays`, times (n,) s and values (n,), and the `numbers` on which
+    its on-intervals depend next to these: whether it is a duty, on before, s of a period.
+    """
+
+    arrays: tuple[FloatArray, FloatArray]
+    numbers: tuple[bool, bool, float]
+
+
+def _delay(waiting: Sequence[tuple[_Command, tuple[float, float]]], shared: Shared) -> None:
+    """Have `shared` keep the edges of commands after their delays."""
+    intervals = [shared[shared.key(*command)] for command, _ in waiting]
+    counts = [len(on) for on, _ in intervals]
+    bounds = np.concatenate(([0], np.cumsum(counts)))
+    on, off = (np.concatenate(one) for one in zip(*intervals, strict=True))
+    on_delay, off_delay = np.repeat([delays for _, delays in waiting], counts, axis=0).T
+    edges, bounds = valve_timing.joined_delayed_edges(on, off, on_delay, off_delay, bounds)
+    for (command, delays), own in zip(waiting, _cut(edges, bounds), strict=True):
+        shared.keep(command.arrays, (*command.numbers, *delays), own)
+
+
+def _cut(joined: FloatArray, bounds: IntArray) -> list[FloatArray]:
+    """Joined sequences apart: views."""
+    ends = bounds.tolist()
+    return [joined[a:b] for a, b in itertools.pairwise(ends)]
+
+
+def _changed(command: _Command, asked: _Asked, shared: Shared) -> FloatArray:
+    """A command's edges through the timing ports of the effects."""
+    inputs, side, model, delays = asked
+    on, off = shared.once(*command, lambda: _commanded([command], shared)[0])
     for effect in model.effects:
         on, off = effect.pulses(on, off, side)
 
@@ -197,15 +269,34 @@ def _changes_edges(model: Model) -> bool:
     return any(overrides(effect, "pulses", "delays") for effect in model.effects)
 
 
-def _commanded(
-    time: FloatArray, command: ValveCommand, period: float, shared: Shared
-) -> tuple[FloatArray, FloatArray]:
-    """A valve's commanded on-intervals: start and end, s."""
-    if not command.is_duty:
-        return valve_timing.switched_intervals(time, command.values, command.starts_on)
-    starts, row = _periods(time, period, shared)
-    held = np.minimum(np.maximum(command.values[row], 0.0), 1.0)
-    return valve_timing.duty_intervals(starts, held, period, command.starts_on)
+def _commanded(commands: Sequence[_Command], shared: Shared) -> list[tuple[FloatArray, FloatArray]]:
+    """Commanded on-intervals: start and end, s, of each command. Those of duties in one go."""
+    found: dict[int, tuple[FloatArray, FloatArray]] = {}
+    duties, held, starts, periods = [], [], [], []
+    for i, ((time, values), (is_duty, starts_on, period)) in enumerate(commands):
+        if not is_duty:
+            found[i] = valve_timing.switched_intervals(time, values, starts_on)
+            continue
+        begins, row = _periods(time, period, shared)
+        if starts_on or values.dtype != np.float64:
+            own = np.minimum(np.maximum(values[row], 0.0), 1.0)
+            found[i] = valve_timing.duty_intervals(begins, own, period, starts_on)
+            continue
+        duties.append(i)
+        starts.append(begins)
+        held.append(values[row])
+        periods.append(period)
+    if duties:
+        counts = [len(one) for one in starts]
+        bounds = np.concatenate(([0], np.cumsum(counts)))
+        on, off, bounds = valve_timing.joined_duty_intervals(
+            np.concatenate(starts),
+            np.minimum(np.maximum(np.concatenate(held), 0.0), 1.0),
+            np.repeat(periods, counts),
+            bounds,
+        )
+        found |= zip(duties, zip(_cut(on, bounds), _cut(off, bounds), strict=True), strict=True)
+    return [found[i] for i in range(len(commands))]
 
 
 def _periods(time: FloatArray, period: float, shared: Shared) -> tuple[FloatArray, IntArray]:
@@ -228,25 +319,30 @@ def _through_delays(
 
 
 def prepare(
-    inputs: Inputs,
-    model: Model,
+    inputs: Sequence[Inputs],
+    models: Sequence[Model],
     surfaces: tuple[Any, ...],
     max_step: float,
     shared: Shared | None = None,
-) -> PreparedRun | SwitchedRun:
-    """A run's rows and edges (the on/off law) or, with `surfaces`, sub-steps and mean commands.
+) -> Sequence[PreparedRun | SwitchedRun]:
+    """Runs' rows and edges (the on/off law) or, with `surfaces`, sub-steps and mean commands.
 
     `shared`: of the runs prepared with it, what they have in common is worked out once.
     """
+    pairs = list(zip(inputs, models, strict=True))
     if surfaces and plant.knows_pulses(surfaces):
-        return _prepare_pulsed(inputs, model, surfaces, max_step)
+        return [_prepare_pulsed(*pair, surfaces, max_step) for pair in pairs]
     if surfaces:
-        return _prepare_averaged(inputs, model, max_step)
+        return [_prepare_averaged(*pair, max_step) for pair in pairs]
     known = shared or Shared()
-    a, b = (_edges(inputs, side, model, _delays(side, model), known) for side in SIDES)
+    asked = [(i, side, m, _delays(side, m)) for i, m in pairs for side in SIDES]
+    edges = _edges(asked, known)
     # What runs have in common is read from the cache.
-    time, motor = (known.like(np.asarray(c, dtype=float)) for c in (inputs.time, inputs.motor))
-    return SwitchedRun(time, motor, (a, b))
+    columns = [[known.like(np.asarray(c, dtype=float)) for c in (i.time, i.motor)] for i in inputs]
+    return [
+        SwitchedRun(time, motor, (a, b))
+        for (time, motor), a, b in zip(columns, edges[0::2], edges[1::2], strict=True)
+    ]
 
 
 def with_edges(
@@ -257,7 +353,7 @@ def with_edges(
     `prepare`.
     """
     known = shared or Shared()
-    edges = [_edges(inputs, side, model, _delays(side, model), known) for side in SIDES]
+    edges = _edges([(inputs, side, model, _delays(side, model)) for side in SIDES], known)
     time = np.asarray(inputs.time, dtype=float)
     grid = valve_timing.split_at(time, np.concatenate(edges), max_step)
     rows = np.concatenate(([0], np.flatnonzero(grid.ends_sample) + 1))

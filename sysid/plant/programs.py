@@ -33,6 +33,10 @@ class Programs:
 
     def __call__(self, *arrays: Any, **structure: Hashable) -> Any:
         """The function's result."""
+        return self.compiled(*arrays, **structure)(*arrays)
+
+    def compiled(self, *arrays: Any, **structure: Hashable) -> Callable[..., Any]:
+        """The function of a structure, for arrays of these shapes: for one who calls it often."""
         shapes = (np.shape(leaf) for leaf in jax.tree.leaves(arrays))
         key = (*structure.values(), *shapes)
         with self._lock:
@@ -42,7 +46,7 @@ class Programs:
             dropped = self._kept.popitem(last=False)[1] if len(self) > self._most else None
         if dropped is not None:
             dropped.clear_cache()  # jax would keep what is compiled
-        return program(*arrays)
+        return program  # type: ignore[no-any-return]
 
     def __len__(self) -> int:
         return len(self._kept)

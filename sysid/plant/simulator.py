@@ -174,13 +174,19 @@ def _advance_block(
     model = stack_models(models)
     structure, numbers = split((model.parameters, *model.effects, *surfaces))
     layout, packed = _pack(numbers, len(inputs))
+    packed = jax.device_put(packed)  # once, not with every call
     lanes = start_lanes(inputs, model)
     rows = _Rows(lanes, [len(one.time) for one in inputs[: len(block.runs)]])
     if surfaces:
         lanes = lanes._replace(ripple_a=np.zeros(len(inputs)), ripple_b=np.zeros(len(inputs)))
     endless = np.zeros(len(inputs), dtype=bool)
+    chunk = None
     for _, table in block.tables():
         lanes = at_first_row(lanes)
+        if chunk is None:
+            chunk = _advance_chunk.compiled(
+                lanes, table, packed, structure=structure, effects=len(model.effects), layout=layout
+            )
         if endless.any():
             lanes = lanes._replace(index=np.where(endless, table.count, lanes.index))
         calls = 0
@@ -191,9 +197,7 @@ def _advance_block(
                 endless |= np.asarray(lanes.index) < table.count
                 break
             calls += 1
-            lanes, states, reached = _advance_chunk(
-                lanes, table, packed, structure=structure, effects=len(model.effects), layout=layout
-            )
+            lanes, states, reached = chunk(lanes, table, packed)
             rows.collect(states, np.asarray(reached))
     for i in np.flatnonzero(endless[: len(block.runs)]):
         rows.runs[i][:, rows.filled[i] :] = math.nan
@@ -212,29 +216,50 @@ class _Rows:
     """The states at the rows of a block of runs, as they come: (4, samples) of each in `runs`."""
 
     def __init__(self, lanes: Lanes, lengths: list[int]) -> None:
-        self.runs = [np.empty((len(STATE), n)) for n in lengths]
-        self.filled = [1] * len(lengths)
-        for i, run in enumerate(self.runs):
-            run[:, 0] = [getattr(lanes, name)[i] for name in STATE]
-        self.columns = np.empty((len(STATE), 0))
+        first = np.array([getattr(lanes, name) for name in STATE])[:, : len(lengths)]
+        if len(set(lengths)) == 1:
+            together = np.empty((len(lengths), len(STATE), lengths[0]))
+            together[:, :, 0] = first.T
+            self.runs = list(together)
+        else:
+            together = None
+            self.runs = [np.empty((len(STATE), n)) for n in lengths]
+            for run, start in zip(self.runs, first.T, strict=True):
+                run[:, 0] = start
+        # (runs, 4, samples) where all are as long.
+        self._together = together
+        self.filled = np.ones(len(lengths), dtype=int)
+        self._columns = np.empty(0)
 
     def collect(self, states: tuple[Any, ...], reached: NDArray[np.bool_]) -> None:
         """Take over the states (steps, runs) after the steps that reached a row (runs, steps)."""
         counts = np.count_nonzero(reached, axis=1)
         lanes, steps = reached.shape
         # Place (step, run) from place (run, step), without a division.
-        place = np.flatnonzero(reached) * lanes
-        place -= np.repeat(np.arange(lanes) * (steps * lanes - 1), counts)
-        if self.columns.shape[1] < len(place):
-            self.columns = np.empty((len(STATE), len(place)))
-        columns = self.columns[:, : len(place)]
+        place = np.flatnonzero(reached)
+        place *= lanes
+        n, used = int(counts[0]), len(self.filled)
+        first = int(self.filled[0])
+        alike = lanes * n == len(place) and (counts == n).all() and (self.filled == first).all()
+        offsets = np.arange(lanes) * (steps * lanes - 1)
+        if alike:
+            place.reshape(lanes, n)[:] -= offsets[:, None]
+        else:
+            place -= np.repeat(offsets, counts)
+        if len(self._columns) < len(STATE) * len(place):
+            self._columns = np.empty(len(STATE) * len(place))
+        columns = self._columns[: len(STATE) * len(place)].reshape(len(STATE), len(place))
         for column, state in zip(columns, states, strict=True):
             np.take(np.asarray(state).reshape(-1), place, out=column, mode="clip")
-        end = 0
-        for i, run in enumerate(self.runs):
-            start, end = end, end + int(counts[i])
-            self.filled[i], first = self.filled[i] + end - start, self.filled[i]
-            run[:, first : self.filled[i]] = columns[:, start:end]
+        if alike and self._together is not None:
+            by_run = columns.reshape(len(STATE), lanes, n)[:, :used]
+            self._together[:, :, first : first + n] = by_run.transpose(1, 0, 2)
+        else:
+            ends = np.cumsum(counts).tolist()
+            for i, (run, end) in enumerate(zip(self.runs, ends, strict=False)):
+                first, count = int(self.filled[i]), int(counts[i])
+                run[:, first : first + count] = columns[:, end - count : end]
+        self.filled += counts[:used]
 
 
 STATE = ("position", "velocity", "pressure_a", "pressure_b")
@@ -421,7 +446,7 @@ def _simulated(
     def block(members: list[int]) -> tuple[list[FloatArray], FloatArray]:
         own, of_own = (list(of) for of in zip(*(pairs[i] for i in members), strict=True))
         check_commands(own)
-        runs = [prepare(*pairs[i], surfaces, max_step, shared) for i in members]
+        runs = prepare(own, of_own, surfaces, max_step, shared)
         idle = width - len(own)
         return _advance_block(
             block_of(runs, width, _ROWS, max_step),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -20,6 +21,8 @@ Timing = tuple[FloatArray, ...]
 
 # Edges of a valve that a piece has room for, at least; more where there are more.
 _EDGES = 640
+# Bytes at whose multiples XLA's arrays begin.
+_ALIGNED = 64
 
 
 class Block(ABC):
@@ -64,9 +67,8 @@ class SwitchedBlock(Block):
         self.max_step = max_step
         # -1: no two times count as one.
         self.together = -1.0 if apart else TIME_TOLERANCE
-        # By run and valve: how many edges lie before each piece.
-        self.bounds = [self._bounds(run) for run in runs]
-        most = max(int((b[1:] - b[:-1]).max()) for of_run in self.bounds for b in of_run)
+        self.bounds = self._bounds()
+        most = int(np.diff(self.bounds).max())
         self.edges = _EDGES
         while self.edges <= most:  # the last place stays infinite
             self.edges *= 2
@@ -74,39 +76,64 @@ class SwitchedBlock(Block):
     @functools.cached_property
     def _arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Times, motor and edges of a piece: fresh memory for each would cost as much again."""
-        time, motor = np.zeros((self.width, self.rows + 1)), np.zeros((self.width, self.rows))
-        return time, motor, np.full((2, self.width, self.edges), np.inf)
+        time, motor = _aligned(self.width, self.rows + 1), _aligned(self.width, self.rows)
+        return time, motor, _aligned(2, self.width, self.edges)
 
-    def _bounds(self, run: SwitchedRun) -> list[NDArray[np.intp]]:
-        starts = [*range(0, len(run), self.rows), len(run)]
-        marks, side = run.time[starts], "left"
-        if self.together > 0.0:
-            marks, side = marks + self.together, "right"
-        return [edges.searchsorted(marks, side) for edges in run.edges]  # type: ignore[call-overload]
+    def _bounds(self) -> NDArray[np.intp]:
+        """How many edges of each valve and run lie before each piece and after the last,
+        (2, width, pieces + 1)."""
+        most = max(len(run) for run in self.runs)
+        starts = np.append(np.arange(0, most, self.rows), most)
+        found = np.zeros((2, self.width, len(starts)), dtype=int)
+        side = "right" if self.together > 0.0 else "left"
+        marks, of = np.empty(0), None
+        for i, run in enumerate(self.runs):
+            if run.time is not of:  # neighbours of one run share their times
+                of = run.time
+                marks = of[np.minimum(starts, len(run))] + max(self.together, 0.0)
+            for valve, edges in enumerate(run.edges):
+                found[valve, i] = edges.searchsorted(marks, side)
+        return found
 
     def table(self, start: int) -> SwitchedTable:
         """The piece from a row on; times from there. It lies where the one before lay."""
         time, motor, edges = self._arrays
-        opens = np.zeros((2, self.width), dtype=int)
         count = np.zeros(self.width, dtype=int)
+        begin = np.zeros(self.width)
+        shared = len({id(run.time) for run in self.runs}) == 1
         for i, run, rows in self._unfinished(start):
             n = count[i] = rows.stop - start
-            begin = run.time[start]
-            np.subtract(run.time[start : rows.stop + 1], begin, out=time[i, : n + 1])
+            begin[i] = run.time[start]
+            if not shared:
+                np.subtract(run.time[start : rows.stop + 1], begin[i], out=time[i, : n + 1])
             motor[i, :n] = run.motor[rows]
-            for side, here in enumerate(self._edges_here(i, start)):
-                opens[side, i] = here.start & 1
-                own, place = run.edges[side][here], edges[side, i]
-                np.subtract(own, begin, out=place[: len(own)])
-                place[len(own) :] = np.inf
+        if shared:
+            n = int(count[0])
+            np.subtract(self.runs[0].time[start : start + n + 1], begin[0], out=time[:, : n + 1])
+        opens = self._edges_into(edges, start, begin)
         limits = np.array(self.max_step), np.array(self.together)
         (edges_a, edges_b), (open_a, open_b) = edges, opens
         return SwitchedTable(time, motor, edges_a, edges_b, open_a, open_b, count, *limits)
 
+    def _edges_into(self, edges: FloatArray, start: int, begin: FloatArray) -> NDArray[np.intp]:
+        """The piece's edges since `begin` (width,) s into their places (2, width, edges), all at
+        once; and whether each valve is open at its first row, (2, width)."""
+        k = start // self.rows
+        first, last = self.bounds[:, :, k], self.bounds[:, :, k + 1]
+        here = [
+            run.edges[valve][f:e]
+            for valve, ends in enumerate(zip(first.tolist(), last.tolist(), strict=True))
+            for run, f, e in zip(self.runs, *ends, strict=False)
+        ]
+        edges.fill(np.inf)
+        edges[np.arange(edges.shape[2]) < (last - first)[:, :, None]] = np.concatenate(here)
+        edges -= begin[:, None]
+        return first & 1
+
     def _edges_here(self, run: int, start: int) -> list[slice]:
         """Which edges of each valve lie in the piece."""
         k = start // self.rows
-        return [slice(int(b[k]), int(b[k + 1])) for b in self.bounds[run]]
+        return [slice(int(b[k]), int(b[k + 1])) for b in self.bounds[:, run]]
 
     def timing_slopes(self, start: int, moved: Sequence[dict[int, Timing]], count: int) -> Timing:
         """As in Block: derivatives of each valve's edges, (count, runs, edges)."""
@@ -145,6 +172,13 @@ class EventBlock(Block):
             for j, (duration,) in moved[i].items():
                 slopes[j, i, : rows.stop - start] = duration[rows]
         return (slopes,)
+
+
+def _aligned(*shape: int) -> FloatArray:
+    """Zeros that begin where a compiled function takes them as they are, without a copy."""
+    whole = np.zeros(math.prod(shape) + _ALIGNED // 8)
+    first = -whole.ctypes.data % _ALIGNED // 8
+    return whole[first : first + math.prod(shape)].reshape(shape)
 
 
 def block_of(

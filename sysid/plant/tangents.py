@@ -121,7 +121,7 @@ def _block(
     """The first `count` of these runs; the others are idle and fill the compiled width."""
     shared = Shared()
     inputs, models = [i for i, _ in pairs], [m for _, m in pairs]
-    runs = [prepare(i, m, surfaces, max_step, shared) for i, m in pairs[:count]]
+    runs = prepare(inputs[:count], models[:count], surfaces, max_step, shared)
     moved = [
         _moved(i, m, r.timing, varied, surfaces, max_step, shared)
         for (i, m), r in zip(pairs, runs, strict=False)
@@ -187,7 +187,7 @@ def _moved(
         ends = {0.0: timing}
         for step in (_DELAY_STEP, -_DELAY_STEP):
             near = with_step(model, (part, name), step)
-            other = prepare(inputs, near, surfaces, max_step, shared).timing
+            other = prepare([inputs], [near], surfaces, max_step, shared)[0].timing
             if all(len(o) == len(own) for o, own in zip(other, timing, strict=True)):
                 ends[step] = other
         high, low = max(ends), min(ends)

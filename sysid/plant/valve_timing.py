@@ -5,13 +5,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sysid.types import BoolArray, FloatArray
+from sysid.types import BoolArray, FloatArray, IntArray
 
 DelayPort = Callable[[FloatArray, FloatArray, bool], FloatArray]
 
@@ -134,16 +135,41 @@ def duty_intervals(
     if starts_on:
         opens = np.concatenate(([-np.inf], opens))
         closes = np.concatenate((starts[:1], closes))
-    return _without_gaps(opens, closes)
+    return _without_gaps(opens, closes, np.array([0, len(opens)]))[:2]
 
 
-def _without_gaps(opens: FloatArray, closes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    gap = opens[1:] - closes[:-1] > TIME_TOLERANCE
+def joined_duty_intervals(
+    starts: FloatArray, held: FloatArray, period: FloatArray, bounds: IntArray
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """duty_intervals of several commands one after the other, each between two of `bounds`.
+
+    `starts`, `held`, `period` (n,): of every period. Returns the intervals with their bounds.
+    """
+    on = held > 0.0
+    ends = starts + held * period
+    if not on.all():
+        starts, ends, bounds = starts[on], ends[on], _kept_bounds(on, bounds)
+    return _without_gaps(starts, ends, bounds)
+
+
+def _kept_bounds(kept: BoolArray, bounds: IntArray) -> IntArray:
+    """The bounds among what is kept (n,) of joined sequences."""
+    ends = bounds.tolist()
+    counts = [np.count_nonzero(kept[a:b]) for a, b in itertools.pairwise(ends)]
+    return np.array([0, *itertools.accumulate(counts)])
+
+
+def _without_gaps(
+    opens: FloatArray, closes: FloatArray, bounds: IntArray
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Joined intervals, those that follow at once made one; with their bounds."""
+    gap = np.ones(len(opens) + 1, dtype=bool)
+    gap[1:-1] = opens[1:] - closes[:-1] > TIME_TOLERANCE
+    gap[bounds] = True
     if gap.all():
-        return opens, closes
-    return opens[np.concatenate(([True], gap))[: len(opens)]], closes[
-        np.concatenate((gap, [True]))[: len(closes)]
-    ]
+        return opens, closes, bounds
+    begins = gap[:-1]
+    return opens[begins], closes[gap[1:]], _kept_bounds(begins, bounds)
 
 
 def delayed(
@@ -170,22 +196,40 @@ def delayed_edges(
     port: DelayPort | None = None,
 ) -> FloatArray:
     """The edges of `delayed` in order: the valve is open after an odd number of them."""
+    later: tuple[FloatArray | float, FloatArray | float] = on_delay, off_delay
+    if port is not None:
+        later = (
+            port(np.full(len(opens), on_delay), opens, True),
+            port(np.full(len(closes), off_delay), closes, False),
+        )
+    return joined_delayed_edges(opens, closes, *later, np.array([0, len(opens)]))[0]
+
+
+def joined_delayed_edges(
+    opens: FloatArray,
+    closes: FloatArray,
+    on_delay: FloatArray | float,
+    off_delay: FloatArray | float,
+    bounds: IntArray,
+) -> tuple[FloatArray, IntArray]:
+    """delayed_edges of several commands one after the other, each between two of `bounds`.
+
+    Delays of all or of each (n,), s. Returns the edges with their bounds.
+    """
     edges = np.empty(2 * len(opens))
-    if port is None:
-        edges[0::2], edges[1::2] = opens + on_delay, closes + off_delay
-    else:
-        edges[0::2] = opens + port(np.full(len(opens), on_delay), opens, True)
-        edges[1::2] = closes + port(np.full(len(closes), off_delay), closes, False)
+    edges[0::2], edges[1::2] = opens + on_delay, closes + off_delay
+    bounds = 2 * bounds
     while True:
-        overtaken = edges[1:] - edges[:-1] <= TIME_TOLERANCE
+        overtaken = np.zeros(len(edges) + 1, dtype=bool)  # each edge by the one before it
+        overtaken[1:-1] = edges[1:] - edges[:-1] <= TIME_TOLERANCE
+        overtaken[bounds] = False
         if not overtaken.any():
-            return edges
+            return edges, bounds
         # In a run of overtaken edges the first pair cancels; the remaining ones are checked again.
-        first = overtaken & ~np.concatenate(([False], overtaken[:-1]))
-        keep = np.ones(len(edges), dtype=bool)
-        keep[:-1] &= ~first
-        keep[1:] &= ~first
-        edges = edges[keep]
+        first = overtaken[1:] & ~overtaken[:-1]
+        kept = ~first
+        kept[1:] &= ~first[:-1]
+        edges, bounds = edges[kept], _kept_bounds(kept, bounds)
 
 
 @dataclass(frozen=True)
