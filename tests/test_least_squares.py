@@ -350,3 +350,23 @@ def test_central_jacobian_against_the_analytic_one() -> None:
 def test_a_start_outside_its_bounds_is_refused() -> None:
     with pytest.raises(ValueError, match="outside its bounds"):
         minimise(lambda b: b, [Parameter("x", 2.0, upper=1.0)])
+
+
+def test_a_parameter_with_equal_bounds_is_held() -> None:
+    """It is none of the solver's: next to one that may hardly move every step is cut short."""
+    x = np.linspace(0.0, 1.0, 400)
+    slopes = 100.0 * np.stack([np.ones_like(x), 1.0 + 0.1 * x, np.sin(x)], axis=1)
+    measured = slopes @ [0.7, 1.3, 1.0] + 0.1 * np.random.default_rng(1).standard_normal(400)
+    both = [Parameter(name, 1.0, "-", 0.2, 5.0, 1.0) for name in ("first", "second")]
+    held = Parameter("held", 1.0, "-", 1.0, 1.0, 1.0)
+    for jacobian in (None, lambda values: slopes):
+        fit = minimise(lambda values: slopes @ values - measured, [*both, held], jacobian=jacobian)
+        alone = minimise(
+            lambda values: slopes @ [*values, 1.0] - measured,
+            both,
+            jacobian=jacobian and (lambda values: slopes[:, :2]),
+        )
+        assert fit["held"] == 1.0
+        assert not fit.jacobian[:, 2].any()
+        np.testing.assert_allclose(fit.values[:2], alone.values, rtol=1e-9)
+        assert fit.evaluations == alone.evaluations

@@ -38,7 +38,10 @@ _AT_BOUND = 1e-6
 
 @dataclass(frozen=True)
 class Parameter:
-    """One unknown: its start, unit and bounds; `scale` is its typical size if the start is 0."""
+    """One unknown: its start, unit and bounds; `scale` is its typical size if the start is 0.
+
+    With equal bounds it is held at them, and is none of a solver's.
+    """
 
     name: str
     value: float
@@ -392,21 +395,32 @@ def minimise(
     if np.any(start < lower) or np.any(start > upper):
         raise ValueError("a parameter's start lies outside its bounds")
 
+    free = upper > lower
+    size, bounds = sizes[free], (lower[free] / sizes[free], upper[free] / sizes[free])
+
+    def whole(values: FloatArray) -> FloatArray:
+        every = start.copy()
+        every[free] = values
+        return every
+
     def scaled(x: FloatArray) -> FloatArray:
-        return np.asarray(residuals(x * sizes), dtype=float)
+        return np.asarray(residuals(whole(x * size)), dtype=float)
 
     def scaled_jacobian(x: FloatArray) -> FloatArray:
         if jacobian is not None:
-            return np.asarray(jacobian(x * sizes) * sizes)
-        return np.asarray(central_jacobian(residuals, x * sizes, sizes, lower, upper) * sizes)
+            return np.asarray(jacobian(whole(x * size))[:, free] * size)
+        found = central_jacobian(
+            lambda values: residuals(whole(values)), x * size, size, lower[free], upper[free]
+        )
+        return np.asarray(found * size)
 
     # A trial step may overflow the model; its infinite sum is refused, which is the answer.
     with np.errstate(all="ignore"):
         found = optimize.least_squares(
             scaled,
-            start / sizes,
+            start[free] / size,
             jac=scaled_jacobian,
-            bounds=(lower / sizes, upper / sizes),
+            bounds=bounds,
             x_scale="jac",
             ftol=tolerance,
             xtol=tolerance,
@@ -415,12 +429,14 @@ def minimise(
         )
         end = FitStart(found.x, np.asarray(found.fun), np.asarray(found.jac))
         if polish:
-            end = _polished(scaled, scaled_jacobian, end, lower / sizes, upper / sizes)
+            end = _polished(scaled, scaled_jacobian, end, *bounds)
+    slopes = np.zeros((len(end.residuals), len(start)))
+    slopes[:, free] = end.jacobian / size
     return LeastSquaresFit(
         tuple(parameters),
-        end.x * sizes,
+        whole(end.x * size),
         end.residuals,
-        end.jacobian / sizes,
+        slopes,
         bool(found.status > 0),
         str(found.message),
         int(found.nfev),

@@ -33,8 +33,6 @@ _MOST_FACTOR = 5.0
 _BASE_STEPS = 6
 _MOST_STEP = 0.5
 _SMALL_STEP = 1e-4
-# Of its size: how far a number that is held may move.
-_HELD = 1e-6
 # Share of its column's length without effects that a base parameter must keep to be refitted.
 _LEAST_REACH = 0.02
 
@@ -77,7 +75,6 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
         parameters = [
             replace(p, value=float(v)) for p, v in zip(parameters, fit.values, strict=True)
         ]
-    fit = replace(fit, values=equations.exact(fit.values))
     return Refit(equations.effects(fit.values), fit.residuals, fit)
 
 
@@ -128,18 +125,8 @@ class _Equations:
         return frozenset(self.parameters[i].name for i, column in shown if not column.any())
 
     def effects(self, values: FloatArray) -> tuple[CatalogueEffect, ...]:
-        """The effects with their numbers; what is held is what it was."""
-        return with_values(self._starts, self.exact(values)[: self._count])
-
-    def exact(self, values: FloatArray) -> FloatArray:
-        """A fit's values with what is held exactly at its start: solvers shift it a little."""
-        starts = [getattr(e, q.name) for e in self._starts for q in type(e).quantities]
-        names = [p.name for p in self.parameters[: self._count]]
-        found = values.copy()
-        for place, (name, start) in enumerate(zip(names, starts, strict=True)):
-            if name in self._held:
-                found[place] = float(start)
-        return found
+        """The effects with their numbers."""
+        return with_values(self._starts, values[: self._count])
 
     def residuals(self, values: FloatArray) -> FloatArray:
         """(rows,)."""
@@ -183,6 +170,9 @@ class _Equations:
         here, columns = self._at(values)[0], []
         for i in some:
             parameter = self.parameters[i]
+            if parameter.name in self._held:
+                columns.append(np.zeros(len(here)))
+                continue
             step = self._shares[i] * max(abs(values[i]), 1e-2 * parameter.size)
             moved = np.array(values)
             moved[i] += step if values[i] + step <= parameter.upper else -step
@@ -230,8 +220,7 @@ def _own_parameters(effects: Sequence[CatalogueEffect], travel: float) -> list[P
 
 def _held(parameter: Parameter) -> Parameter:
     """A parameter that stays at its start, and is still one of the fit's."""
-    low, high = (parameter.value + sign * _HELD * parameter.size for sign in (-1.0, 1.0))
-    return replace(parameter, lower=max(low, parameter.lower), upper=min(high, parameter.upper))
+    return replace(parameter, lower=parameter.value, upper=parameter.value)
 
 
 def _relative(name: str) -> Parameter:
