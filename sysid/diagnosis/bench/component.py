@@ -56,6 +56,9 @@ class Component(ABC):
     has_constant = True
     """Whether the law has a constant of its own: the signal's spread is about its mean then."""
 
+    takes_laws_at_once = False
+    """Whether `residuals_of` many laws cost little more than of one: a fit then has the slopes with
+    every step that it tries."""
     refuses_misfit = False
     """Whether a fit that leaves more than it explains is refused, as no effect would mend it."""
 

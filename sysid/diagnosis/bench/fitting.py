@@ -270,18 +270,39 @@ def _minimise(
         full[:, free] = points
         return residuals(list(full))
 
-    by_differences = _jacobian_of(of_free, [everything[i] for i in free])
+    by_differences = _jacobian_of([everything[i] for i in free])
+    at_once: dict[bytes, FloatArray] = {}
+
+    def residuals_at(values: FloatArray) -> FloatArray:
+        """And, of a part that simulates many laws for the price of one, the slopes as well."""
+        if not component.takes_laws_at_once:
+            return of_free([values])[0]
+        found: list[FloatArray] = []
+
+        def neighbours(points: Sequence[FloatArray]) -> list[FloatArray]:
+            found.extend(of_free([values, *points]))
+            return found[1:]
+
+        at_once.clear()
+        at_once[values.tobytes()] = by_differences(neighbours, values)
+        return found[0]
 
     def jacobian(values: FloatArray) -> FloatArray:
         full = start.copy()
         full[free] = values
         exact = component.jacobian(law_at(own, effects, full), tests)
-        slopes = by_differences(values) if exact is None else exact[:, free]
+        if exact is not None:
+            slopes = exact[:, free]
+        elif values.tobytes() in at_once:
+            spend()
+            slopes = at_once[values.tobytes()]
+        else:
+            slopes = by_differences(of_free, values)
         # Where a neighbour cannot be simulated, the number is held.
         return np.where(np.isfinite(slopes), slopes, 0.0)
 
     fit = minimise(
-        lambda values: of_free([values])[0],
+        residuals_at,
         [everything[i] for i in free],
         jacobian=jacobian,
         tolerance=_TOLERANCE,
@@ -293,15 +314,17 @@ def _minimise(
     return replace(fit, parameters=tuple(everything), values=values, jacobian=slopes)
 
 
+_AllAtOnce = Callable[[Sequence[FloatArray]], list[FloatArray]]
+
+
 def _jacobian_of(
-    function: Callable[[Sequence[FloatArray]], list[FloatArray]], parameters: Sequence[Parameter]
-) -> Callable[[FloatArray], FloatArray]:
-    """Central differences (n, p) of a function that takes all points at once."""
+    parameters: Sequence[Parameter],
+) -> Callable[[_AllAtOnce, FloatArray], FloatArray]:
+    """Central differences (n, p) of a function that takes all points at once, at a point."""
     sizes, lower, upper = (
         np.array([getattr(p, name) for p in parameters]) for name in ("size", "lower", "upper")
     )
-
-    return lambda values: central_jacobian_of_all(function, values, sizes, lower, upper)
+    return lambda function, values: central_jacobian_of_all(function, values, sizes, lower, upper)
 
 
 def cross_validated(

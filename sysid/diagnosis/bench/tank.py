@@ -90,6 +90,7 @@ class TankComponent(Component):
 
     channel = "pressure_a_pa"
     unit = "Pa"
+    takes_laws_at_once = True
     refuses_misfit = True
 
     @property
