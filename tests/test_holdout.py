@@ -207,10 +207,8 @@ def _tank(folder: Path) -> Path:
         f"supply_pressure_pa = 6e5\n[tank]\nvolume_m3 = {volume}\n",
         "utf-8",
     )
-    time, step = np.arange(0.0, 42.0, 0.05), 0.05
-    for seed, (level, use) in enumerate(
-        ((2e4, "fit"), (4e4, "fit"), (6e4, "fit"), (3e4, "holdout"))
-    ):
+    time, step = np.arange(0.0, 27.0, 0.05), 0.05
+    for seed, (level, use) in enumerate(((2e4, "fit"), (6e4, "fit"), (3e4, "holdout"))):
         pressure = np.full(len(time), atmosphere + level)
         mass, gas = pressure[0] * volume / (gas_constant * ambient), ambient
         for i in range(40, len(time)):

@@ -78,27 +78,37 @@ def _gains(step: float, decay: FloatArray) -> tuple[Any, ...]:
     if not np.any(decay):
         return _free_gains(step)
     x = -step * decay
-    one, two, three = _phi(x)
+    (one, half), (two, _), (three, _) = _phi(np.stack((x, 0.5 * x)))
     weights = one - 3.0 * two + 4.0 * three, 2.0 * (two - 2.0 * three), 4.0 * three - two
-    return np.exp(0.5 * x), 0.5 * step * _phi(0.5 * x)[0], np.exp(x), *(step * w for w in weights)
+    return np.exp(0.5 * x), 0.5 * step * half, np.exp(x), *(step * w for w in weights)
 
 
 def _phi(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(e^x - 1) / x and its two successors, (phi - 1 / k!) / x, to rounding for x <= 0."""
     small = np.abs(x) < _SERIES
-    z, far = np.where(small, x, 0.0), np.where(small, -1.0, x)
-    near_three: FloatArray = np.zeros_like(z)
-    for factor in _SERIES_FACTORS:
-        near_three = near_three * z + factor
-    near_two = z * near_three + 0.5
+    if small.all():
+        return _phi_near(x)
+    far = np.where(small, -1.0, x)
     one = np.expm1(far) / far
     two = (one - 1.0) / far
     three = (two - 0.5) / far
+    if not small.any():
+        return one, two, three
+    near = _phi_near(np.where(small, x, 0.0))
     return (
-        np.where(small, z * near_two + 1.0, one),
-        np.where(small, near_two, two),
-        np.where(small, near_three, three),
+        np.where(small, near[0], one),
+        np.where(small, near[1], two),
+        np.where(small, near[2], three),
     )
+
+
+def _phi_near(z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The same by its series, for small arguments."""
+    three: FloatArray = np.zeros_like(z)
+    for factor in _SERIES_FACTORS:
+        three = three * z + factor
+    two = z * three + 0.5
+    return z * two + 1.0, two, three
 
 
 def rodas3(rate: Callable[[Any], Any], x: Any, h: Any) -> Any:
