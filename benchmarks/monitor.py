@@ -1,13 +1,17 @@
 """The monitor on generated machines: false alarms while healthy, and what it finds of wear.
 
     python benchmarks/monitor.py healthy [--machines 8] [--hours 0.5] [--first 5000]
+    python benchmarks/monitor.py exported [--machines 8] [--hours 10] [--first 5000]
     python benchmarks/monitor.py wear [--machines 10] [--first 5000]
 
 Machines are the generator's: its equations, integrator and sensors are its own. A machine repeats
 a motion of its own to and fro, on/off or under PWM, until an end stop; friction scatters from
 cycle to cycle as the bundle says. Its bundle is off by errors of the size that it states.
 
-`healthy`: how many alarms there are in so many hours of motion. `wear`: each drift at twice the
+`healthy`: how many alarms there are in so many hours of motion of each machine. `exported`: the
+same by its exported C, compiled with gcc -O2: 200 healthy cycles of the plant are simulated, and
+played again and again from a random one on, with noise of its own each time; the monitor begins
+anew, and learns, every 1,000 cycles. `wear`: each drift at twice the
 smallest change that the monitor states for ten cycles of this machine's motion; how many are found
 within ten cycles, and named rightly.
 """
@@ -15,7 +19,9 @@ within ten cycles, and named rightly.
 from __future__ import annotations
 
 import argparse
+import subprocess
 import sys
+import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -30,11 +36,12 @@ sys.path.insert(0, str(REPOSITORY))
 from datasets.generator.effects.catalogue import Injected  # noqa: E402
 from datasets.generator.rigs import GeneratedRig, random_rig  # noqa: E402
 from datasets.generator.runs import Commands, Start, simulated  # noqa: E402
-from datasets.generator.sensors import measured  # noqa: E402
+from datasets.generator.sensors import PRESSURE_COUNT_PA, measured  # noqa: E402
 from sysid.controllers.monitor.design import MonitorDesign, monitor_design  # noqa: E402
 from sysid.controllers.monitor.drifts import DRIFTS, NAMES, TESTED, UNDECIDED  # noqa: E402
 from sysid.controllers.monitor.evidence import WITHIN, detectable, mean_cycle  # noqa: E402
 from sysid.controllers.monitor.logged import CycleVerdict, WatchedSamples, monitored  # noqa: E402
+from sysid.exporters import export_bundle  # noqa: E402
 from sysid.io.motion import LINEAR, ROTARY  # noqa: E402
 from sysid.parameters import Bundle  # noqa: E402
 from sysid.parameters.content import SCHEMA  # noqa: E402
@@ -163,6 +170,16 @@ def cycles(
 ) -> Iterator[dict[str, FloatArray]]:
     """The rows of each cycle; `change` begins after `SETTLING` of them."""
     rig, commands = made.rig, made.commands()
+    for own, states in simulated_cycles(made, count, rng, change):
+        columns = commands.columns(rig) | measured(states, own, rig.truth.pressure_noise_pa, rng)
+        yield {name: values[:-1] for name, values in columns.items()}
+
+
+def simulated_cycles(
+    made: Machine, count: int, rng: np.random.Generator, change: Change | None = None
+) -> Iterator[tuple[GeneratedRig, FloatArray]]:
+    """The rig and the states (n, ...) of each cycle, the next one's first among them."""
+    rig, commands = made.rig, made.commands()
     position, pressures = -rig.half_travel, (rig.atmosphere, float(_supply(rig)))
     for k in range(count):
         now = change if change is not None and k >= SETTLING else Change()
@@ -178,8 +195,7 @@ def cycles(
         start = Start(position, *pressures, (0, int(made.duties is None)))
         states = simulated(own, plant, commands, start)
         position, pressures = float(states[-1, 0]), (float(states[-1, 2]), float(states[-1, 3]))
-        columns = commands.columns(rig) | measured(states, own, rig.truth.pressure_noise_pa, rng)
-        yield {name: values[:-1] for name, values in columns.items()}
+        yield own, states
 
 
 def _supply(rig: GeneratedRig) -> float:
@@ -294,9 +310,133 @@ def show_healthy(seeds: range, hours: float) -> None:
         )
 
 
+CYCLES, LIFE = 200, 1000
+"""Cycles that are simulated for `exported`, and those after which its monitor begins anew."""
+HEALTHY_C = r"""
+#include "model.h"
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+static uint64_t seed;
+
+static double uniform(void)
+{
+    uint64_t z = (seed += 0x9E3779B97F4A7C15u);
+    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
+    z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
+    return (double)((z ^ (z >> 31)) >> 11) / 9007199254740992.0;
+}
+
+static double normal(void)
+{
+    static double kept;
+    static int has;
+    double x, y, r;
+    if (has) {
+        has = 0;
+        return kept;
+    }
+    do {
+        x = 2 * uniform() - 1;
+        y = 2 * uniform() - 1;
+        r = x * x + y * y;
+    } while (r >= 1 || r <= 0);
+    r = sqrt(-2 * log(r) / r);
+    kept = y * r;
+    has = 1;
+    return x * r;
+}
+
+static double stepped(double value, double step)
+{
+    return step * floor(value / step + 0.5);
+}
+
+int main(int argc, char **argv)
+{
+    static sysid_monitor m;
+    const int cycles = atoi(argv[1]), rows = atoi(argv[2]), life = atoi(argv[3]);
+    const double step = atof(argv[4]), count = atof(argv[5]), noise = atof(argv[6]);
+    const double samples = atof(argv[7]);
+    const size_t size = (size_t)rows * 3;
+    double *states = malloc(sizeof(double) * size * (size_t)cycles);
+    double *commands = malloc(sizeof(double) * size);
+    double done = 0;
+    unsigned long seen = 0, alarms = 0;
+    int was = 0, k, i, first;
+    seed = strtoull(argv[8], 0, 10);
+    if (argc != 9 || !states || !commands ||
+        fread(commands, sizeof(double), size, stdin) != size ||
+        fread(states, sizeof(double) * size, (size_t)cycles, stdin) != (size_t)cycles) {
+        return 1;
+    }
+    while (done < samples) {
+        sysid_monitor_start(&m, DUTY);
+        first = (int)(uniform() * cycles);
+        for (k = 0; k < life && done < samples; k++) {
+            const double *s = states + size * (size_t)((first + k) % cycles);
+            for (i = 0; i < rows; i++) {
+                const double a = stepped(s[3 * i + 1] + noise * normal(), count);
+                const double b = stepped(s[3 * i + 2] + noise * normal(), count);
+                const int alarm =
+                    sysid_monitor_update(&m, stepped(s[3 * i], step), a, b, commands[3 * i],
+                                         commands[3 * i + 1], commands[3 * i + 2]);
+                alarms += alarm && !was;
+                was = alarm;
+            }
+            done += rows;
+        }
+        seen += m.cycles;
+    }
+    printf("%lu %lu\n", alarms, seen);
+    return 0;
+}
+"""
+
+
+def show_exported(seeds: range, hours: float) -> None:
+    """Prints the alarms of each machine's exported C in so many hours of healthy motion."""
+    alarms, count, total = 0, 0, 0.0
+    for seed in seeds:
+        made = machine(seed)
+        rng = np.random.default_rng([seed, 4])
+        runs = [s[:, :4] for _, s in simulated_cycles(made, CYCLES + 2, rng)][2:]
+        states = np.array([run[:-1, [0, 2, 3]] for run in runs])
+        rows = states.shape[1]
+        given = made.commands()
+        duty = made.duties is not None
+        valves = (given.duty_a, given.duty_b) if duty else (given.valve_a, given.valve_b)
+        commands = np.array([given.motor, *valves], dtype=float).T[:rows]
+        with tempfile.TemporaryDirectory() as folder:
+            place = Path(folder)
+            export_bundle(made.bundle, place / "model.h", "c", check=False)
+            (place / "healthy.c").write_text(HEALTHY_C)
+            build = ["gcc", "-std=c99", "-O2", f"-DDUTY={int(duty)}", "healthy.c", "-lm"]
+            subprocess.run([*build, "-o", "healthy"], cwd=place, check=True)
+            samples = 3600.0 * hours / made.rig.row_period
+            noise = made.rig.truth.pressure_noise_pa
+            numbers = (CYCLES, rows, LIFE, made.rig.position_per_count, PRESSURE_COUNT_PA, noise)
+            data = np.ascontiguousarray(commands).tobytes() + np.ascontiguousarray(states).tobytes()
+            ran = subprocess.run(
+                ["./healthy", *map(str, (*numbers, samples, seed))],
+                cwd=place,
+                input=data,
+                capture_output=True,
+                check=True,
+            )
+        found, seen = map(int, ran.stdout.split())
+        alarms, count, total = alarms + found, count + seen, total + hours
+        print(
+            f"machine {seed}{', PWM' if duty else ''}: {found} alarms in {seen} cycles; all: "
+            f"{alarms} in {count} cycles, {total:.1f} h",
+            flush=True,
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("healthy", "wear"))
+    parser.add_argument("what", choices=("healthy", "exported", "wear"))
     parser.add_argument("--machines", type=int, default=10)
     parser.add_argument("--first", type=int, default=5000)
     parser.add_argument("--times", type=float, default=2.0)
@@ -305,6 +445,8 @@ def main() -> None:
     seeds = range(asked.first, asked.first + asked.machines)
     if asked.what == "healthy":
         show_healthy(seeds, asked.hours)
+    elif asked.what == "exported":
+        show_exported(seeds, asked.hours)
     else:
         show_wear(seeds, asked.times)
 

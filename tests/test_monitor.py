@@ -26,8 +26,10 @@ from sysid.controllers.monitor.evidence import (
     Cycle,
     Pool,
     detectable,
-    judged,
+    detection,
+    likeliest,
     mean_cycle,
+    named,
     threshold,
     whitened,
     without_scatter,
@@ -99,9 +101,11 @@ def test_statistics_are_of_unit_variance_while_healthy() -> None:
         pool = Pool(scatter, np.diag(std**2), np.ones(COUNT))
         bias = std * rng.standard_normal(COUNT)
         for _ in range(4):
-            verdict = pool.add(random_cycle(rng, bias, scatter))
-        found.append(verdict.z)
-    z = np.array(found)
+            cycle = random_cycle(rng, bias, scatter)
+            pool.add(cycle)
+        last = Cycle(*without_scatter(cycle.matrix, cycle.vector, scatter))
+        found.append(pool.statistics(last)[0])
+    z = np.concatenate(found)
     assert np.all(np.abs(np.mean(z**2, axis=0) - 1.0) < 0.5)
     assert abs(float(np.mean(z**2)) - 1.0) < 0.1
 
@@ -144,15 +148,15 @@ def test_what_was_not_excited_has_no_statistic() -> None:
 
 def test_the_kind_is_named_where_it_is_clear() -> None:
     z = np.zeros(COUNT)
-    assert judged(z)[0] == ""
+    assert not detection(z).any()
     z[NAMES.index("supply")] = -9.0
-    assert judged(z) == ("supply", NAMES.index("supply"))
+    assert named(z) == ("supply", NAMES.index("supply"))
     z[NAMES.index("leak_b")] = 8.9
-    assert judged(z)[0] == UNDECIDED
+    assert named(z)[0] == UNDECIDED
     z[NAMES.index("leak_b")] = -8.9  # a leak that is less than none
-    assert judged(z)[0] == "supply"
+    assert named(z)[0] == "supply"
     z[NAMES.index("inertia")] = 50.0  # a load is no drift
-    assert judged(z)[0] == "supply"
+    assert NAMES[likeliest(z)] == "supply"
 
 
 def test_a_cycle_is_a_stroke_there_and_back() -> None:
@@ -167,10 +171,13 @@ def test_a_cycle_is_a_stroke_there_and_back() -> None:
 # --- on generated machines --------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["coulomb", "leak_a", "supply"])
-def test_wear_is_found_and_named(name: str) -> None:
-    own, design = made(ON_OFF)
-    seen = verdicts(design, healthy(ON_OFF))
+@pytest.mark.parametrize(
+    ("seed", "name"),
+    [(ON_OFF, "coulomb"), (ON_OFF, "leak_a"), (ON_OFF, "supply"), (PWM, "off_delay_a")],
+)
+def test_wear_is_found_and_never_named_wrongly(seed: int, name: str) -> None:
+    own, design = made(seed)
+    seen = verdicts(design, healthy(seed))
     assert not any(c.verdict.alarms for c in seen)
     on_these = detectable(
         mean_cycle([c.cycle for c in seen]), design.scatter, design.errors, design.scales
@@ -180,7 +187,7 @@ def test_wear_is_found_and_named(name: str) -> None:
     found = watched(own, design, SETTLING + max(WITHIN), 11, Change(name, float(size)))
     kinds = [c.verdict.kind for c in found]
     assert set(kinds[: SETTLING - 1]) == {""}
-    assert kinds[-1] == DRIFTS[k].kind
+    assert set(kinds) <= {"", UNDECIDED, DRIFTS[k].kind} and kinds[-1] == DRIFTS[k].kind
     assert found[-1].verdict.change[k] == pytest.approx(size, rel=0.5)
 
 
@@ -189,7 +196,7 @@ def test_a_reference_cycle_states_changes_of_every_kind() -> None:
     changes = reference_changes(design)
     assert changes is not None
     one, ten = (changes[0].by_cycles[count][list(TESTED)] for count in WITHIN)
-    assert np.all(np.isfinite(ten)) and np.all(ten > 0.0) and np.all(one > ten)
+    assert np.all(np.isfinite(ten)) and np.all(ten > 0.0) and np.all(one >= ten)
     assert {DRIFTS[k].kind for k in TESTED} == set(KINDS)
 
 

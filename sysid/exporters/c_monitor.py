@@ -188,7 +188,7 @@ def _named() -> Iterable[tuple[int, str]]:
 def _flops() -> int:
     """About what the end of a cycle takes, in multiplications and additions."""
     p, r = len(NAMES), 4
-    return 1000 * round((2 * (p**3 + p**3 / 6 + p**3 / 2 + p**3) + 4 * r * p * p) / 1000)
+    return 1000 * round((4 * (p**3 + p**3 / 6 + p**3 / 2 + p**3) + 4 * r * p * p) / 1000)
 
 
 def _title(made: MonitorInC) -> Iterator[str]:

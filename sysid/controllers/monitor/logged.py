@@ -150,6 +150,8 @@ def _collect(cycle: Cycle, sensor: int, own: Sequence[int], shown: _Shown, span:
     slopes, values, counts = shown.slopes[span], shown.values[span], shown.counts[span]
     cycle.matrix[np.ix_(own, own)] += slopes.T @ slopes
     cycle.vector[list(own)] += slopes.T @ values
+    cycle.energy += float(values @ values)
+    cycle.samples += float(np.count_nonzero(values))
     # Of neighbours: what drifts or scatters slowly is no noise.
     before = np.concatenate((shown.values[:1], shown.values[:-1]))[span]
     both = counts * np.concatenate(([0.0], shown.counts[:-1]))[span]

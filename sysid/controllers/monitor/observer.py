@@ -17,7 +17,8 @@ from sysid.plant.base import Array, array_namespace
 SURE = 3.0
 """The shaft moves for certain beyond this many standard deviations of its velocity."""
 CLIP = 20.0
-"""An innovation counts as this many standard deviations at most: a spike is no evidence."""
+"""An innovation beyond this many standard deviations counts as one of that size, its slopes in
+proportion: a spike is no evidence, and a drift keeps its shape."""
 LOGISTIC = 1.702
 """A normal distribution's standard deviation in scales of the logistic one nearest to it."""
 
@@ -125,7 +126,7 @@ def chamber_seen(
         (1.0 - gain) * state.variance,
         tuple((1.0 - gain) * s for s in state.slopes),
     )
-    return after, Innovation(_limited(part * gap), tuple(part * s for s in state.slopes))
+    return after, _shown(part, gap, state.slopes)
 
 
 def shaft_start(position: Array, noise_variance: Array, speed_variance: Array) -> ShaftState:
@@ -221,12 +222,14 @@ def shaft_seen(
         tuple((1.0 - to_position) * s for s in x),
         tuple(b - to_velocity * a for a, b in zip(x, v, strict=True)),
     )
-    return after, Innovation(_limited(part * gap), tuple(part * s for s in x))
+    return after, _shown(part, gap, x)
 
 
-def _limited(value: Array) -> Array:
-    xp = array_namespace(value)
-    return xp.minimum(xp.maximum(value, -CLIP), CLIP)
+def _shown(part: Array, gap: Array, slopes: Sequence[Array]) -> Innovation:
+    """What a gap shows; `part`: one over its standard deviation."""
+    xp = array_namespace(gap)
+    weight = part * CLIP / xp.maximum(abs(part * gap), CLIP)
+    return Innovation(weight * gap, tuple(weight * s for s in slopes))
 
 
 __all__ = [

@@ -3579,29 +3579,30 @@ static inline sysid_real sysid_monitor_effort(sysid_real position, sysid_real ve
    Smallest detectable changes, found in half of the cases, on cycles of 0.68 s
    in which both valves are switched at 30 % of the stroke from the middle (for another
    motion: sysid monitor BUNDLE LOG); of twice the size they are practically always found:
-     Coulomb friction: 0.055 Nm within 1 cycle, 0.012 Nm within 10 cycles
-     viscous friction: 0.018 Nm s/rad within 1 cycle, 0.0041 Nm s/rad within 10 cycles
-     leak past the piston, at supply pressure: 1.7 mg/s within 1 cycle, 0.38 mg/s within 10 cycles
-     leak of chamber A, at supply pressure: 2.1 mg/s within 1 cycle, 0.47 mg/s within 10 cycles
-     leak of chamber B, at supply pressure: 2.4 mg/s within 1 cycle, 0.55 mg/s within 10 cycles
-     on-delay of valve A: 0.58 ms within 1 cycle, 0.13 ms within 10 cycles
-     off-delay of valve A: 0.98 ms within 1 cycle, 0.22 ms within 10 cycles
-     on-delay of valve B: 0.59 ms within 1 cycle, 0.13 ms within 10 cycles
-     off-delay of valve B: 0.58 ms within 1 cycle, 0.13 ms within 10 cycles
-     supply pressure: 4.2 kPa within 1 cycle, 0.93 kPa within 10 cycles
+     Coulomb friction: 0.056 Nm within 1 cycle, 0.013 Nm within 10 cycles
+     viscous friction: 0.019 Nm s/rad within 1 cycle, 0.0042 Nm s/rad within 10 cycles
+     leak past the piston, at supply pressure: 0.53 mg/s within 1 cycle, 0.39 mg/s within 10 cycles
+     leak of chamber A, at supply pressure: 0.89 mg/s within 1 cycle, 0.48 mg/s within 10 cycles
+     leak of chamber B, at supply pressure: 1 mg/s within 1 cycle, 0.56 mg/s within 10 cycles
+     on-delay of valve A: 0.13 ms within 1 cycle, 0.13 ms within 10 cycles
+     off-delay of valve A: 0.48 ms within 1 cycle, 0.22 ms within 10 cycles
+     on-delay of valve B: 0.15 ms within 1 cycle, 0.14 ms within 10 cycles
+     off-delay of valve B: 0.14 ms within 1 cycle, 0.13 ms within 10 cycles
+     supply pressure: 0.86 kPa within 1 cycle, 0.86 kPa within 10 cycles
    Use: one struct a machine, monitor_start() once, then each 0.001 s one call of
    monitor_update() with the readings and the commands that hold from now on. It returns the alarm:
    MONITOR_HEALTHY, or a kind of drift; a verdict changes when a cycle ends, a stroke there and back
-   of at least 10 % of the travel each way. z[] are the drifts' statistics in standard
-   deviations, change[] their sizes in SI; drift is the place of the most likely one. A reading or a
-   command that is not finite is left out and counted in rejected: it raises no alarm. A call that
-   ends a cycle takes about 49,000 operations, any other about a tenth of that; nothing is
-   allocated.
+   of at least 10 % of the travel each way. An alarm is undecided in the cycle that raises it;
+   the cycles after it name the kind. z[] are the drifts' statistics in standard deviations, change[]
+   their sizes in SI; drift is the place of the most likely one. A reading or a command that is not
+   finite is left out and counted in rejected: it raises no alarm. A call that ends a cycle takes
+   about 92,000 operations, any other about a twentieth of that; nothing is allocated.
 
    The observers are Kalman filters of each chamber's pressure and of the shaft, with their slopes
-   over what may drift; a cycle's innovations give normal equations of the drifts, which are summed
-   over the cycles with forgetting. The first 10 cycles teach it what friction is like, and what
-   the observers make of this motion (sysid/controllers/monitor). */
+   over what may drift; a cycle's innovations give normal equations of the drifts, which are tested
+   alone, but for friction's, and summed over the cycles with forgetting. The first 10 cycles
+   teach it what friction is like, and what the observers make of this motion
+   (sysid/controllers/monitor). */
 
 enum {
     SYSID_MONITOR_DRIFT_COULOMB, /* Coulomb friction */
@@ -3731,7 +3732,7 @@ static const sysid_real sysid_monitor_first_errors[20] = {
         (sysid_real)0.00017729716363083214, (sysid_real)0.00011335233345071049
 };
 static const sysid_real sysid_monitor_shared_error = (sysid_real)0.0;
-static const sysid_real sysid_monitor_threshold = (sysid_real)5.297114300177283; /* standard deviations */
+static const sysid_real sysid_monitor_threshold = (sysid_real)5.42234100323058; /* standard deviations */
 static const sysid_real sysid_monitor_log_odds = (sysid_real)2.995732273553991;
 static const sysid_real sysid_monitor_forgetting = (sysid_real)0.8;
 static const sysid_real sysid_monitor_excited = sizeof(sysid_real) == sizeof(float) ? (sysid_real)1e-05 : (sysid_real)1e-09;
@@ -3771,11 +3772,14 @@ typedef struct {
     sysid_monitor_shaft shaft;
     sysid_monitor_valve valve[2];
     sysid_monitor_equations cycle, pool;
+    /* Of the cycles since an alarm; energy, samples: then of this cycle. */
+    sysid_real score[SYSID_MONITOR_DRIFTS], power[SYSID_MONITOR_DRIFTS], since_energy, since_samples;
+    sysid_real energy, samples;
     sysid_real variance[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS], baseline[SYSID_MONITOR_DRIFTS];
     sysid_real position, pressure[2], motor, next_period;
     sysid_real extreme, low, squares[3], count[3], before[3];
     sysid_real z[SYSID_MONITOR_DRIFTS], change[SYSID_MONITOR_DRIFTS];
-    int counted[3], is_duty, is_known, is_begun, way, turns, alarm, drift;
+    int counted[3], is_since, is_duty, is_known, is_begun, way, turns, alarm, drift;
     unsigned long cycles;
     unsigned rejected;
 } sysid_monitor;
@@ -4028,27 +4032,30 @@ static inline void sysid_monitor_chamber_ahead(sysid_monitor_chamber *c, int sid
     }
 }
 
-static inline sysid_real sysid_monitor_limited(sysid_real x)
+/* What an innovation and its slopes count times: one over its standard deviation, less for a
+   spike. */
+static inline sysid_real sysid_monitor_weight(sysid_real gap, sysid_real part)
 {
-    const sysid_real most = (sysid_real)20.0;
-    return x < -most ? -most : x > most ? most : x;
+    const sysid_real size = sysid_fabs(part * gap), most = (sysid_real)20.0;
+    return size > most ? part * most / size : part;
 }
 
-/* An innovation over its standard deviation, limited; shown: its slopes likewise. */
+/* An innovation as it counts; shown: its slopes likewise. */
 static inline sysid_real sysid_monitor_chamber_seen(sysid_monitor_chamber *c, sysid_real reading,
                                               sysid_real shown[SYSID_MONITOR_CHAMBER])
 {
     const sysid_real noise = sysid_monitor_pressure_noise * sysid_monitor_pressure_noise;
     const sysid_real whole = c->variance + noise, part = 1 / sysid_sqrt(whole);
     const sysid_real gap = reading - c->pressure, gain = c->variance / whole;
+    const sysid_real weight = sysid_monitor_weight(gap, part);
     int k;
     c->pressure += gain * gap;
     c->variance *= 1 - gain;
     for (k = 0; k < SYSID_MONITOR_CHAMBER; k++) {
-        shown[k] = part * c->slopes[k];
+        shown[k] = weight * c->slopes[k];
         c->slopes[k] *= 1 - gain;
     }
-    return sysid_monitor_limited(part * gap);
+    return weight * gap;
 }
 
 static inline void sysid_monitor_shaft_start(sysid_monitor_shaft *s, sysid_real position)
@@ -4113,6 +4120,7 @@ static inline sysid_real sysid_monitor_shaft_seen(sysid_monitor_shaft *s, sysid_
     const sysid_real whole = s->var_position + noise, part = 1 / sysid_sqrt(whole);
     const sysid_real gap = reading - s->position;
     const sysid_real to_position = s->var_position / whole, to_velocity = s->covariance / whole;
+    const sysid_real weight = sysid_monitor_weight(gap, part);
     int k;
     s->position += to_position * gap;
     s->velocity += to_velocity * gap;
@@ -4120,11 +4128,11 @@ static inline sysid_real sysid_monitor_shaft_seen(sysid_monitor_shaft *s, sysid_
     s->var_position *= 1 - to_position;
     s->covariance *= 1 - to_position;
     for (k = 0; k < SYSID_MONITOR_SHAFT; k++) {
-        shown[k] = part * s->position_slopes[k];
+        shown[k] = weight * s->position_slopes[k];
         s->velocity_slopes[k] -= to_velocity * s->position_slopes[k];
         s->position_slopes[k] *= 1 - to_position;
     }
-    return sysid_monitor_limited(part * gap);
+    return weight * gap;
 }
 
 /* --- evidence --- */
@@ -4139,6 +4147,10 @@ static inline void sysid_monitor_collect(sysid_monitor *m, int sensor, int count
             m->cycle.matrix[places[i]][places[j]] += slopes[i] * slopes[j];
         }
         m->cycle.vector[places[i]] += slopes[i] * value;
+    }
+    if (!m->is_duty || sensor < 2) {
+        m->energy += value * value;
+        m->samples += 1;
     }
     /* Of neighbours: what drifts or scatters slowly is no noise. */
     if (counts && m->counted[sensor]) {
@@ -4162,6 +4174,7 @@ static inline void sysid_monitor_new_cycle(sysid_monitor *m)
     for (i = 0; i < 3; i++) {
         m->squares[i] = m->count[i] = 0;
     }
+    m->energy = m->samples = 0;
 }
 
 /* Takes what scatters from cycle to cycle out of the cycle's equations, by Cholesky's factor of
@@ -4216,8 +4229,11 @@ static inline void sysid_monitor_without_scatter(sysid_monitor_equations *e)
     }
 }
 
-/* The covariance of the sums under health, V + M B M: B is diagonal but for friction's first two. */
-static inline void sysid_monitor_covariance(const sysid_monitor *m, const sysid_real *errors,
+/* The covariance of sums M of variance V under health, V + M B M: B is diagonal but for friction's
+   first two. */
+static inline void sysid_monitor_covariance(sysid_real matrix[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS],
+                                         sysid_real variance[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS],
+                                         const sysid_real *errors,
                                          sysid_real out[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS])
 {
     int i, j, k;
@@ -4225,11 +4241,11 @@ static inline void sysid_monitor_covariance(const sysid_monitor *m, const sysid_
         for (j = 0; j < SYSID_MONITOR_DRIFTS; j++) {
             sysid_real sum = 0;
             for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
-                sum += m->pool.matrix[i][k] * errors[k] * m->pool.matrix[k][j];
+                sum += matrix[i][k] * errors[k] * matrix[k][j];
             }
-            sum += sysid_monitor_shared_error * (m->pool.matrix[i][0] * m->pool.matrix[1][j] +
-                                              m->pool.matrix[i][1] * m->pool.matrix[0][j]);
-            out[i][j] = m->variance[i][j] + sum;
+            sum += sysid_monitor_shared_error *
+                   (matrix[i][0] * matrix[1][j] + matrix[i][1] * matrix[0][j]);
+            out[i][j] = variance[i][j] + sum;
         }
     }
 }
@@ -4276,31 +4292,39 @@ static inline void sysid_monitor_whiten(sysid_real factor[SYSID_MONITOR_DRIFTS][
     }
 }
 
-/* The statistics of the sums, less what the first cycles taught. */
-static inline void sysid_monitor_test(sysid_monitor *m)
+/* The statistics of sums and of their variance, less what the first cycles taught, where they are
+   larger than those that are there; friction's, which scatters, not by a cycle alone. */
+static inline void sysid_monitor_test(sysid_monitor *m, sysid_monitor_equations *e, int is_alone,
+                                   sysid_real variance[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS])
 {
     const sysid_real *errors =
         m->cycles > SYSID_MONITOR_LEARNING ? sysid_monitor_errors : sysid_monitor_first_errors;
     sysid_real factor[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS];
     sysid_real rows[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS], white[SYSID_MONITOR_DRIFTS];
     int i, k;
-    sysid_monitor_covariance(m, errors, factor);
+    sysid_monitor_covariance(e->matrix, variance, errors, factor);
     for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
-        white[k] = m->pool.vector[k];
+        white[k] = e->vector[k];
         for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
-            rows[k][i] = m->pool.matrix[k][i];
-            white[k] -= m->pool.matrix[k][i] * m->baseline[i];
+            rows[k][i] = e->matrix[k][i];
+            white[k] -= e->matrix[k][i] * m->baseline[i];
         }
     }
     sysid_monitor_whiten(factor, white, rows);
     for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
-        sysid_real score = 0, power = 0;
+        sysid_real score = 0, power = 0, z;
         for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
             score += rows[k][i] * white[k];
             power += rows[k][i] * rows[k][i];
         }
-        m->z[i] = power > 0 ? score / sysid_sqrt(power) : 0;
-        m->change[i] = power > 0 ? score / power * sysid_monitor_scales[i] : 0;
+        z = power > 0 ? score / sysid_sqrt(power) : 0;
+        if (is_alone && sysid_monitor_kind[i] == SYSID_MONITOR_FRICTION) {
+            continue;
+        }
+        if (sysid_fabs(z) > sysid_fabs(m->z[i])) {
+            m->z[i] = z;
+            m->change[i] = score / power * sysid_monitor_scales[i];
+        }
     }
 }
 
@@ -4313,6 +4337,7 @@ static inline void sysid_monitor_new_sums(sysid_monitor *m)
         }
         m->pool.vector[i] = 0;
     }
+    m->is_since = 0;
 }
 
 /* The drifts that the first cycles show, the posterior mean, as the baseline; and sums anew. */
@@ -4321,7 +4346,7 @@ static inline void sysid_monitor_learn(sysid_monitor *m)
     sysid_real factor[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS];
     sysid_real rows[SYSID_MONITOR_DRIFTS][SYSID_MONITOR_DRIFTS], white[SYSID_MONITOR_DRIFTS];
     int i, k;
-    sysid_monitor_covariance(m, sysid_monitor_first_errors, factor);
+    sysid_monitor_covariance(m->pool.matrix, m->variance, sysid_monitor_first_errors, factor);
     for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
         white[k] = m->pool.vector[k];
         for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
@@ -4340,28 +4365,85 @@ static inline void sysid_monitor_learn(sysid_monitor *m)
     sysid_monitor_new_sums(m);
 }
 
-/* The alarm that the statistics speak for. */
-static inline void sysid_monitor_judge(sysid_monitor *m)
+/* The size of a statistic in the direction in which it alarms; of a nuisance 0. */
+static inline sysid_real sysid_monitor_size(const sysid_real *z, int k)
 {
-    sysid_real best = -1, other = 0;
+    const sysid_real size = sysid_monitor_grows[k] ? z[k] : sysid_fabs(z[k]);
+    return sysid_monitor_kind[k] && size > 0 ? size : 0;
+}
+
+static inline int sysid_monitor_likeliest(const sysid_real *z)
+{
+    int k, best = 0;
+    for (k = 1; k < SYSID_MONITOR_DRIFTS; k++) {
+        best = sysid_monitor_size(z, k) > sysid_monitor_size(z, best) ? k : best;
+    }
+    return best;
+}
+
+/* The kind that statistics speak for, if another is much less likely. */
+static inline int sysid_monitor_named(const sysid_real *z, int best)
+{
+    const sysid_real most = sysid_monitor_size(z, best);
+    sysid_real other = 0;
     int k;
     for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
-        const sysid_real size = sysid_monitor_grows[k] ? m->z[k] : sysid_fabs(m->z[k]);
-        if (sysid_monitor_kind[k] && size > best) {
-            best = size;
-            m->drift = k;
+        if (sysid_monitor_kind[k] != sysid_monitor_kind[best]) {
+            other = sysid_maximum(other, sysid_monitor_size(z, k));
         }
     }
-    for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
-        const sysid_real size = sysid_monitor_grows[k] ? m->z[k] : sysid_fabs(m->z[k]);
-        if (sysid_monitor_kind[k] && sysid_monitor_kind[k] != sysid_monitor_kind[m->drift] && size > other) {
-            other = size;
+    return (sysid_real)0.5 * (most * most - other * other) > sysid_monitor_log_odds
+               ? sysid_monitor_kind[best]
+               : SYSID_MONITOR_UNDECIDED;
+}
+
+/* One more cycle since the alarm, and the kind that all of them speak for: these have all of the
+   change, and their variance about the most likely drift takes in what is not linear in it. */
+static inline int sysid_monitor_after_alarm(sysid_monitor *m, sysid_real energy)
+{
+    sysid_real z[SYSID_MONITOR_DRIFTS], misfit, most;
+    int i, k;
+    m->since_energy += energy;
+    m->since_samples += m->samples;
+    for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
+        sysid_real score = m->cycle.vector[i];
+        for (k = 0; k < SYSID_MONITOR_DRIFTS; k++) {
+            score -= m->cycle.matrix[i][k] * m->baseline[k];
         }
+        m->since_energy -= m->baseline[i] * (m->cycle.vector[i] + score);
+        m->score[i] += score;
+        m->power[i] += m->cycle.matrix[i][i];
+        z[i] = m->power[i] > 0 ? m->score[i] / sysid_sqrt(m->power[i]) : 0;
+        m->change[i] =
+            m->power[i] > 0 ? m->score[i] / m->power[i] * sysid_monitor_scales[i] : 0;
     }
-    m->alarm = SYSID_MONITOR_HEALTHY;
-    if (best > sysid_monitor_threshold) {
-        const int is_clear = (sysid_real)0.5 * (best * best - other * other) > sysid_monitor_log_odds;
-        m->alarm = is_clear ? sysid_monitor_kind[m->drift] : SYSID_MONITOR_UNDECIDED;
+    m->drift = sysid_monitor_likeliest(z);
+    most = sysid_monitor_size(z, m->drift);
+    misfit = (m->since_energy - most * most) / sysid_maximum(m->since_samples, 1);
+    misfit = sysid_maximum(misfit, 1);
+    for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
+        z[i] /= sysid_sqrt(misfit);
+    }
+    return sysid_monitor_named(z, m->drift);
+}
+
+/* The alarm that the statistics speak for. */
+static inline void sysid_monitor_judge(sysid_monitor *m, sysid_real energy)
+{
+    int i;
+    m->drift = sysid_monitor_likeliest(m->z);
+    if (!(sysid_monitor_size(m->z, m->drift) > sysid_monitor_threshold)) {
+        m->alarm = SYSID_MONITOR_HEALTHY;
+        m->is_since = 0;
+    } else if (m->is_since) {
+        m->alarm = sysid_monitor_after_alarm(m, energy);
+    } else {
+        m->alarm = SYSID_MONITOR_UNDECIDED;
+        m->is_since = 1;
+        m->since_energy = m->since_samples = 0;
+        for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
+            m->score[i] = m->power[i] = 0;
+        }
     }
 }
 
@@ -4390,10 +4472,14 @@ static inline void sysid_monitor_cycle_ends(sysid_monitor *m)
         }
         m->pool.vector[i] = keeps * m->pool.vector[i] + m->cycle.vector[i];
     }
-    sysid_monitor_new_cycle(m);
     m->cycles++;
-    sysid_monitor_test(m);
-    sysid_monitor_judge(m);
+    for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
+        m->z[i] = m->change[i] = 0;
+    }
+    sysid_monitor_test(m, &m->pool, 0, m->variance);
+    sysid_monitor_test(m, &m->cycle, 1, m->cycle.matrix);
+    sysid_monitor_judge(m, m->energy / excess);
+    sysid_monitor_new_cycle(m);
     if (m->cycles == SYSID_MONITOR_LEARNING) {
         sysid_monitor_learn(m);
     }
