@@ -236,10 +236,8 @@ def speed(rig: TableRig) -> None:
     )
 
 
-def table_agreement(names: tuple[str, ...], max_torque: float, has_delays: bool) -> None:
+def table_agreement(names: tuple[str, ...], own: TableRig) -> None:
     """Tables as `sysid control --table` computes them: cells of one, counts of several."""
-    own = TableRig.of(read_bundle(thesis_folder() / REFERENCE_BUNDLE)).limited(max_torque)
-    own = own if has_delays else own.without_delays()
     ideal = dataclasses.replace(own, sensors=SensorSuite.perfect())
     for sensors, rig in (("rig's sensors", own), ("perfect sensors", ideal)):
         print(f"\n=== {sensors} ===")
@@ -255,6 +253,7 @@ def table_agreement(names: tuple[str, ...], max_torque: float, has_delays: bool)
         rmse = [found for found in made if found.measure == "RMSE"]
         before = [found for found in rmse if found.name < "6"]
         print(f"{'to 5.5.3':8}{counts(before)}")
+        print(f"{'6':8}{counts([found for found in rmse if found.name[0] == '6'])}")
         print(f"{'RMSE':8}{counts(rmse)}")
         print(f"{'A to D':8}{counts([found for found in made if found.name[0] in 'ABCD'])}")
 
@@ -305,11 +304,14 @@ def main() -> None:
     parser.add_argument("--max-torque", type=float, default=0.795, help="motor's limit, Nm")
     parser.add_argument("--only", choices=PARTS, help="one part (default: all)")
     parser.add_argument("--no-valve-delays", action="store_true", help="--table: valves at once")
+    parser.add_argument("--more-friction", type=float, default=0.0, help="--table: unknown, Nm")
     parser.add_argument("--table", choices=("all", *TABLES), metavar="NUMBER", help="or all")
     options = parser.parse_args()
     if options.table:
         names = TABLES if options.table == "all" else (options.table,)
-        table_agreement(names, options.max_torque, not options.no_valve_delays)
+        own = TableRig.of(read_bundle(thesis_folder() / REFERENCE_BUNDLE))
+        own = own.limited(options.max_torque).with_friction(options.more_friction)
+        table_agreement(names, own.without_delays() if options.no_valve_delays else own)
         return
     for name, sensors in SENSORS.items():
         print(f"\n=== {name}, motor up to {options.max_torque:g} Nm ===")

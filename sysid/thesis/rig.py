@@ -165,6 +165,13 @@ class TableRig:
         """The same rig with valves that switch at once, as its controllers know."""
         return self._changed(dict.fromkeys(_DELAYS, 0.0), refit=True)
 
+    def with_friction(self, more: float) -> TableRig:
+        """The same rig with more Coulomb and static friction, Nm, than its controllers know."""
+        own = self.plant.parameters
+        values = {name: getattr(own, name) + more for name in ("coulomb_effort", "static_effort")}
+        plant = dataclasses.replace(self.plant, parameters=own.replace(**values))
+        return dataclasses.replace(self, plant=plant)
+
     def _changed(self, values: Mapping[str, float], refit: bool = False) -> TableRig:
         """The same rig with other parameters of plant and controllers' models.
 
