@@ -26,6 +26,7 @@ from sysid.balance.samples import motion_samples
 from sysid.commands.app import main
 from sysid.controllers.design_model import design_from_bundle
 from sysid.diagnosis.actuator.signatures import candidates
+from sysid.diagnosis.actuator.twins import sensor_noise
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.exporters.base_laws import mechanics
@@ -224,6 +225,17 @@ def test_a_test_that_mostly_rests_keeps_its_motion(folder: Path) -> None:
     assert default_cutoff(resting, 50.0) == default_cutoff(moving, 50.0) == 50.0
     used = len(motion_samples(moving, 50.0).effort)
     assert len(motion_samples(resting, 50.0).effort) == pytest.approx(used, rel=0.1)
+
+
+def test_held_pistons_say_nothing_of_the_encoder(folder: Path) -> None:
+    """A rig without friction tests of a motor has more tests of its valve than motions."""
+    moving, held = (log_of(folder, n) for n in ("friction_motion", "valve_discrete_a"))
+    assert moving.rig is not None and moving.rig.encoder_step is not None
+    alone = [("", "friction-motion", trial) for trial in moving.trials]
+    others = [("", "valve-discrete", trial) for trial in held.trials] * 4
+    found = sensor_noise([*alone, *others], moving.rig)
+    assert found.quantum[0] == pytest.approx(moving.rig.encoder_step, rel=1e-3)
+    assert found.quantum[0] == sensor_noise(alone, moving.rig).quantum[0]
 
 
 def test_the_valve_of_the_one_chamber(made: GeneratedCampaign, folder: Path) -> None:

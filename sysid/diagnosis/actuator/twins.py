@@ -70,15 +70,15 @@ class SensorNoise:
 def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoise:
     """Noise of the channels, from the tests themselves.
 
-    Position: `signals.position_floor`, white. Pressures: the autocovariance over the calmest
-    blocks of all tests, where neither motion nor flow shows; so too the position of logs whose
-    samples lie between measured ones, which correlates their noise.
+    Position: `signals.position_floor` of tests in which it changes, white. Pressures: the
+    autocovariance over the calmest blocks of all tests, where neither motion nor flow shows; so too
+    the position of logs whose samples lie between measured ones, which correlates their noise.
     """
     position, pressures = rig.position_channel, CHAMBER_PRESSURES
     floors = [
         signals.position_floor(t[position], t.stride_of(position))
-        for _, _, t in sorted(tests, key=lambda item: len(item[2]))[-24:]
-        if position in t and len(t) >= 64
+        for t in sorted((t for _, _, t in tests if _moves(t, position)), key=len)[-24:]
+        if len(t) >= 64
     ]
     noise = float(np.median([f.noise for f in floors])) if floors else 0.0
     step = float(np.median([f.quantum for f in floors])) if floors else 0.0
@@ -221,6 +221,11 @@ def _held(model: Model) -> Model:
     """The model with a fixed shaft, as in the valve tests."""
     p = model.parameters
     return Model(p.replace(static_effort=1e6, coulomb_effort=1e6), model.effects)
+
+
+def _moves(trial: Trial, position: str) -> bool:
+    """Whether a test shows anything of the position's sensor: a held piston's shows one count."""
+    return position in trial and float(np.ptp(trial[position])) > 0.0
 
 
 def scattered(model: Model, scatter: Scatter, rng: np.random.Generator) -> Model:
