@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 # Noise is estimated from blocks of this many rows, those within this factor of the calmest fifth.
 _BLOCK = 128
 _CALM = 1.6
+# Tests from which the noise of the position is taken, the longest.
+_TESTS_OF_NOISE = 24
 _NOISE_LAGS = 6
 _MOST_LAGS = 33
 _UNCORRELATED = 0.05
@@ -70,15 +72,15 @@ class SensorNoise:
 def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoise:
     """Noise of the channels, from the tests themselves.
 
-    Position: `signals.position_floor` of tests in which it changes, white. Pressures: the
+    Position: `signals.position_floor`, white. Pressures: the
     autocovariance over the calmest blocks of all tests, where neither motion nor flow shows; so too
     the position of logs whose samples lie between measured ones, which correlates their noise.
     """
     position, pressures = rig.position_channel, CHAMBER_PRESSURES
     floors = [
         signals.position_floor(t[position], t.stride_of(position))
-        for t in sorted((t for _, _, t in tests if _moves(t, position)), key=len)[-24:]
-        if len(t) >= 64
+        for t in _longest([t for _, _, t in tests], position)
+        if position in t and len(t) >= 64
     ]
     noise = float(np.median([f.noise for f in floors])) if floors else 0.0
     step = float(np.median([f.quantum for f in floors])) if floors else 0.0
@@ -223,9 +225,13 @@ def _held(model: Model) -> Model:
     return Model(p.replace(static_effort=1e6, coulomb_effort=1e6), model.effects)
 
 
-def _moves(trial: Trial, position: str) -> bool:
-    """Whether a test shows anything of the position's sensor: a held piston's shows one count."""
-    return position in trial and float(np.ptp(trial[position])) > 0.0
+def _longest(trials: Sequence[Trial], position: str) -> list[Trial]:
+    """The longest tests; where most of them hold the piston, which shows nothing of the
+    position's sensor, the longest in which it moves."""
+    moving = [t for t in trials if position in t and float(np.ptp(t[position])) > 0.0]
+    found = sorted(trials, key=len)[-_TESTS_OF_NOISE:]
+    shown = sum(any(t is one for one in moving) for t in found)
+    return found if 2 * shown > len(found) else sorted(moving, key=len)[-_TESTS_OF_NOISE:]
 
 
 def scattered(model: Model, scatter: Scatter, rng: np.random.Generator) -> Model:
