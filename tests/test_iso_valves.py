@@ -53,6 +53,18 @@ def test_conductances_ratios_and_delays_come_back(fitted: ValveDiscreteResult) -
     assert any("ISO 6358 follows these tests better" in line for line in fitted.remarks)
 
 
+def test_an_index_that_the_tests_show_is_fitted(fitted: ValveDiscreteResult) -> None:
+    assert fitted["a"].estimates["subsonic_index_dis"].std == 0.0
+    bench = IsoBench(index=0.62, noise=120.0)
+    found = fit_valve_discrete(bench.trials(2, 2), bench.rig(), find_ratio=False)
+    for way in ("fill", "dis"):
+        index = found["a"].estimates[f"subsonic_index_{way}"]
+        assert index.std > 0.0 and index.value == pytest.approx(0.62, abs=0.03)
+    law = found["a"].law()
+    assert law.subsonic_index is not None and law.subsonic_index.fill is not None
+    assert found["a"].estimates["critical_ratio_dis"].value == pytest.approx(0.22, abs=0.03)
+
+
 def test_the_thesis_law_says_that_its_delay_is_biased() -> None:
     bench = IsoBench()
     found = fit_valve_discrete(bench.trials(1, 1), bench.rig(), find_ratio=False, law="thesis")

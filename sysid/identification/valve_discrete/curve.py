@@ -42,6 +42,8 @@ UNITS = {
     **{f"{part}_c_{way}": unit for part in ("valve", "control") for way, unit in _COEFFICIENTS},
 }
 
+MOST_STD = 0.3
+"""With a standard error above this share of its size, a flow's number is not identified."""
 CONDUCTANCES = tuple(f"sonic_conductance_{way}" for way in WAYS)
 
 

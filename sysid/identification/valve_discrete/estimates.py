@@ -16,6 +16,7 @@ from sysid.identification.held_volume import VolumeError
 from sysid.identification.valve_discrete.curve import (
     DELAYS,
     FLOWS,
+    MOST_STD,
     UNITS,
     WAYS,
     CurveFit,
@@ -57,9 +58,8 @@ def flows_and_delays(
             found[name] = Estimate(value, 0.0, UNITS[name], (value, value))
             continue
         estimate, scatters = curves.estimate(name)
-        # With a standard error above this share, a flow is not identified.
         size = 1.0 if name.startswith("critical_ratio") else estimate.value
-        if estimate.identified and name in flows and estimate.std > 0.3 * size:
+        if estimate.identified and name in flows and estimate.std > MOST_STD * size:
             share = 100.0 * estimate.std / size
             estimate = Estimate.unidentified(
                 UNITS[name],

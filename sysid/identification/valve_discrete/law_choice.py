@@ -19,6 +19,7 @@ from sysid.estimation.law_evidence import DECISIVE, twice_log_evidence
 from sysid.estimation.quality import root_mean_square
 from sysid.identification.valve_discrete.curve import (
     DELAYS,
+    MOST_STD,
     WAYS,
     CurveFit,
     fit_curves,
@@ -177,8 +178,10 @@ def _of_two(thesis: CurveFit, asked: str) -> tuple[CurveFit, LawChoice]:
                 "no critical ratio and conductance of ISO 6358 follow these tests: use --law thesis"
             )
         return thesis, LawChoice(plain, {}, {}, asked)
-    evidence = {way: _evidence(thesis, iso, way) for way in ways}
-    known = {way: value for way, value in evidence.items() if value is not None}
+    known = _evidences(thesis, iso, ways)
+    if asked == ISO6358 or any(value > DECISIVE for value in known.values()):
+        iso = _with_indices(iso, ways)
+        known = _evidences(thesis, iso, ways)
     rms = {way: {THESIS: _rms(thesis, iso, way), ISO6358: _rms(iso, thesis, way)} for way in known}
     takes_iso = {way: ISO6358 if way in ways else THESIS for way in WAYS}
     choice = LawChoice(takes_iso, known, rms, asked)
@@ -205,6 +208,47 @@ def iso_fit(thesis: CurveFit, ways: Sequence[str]) -> CurveFit | None:
         if best is None or found.fit.sum_of_squares < best.fit.sum_of_squares:
             best = found
     return best
+
+
+def _with_indices(iso: CurveFit, ways: Sequence[str]) -> CurveFit:
+    """The fit with a subsonic index of its own in each direction whose tests are evidence for one;
+    else that of the standard, 1/2."""
+    problem = iso.problem
+    free = [way for way in ways if iso_names(way)[1] in problem.free]
+    while free:
+        names = [*problem.free, *(iso_names(way)[2] for way in free)]
+        found = fit_curves(problem.pieces, fitted_valve(iso), names)
+        shown = [way for way in free if _shows_index(iso, found, way)]
+        if shown == free:
+            return found
+        free = shown
+    return iso
+
+
+def _shows_index(fixed: CurveFit, free: CurveFit, way: str) -> bool:
+    """Whether the tests are evidence for an index of its own and identify it."""
+    _, ratio, index = iso_names(way)
+    if not free.fit.converged or {ratio, index} & set(free.fit.diagnosis.at_bound):
+        return False
+    value, _ = free.estimate(index)
+    evidence = _evidences(fixed, free, [way]).get(way, 0.0)
+    return evidence > DECISIVE and value.identified and value.std < MOST_STD * value.value
+
+
+def _evidences(one: CurveFit, other: CurveFit, ways: Sequence[str]) -> dict[str, float]:
+    """Twice the log evidence for the other in each direction with rows in motion; a number that it
+    has more, the index, takes the log of their count (Schwarz)."""
+    found = {}
+    for way in ways:
+        evidence = _evidence(one, other, way)
+        if evidence is None:
+            continue
+        if iso_names(way)[2] in other.problem.free:
+            pieces = enumerate(one.problem.pieces)
+            rows = sum(np.count_nonzero(rows_of(way, p, (one, other), i)) for i, p in pieces)
+            evidence -= math.log(rows)
+        found[way] = evidence
+    return found
 
 
 def _iso_start(thesis: CurveFit, ways: Sequence[str], ratio: float) -> DiscreteValve:
