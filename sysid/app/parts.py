@@ -6,6 +6,7 @@ Texts are escaped here.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from importlib import import_module
@@ -21,6 +22,7 @@ pn: Any = import_module("panel")
 Chosen = Callable[[Figure, int, int], None]
 """Called with a figure, the number of its cloud of points, and the point that was clicked."""
 _WIDE_PLOTS = 3
+_BACKTICKS, _CODE = re.compile("`([^`]+)`"), r"<code>\1</code>"
 
 
 def html(markup: str, **options: Any) -> Any:
@@ -98,8 +100,8 @@ def rows(headings: Sequence[str], lines: Iterable[Sequence[str]], caption: str =
 
 
 def listed(lines: Iterable[str]) -> str:
-    """Lines as a list; nothing without any."""
-    inner = "".join(f"<li>{words(line)}</li>" for line in lines)
+    """Lines as a list, what stands in backticks as code; nothing without any."""
+    inner = "".join(f"<li>{_BACKTICKS.sub(_CODE, words(line))}</li>" for line in lines)
     return f"<ul>{inner}</ul>" if inner else ""
 
 

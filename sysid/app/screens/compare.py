@@ -88,8 +88,8 @@ class CompareScreen(Screen):
         heading = f"<p class='sentence'>{parts.words(content.compared.headline())}</p>"
         why = parts.note(content.why, "warn") if content.why else ""
         return [
-            self.head, parts.html(heading + why), self.plot, parts.html(tables + notices),
-            parts.grid(panes),
+            self.head, parts.html(heading + why), self.plot, parts.grid(panes),
+            parts.html(tables + notices),
         ]  # fmt: skip
 
     def _head(self, content: CompareContent) -> str:

@@ -18,6 +18,28 @@ _NAMES = {"c": "C header", "mat": "MATLAB", "json": "flat JSON", "fmu": "FMU", "
 _SHOWN = (".html", *SUFFIXES)
 
 
+# What the files of a run are for, by their names or their endings.
+_PURPOSES = {
+    "bundle.json": "the model: parameters with errors, and where they are from",
+    "fitted.json": "the model as its own tests fitted it",
+    "extended.json": "with the effects that the diagnosis found",
+    "refined.json": "estimated again on motion",
+    "diagnosis.json": "what the diagnosis found, for programs",
+    "advice.json": "which test to run next, for programs",
+    "checks.json": "what each log is worth, for programs",
+    "run.json": "what was done, so that the next run goes on from there",
+    ".html": "to read and to send",
+    ".h": "for a controller in C",
+    ".mat": "for MATLAB",
+    ".fmu": "for co-simulation",
+}
+
+
+def _what(path: Path) -> str:
+    """What a file is for, in a few words."""
+    return _PURPOSES.get(path.name, _PURPOSES.get(path.suffix, ""))
+
+
 @dataclass(frozen=True)
 class ExportContent:
     """The bundles, the one that is exported, and the files that there are."""
@@ -65,18 +87,19 @@ class ExportScreen(Screen):
         text += f"<div class='bar2'>{menu} {report} {files} {tick}</div>"
         lines = [self._line(path) for path in content.files]
         if lines:
-            text += parts.rows(("File", "Size", ""), lines, "Files that were written")
+            text += parts.rows(("File", "Size", "", ""), lines, "Files that were written")
         return [parts.html(text)]
 
     def _line(self, path: Path) -> list[str]:
         name = self.bench.named(path)
         size = f"{path.stat().st_size / 1000.0:,.0f} kB"
         if not path.is_relative_to(self.bench.folder):
-            return [parts.words(name), size, ""]
+            return [parts.words(name), size, "", _what(path)]
         link = f"files/{quote(name)}"
-        shown = "open" if path.suffix == ".html" else "keep"
+        shown = "open" if path.suffix == ".html" else "download"
         more = ' target="_blank" rel="noopener"' if shown == "open" else " download"
-        return [f"<b>{parts.words(name)}</b>", size, f'<a href="{link}"{more}>{shown}</a>']
+        get = f'<a href="{link}"{more}>{shown}</a>'
+        return [f"<b>{parts.words(name)}</b>", size, get, f"<small>{_what(path)}</small>"]
 
     async def do(self, what: str, value: Any) -> None:
         act, _, rest = what.partition(":")

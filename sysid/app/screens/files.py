@@ -134,7 +134,7 @@ class FilesScreen(Screen):
         lines = []
         for number, entry in enumerate(content.campaign.logs):
             held = entry.use == "holdout"
-            valve = f", valve {entry.valve.upper()}" if entry.valve else ""
+            valve = f" valve {entry.valve.upper()}" if entry.valve else ""
             maps = ", ".join(map(str, entry.mapping.values()))
             kinds = [(k, k) for k in dict.fromkeys((entry.kind, *KINDS))]
             lines.append([
@@ -161,8 +161,14 @@ class FilesScreen(Screen):
             why = content.rig_why or "no rig file yet; it is made with the first log"
             return "<h2>Rig</h2>" + parts.note(why, "warn")
         ask = parts.button("What do the logs show?", "rig-shown")
-        sections = "".join(self._section(name, content.rig) for name in RIG_TABLES)
-        return f"<h2>Rig</h2><p>{ask}</p><div class='cards'>{sections}</div>"
+        given = [name for name in RIG_TABLES if name in content.rig]
+        rest = [name for name in RIG_TABLES if name not in content.rig]
+        cards = "".join(self._section(name, content.rig) for name in given)
+        folds = "".join(self._section(name, content.rig) for name in rest)
+        return (
+            f"<h2>Rig</h2><p>{ask}</p><div class='cards'>{cards}</div>"
+            f"<div class='cards'>{folds}</div>"
+        )
 
     def _section(self, name: str, content: dict[str, Any]) -> str:
         keys = declared_keys(RIG_TABLES[name])

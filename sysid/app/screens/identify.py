@@ -94,7 +94,7 @@ class IdentifyScreen(Screen):
     def _played(self) -> str:
         """The tests to play that were written, to keep."""
         lines = [
-            [f"<b>{parts.words(name)}</b>", f'<a href="files/{quote(name)}" download>keep</a>']
+            [f"<b>{parts.words(name)}</b>", f'<a href="files/{quote(name)}" download>download</a>']
             for name in map(self.bench.named, sorted(self.bench.results.glob("play*.csv")))
         ]
         return parts.rows(("Test to play", ""), lines) if lines else ""

@@ -91,11 +91,13 @@ class ResidualScreen(Screen):
             self.regressor = _TIME
         bundles = [(self.bench.named(p), self.bench.named(p)) for p in content.bundles]
         channels = [(n, channel_of(n).title) for n in _channels(content)]
-        chosen = self.bench.named(content.chosen)
+        chosen, unit = self.bench.named(content.chosen), channel_of(self.channel).residual_unit
+        band = f"± {number(self._noise(content), 2)} {parts.words(unit)}"
         self.head.object = (
             "<h2>Residual</h2><p>Measured less simulated, open loop from the first row, on the "
-            "training tests. The band is what the sensor's noise alone would do in 95 % of the "
-            "samples. Mark points with the box or the lasso: their rows are marked below.</p>"
+            "training tests. Line: median; shaded: the middle 90 %. The sensor's noise alone would "
+            f"keep 95 % of the samples within {band} (the narrow band about 0). Mark points with "
+            "the box or the lasso: their rows are marked below.</p>"
             f"<div class='bar2'>{parts.select('res-channel', channels, self.channel, 'Channel')} "
             f"over {parts.select('res-over', list(regressors.items()), self.regressor, 'Over')} "
             f"of {parts.select('res-bundle', bundles, chosen, 'Bundle')}</div>"
