@@ -13,6 +13,7 @@ line have to give the same files, but for times and paths.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import random
@@ -42,7 +43,8 @@ bench = Workbench(folder, folder / "campaign.toml", folder / "results")
 bench.start("running", sys.argv[2:], {})
 serve(bench, 0, lambda address: print(address, flush=True), opens_browser=False)
 """
-# What may differ between two runs of the same: when, how long, where.
+# What may differ between two runs of the same: when, how long, where; and with the time in a bundle
+# its SHA-256, which the exports name.
 _TIMES = ("created", "seconds", "written")
 _MOMENT = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(\+00:00| UTC)?")
 
@@ -58,8 +60,9 @@ def without_times(content: Any) -> Any:
 
 def comparable(path: Path, folder: Path) -> str:
     """A result file's content without times and its folder; a MATLAB file's numbers."""
+    bundle = hashlib.sha256((folder / "results" / "bundle.json").read_bytes()).hexdigest()
     if path.suffix == ".json":
-        content = json.loads(path.read_text().replace(str(folder), ""))
+        content = json.loads(path.read_text().replace(str(folder), "").replace(bundle, ""))
         if path.name == "run.json":  # digests of files that hold times
             content = {stage: sorted(record["outputs"]) for stage, record in content.items()}
         return json.dumps(without_times(content), sort_keys=True)
@@ -67,8 +70,10 @@ def comparable(path: Path, folder: Path) -> str:
         from scipy.io import loadmat
 
         found = loadmat(path)
-        return repr(sorted((k, repr(v)) for k, v in found.items() if not k.startswith("__")))
-    return _MOMENT.sub("", path.read_text("utf-8", "replace").replace(str(folder), ""))
+        shown = repr(sorted((k, repr(v)) for k, v in found.items() if not k.startswith("__")))
+        return _MOMENT.sub("", shown.replace(bundle, ""))
+    text = path.read_text("utf-8", "replace").replace(str(folder), "")
+    return _MOMENT.sub("", text.replace(bundle, ""))
 
 
 def differences(one: Path, other: Path) -> list[str]:
