@@ -1,14 +1,14 @@
 """The errors of a request that are not faults of the program, and parts that fail on their own.
 
 An error that ends a command is turned into one line and an exit code by `sysid.commands.app`; one
-of a part that the rest goes on without becomes a `Failure`.
+of a part that the rest goes on without becomes a `Failure`, and its line a `Notice`.
 """
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -183,3 +183,27 @@ def error_of(failures: Sequence[Failure], what: str) -> Exception:
     if 1 in statuses:
         return RuntimeError(what)
     return InputError(what) if statuses == {InputError.exit_code} else NotIdentifiedError(what)
+
+
+class Notice(str):
+    """A line for the user that knows what it is about; it prints, compares and is kept as text.
+
+    `subject`: a place in a bundle ("friction.coulomb_nm", "valves.a.pwm"), or the kind of a log.
+    """
+
+    subject: str
+
+    def __new__(cls, line: str, subject: str = "") -> Notice:
+        made = super().__new__(cls, line)
+        made.subject = subject
+        return made
+
+
+def about(subject: str, lines: Iterable[str]) -> list[str]:
+    """These lines as notices about a subject; those that have their own keep it."""
+    return [line if isinstance(line, Notice) else Notice(line, subject) for line in lines]
+
+
+def subject_of(line: str) -> str:
+    """What a notice is about; empty where it does not say so."""
+    return line.subject if isinstance(line, Notice) else ""

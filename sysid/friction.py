@@ -12,7 +12,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from sysid.errors import Failure, NotIdentifiedError, error_of, input_error, on_its_own
+from sysid.errors import (
+    Failure,
+    Notice,
+    NotIdentifiedError,
+    about,
+    error_of,
+    input_error,
+    on_its_own,
+)
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import LEAST_EXPLAINED, SCATTER_TIMES
 from sysid.identification.friction.clusters import Clusters, cluster_test
@@ -595,7 +603,7 @@ def _result(
         motion=motion,
         cross_check=cross_check,
         trials=tuple(fit.uses),
-        notices=tuple(fit.notices),
+        notices=tuple(about("friction", fit.notices)),
         cutoff_hz=fit.cutoff_hz,
         combinations=chosen.sums,
         most_effort=_most_effort(fit.rig),
@@ -646,17 +654,18 @@ def _compare(
     )
     for name, check in cross_check.items():
         said = disagreement(u.key(name), parameters[name], check)
-        notices += [] if said is None else [said]
+        notices += [] if said is None else about(f"friction.{u.key(name)}", [said])
 
 
 def _order(parameters: dict[str, Estimate], u: MotionUnits, notices: list[str]) -> None:
     static, coulomb = parameters["static"], parameters["coulomb"]
     apart = static.interval[1] < coulomb.interval[0]
     if static.identified and coulomb.identified and apart:
-        notices.append(
+        line = (
             f"static friction ({static.value:.4g} {u.effort}) is below Coulomb friction "
             f"({coulomb.value:.4g} {u.effort}), which is not physical: check the ramps"
         )
+        notices.append(Notice(line, f"friction.{u.key('static')}"))
 
 
 def friction_rmse(result: FrictionResult, trials: Sequence[Trial], rig: Rig) -> float:

@@ -15,7 +15,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
+from sysid.errors import (
+    Failure,
+    InputError,
+    NotIdentifiedError,
+    about,
+    error_of,
+    input_error,
+    on_its_own,
+)
 from sysid.identification.held_volume import VolumeError, position_count
 from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, CurveFit, fit_curves
 from sysid.identification.valve_discrete.estimates import (
@@ -88,8 +96,10 @@ def fit_valve_discrete(
     notices: list[str] = []
     failed: list[Failure] = []
     for side in _valves(trials, valve, rig):
-        fit = partial(_fit_valve, trials, side, rig, (find_ratio, law), remarks, notices)
+        said: list[str] = []
+        fit = partial(_fit_valve, trials, side, rig, (find_ratio, law), remarks, said)
         found = on_its_own(fit)
+        notices += about(f"valves.{side}.discrete", said)
         if isinstance(found, Failure):
             failed.append(found)
         else:
@@ -97,7 +107,7 @@ def fit_valve_discrete(
     reasons = [why.reason for why in failed]
     if not fits:
         raise error_of(failed, "; ".join(dict.fromkeys(reasons)))
-    return ValveDiscreteResult(fits, tuple(remarks), (*notices, *reasons))
+    return ValveDiscreteResult(fits, tuple(remarks), (*notices, *about("valve-discrete", reasons)))
 
 
 def _valves(trials: Sequence[Trial], valve: str | None, rig: Rig) -> list[str]:

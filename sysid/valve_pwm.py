@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, input_error, on_its_own
+from sysid.errors import (
+    Failure,
+    InputError,
+    NotIdentifiedError,
+    about,
+    error_of,
+    input_error,
+    on_its_own,
+)
 from sysid.identification.held_volume import position_count
 from sysid.identification.valve_pwm.averaged import AUTO, LAWS, average_of
 from sysid.identification.valve_pwm.coverage import coverage, unseen_regimes
@@ -155,7 +163,7 @@ def fit_valve_pwm(
     notices = (*remarks.notices(), *(f"not identified: {r}" for r in unidentified))
     notices += (away,) if away else ()
     summaries = tuple(_summary(f) for f in fits.values())
-    return ValvePwmFit(fits, missing, summaries, notices, seed, averaged)
+    return ValvePwmFit(fits, missing, summaries, tuple(about("valve-pwm", notices)), seed, averaged)
 
 
 def _title(valve: str, direction: str) -> str:
@@ -215,7 +223,8 @@ def _averaged(
         doubted = any(fit.contradicted for fit in own.values())
         quality = {k: replace(q, contradicted=doubted) for k, q in average.quality.items()}
         found[valve] = replace(average, quality=quality)
-        remarks.lines += [f"valve {valve.upper()}, {line}" for line in average.notices]
+        said = [f"valve {valve.upper()}, {line}" for line in average.notices]
+        remarks.lines += about(f"valves.{valve}.pwm.averaged", said)
     return found, unknown
 
 

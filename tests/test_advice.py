@@ -89,8 +89,34 @@ def test_no_test_makes_anything_less_certain(advice: AdviceResult) -> None:
     for candidate in advice.candidates:
         assert (candidate.std <= advice.now * (1.0 + 1e-6)).all()
         assert candidate.gain >= -1e-9
+        assert candidate.motion_gain is not None and candidate.motion_gain >= -1e-9
     gains = [c.gain for c in advice.candidates]
     assert gains == sorted(gains, reverse=True)
+
+
+def test_an_error_moves_the_motion_as_a_simulation_of_it_does(
+    campaign: Campaign, bundle: Bundle
+) -> None:
+    """Against the same tests simulated with that number off; a known number moves nothing."""
+    from sysid.recording.motion_tests import prepare_all
+    from sysid.recording.simulation import simulate_segments
+    from sysid.refinement.motion_errors import position_errors
+
+    found = position_errors(campaign, bundle)
+    assert found["friction.coulomb_nm"] > 0.0 and "mass" not in " ".join(found)
+    model, tests = bundle.model(campaign.rig), []
+    for entry in campaign.select(MOTION_KINDS):
+        log = campaign.read(entry)
+        tests += prepare_all(log.trials, entry.kind, campaign.rig, 1.0)[0][:1]
+    # The errors are of logarithms of what is positive.
+    viscous = model.parameters.viscous * np.exp(SHARE)
+    other = dataclasses.replace(model, parameters=model.parameters.replace(viscous=viscous))
+    segments = [(test, test.whole) for test in tests]
+    here, there = (simulate_segments(segments, own) for own in (model, other))
+    rows = [test.counted(test.whole) for test in tests]
+    off = np.concatenate([(a - b)[0, :n] for a, b, n in zip(here, there, rows, strict=True)])
+    rms = float(np.sqrt(np.mean(off**2)))
+    assert found["friction.viscous_nm_s_per_rad"] == pytest.approx(rms, rel=1e-6)
 
 
 def test_the_motion_logs_say_more_than_the_bench(advice: AdviceResult) -> None:

@@ -327,7 +327,7 @@ def test_training_rows_are_folded(made: Made) -> None:
 @pytest.mark.parametrize("best", [None, "ann", "averaged"])
 def test_only_the_recommended_law_is_drawn_in_sight(best: str | None) -> None:
     from sysid.blocks.figures import Line, Words
-    from sysid.blocks.sections import FigureGroup, Fold
+    from sysid.blocks.sections import FigureGroup
     from sysid.identification.valve_pwm.shown import _figure_blocks, _Measured
     from sysid.surfaces.bipolynomial import Bipolynomial
     from sysid.surfaces.domain import level_flows
@@ -343,8 +343,8 @@ def test_only_the_recommended_law_is_drawn_in_sight(best: str | None) -> None:
     levels = level_flows(duty, pressure, flow)
     kinds = ["bipolynomial", "ann", "averaged"]
     part = Judged("a", "fill", Valve(), levels, dict.fromkeys(kinds, surface))
-    (group,) = [b for b in _figure_blocks(part) if isinstance(b, FigureGroup)]
-    folds = [b for b in _figure_blocks(part) if isinstance(b, Fold)]
+    (group,), folded = _figure_blocks(part, is_first=True)
+    assert isinstance(group, FigureGroup)
     shown = kinds if best is None else [best]
     ids = [f.id.removeprefix("fig-a-fill-") for f in group.figures]
     maps = [name for kind in shown for name in (kind, f"{kind}-error")]
@@ -360,9 +360,8 @@ def test_only_the_recommended_law_is_drawn_in_sight(best: str | None) -> None:
         "0.70",
         "0.90",
     ]
-    assert len(folds) == (best is not None)
-    if folds:
-        (inner,) = folds[0].blocks
+    assert len(folded) == (best is not None)
+    for inner in folded:
         assert isinstance(inner, FigureGroup) and len(inner.figures) == 2 + 2 * 2
 
 
@@ -599,6 +598,7 @@ def test_laws_that_are_not_recommended_are_known_by_their_places() -> None:
 
 def test_notices_stand_where_their_numbers_stand() -> None:
     from sysid.blocks.sections import Lines, Notes, Section
+    from sysid.errors import Notice
     from sysid.pipeline.pages.notices import by_section, with_notices
 
     campaign = read_campaign(BUNDLED)
@@ -606,16 +606,19 @@ def test_notices_stand_where_their_numbers_stand() -> None:
     pressure = f"{log.path}, test 45: excluded: the pressure stays within 1 % of its start"
     coulomb = "coulomb_nm: constant-effort tests give 0.17 Nm, motion 0.174, apart by 3.1 errors"
     notices = [
-        pressure,
-        coulomb,
-        "valve A: the fit did not converge",
-        "valve B, discharging: no usable test above duty 0.74",
-        "the clock runs slow",
+        Notice(pressure, "valve-pwm"),
+        Notice(coulomb, "friction.coulomb_nm"),
+        Notice("valve A: friction is not what it says", "valves.a.discrete"),
+        Notice("valve B, discharging: no usable test above duty 0.74", "valves.b.pwm.averaged"),
+        Notice("not identified: no motion", "friction-motion"),
+        "valve: the clock runs slow",
     ]
-    found = by_section(notices, campaign)
+    there = ("data", "surfaces", "friction", "valves")
+    found = by_section(notices, campaign, there)
     assert {k: len(v) for k, v in found.items()} == {
-        "surfaces": 2, "friction": 1, "valves": 1, "fits": 1,
+        "surfaces": 2, "friction": 2, "valves": 1, "data": 1,
     }  # fmt: skip
+    assert by_section(notices[1:2], campaign, ("data",)) == {"data": [coulomb]}
     assert found["surfaces"][0] == pressure.replace(str(log.path), log.path.name)
     section = Section("friction", "Friction", (), (Lines(("said",)),))
     assert with_notices(section, ["said"]) is section
@@ -675,8 +678,42 @@ def test_what_to_do_next_is_what_advise_predicts(made: Made) -> None:
     assert next_line(made.bundle, plain, advice).startswith(
         "Run motion-motor: sine 1 Hz, 5 s: standard"
     )
+    better = {"test": "motion-pwm: duties about 0.2, 10 s", "gain": 0.1, "motion_gain": 0.3,
+              "std_after": {}}  # fmt: skip
+    both = {**advice, "tests": [{**advice["tests"][0], "motion_gain": 0.05}, better]}
+    # Not the test that makes numbers certain which hardly move the motion.
+    assert next_line(made.bundle, plain, both).startswith("Run motion-pwm: duties about 0.2")
     assert "distinguish" not in next_line(made.bundle, plain, None)
     assert "two known pressures" in next_line(made.bundle, DIAGNOSIS, advice)
+
+
+def test_the_next_step_is_weighed_by_what_it_does_to_the_motion() -> None:
+    from sysid.pipeline.pages.next_steps import next_line
+
+    bundle = read_bundle(golden_bundle("diagnosed"))
+    assert bundle.friction is not None
+    wide = Estimate(0.003, 0.001, "Nm", (0.001, 0.005))
+    bundle = bundle.replaced(friction=bundle.friction.replaced(offset_nm=wide))
+    assert next_line(bundle, None).startswith("friction.offset_nm (95 % interval of")
+    moves = {"friction.viscous_nm_s_per_rad": 0.004, "friction.coulomb_nm": 0.001}
+    line = next_line(bundle, None, None, lambda: moves, 0.006)
+    assert line.startswith("friction.viscous_nm_s_per_rad: its standard error moves")
+    assert "4.0 mrad (held-out RMSE 6.0 mrad)" in line
+    assert "No number is too uncertain" in next_line(bundle, None, None, lambda: moves, 0.06)
+    section = next_section(bundle, None, "campaign.toml", None, lambda: moves)
+    assert section is not None
+    (lacking,) = (b for b in section.blocks if isinstance(b, Table))
+    said = {row[0]: row[1] for row in lacking.rows}
+    assert "the simulated model has no such term" in str(said["friction.offset_nm"])
+
+
+def test_messages_have_a_page_s_signs() -> None:
+    from sysid.blocks.html import typeset
+
+    line = "filling -5.53e+03 Pa (an offset of -0.0029 Nm); --law iso6358, 2026-11-27, run-2 1e3x"
+    assert typeset(line) == line.replace("-5.53e+03", "\N{MINUS SIGN}5530").replace(
+        "of -", "of \N{MINUS SIGN}"
+    )
 
 
 def test_unidentified_parameters_are_named(made: Made) -> None:
@@ -866,8 +903,11 @@ class Watched:
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("dialog", self._asked)
         self.page.goto(path.as_uri())
-        # A phone folds the sections.
-        unfold = "for (const part of document.querySelectorAll('details.part')) part.open = true"
+        # A phone folds the sections, and every page all plots but the first.
+        unfold = (
+            "for (const part of document.querySelectorAll('details.part, details:has(.plot)'))"
+            " part.open = true"
+        )
         self.page.evaluate(unfold)
 
     def _said(self, message: Any) -> None:

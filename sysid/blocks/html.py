@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sysid import __version__
+from sysid.blocks.numbers import MINUS, number
 from sysid.blocks.sections import Block
 from sysid.blocks.standing import drawn
 from sysid.errors import escaped
@@ -72,6 +73,20 @@ def _readable(value: Any) -> Any:
     return escaped(value, keep="\n\t") if isinstance(value, str) else value
 
 
+# A number as messages have it: with a power of ten, or below zero after a space or a bracket.
+_ASCII = re.compile(r"(?<![\w.+-])-?\d+(?:\.\d+)?e[+-]\d+\b|(?<=[\s(])-(?=\d)")
+
+
+def typeset(line: str) -> str:
+    """A message with the minus and multiplication signs that a page has."""
+    return _ASCII.sub(lambda m: MINUS if m[0] == "-" else _power_of_ten(m[0]), line)
+
+
+def _power_of_ten(text: str) -> str:
+    mantissa = text.lstrip("-").partition("e")[0]
+    return number(float(text), len(mantissa.replace(".", "")))
+
+
 def moment(time: datetime.datetime) -> str:
     """A time to the minute, UTC."""
     return time.astimezone(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
@@ -90,7 +105,7 @@ def _environment(folder: Path | None = None) -> Any:
     loaders: list[jinja2.BaseLoader] = [jinja2.FunctionLoader(_source)]
     if folder is not None:
         loaders.append(jinja2.FileSystemLoader(folder))
-    return jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader(loaders),
         autoescape=True,
         trim_blocks=True,
@@ -98,10 +113,12 @@ def _environment(folder: Path | None = None) -> Any:
         undefined=jinja2.StrictUndefined,
         finalize=lambda value: value if isinstance(value, Markup) else _readable(value),
     )
+    environment.filters["typeset"] = typeset
+    return environment
 
 
 def _source(name: str) -> str | None:
     return template_text(name) if (_TEMPLATES / name).is_file() else None
 
 
-__all__ = ["block_html", "fill", "moment", "origin_of", "origin_text", "template_text"]
+__all__ = ["block_html", "fill", "moment", "origin_of", "origin_text", "template_text", "typeset"]

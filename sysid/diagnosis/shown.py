@@ -39,9 +39,9 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
     if content["residual"]:
         blocks += [tables.errors_table(content), _errors(content)]
     blocks += _residuals(content, is_linear)
-    blocks += _remainder(content)
-    blocks += _tried(content)
     blocks += _remaining(content, is_linear)
+    blocks += _remainder(content, is_linear)
+    blocks += _tried(content)
     if content["notices"]:
         blocks.append(Lines(tuple(content["notices"]), "Notices of the diagnosis"))
     refined = (
@@ -160,8 +160,6 @@ def _residuals(content: Content, is_linear: bool) -> list[Block]:
     if further:
         group = FigureGroup("The next strongest regressors.", tuple(further))
         blocks.append(Fold("Over further regressors", (group,)))
-    if "excess" in content["figures"]:
-        blocks.append(_excess_table(content, is_linear))
     return blocks
 
 
@@ -181,17 +179,21 @@ def _excess_table(content: Content, is_linear: bool) -> Table:
     return table("Whitened sum of squares in excess of the twins'", columns, rows)
 
 
-def _remainder(content: Content) -> list[Block]:
+def _remainder(content: Content, is_linear: bool) -> list[Block]:
     """What the remaining residuals consist of."""
+    blocks: list[Block] = []
+    if "excess" in content["figures"]:
+        blocks.append(_excess_table(content, is_linear))
     rests = content.get("remainder")
     if not rests:
-        return []
+        return [Fold("Sums of squares before and after", tuple(blocks))] if blocks else []
     over = list(dict.fromkeys(regressor_name(n) for rest in rests for n in rest["regressors"]))
     note = (
         "What repeats is what other tests predict over everything that was logged "
         f"({joined(over)}); the rest above the noise differs from test to test."
     )
-    return [tables.remainder_table(content), Lines((note,))]
+    blocks += [tables.remainder_table(content), Lines((note,))]
+    return [Fold("What the residuals consist of, before and after", tuple(blocks))]
 
 
 def _tried(content: Content) -> list[Block]:
@@ -200,7 +202,7 @@ def _tried(content: Content) -> list[Block]:
     shown = [(i, look) for i, look in enumerate(looks, start=1) if look["suspects"]]
     if not shown:
         return []
-    blocks: list[Block] = [Heading("diagnosis-tried", "What was tried")]
+    blocks: list[Block] = []
     if is_of_actuator(content):
         caption = (
             "Improvement by each suspect in each round, on a logarithmic axis. Circles: on twins, "
@@ -212,7 +214,7 @@ def _tried(content: Content) -> list[Block]:
         blocks.append(FigureGroup(caption, drawn))
     every = [(place, suspect) for place, look in shown for suspect in look["suspects"]]
     details = tables.suspects_table(content, "Every suspect", every)
-    return [*blocks, Fold("Every suspect and its outcome", (details,))]
+    return [Fold("What was tried: every suspect and its outcome", (*blocks, details))]
 
 
 def _remaining(content: Content, is_linear: bool) -> list[Block]:

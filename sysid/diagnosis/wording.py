@@ -118,6 +118,7 @@ def _gained(content: Content) -> str:
     return f"errors on held-out tests: {joined(said)}"
 
 
+_LEAST_SHOWN = 1e-3
 # Before over after: below it, an error has grown by a tenth.
 _GROWN = 1.0 / 1.1
 _NO_STRUCTURE = {
@@ -141,7 +142,7 @@ def _remaining(content: Content) -> Iterator[str]:
         share = entry["share"]
         if share is None:
             continue
-        part = f"{number(100.0 * share, 2)} %"
+        part = f"{number(100.0 * share, 2)} %" if share >= _LEAST_SHOWN else "less than 0.1 %"
         yield said.format(balance_of(entry["channel"]), regressor_name(entry["regressor"]), part)
 
 

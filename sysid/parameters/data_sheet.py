@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from sysid.errors import Notice
 from sysid.estimation.linear import Estimate
 from sysid.io.rig import Rig
 from sysid.io.rig_sections import ValveSheet
@@ -44,10 +45,11 @@ def with_data_sheets(
             continue
         own = FittedValves(**{side: valve.replaced(discrete=law)})
         valves = own if valves is None else valves.replaced(**{side: own.side(side)})
-        notices.append(
+        line = (
             f"valve {side.upper()}: {', '.join(taken)} are the data sheet's in {rig.source} "
             f"([valve_{side}]): no test identifies them"
         )
+        notices.append(Notice(line, f"valves.{side}.discrete"))
     return valves, tuple(notices)
 
 

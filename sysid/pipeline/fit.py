@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, ClassVar
 from sysid.blocks.progress import progress_or_shown
 from sysid.checks.consistency.campaign import check_consistency
 from sysid.components.loading import component_in
-from sysid.errors import Failure, InputError, NotIdentifiedError, error_of, on_its_own
+from sysid.errors import (
+    Failure,
+    InputError,
+    Notice,
+    NotIdentifiedError,
+    about,
+    error_of,
+    on_its_own,
+)
 from sysid.friction import fit_friction
 from sysid.identification.friction.result import FrictionResult
 from sysid.io.campaign import (
@@ -40,6 +48,7 @@ if TYPE_CHECKING:
     from sysid.diagnosis.bench.fitting import FittedLaw
 
 _LOGGER = logging.getLogger("sysid")
+_OF = "friction"  # what the notices on friction are about
 
 
 @dataclass
@@ -60,8 +69,8 @@ class _Assembly:
         trials: list[Trial] = []
         for entry in entries:
             log = self.campaign.read(entry)
-            self.contradictions += log.contradictions
-            self.notices += log.notices
+            self.contradictions += about(entry.kind, log.contradictions)
+            self.notices += about(entry.kind, log.notices)
             trials += log.trials
         return trials
 
@@ -70,13 +79,13 @@ class _Assembly:
         self.progress(name)
         result = on_its_own(fit)
         if isinstance(result, Failure):
-            self.lack(result)
+            self.lack(result, name)
         else:
             self.merge(result)
 
-    def lack(self, why: Failure) -> None:
-        """Note why a part is missing."""
-        self.notices.append(why.reason)
+    def lack(self, why: Failure, subject: str) -> None:
+        """Note why a part is missing; its `subject` is the kind of its tests."""
+        self.notices.append(Notice(why.reason, subject))
         self.failures.append(why)
 
     def merge(self, result: PartResult) -> None:
@@ -217,7 +226,9 @@ def _add_friction(assembly: _Assembly, load: str | None) -> None:
     if own is not None:
         # A cause other than friction is for the diagnosis to name, not a reason to stop.
         assembly.notices += [
-            f"friction tests: {line}: kept for `sysid diagnose`, not to be used as it is"
+            Notice(
+                f"friction tests: {line}: kept for `sysid diagnose`, not to be used as it is", _OF
+            )
             for line in own.impossible
         ]
     if own is not None and own.has_sliding:
@@ -233,15 +244,16 @@ def _add_friction(assembly: _Assembly, load: str | None) -> None:
         assembly.motion_for_friction = True
         assembly.merge(found)
         reason = "" if why is None else why.reason
-        assembly.notices.append(
-            "friction is taken from the motion logs, since "
-            + (f"the friction tests do not identify it: {reason}" if tests else "no test is for it")
+        why_so = (
+            f"the friction tests do not identify it: {reason}" if tests else "no test is for it"
         )
+        line = f"friction is taken from the motion logs, since {why_so}"
+        assembly.notices.append(Notice(line, _OF))
     elif own is not None:
         assembly.merge(own)
     else:
         for lacking in dict.fromkeys(filter(None, (why, why_moving))):
-            assembly.lack(lacking)
+            assembly.lack(lacking, _OF)
 
 
 def _labelled(assembly: _Assembly, entries: Sequence[CampaignLog]) -> list[tuple[Trial, str]]:
@@ -322,9 +334,10 @@ def _add_valves(assembly: _Assembly, options: FitOptions) -> None:
         return
     assembly.progress("; ".join(job.name for job in jobs))
     # The on/off laws come first in a bundle.
-    for found in reversed(attempt_all(job.fit for job in jobs)):
+    fitted = zip(jobs, attempt_all(job.fit for job in jobs), strict=True)
+    for job, found in reversed(list(fitted)):
         if isinstance(found, Failure):
-            assembly.lack(found)
+            assembly.lack(found, job.kind)
         else:
             assembly.merge(found)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sysid.errors import SysidError, input_error
+from sysid.errors import Notice, SysidError, input_error
 from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import FRICTION_POINTS, Campaign, CampaignLog
 from sysid.io.channels import CHAMBER_PRESSURES
@@ -177,7 +177,8 @@ class _Given:
 
     def said(self, line: str) -> str:
         """A line about the rig, which may have no rig file."""
-        return self.rig.said(line)
+        said = self.rig.said(line)
+        return Notice(said, line.subject) if isinstance(line, Notice) else said
 
     @contextlib.contextmanager
     def errors(self) -> Iterator[None]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from sysid.errors import NotIdentifiedError
+from sysid.errors import NotIdentifiedError, about
 from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
@@ -131,7 +131,7 @@ def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig, law: str = "auto") -
     short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
     part = fitted.component.part(fitted.base_estimates(), judged)
     said = [f"{kind}: {choice.why}"] if choice.why else []
-    return FittedPart(part, notices=(*component.left_out, *said, *short))
+    return FittedPart(part, notices=tuple(about(kind, (*component.left_out, *said, *short))))
 
 
 @dataclass(frozen=True)

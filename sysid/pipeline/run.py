@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sysid import __version__
 from sysid.checks.log_check import LogCheck
 from sysid.components.loading import component_in
-from sysid.errors import Failure, InputError, on_its_own, unless_failed
+from sysid.errors import Failure, InputError, Notice, on_its_own, subject_of, unless_failed
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, remove_leftovers, write_atomic
 from sysid.io.foreign import digest_of
@@ -58,7 +58,7 @@ _NOT_DONE_YET = "not done yet"
 _CUT_SHORT, _BY_COUNT = "cut_short_after_s", "cut_short_by_count"
 # In a stage's record: that only a quick diagnosis was requested.
 _QUICK = "quick"
-_NOTICES, _UNASKED = "notices", "unasked"
+_NOTICES, _SUBJECTS, _UNASKED = "notices", "subjects", "unasked"
 Result = TypeVar("Result")
 
 EXPORTS = {"c": "export/model.h", "mat": "export/model.mat", "json": "export/model.json"}
@@ -146,8 +146,9 @@ class PipelineRun:
 
     def notices_of(self, stage: str) -> list[str]:
         """The notices of a stage that was done, in this call or an earlier one."""
-        found: list[str] = _read_state(self.folder).get(stage, {}).get(_NOTICES, [])
-        return found
+        record = _read_state(self.folder).get(stage, {})
+        said = record.get(_NOTICES, [])
+        return list(map(Notice, said, record.get(_SUBJECTS, [""] * len(said))))
 
 
 def digests(campaign: Campaign) -> dict[str, str]:
@@ -243,6 +244,7 @@ def perform(run: PipelineRun, stage: Stage) -> StageReport:
         "outputs": {name: _digest_if_made(run.path(name)) for name in stage.outputs},
         "seconds": round(seconds, 3),
         _NOTICES: run.notices[said:],
+        _SUBJECTS: list(map(subject_of, run.notices[said:])),
         _UNASKED: run.unasked[unasked:],
     }
     quick = stage.has_quick and run.options.quick

@@ -35,6 +35,7 @@ from sysid.refinement.options import (
     Option,
     bench_options,
     information,
+    motion_information,
     noise_of,
     problem_of,
     runs_of_tests,
@@ -136,7 +137,8 @@ def advise(
     options += bench_options(problem, setting)
     p = len(unknowns)
     options.sort(key=lambda o: -_reduction(now, o, p))
-    candidates = tuple(_candidate(now, o, unknowns, tests.motions) for o in options)
+    shown = motion_information(problem, now, options)
+    candidates = tuple(_candidate(now, o, unknowns, tests.motions, shown) for o in options)
     best = [i for i, o in enumerate(options) if o.motion is not None][:3]
     sought = known.values() if sizes else ()
     found, skipped = effect_sizes(
@@ -214,11 +216,27 @@ def _candidate(
     option: Option,
     unknowns: Sequence[Unknown],
     motions: Sequence[CandidateMotion],
+    shown: FloatArray,
 ) -> CandidateTest:
     std = _std(now + option.information, unknowns)
     gain = _reduction(now, option, len(unknowns))
     motion = None if option.motion is None else motions[option.motion]
-    return CandidateTest(option.kind, option.text, option.duration, std, gain, motion)
+    moved = _motion_gain(now, option, shown, len(unknowns))
+    return CandidateTest(option.kind, option.text, option.duration, std, gain, motion, moved)
+
+
+def _motion_gain(now: FloatArray, option: Option, shown: FloatArray, count: int) -> float | None:
+    """Log of how much less the parameters' errors move what motion tests show, after a test.
+
+    Their information `shown` (k, k) weighs the covariance: its trace is the sum of squares by which
+    the simulation is off, in units of the noise.
+    """
+    p = slice(count)
+    moved = [
+        float(np.sum(shown[p, p] * covariance(found[p, p])))
+        for found in (now, now + option.information)
+    ]
+    return 0.5 * math.log(moved[0] / moved[1]) if min(moved) > 0.0 else None
 
 
 # --- ties ------------------------------------------------------------------------------

@@ -21,7 +21,9 @@ class CandidateTest:
     """A test that could be run: its log kind, what it is, `duration` s in all.
 
     `std` (p,) expected standard errors after it, in the parameters' units; `gain` the mean over
-    the parameters of log(standard error now / after). `motion` are the commands of a motion test.
+    the parameters of log(standard error now / after), `motion_gain` the log of how much less the
+    parameters' errors then move the simulation of motion tests (RMS, in the sensors' noise), None
+    without motion tests. `motion` are the commands of a motion test.
     """
 
     kind: str
@@ -30,6 +32,7 @@ class CandidateTest:
     std: FloatArray
     gain: float
     motion: CandidateMotion | None = None
+    motion_gain: float | None = None
 
     @property
     def name(self) -> str:
@@ -211,6 +214,7 @@ class AdviceResult(Shown):
                     "test": c.name,
                     "duration_s": c.duration,
                     "gain": c.gain,
+                    "motion_gain": c.motion_gain,
                     "std_after": {
                         p.name: finite_or_none(float(s))
                         for p, s in zip(self.parameters, c.std, strict=True)

@@ -196,6 +196,16 @@ def information(
     return now, options
 
 
+def motion_information(
+    problem: ProbedProblem, now: FloatArray, options: Sequence[Option]
+) -> FloatArray:
+    """Information (k, k) of all motion tests, those of the campaign and those that could be run."""
+    found = now - prior_information(problem, len(now))
+    for option in options:
+        found = found + (option.information if option.motion is not None else 0.0)
+    return found
+
+
 def bench_options(problem: ProbedProblem, setting: AdviceSetting) -> list[Option]:
     """Logs of bench tests that could be made."""
     found = bench_candidates(problem, setting.rig, setting.noise, setting.has_motor)

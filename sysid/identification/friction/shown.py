@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.blocks.figures import Band, Figure, Intervals, Line, Mark, Panel, Points, Role, Scale
 from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, unit
-from sysid.blocks.sections import Block, FigureGroup, Lines, Notes, Section
+from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Notes, Section
 from sysid.blocks.tables import TableColumn, estimate_table, table
 from sysid.estimation.linear import Estimate
 from sysid.identification.friction.cross_check import disagreement
@@ -32,7 +32,7 @@ def friction_section(bundle: Bundle) -> Section:
     blocks += _combinations(friction)
     if (check := parts.get("friction.cross_check")) is not None:
         caption = "Cross-check: the same parameters from general motion"
-        blocks.append(check.shown(caption))
+        blocks.append(Fold(caption, (check.shown(caption),)))
         # Of a refined or extended bundle the numbers are no longer those of the tests alone.
         blocks += [] if bundle.refinement or bundle.effects else _disagreements(friction)
     figures = (speed_figure(friction), breakaway_figure(friction))
@@ -84,7 +84,8 @@ def _position_table(friction: Friction, units: MotionUnits) -> list[Block]:
         return []
     effort_unit = unit(units.effort)
     columns = (f"Position ({units.position})", "Tests", "Mean", "Std. error", "95 % interval")
-    return [table(f"Static friction by position ({effort_unit})", columns, rows)]
+    caption = f"Static friction by position ({effort_unit})"
+    return [Fold(caption, (table(caption, columns, rows),))]
 
 
 def _excluded(friction: Friction) -> list[Block]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -143,9 +143,11 @@ def surfaces_section(
     parts = _parts(valves, logs, rig)
     if not parts:
         return None
-    blocks: list[Block] = [_comparison(parts), *_laws(parts)]
+    blocks = _compared(parts)
     for part in parts:
-        blocks += _part_blocks(part)
+        blocks += _part_blocks(part, is_first=part is parts[0])
+    laws = tuple(_laws(parts))
+    blocks += [Fold("Numbers of the averaged law", laws)] if laws else []
     intro = (
         "Mean mass flow of a pulsed valve over duty and chamber pressure, from constant-duty "
         "tests with the piston held. Errors are in duty, the quantity that a controller needs: in "
@@ -249,6 +251,16 @@ def _held_law(
 # --- tables ----------------------------------------------------------------------------
 
 
+def _compared(parts: Sequence[_Measured]) -> list[Block]:
+    """What is recommended, and next to it folded what is not; everything where nothing is."""
+    every = _comparison(parts)
+    best = [row for row in every.rows if row[-1]]
+    if not best or len(best) == len(every.rows):
+        return [every]
+    rest = "Surfaces compared, those that are not recommended among them"
+    return [replace(every, rows=tuple(best)), Fold(rest, (every,))]
+
+
 def _comparison(parts: Sequence[_Measured]) -> Table:
     """Errors of every surface in duty: tables 3.7.2 to 3.7.4 of the thesis for these data."""
     rows = []
@@ -289,9 +301,9 @@ def _points(duty: float | None) -> float | None:
     return None if duty is None else 100.0 * duty
 
 
-def _part_blocks(part: _Measured) -> list[Block]:
-    blocks: list[Block] = [Heading(f"surface-{part.tag}", part.title), *_figure_blocks(part)]
-    folded: list[Block] = []
+def _part_blocks(part: _Measured, *, is_first: bool) -> list[Block]:
+    drawn, folded = _figure_blocks(part, is_first)
+    blocks: list[Block] = [Heading(f"surface-{part.tag}", part.title), *drawn]
     if "bipolynomial" in part.surfaces:
         folded.append(_coefficients(part))
     if "ann" in part.surfaces:
@@ -304,13 +316,16 @@ def _part_blocks(part: _Measured) -> list[Block]:
         # Where neither is recommended it is of use only to who wants one nevertheless.
         (folded if part.best == AVERAGED else blocks).append(said)
     if folded:
-        blocks.append(Fold(f"{part.title}: coefficients and weights", tuple(folded)))
+        rivals = [_NAMES[kind].lower() for kind in part.surfaces if kind != part.best]
+        more = f"{' and '.join(rivals)}, not recommended; " if rivals else ""
+        blocks.append(Fold(f"{part.title}: {more}coefficients and weights", tuple(folded)))
     return blocks
 
 
-def _figure_blocks(part: _Measured) -> list[Block]:
-    """The figures, those of laws that are not recommended folded."""
+def _figure_blocks(part: _Measured, is_first: bool) -> tuple[list[Block], list[Block]]:
+    """The figures, and those of laws that are not recommended; the first caption says all."""
     blocks: list[Block] = []
+    folded: list[Block] = []
     figures, others = _figures(part)
     which = "the fitted laws" if part.best is None else f"the {_NAMES[part.best].lower()}"
     if figures:
@@ -318,14 +333,14 @@ def _figure_blocks(part: _Measured) -> list[Block]:
             f"{part.title}: flow over pressure at a few duties (dots: measured, the number is the "
             f"duty), flow by {which}, and the duty that it gives for a flow less the true one. "
             "Grey: not visited, or outside the domain."
+            if is_first
+            else f"{part.title}: as above, by {which}."
         )
         blocks.append(FigureGroup(caption, tuple(figures)))
     if others:
-        names = " and ".join(_NAMES[kind].lower() for kind in part.surfaces if kind != part.best)
         caption = f"{part.title}: the same of what is not recommended, and the measured flow."
-        group = FigureGroup(caption, tuple(others))
-        blocks.append(Fold(f"{part.title}: {names}, not recommended", (group,)))
-    return blocks
+        folded.append(FigureGroup(caption, tuple(others)))
+    return blocks, folded
 
 
 def _coefficients(part: _Measured) -> Table:

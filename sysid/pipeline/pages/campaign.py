@@ -6,7 +6,7 @@ import datetime
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,9 @@ from sysid.pipeline.pages.concerns import advised_against
 from sysid.pipeline.pages.held_out import first_picture
 from sysid.pipeline.pages.next_steps import next_line
 from sysid.pipeline.pages.notices import by_section, excluded_lines, with_notices
-from sysid.pipeline.pages.opening import ReportVerdict, verdict
+from sysid.pipeline.pages.opening import ReportVerdict, position_rmse, verdict
+from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.linear import for_rig
 from sysid.types import Progress
 
 if TYPE_CHECKING:
@@ -89,12 +91,15 @@ def render_report(
     from sysid.blocks import svg
 
     with svg.styled():
-        parts = report_parts(campaign, bundle, validation, diagnosis, advice)
-        said = by_section(notices, campaign)
-        sections, left_out = _sections(campaign, bundle, checks, parts, said, tell)
+        moves = cache(partial(_moves, campaign, bundle, validation))
+        parts = report_parts(campaign, bundle, validation, diagnosis, advice, moves)
+        sections, left_out = _sections(campaign, bundle, checks, parts, tell)
+    said = by_section(notices, campaign, {section.id for section in sections})
+    sections = [with_notices(section, said.get(section.id, ())) for section in sections]
     tell("assembling the page")
     judged = _judged(bundle, validation, diagnosis)
-    following = on_its_own(partial(next_line, bundle, diagnosis, advice))
+    off = position_rmse(validation)
+    following = on_its_own(partial(next_line, bundle, diagnosis, advice, moves, off))
     judged = replace(
         judged,
         notes=(*_other_rig(campaign, bundle), *judged.notes, *excluded_lines(campaign)),
@@ -113,6 +118,18 @@ def _judged(
     if not isinstance(judged, Failure):
         return judged
     return ReportVerdict("none", f"No verdict could be reached: {judged.reason}.", None)
+
+
+def _moves(
+    campaign: Campaign, bundle: Bundle, validation: ValidationResult | None
+) -> Mapping[str, float]:
+    """What the errors of the numbers do to the simulated position; empty where it is not known."""
+    from sysid.refinement.motion_errors import position_errors
+
+    if validation is None:
+        return {}
+    found = on_its_own(partial(position_errors, campaign, bundle))
+    return {} if isinstance(found, Failure) else found
 
 
 def _check_units(campaign: Campaign, bundle: Bundle) -> None:
@@ -143,7 +160,6 @@ def _sections(
     bundle: Bundle,
     checks: Sequence[LogCheck],
     parts: Sequence[ReportPart],
-    notices: Mapping[str, Sequence[str]],
     tell: Progress,
 ) -> tuple[list[Section], list[str]]:
     """The sections with content, and a line for each that is omitted."""
@@ -164,7 +180,7 @@ def _sections(
         section = section_or_why(id, title, partial(_written, build))
         if section is not None:
             tell(f"drawn: {title}")
-            sections.append(with_notices(section, notices.get(id, ())))
+            sections.append(section)
         elif lacks:
             left_out.append(f"{title}: {lacks}.")
     return sections, left_out
@@ -185,6 +201,7 @@ def report_parts(
     validation: ValidationResult | None = None,
     diagnosis: Mapping[str, Any] | None = None,
     advice: Mapping[str, Any] | None = None,
+    moved_by: Callable[[], Mapping[str, float]] = dict,
 ) -> list[ReportPart]:
     """Each section's id, title, the line if it is missing ("": none), and its builder."""
     from sysid.pipeline.pages.next_steps import open_questions
@@ -236,7 +253,7 @@ def report_parts(
     def next_steps() -> Section | None:
         from sysid.pipeline.pages.next_steps import next_section
 
-        return next_section(bundle, diagnosis, campaign.path.name, advice)
+        return next_section(bundle, diagnosis, campaign.path.name, advice, moved_by)
 
     def own() -> Section | None:
         from sysid.validation.shown_own import own_section
@@ -323,6 +340,7 @@ def _fill(
         campaign=campaign.path.name,
         orientation="tank" if rig.is_tank_alone else f"{rig.orientation}, {rig.motion}",
         fitted=_moment(bundle.created),
+        model=_holds(bundle),
         verdict=judged,
         picture=None if picture is None else drawn((picture,))[0],
         assumed=_assumed(bundle),
@@ -336,6 +354,22 @@ def _fill(
         script=Markup(template_text("report.js")),
         bokeh=Markup(bokeh_script()) if plots else "",
     )
+
+
+def _holds(bundle: Bundle) -> str:
+    """What the model is made of, and from how many logs it was fitted."""
+    sides = {} if bundle.valves is None else bundle.valves.sides()
+    known = for_rig(catalogue(), bundle.is_linear)
+    parts = [
+        *(["friction"] if bundle.friction is not None else []),
+        *(f"valve {s.upper()} on/off" for s, v in sides.items() if v.discrete is not None),
+        *(f"valve {s.upper()} under PWM" for s, v in sides.items() if v.pwm is not None),
+        *([] if bundle.component is None else [bundle.component.name]),
+        *(known[e.id].title.lower() if e.id in known else e.id for e in bundle.effects),
+    ]
+    logs = bundle.provenance.logs
+    training = sum(log.use != "holdout" for log in logs)
+    return f"{', '.join(parts) or 'none'}; from {training} logs, {len(logs) - training} held out"
 
 
 def _assumed(bundle: Bundle) -> Table | None:

@@ -52,7 +52,13 @@ def validation_section(
     tests = tests_of(validation)
     shown = tests_to_show(tests)
     blocks = [*_tables(validation, recommended), _growth(validation, recommended)]
-    blocks += [_plot(i, test.under(recommended), trace) for i, test in enumerate(shown)]
+    worst = [test for test in shown if test.source == trace.get("source")] or shown[:1]
+    shown = [*worst, *(test for test in shown if test not in worst)]
+    plots = [_plot(i, test.under(recommended), trace) for i, test in enumerate(shown)]
+    blocks += plots[:1]
+    if plots[1:]:
+        names = "; ".join(test.source for test in shown[1:])
+        blocks.append(Fold(f"{len(plots) - 1} further tests drawn: {names}", tuple(plots[1:])))
     blocks += _folded(validation, recommended, others)
     if validation.notices:
         blocks.append(Lines(tuple(dict.fromkeys(validation.notices)), "Notices"))

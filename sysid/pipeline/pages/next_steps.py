@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
+from sysid.blocks.channels import channel_of
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, Lines, Section
-from sysid.blocks.tables import Table, table
+from sysid.blocks.tables import table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.tables import named
 from sysid.diagnosis.wording import advice_on_rest
@@ -21,18 +22,26 @@ from sysid.plant.effects.entry import Quantity
 from sysid.plant.effects.linear import for_rig
 
 Content = Mapping[str, Any]
+Moves = Callable[[], Mapping[str, float]]
+"""By how much each fitted number's standard error moves the simulated position, rad or m RMS."""
 
 # Half-width of a 95 % interval, as a share of the value, from which another test is worthwhile.
 _WIDE = 0.25
+# Share of the held-out squares from which a number's error is worth a test.
+_MATTERS = 0.1
 
 
 def next_section(
-    bundle: Bundle, diagnosis: Content | None, campaign: str, advice: Content | None = None
+    bundle: Bundle,
+    diagnosis: Content | None,
+    campaign: str,
+    advice: Content | None = None,
+    moves: Moves = dict,
 ) -> Section | None:
-    """The section on next steps, from what was found: nothing is simulated here.
+    """The section on next steps, from what was found.
 
-    `campaign` is its file's name, `advice` what `sysid advise --json` prints. None without next
-    steps.
+    `campaign` is its file's name, `advice` what `sysid advise --json` prints, `moves` is asked
+    where parameters have to be ordered. None without next steps.
     """
     found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
     blocks: list[Block] = []
@@ -41,7 +50,7 @@ def next_section(
         said = advice_on_rest(found)
         blocks += [Lines(said)] if said else []
     if not bundle.rig.is_tank_alone:  # no other test of a tank gives what its discharge does not
-        blocks += _lacking(bundle)
+        blocks += _lacking(bundle, moves)
     if advice is not None:
         blocks += _advised(advice)
     is_advised = is_of_actuator(found) and bundle.friction is not None and bundle.valves is not None
@@ -66,10 +75,18 @@ def next_section(
     return Section("next", "What to do next", tuple(intro), tuple(blocks))
 
 
-def next_line(bundle: Bundle, diagnosis: Content | None, advice: Content | None = None) -> str:
-    """The most useful next step in a line; empty where none is known.
+def next_line(
+    bundle: Bundle,
+    diagnosis: Content | None,
+    advice: Content | None = None,
+    moves: Moves = dict,
+    rmse: float | None = None,
+) -> str:
+    """The step that most improves the model in a line; empty where none is known.
 
-    Which effect it is comes first, then the test that adds most, then what lacks information.
+    Which effect it is comes first, then the test that adds most, then what is not identified, then
+    the number whose error moves the simulated position most (`moves`), if that is not little
+    against the held-out `rmse` of the position, rad or m.
     """
     found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
     for effect in [] if found is None else found["effects"]:
@@ -78,15 +95,50 @@ def next_line(bundle: Bundle, diagnosis: Content | None, advice: Content | None 
     said = () if found is None else advice_on_rest(found)
     if said:
         return said[0]
-    for test in [] if advice is None else advice["tests"][:1]:
-        return f"Run {test['test']}: standard errors {_smaller(test)} % smaller on average."
+    if advice is not None and advice["tests"]:
+        return _best_test(advice["tests"])
     if bundle.rig.is_tank_alone:
         return ""
-    for block in _lacking(bundle):
-        if isinstance(block, Table):
-            name, lacks, helps = (str(cell) for cell in block.rows[0])
-            return f"{name} ({lacks}): {helps}."
-    return "" if found is None else "No question is open."
+    for name, lacks, helps in (*_missing(bundle), *(() if moves() else _wide(bundle))):
+        return f"{name} ({lacks}): {helps}."
+    return _most_moved(bundle, moves(), rmse) or ("" if found is None else "No question is open.")
+
+
+def _best_test(tests: Sequence[Content]) -> str:
+    """The test that lowers the error of simulated motion most, not that of all numbers alike."""
+    best = max(tests, key=lambda test: test.get("motion_gain") or 0.0)
+    if not best.get("motion_gain"):
+        best = tests[0]
+        return f"Run {best['test']}: standard errors {_smaller(best)} % smaller on average."
+    less = 100.0 * (1.0 - math.exp(-best["motion_gain"]))
+    return f"Run {best['test']}: the parameters' errors move the simulation {less:.0f} % less."
+
+
+def _most_moved(bundle: Bundle, moves: Mapping[str, float], rmse: float | None) -> str:
+    """The number whose error moves the simulated position most, and whether that matters."""
+    if not moves:
+        return ""
+    name = max(moves, key=moves.__getitem__)
+    by = _shown(bundle, moves[name])
+    moved = f"{name}: its standard error moves the simulated position by {by}"
+    if rmse is None:
+        return f"{moved}: {_MORE}."
+    of_all = f"(held-out RMSE {_shown(bundle, rmse)})"
+    if moves[name] ** 2 >= _MATTERS * rmse**2:
+        return f"{moved} {of_all}: {_MORE}."
+    return (
+        f"No number is too uncertain: no standard error moves the simulated position by more than "
+        f"{by} {of_all}. More tests of these kinds would not lower that error."
+    )
+
+
+_MORE = "more tests like those it was read from"
+
+
+def _shown(bundle: Bundle, position: float) -> str:
+    key = "position_m" if bundle.is_linear else "theta_rad"
+    channel = channel_of(key)
+    return f"{number(channel.residual(position), 2)} {channel.residual_unit}"
 
 
 _MOST_TESTS = 5
@@ -158,8 +210,26 @@ def _sentence(text: str) -> str:
     return text[:1].lower() + text[1:]
 
 
-def _lacking(bundle: Bundle) -> list[Block]:
-    rows = [*_unidentified(bundle), *_only_together(bundle), *_uninformed(bundle), *_wide(bundle)]
+def _missing(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
+    yield from _unidentified(bundle)
+    yield from _only_together(bundle)
+    yield from _uninformed(bundle)
+
+
+def _lacking(bundle: Bundle, moves: Moves) -> list[Block]:
+    """What is not identified, then wide intervals, those first that move the simulation most."""
+    wide = list(_wide(bundle))
+    moved = moves() if wide else {}
+    wide.sort(key=lambda row: -moved.get(row[0], 0.0))
+    rows = [
+        *_missing(bundle),
+        *(
+            (name, f"{lacks}; one standard error moves the position by {by}", helps)
+            if (by := _shown(bundle, moved[name]) if name in moved else "")
+            else (name, f"{lacks}; the simulated model has no such term" if moved else lacks, helps)
+            for name, lacks, helps in wide
+        ),
+    ]
     if not rows:
         return []
     columns = ("Parameter", "What is missing", "What would help")
@@ -208,7 +278,7 @@ def _wide(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
         else:
             wide = f"{number(low, 2)} to {number(high, 2)}"
             wide += f" {estimate.unit}" if estimate.unit not in ("", "-") else ""
-        yield name, f"95 % interval of {wide}", "more tests like those it was read from"
+        yield name, f"95 % interval of {wide}", _MORE
 
 
 def _positive(bundle: Bundle) -> dict[str, float]:

@@ -3,47 +3,54 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 from sysid.blocks.sections import Block, Fold, Lines, Notes, Section
-from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS, Campaign
+from sysid.errors import subject_of
+from sysid.io.campaign import BENCH_KINDS, FRICTION_KINDS, MOTION_KINDS, Campaign
+from sysid.io.channels import SIDES
 
-_OTHERS = "fits"
+_OTHERS = "data"
+# By the kind of a log, and by what a place in a bundle begins with.
 _SECTIONS = {
     **dict.fromkeys(FRICTION_KINDS, "friction"),
     "valve-discrete": "valves",
     "valve-pwm": "surfaces",
     **dict.fromkeys(set(MOTION_KINDS) - set(FRICTION_KINDS), "validation"),
+    **dict.fromkeys(BENCH_KINDS, "part"),
+    "friction": "friction",
+    **{f"valves.{side}.discrete": "valves" for side in SIDES},
+    **{f"valves.{side}.pwm": "surfaces" for side in SIDES},
 }
-# A fit of on/off tests names its valve alone, one under PWM the direction too, or its law.
-_ABOUT = (
-    (re.compile(r"averaged law|PWM|^valve [AB], "), "surfaces"),
-    (re.compile(r"^valve [AB]:|choked|valve"), "valves"),
-    (re.compile(r"friction|coulomb|viscous|static|offset_n"), "friction"),
-)
 _MOST = 4
 
 
-def by_section(notices: Sequence[str], campaign: Campaign) -> dict[str, list[str]]:
+def by_section(
+    notices: Sequence[str], campaign: Campaign, present: Collection[str]
+) -> dict[str, list[str]]:
     """The notices of a campaign's fit by the id of the report's section that they belong to.
 
-    By the log that one names, else by the parameter; files without their folder.
+    By what each is about; those whose section is not among the `present` ones stand with the data.
+    Files without their folder.
     """
     found: dict[str, list[str]] = {}
     for line in dict.fromkeys(notices):
         said = line
         for entry in campaign.logs:
             said = said.replace(str(entry.path), entry.path.name)
-        found.setdefault(_section_of(said, campaign), []).append(said)
+        section = section_of(subject_of(line))
+        found.setdefault(section if section in present else _OTHERS, []).append(said)
     return found
 
 
-def _section_of(line: str, campaign: Campaign) -> str:
-    for entry in campaign.logs:
-        if entry.path.name in line and entry.kind in _SECTIONS:
-            return _SECTIONS[entry.kind]
-    return next((section for about, section in _ABOUT if about.search(line)), _OTHERS)
+def section_of(subject: str) -> str:
+    """The section on a subject: a kind of log, or a place in a bundle or one within it."""
+    while subject not in _SECTIONS:
+        subject, _, within = subject.rpartition(".")
+        if not within:
+            return _OTHERS
+    return _SECTIONS[subject]
 
 
 def excluded_lines(campaign: Campaign) -> Iterator[str]:
@@ -78,4 +85,4 @@ def _said(blocks: Sequence[Block]) -> Iterator[str]:
             yield from _said(block.blocks)
 
 
-__all__ = ["by_section", "excluded_lines", "with_notices"]
+__all__ = ["by_section", "excluded_lines", "section_of", "with_notices"]
