@@ -21,8 +21,8 @@ import numpy as np
 from benchmarks.sweeps import accumulated
 from sysid.io.campaign import MOTION_KINDS, read_campaign
 from sysid.pipeline.fit import fit_campaign
-from sysid.refinement.bands import open_loop_bands
 from sysid.refinement.draws import posterior_draws
+from sysid.refinement.prediction_bands import open_loop_bands
 
 KINDS = ("friction-static", "friction-sliding", "valve-discrete", *MOTION_KINDS)
 

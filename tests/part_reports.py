@@ -14,7 +14,7 @@ from sysid.diagnosis.content import content
 from sysid.io.campaign import read_campaign
 from sysid.pipeline.check import checks_of
 from sysid.pipeline.diagnose import extended_bundle
-from sysid.pipeline.pages.campaign import write_report
+from sysid.pipeline.pages.report import write_report
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.linear import for_rig
 

@@ -22,8 +22,8 @@ from sysid.io.toml_text import toml_text
 from sysid.parameters import Bundle, Parts, read_bundle, write_bundle
 from sysid.parameters.friction import Friction
 from sysid.parameters.valves import FittedValves
-from sysid.refinement.bands import open_loop_bands
 from sysid.refinement.draws import drawn_models, posterior_draws, with_test_scatter
+from sysid.refinement.prediction_bands import open_loop_bands
 
 SEED, SHARE = 5, 0.03
 

@@ -32,7 +32,7 @@ from sysid.io.logs import read_log
 from sysid.io.own_kind import OwnKind, read_own_log
 from sysid.io.rig import read_rig
 from sysid.parameters import read_bundle
-from sysid.pipeline.pages.campaign import render_report
+from sysid.pipeline.pages.report import render_report
 from sysid.plant.trials import inputs_from_trial
 from sysid.recording.motion_tests import prepare, prepare_all
 from sysid.validation import validate

@@ -44,7 +44,7 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Parts, read_bundle
 from sysid.parameters.quality import QualityRecord, qualities_in
 from sysid.pipeline.fit import fit_campaign
-from sysid.pipeline.pages.campaign import render_report
+from sysid.pipeline.pages.report import render_report
 from sysid.types import FloatArray
 from sysid.valve_pwm import fit_valve_pwm
 

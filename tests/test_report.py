@@ -34,10 +34,10 @@ from sysid.parameters.refinement import Refinement
 from sysid.parameters.validation import Validation
 from sysid.parameters.valves import PwmDirections
 from sysid.pipeline.pages import concerns
-from sysid.pipeline.pages.campaign import _json, render_report, write_report
 from sysid.pipeline.pages.interactive import packed
 from sysid.pipeline.pages.next_steps import next_section, open_questions
 from sysid.pipeline.pages.opening import _table, verdict
+from sysid.pipeline.pages.report import _json, render_report, write_report
 from sysid.valve_pwm import ValvePwmFit
 
 REPOSITORY = Path(__file__).resolve().parent.parent

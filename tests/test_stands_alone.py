@@ -40,7 +40,7 @@ from sysid.pipeline import run as stages
 from sysid.pipeline.export import ExportOptions
 from sysid.pipeline.fit import fit_campaign
 from sysid.pipeline.pages import campaign as page
-from sysid.pipeline.pages.campaign import render_report
+from sysid.pipeline.pages.report import render_report
 from sysid.pipeline.report import PageOptions, write_page
 from sysid.pipeline.run import RunReport, run_campaign
 from sysid.surfaces.comparison import SurfaceComparison

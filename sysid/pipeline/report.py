@@ -42,7 +42,7 @@ def report(
 
     >>> si.report("out.html", campaign, bundle, checked)
     """
-    from sysid.pipeline.pages.campaign import write_report
+    from sysid.pipeline.pages.report import write_report
 
     with progress_or_shown(progress, "writing the report") as tell:
         write_report(

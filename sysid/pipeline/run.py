@@ -475,7 +475,7 @@ def _written(
 
 
 def _report(run: PipelineRun) -> None:
-    from sysid.pipeline.pages.campaign import write_report
+    from sysid.pipeline.pages.report import write_report
 
     content = json.loads(run.path(_CHECKS_FILE).read_text("utf-8"))
     path = run.path(REPORT_FILE)

@@ -38,7 +38,7 @@ from sysid.plant.trials import (
     simulated_table,
     starts_on_supply,
 )
-from sysid.refinement.bands import SHARE, MotionBand, open_loop_bands
+from sysid.refinement.prediction_bands import SHARE, MotionBand, open_loop_bands
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from sysid.io.campaign import MOTION_KINDS, SIMULATED_KINDS, Campaign
 from sysid.parameters import Bundle
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
-from sysid.refinement.bands import BandCoverage, band_coverage
+from sysid.refinement.prediction_bands import BandCoverage, band_coverage
 from sysid.validation.results import ValidationResult
 
 

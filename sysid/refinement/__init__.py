@@ -7,6 +7,7 @@ steps in order), `result` and `updating` (the outcome).
 
 `advice` says which test to run next: `candidates`, `bench_candidates` (tests that could be run),
 `options` (them and the campaign as one problem), `expected_errors` (the logs refined),
-`information` (of a test), `probes` and `effect_sizes` (effects at strength zero), `advice_result`.
-`motion_errors` says what the errors of the fitted numbers do to the simulated position.
+`information` (of a test), `probes` and `detectable_effects` (effects at strength zero),
+`advice_result`. `motion_errors` says what the errors of the fitted numbers do to the simulated
+position, `prediction_bands` and `draws` what they do to every channel.
 """

@@ -26,7 +26,7 @@ from sysid.plant.effects.linear import possible_on
 from sysid.recording.motion_tests import MotionTest
 from sysid.refinement.advice_result import AdviceResult, CandidateTest, Tie
 from sysid.refinement.candidates import CandidateMotion, candidate_motions
-from sysid.refinement.effect_sizes import effect_sizes
+from sysid.refinement.detectable_effects import effect_sizes
 from sysid.refinement.estimation import FrictionScatter
 from sysid.refinement.expected_errors import with_expected_errors
 from sysid.refinement.information import covariance

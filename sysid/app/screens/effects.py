@@ -26,7 +26,7 @@ from sysid.parameters import Bundle
 from sysid.pipeline.effects import known_effects
 from sysid.pipeline.explore import ExploredTest, chosen_bundle, explore, motion_tests
 from sysid.pipeline.files import write_bundle
-from sysid.pipeline.pages.campaign import report_parts
+from sysid.pipeline.pages.report import report_parts
 from sysid.pipeline.run import RunOptions, expected_seconds
 
 _LOOKS = "held-out looks"

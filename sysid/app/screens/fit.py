@@ -20,7 +20,7 @@ from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.files import make_folder
 from sysid.io.kinds import FRICTION_KINDS
 from sysid.parameters import Bundle
-from sysid.pipeline.pages.campaign import report_parts
+from sysid.pipeline.pages.report import report_parts
 from sysid.pipeline.run import RunOptions, expected_seconds
 
 PIPELINES: Mapping[str, tuple[str, tuple[str, ...]]] = {
