@@ -28,6 +28,9 @@ CHROMIUM_ARGUMENTS = [
 # The workers of pytest keep the cores busy: processes that a test starts besides would each load
 # the package, and what jax has compiled, again. A test of several processes sets their number.
 os.environ.setdefault("SYSID_JOBS", "1")
+# The generator's compiled loops gain nothing from vectorisers, which take a third of its compiling.
+os.environ.setdefault("NUMBA_SLP_VECTORIZE", "0")
+os.environ.setdefault("NUMBA_LOOP_VECTORIZE", "0")
 
 RIG_TEXT = """\
 [rig]
