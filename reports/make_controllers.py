@@ -23,6 +23,7 @@ from sysid.pipeline.pages.controllers import write_controllers_page
 from sysid.thesis import TABLES, TableRig, ThesisTable, batches, thesis_tables
 from sysid.thesis.figures import figure_runs
 from sysid.thesis.overview import ControllersPage
+from sysid.thesis.studies import flow_study, stabilities
 
 PAGE = Path(__file__).resolve().parent / "controllers.html"
 
@@ -46,7 +47,10 @@ def main() -> None:
     say = functools.partial(print, file=sys.stderr)
     tables, perfect = (_all_tables(chosen, say) for chosen in (rig, ideal))
     runs = figure_runs(rig, say)
-    write_controllers_page(page, ControllersPage(bundle.rig.name, tables, perfect, runs))
+    content = ControllersPage(
+        bundle.rig.name, tables, perfect, runs, stabilities(rig, runs), flow_study(rig, say)
+    )
+    write_controllers_page(page, content)
     say(f"written: {page}")
 
 

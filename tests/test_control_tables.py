@@ -41,6 +41,7 @@ from sysid.thesis import (
 from sysid.thesis.figures import figure_runs, figure_sets
 from sysid.thesis.overview import ControllersPage
 from sysid.thesis.shown import compared
+from sysid.thesis.studies import flow_study, stabilities
 
 APPENDICES = [
     (name, n)
@@ -400,14 +401,16 @@ def test_the_page_holds_every_table_and_figure(
     monkeypatch.setattr(TableRig, "run", lambda self, cases, duration=0.0: [one] * len(cases))
     monkeypatch.setattr(computed, "pressure_rmse", lambda *_: 5e3)
     tables = {name: thesis_table(name, rig) for name in TABLES}
-    content = ControllersPage("thesis rig", tables, tables, figure_runs(rig))
+    runs = figure_runs(rig)
+    studies = stabilities(rig, runs), flow_study(rig)
+    content = ControllersPage("thesis rig", tables, tables, runs, *studies)
     write_controllers_page(tmp_path / "page.html", content)
     page = (tmp_path / "page.html").read_text("utf-8")
     ids = re.findall(r' id="([^"]+)"', page)
     assert len(ids) == len(set(ids))
     # An appendix is one table, of the means of its own.
     own = {name[0] if name[0] in "ABCD" else name.replace(".", "-") for name in TABLES}
-    assert {f"table-{name}" for name in own} <= set(ids)
-    shown = sum(len(part.figures) for part in figure_sets()) + len(("all cells", "5.4"))
+    assert {f"table-{name}" for name in own} | {"stability", "flow"} <= set(ids)
+    shown = sum(len(part.figures) for part in figure_sets()) + len(("all cells", "5.4")) + 8
     assert page.count("<svg ") == shown
     assert not re.search(r'(?:src|href)="(?!#|data:)', page) and "<script" not in page

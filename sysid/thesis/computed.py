@@ -144,16 +144,31 @@ def _errors(
 
 
 def _error(case: Case, run: ClosedLoopRun, quantity: Quantity, reach: float) -> float:
-    """A quantity's error; NaN for a loop that is unstable: it leaves the cylinder's stroke."""
-    if not np.isfinite(run.position).all() or np.max(np.abs(run.position)) > reach:
+    """A quantity's error; NaN for a loop that is unstable."""
+    if math.isnan(position_error(run, reach)):
         return math.nan
     if quantity in ("pressure_a", "pressure_b"):
         return pressure_rmse(case, run, quantity)
     return float(getattr(run.metrics, "rmse" if quantity == "position" else quantity))
 
 
+def position_error(run: ClosedLoopRun, reach: float) -> float:
+    """RMSE, rad; NaN for a loop that is unstable: it leaves the cylinder's stroke."""
+    if not np.isfinite(run.position).all() or np.max(np.abs(run.position)) > reach:
+        return math.nan
+    return run.metrics.rmse
+
+
 def _mean(errors: _Errors, cell: Cell) -> float:
     return float(np.mean([errors[loop, cell.quantity] for loop in cell.loops]))
 
 
-__all__ = ["LOST_RAD", "Agreement", "TableRow", "ThesisTable", "thesis_table", "thesis_tables"]
+__all__ = [
+    "LOST_RAD",
+    "Agreement",
+    "TableRow",
+    "ThesisTable",
+    "position_error",
+    "thesis_table",
+    "thesis_tables",
+]

@@ -12,17 +12,20 @@ from sysid.thesis.figures import FigureSet, Runs, figure_sets
 from sysid.thesis.index import TABLES
 from sysid.thesis.loop_figures import figure_groups, horizon_figure
 from sysid.thesis.shown import agreement_sentence, compared, means, scatter
+from sysid.thesis.studies import FlowStudy, Stabilities, flow_section, stability_section
 
 
 @dataclass(frozen=True)
 class ControllersPage:
     """What the page shows: all of `TABLES` by number, with the rig's sensors and with `perfect`
-    ones, and the runs of the figures; `rig` names the rig."""
+    ones, the runs of the figures, and the studies; `rig` names the rig."""
 
     rig: str
     tables: Mapping[str, ThesisTable]
     perfect: Mapping[str, ThesisTable]
     runs: Runs
+    stabilities: Stabilities
+    flows: FlowStudy
 
 
 @dataclass(frozen=True)
@@ -193,6 +196,8 @@ def sections(page: ControllersPage) -> Iterator[Section]:
     yield Section("overview", "All cells", (), (_overview(page),))
     yield from (_tables(part, page) for part in _PARTS)
     yield _appendices(page)
+    yield stability_section(page.stabilities)
+    yield flow_section(page.flows)
     yield from (_figures(part, page.runs) for part in figure_sets())
     yield _horizon(page)
 

@@ -35,6 +35,7 @@ from sysid.thesis.declaration import TableLoop, printed
 from sysid.thesis.tracking import TRAJECTORIES
 
 _DELAYS = ("on_delay_a", "on_delay_b", "off_delay_a", "off_delay_b")
+_FLOWS = tuple(f"{n}_{s}" for n in ("choked_fill", "c_fill", "choked_dis", "c_dis") for s in SIDES)
 Setup = tuple[Controller, int, Mode]
 """A closed loop on the rig as it is: controller, trajectory, mode."""
 
@@ -164,6 +165,11 @@ class TableRig:
     def without_delays(self) -> TableRig:
         """The same rig with valves that switch at once, as its controllers know."""
         return self._changed(dict.fromkeys(_DELAYS, 0.0), refit=True)
+
+    def with_flow(self, factor: float) -> TableRig:
+        """The same rig with valves of so many times the flow, as its controllers know."""
+        own = self.plant.parameters
+        return self._changed({name: factor * getattr(own, name) for name in _FLOWS}, refit=True)
 
     def with_friction(self, more: float) -> TableRig:
         """The same rig with more Coulomb and static friction, Nm, than its controllers know."""
