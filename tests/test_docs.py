@@ -25,6 +25,7 @@ NO_CODE = {"{toctree}", "{include}", "{eval-rst}"}
 ELSEWHERE = {
     ("own-components.md", "python"),
     ("own-components.md", "toml"),
+    ("many-rigs.md", "text"),
     ("monitor.md", "c"),
     ("monitor.md", "text"),
     ("part-alone.md", "text"),

@@ -29,7 +29,7 @@ COMMANDS: tuple[tuple[str, set[str], int], ...] = (
     ("effects", set(), 75),
     ("export bundle.json --format json -o gains.json", set(), 160),
     ("export bundle.json --format mat -o gains.mat", set(), 160),
-    ("compare bundle.json bundle.json", set(), 175),
+    ("compare bundle.json bundle.json", set(), 180),
     ("convert motion.csv -o converted.csv", {"pandas"}, 190),
     (f"check {FRICTION}", set(), 260),
     (f"fit friction {FRICTION} -o none --no-report", set(), 270),

@@ -32,17 +32,16 @@ def chosen_law(component: Component, law: str = AUTO) -> ChosenLaw:
 
     Schwarz's criterion of each law's fit, with as many samples as the best one's correlated
     residuals are worth. Where the tests do not decide, the simplest that they do not rule out. A
-    law of which they leave a number open (at a bound that no part of its kind has) is none of them,
-    unless they rule out all others.
+    law of which they leave a number open (at a bound that no part of its kind has) is none of them.
     """
     forms = component.forms(law)
     if len(forms) == 1:
         return ChosenLaw(_fit(component.settled_as(forms[0])))
     every = [_fit(form) for form in forms]
     whole = [fit for fit in every if all(e.identified for e in fit.base_estimates().values())]
-    least = min(every, key=lambda fit: fit.fit.sum_of_squares)
+    fits = whole or every
+    least = min(fits, key=lambda fit: fit.fit.sum_of_squares)
     count = max(least.independent_samples, 2.0)
-    fits = whole if whole and _rivals(whole, every, count) else every
     scores = [_criterion(fit, count) for fit in fits]
     best = min(scores)
     open_ones = [i for i, score in enumerate(scores) if score - best < _DECIDED]
@@ -53,12 +52,6 @@ def chosen_law(component: Component, law: str = AUTO) -> ChosenLaw:
     names = list(dict.fromkeys(fits[i].component.law for i in open_ones))  # type: ignore[attr-defined]
     is_decided = len(names) == 1
     return ChosenLaw(found, _why(fits, place, is_decided), is_decided)
-
-
-def _rivals(whole: Sequence[FittedLaw], every: Sequence[FittedLaw], count: float) -> bool:
-    """Whether the tests do not rule out all laws of which they identify every number."""
-    least = min(_criterion(fit, count) for fit in every)
-    return min(_criterion(fit, count) for fit in whole) - least < _DECIDED
 
 
 def _fit(component: Component) -> FittedLaw:

@@ -272,8 +272,10 @@ def _other_models(
 
 
 def position_rmse(validation: ValidationResult | None) -> float | None:
-    """Open-loop RMSE of the position over whole held-out tests, rad or m; None without any."""
-    held = [] if validation is None else _primary(validation.select("holdout"))
+    """Open-loop RMSE of an actuator's position over whole held-out tests, rad or m; None without
+    any."""
+    logs = [] if validation is None else validation.select("holdout")
+    held = _primary([log for log in logs if log.model in MODEL_NAMES])
     present = {name for log in held for name in log.channels}
     for channel in _positions():
         if channel.key in present:

@@ -124,10 +124,10 @@ def _moves(
     campaign: Campaign, bundle: Bundle, validation: ValidationResult | None
 ) -> Mapping[str, float]:
     """What the errors of the numbers do to the simulated position; empty where it is not known."""
-    from sysid.refinement.motion_errors import position_errors
-
     if validation is None:
         return {}
+    from sysid.refinement.motion_errors import position_errors  # loads jax
+
     found = on_its_own(partial(position_errors, campaign, bundle))
     return {} if isinstance(found, Failure) else found
 
