@@ -160,7 +160,8 @@ def flow_section(found: FlowStudy) -> Section:
         "The thesis recommends valves of a higher flow, which are to raise the bandwidth and the "
         "precision of tracking (7.3, 1). Ours have the delays of the rig's valves, and so many "
         "times their flows, choked and unchoked, both ways; the controllers know them, and keep "
-        f"the printed gains. {_said(found)}"
+        f"the printed gains. {_said(found)} More flow makes each step of the duty larger, which "
+        "costs precision on the slow trajectories; of the fastest one, half the flow is too little."
     )
     return Section(
         "flow", "Valves of a higher flow (7.3)", (said,), (table(caption, head, rows), *groups)
