@@ -39,7 +39,7 @@ from sysid.parameters.assembled_model import assumed_parameters
 from sysid.pipeline import run as stages
 from sysid.pipeline.export import ExportOptions
 from sysid.pipeline.fit import fit_campaign
-from sysid.pipeline.pages import campaign as page
+from sysid.pipeline.pages import report as page
 from sysid.pipeline.pages.report import render_report
 from sysid.pipeline.report import PageOptions, write_page
 from sysid.pipeline.run import RunReport, run_campaign
