@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from sysid.diagnosis.actuator.bias_correction import corrected
-from sysid.diagnosis.actuator.equation_error import forget
+from sysid.diagnosis.actuator.equation_error import EquationError, equation_error, forget
 from sysid.diagnosis.actuator.finder import Finder
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected, projected, scatter_beside
-from sysid.diagnosis.actuator.refit import own_columns
+from sysid.diagnosis.actuator.refit import own_columns, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.search import Search, Simulated, search
 from sysid.diagnosis.actuator.signatures import Candidate, candidates, one_form_each
@@ -69,6 +70,15 @@ class Loop:
     def null(self) -> Null:
         """What twins of the model that was found show."""
         return self.search.null
+
+    @cached_property
+    def error(self) -> EquationError:
+        """What the model found leaves, its base parameters where they suit the tests best.
+
+        What a fit's own error leaves repeats from test to test, and is no effect.
+        """
+        model = with_base_refitted(self.search.first, self.search.last.model)
+        return equation_error(self.search.last.frame.traces, model)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from sysid.diagnosis.actuator.equation_error import (
     EquationError,
     equation_error,
 )
-from sysid.diagnosis.actuator.refit import with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.binning import binned_means
@@ -72,9 +71,8 @@ def _strongest(found: Loop, channels: Sequence[str]) -> tuple[ResidualCurve, ...
     """Each channel's dependence on its strongest regressor."""
     if not channels:
         return ()
-    last = found.search.last
-    error = _error(found)
-    strongest = (next(iter(curves(last.frame, error, channel)), None) for channel in channels)
+    frame = found.search.last.frame
+    strongest = (next(iter(curves(frame, found.error, channel)), None) for channel in channels)
     return tuple(curve for curve in strongest if curve is not None)
 
 
@@ -83,11 +81,10 @@ def remainders(found: Loop, rig: Rig) -> tuple[Remainder, ...]:
 
     Of its windows' means, in the balance's unit; noise is that of the sensors, as a twin shows it.
     """
-    last = found.search.last
-    error = _error(found)
+    frame = found.search.last.frame
     rests = []
     for channel in BALANCES:
-        table = _table(last.frame, error, channel)
+        table = _table(frame, found.error, channel)
         noise = math.sqrt(float(found.colour.covariance[channel][0]))
         unit = _RATE if channel != EFFORT else rig.units.effort
         name = log_channel(channel, rig)
@@ -116,16 +113,6 @@ def repeating(
         if rest.is_structure(math.sqrt(float(np.mean(before**2)))):
             large.append(channel)
     return _strongest(found, large)
-
-
-def _error(found: Loop) -> EquationError:
-    """What the model found leaves, its base parameters where they suit the tests best.
-
-    What a fit's own error leaves repeats from test to test, and is no effect.
-    """
-    search = found.search
-    model = with_base_refitted(search.first, search.last.model)
-    return equation_error(search.last.frame.traces, model)
 
 
 def log_channel(channel: str, rig: Rig) -> str:
