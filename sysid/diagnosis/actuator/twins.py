@@ -72,9 +72,9 @@ class SensorNoise:
 def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoise:
     """Noise of the channels, from the tests themselves.
 
-    Position: `signals.position_floor`, white. Pressures: the
-    autocovariance over the calmest blocks of all tests, where neither motion nor flow shows; so too
-    the position of logs whose samples lie between measured ones, which correlates their noise.
+    Position: `signals.position_floor`, white. Pressures: the autocovariance over the calmest
+    blocks of all tests, where neither motion nor flow shows; so too the position of logs whose
+    samples lie between measured ones, which correlates their noise.
     """
     position, pressures = rig.position_channel, CHAMBER_PRESSURES
     floors = [
@@ -228,10 +228,15 @@ def _held(model: Model) -> Model:
 def _longest(trials: Sequence[Trial], position: str) -> list[Trial]:
     """The longest tests; where most of them hold the piston, which shows nothing of the
     position's sensor, the longest in which it moves."""
-    moving = [t for t in trials if position in t and float(np.ptp(t[position])) > 0.0]
-    found = sorted(trials, key=len)[-_TESTS_OF_NOISE:]
-    shown = sum(any(t is one for one in moving) for t in found)
-    return found if 2 * shown > len(found) else sorted(moving, key=len)[-_TESTS_OF_NOISE:]
+
+    def moves(trial: Trial) -> bool:
+        return position in trial and float(np.ptp(trial[position])) > 0.0
+
+    by_length = sorted(trials, key=len)
+    found = by_length[-_TESTS_OF_NOISE:]
+    if 2 * sum(map(moves, found)) > len(found):
+        return found
+    return list(filter(moves, by_length))[-_TESTS_OF_NOISE:]
 
 
 def scattered(model: Model, scatter: Scatter, rng: np.random.Generator) -> Model:
