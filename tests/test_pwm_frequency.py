@@ -26,7 +26,7 @@ from sysid.identification.valve_pwm.frequency import (
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
 from sysid.pipeline.fit import FitOptions, fit_campaign
-from sysid.pipeline.pwm_frequency import campaign_section, period_of
+from sysid.pipeline.pwm_frequency import campaign_section, campaign_tests, period_of
 
 HERTZ = (200.0, 250.0, 300.0)
 DUTIES = (0.0001, 0.0501, 0.2001, 0.4001, 0.6001, 0.7501, 0.8501, 0.9001, 0.9501)
@@ -145,7 +145,7 @@ def test_a_campaign_with_logs_at_several(tmp_path: Path) -> None:
     found = si.pwm_frequency(campaign)
     assert [r.frequency_hz for r in found.responses] == pytest.approx([200.0, 250.0])
     assert found.chosen_s == pytest.approx(0.005)
-    section = campaign_section(campaign)
+    section = campaign_section(campaign_tests(campaign), campaign.rig)
     assert section is not None and "200 Hz" in str(section.blocks[0])
     # The surface is that of the rig file's period.
     fitted = fit_campaign(campaign, FitOptions(surface="bipolynomial"))

@@ -94,8 +94,14 @@ def pwm_frequency(
     if hertz and len(hertz) != len(own):
         raise _not_one_each(hertz, own)
     periods = [1.0 / f for f in hertz] or shown or [period_of(log.trials, log.path) for log in own]
-    given = [(p, log.path.name, log.trials) for p, log in zip(periods, own, strict=True)]
-    return choose_frequency(given, rig, valve=valve, least_range=least_range)
+    return choose_frequency(_given(periods, own), rig, valve=valve, least_range=least_range)
+
+
+def _given(
+    periods: Sequence[float], logs: Sequence[Log]
+) -> list[tuple[float, str, Sequence[Trial]]]:
+    """The logs as `choose_frequency` takes them: period (s), name and tests of each."""
+    return [(p, log.path.name, log.trials) for p, log in zip(periods, logs, strict=True)]
 
 
 def _not_one_each(hertz: Sequence[float], logs: Sequence[object]) -> InputError:
@@ -114,12 +120,12 @@ def campaign_tests(campaign: Campaign) -> list[CampaignTests]:
     ]
 
 
-def campaign_section(campaign: Campaign) -> Section | None:
+def campaign_section(tests: Sequence[CampaignTests], rig: Rig) -> Section | None:
     """The report's section on a campaign's logs at several frequencies; None without such."""
-    tests = campaign_tests(campaign)
-    if campaign.rig.pwm is None or len(set(logged_periods(tests, campaign.rig))) < 2:
+    periods = [] if rig.pwm is None else logged_periods(tests, rig)
+    if len(set(periods)) < 2:
         return None
-    found = pwm_frequency(campaign)
+    found = choose_frequency(_given(periods, [one.log for one in tests]), rig)
     return frequency_section(found.headline(), found.tables(), found.responses)
 
 

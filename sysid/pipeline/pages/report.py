@@ -30,6 +30,7 @@ from sysid.types import Progress
 
 if TYPE_CHECKING:
     from sysid.checks.log_check import LogCheck
+    from sysid.identification.valve_pwm.frequency import CampaignTests
     from sysid.io.campaign import Campaign
     from sysid.io.logs import Log
     from sysid.validation import ValidationResult
@@ -218,21 +219,25 @@ def report_parts(
 
         return discrete_section(bundle, _logs(campaign, "valve-discrete"), campaign.rig)
 
+    @cache
+    def pwm_tests() -> list[CampaignTests]:
+        from sysid.pipeline.pwm_frequency import campaign_tests
+
+        return campaign_tests(campaign)
+
     def surfaces() -> Section | None:
         if bundle.valves is None:
             return None
         from sysid.identification.valve_pwm.frequency import at_the_rigs_period
         from sysid.identification.valve_pwm.shown import surfaces_section
-        from sysid.pipeline.pwm_frequency import campaign_tests
 
-        tests = at_the_rigs_period(campaign_tests(campaign), campaign.rig)
-        logs = [(one.valve, one.log) for one in tests]
+        logs = [(one.valve, one.log) for one in at_the_rigs_period(pwm_tests(), campaign.rig)]
         return surfaces_section(bundle.valves, logs, campaign.rig)
 
     def frequencies() -> Section | None:
         from sysid.pipeline.pwm_frequency import campaign_section
 
-        return campaign_section(campaign)
+        return campaign_section(pwm_tests(), campaign.rig)
 
     def diagnosed() -> Section | None:
         from sysid.diagnosis.shown import diagnosis_section
