@@ -25,7 +25,7 @@ from sysid.errors import (
     on_its_own,
 )
 from sysid.identification.held_volume import VolumeError, position_count
-from sysid.identification.valve_discrete.curve import DELAYS, FLOWS, CurveFit, fit_curves
+from sysid.identification.valve_discrete.curve import CurveFit, fit_curves
 from sysid.identification.valve_discrete.estimates import (
     boundary_jumps,
     critical_ratios,
@@ -33,6 +33,7 @@ from sysid.identification.valve_discrete.estimates import (
     flows_and_delays,
     with_volume_error,
 )
+from sysid.identification.valve_discrete.held_chamber import DELAYS, FLOWS
 from sysid.identification.valve_discrete.law_choice import AUTO, LAWS, SERIES, chosen
 from sysid.identification.valve_discrete.notices import (
     delay_notices,

@@ -19,14 +19,17 @@ from sysid.estimation.covariance import Covariance, JointCovariance, shrunk
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, central_jacobian, minimise
 from sysid.estimation.quality import SIGNIFICANT
-from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
+from sysid.identification.valve_discrete.held_chamber import (
+    DELAYS,
+    FLOWS,
+    DiscreteValve,
+    pressure_curve,
+)
 from sysid.identification.valve_discrete.trials import Piece
 from sysid.parameters.valves import ISO6358, SERIES, THESIS, VALVE_ALONE
 from sysid.plant.iso6358 import HIGHEST_RATIO
 from sysid.types import FloatArray
 
-FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
-DELAYS = ("on_delay_s", "off_delay_s")
 WAYS = ("fill", "dis")
 _COEFFICIENTS = (("fill", "kg/(s Pa^0.5)"), ("dis", "kg/(s Pa)"))
 UNITS = {

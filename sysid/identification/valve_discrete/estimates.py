@@ -14,8 +14,6 @@ from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import FitQuality
 from sysid.identification.held_volume import VolumeError
 from sysid.identification.valve_discrete.curve import (
-    DELAYS,
-    FLOWS,
     MOST_STD,
     UNITS,
     WAYS,
@@ -23,6 +21,7 @@ from sysid.identification.valve_discrete.curve import (
     iso_names,
     thesis_names,
 )
+from sysid.identification.valve_discrete.held_chamber import DELAYS, FLOWS
 from sysid.identification.valve_discrete.law_choice import LawChoice
 from sysid.identification.valve_discrete.notices import JUMPS
 from sysid.identification.valve_discrete.ratio import DISCHARGE, FILL, critical_ratio

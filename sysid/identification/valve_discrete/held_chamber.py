@@ -21,6 +21,10 @@ from sysid.plant.iso6358 import ANR_TEMPERATURE, DEFAULT_INDEX, choked_flow
 from sysid.plant.valve_timing import delayed
 from sysid.types import FloatArray
 
+FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
+"""The numbers of the thesis' law, filling first."""
+DELAYS = ("on_delay_s", "off_delay_s")
+
 
 @dataclass(frozen=True)
 class DiscreteValve:

@@ -18,7 +18,6 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.law_evidence import DECISIVE, twice_log_evidence
 from sysid.estimation.quality import root_mean_square
 from sysid.identification.valve_discrete.curve import (
-    DELAYS,
     MOST_STD,
     WAYS,
     CurveFit,
@@ -27,7 +26,7 @@ from sysid.identification.valve_discrete.curve import (
     iso_names,
     thesis_names,
 )
-from sysid.identification.valve_discrete.held_chamber import DiscreteValve
+from sysid.identification.valve_discrete.held_chamber import DELAYS, DiscreteValve
 from sysid.identification.valve_discrete.quality import rows_of
 from sysid.parameters.valves import (
     AUTO,

@@ -8,7 +8,8 @@ import numpy as np
 
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import FEWEST_ROWS, SCATTER_TIMES, root_mean_square
-from sysid.identification.valve_discrete.curve import DELAYS, CurveFit
+from sysid.identification.valve_discrete.curve import CurveFit
+from sysid.identification.valve_discrete.held_chamber import DELAYS
 from sysid.identification.valve_discrete.law_choice import LawChoice
 from sysid.identification.valve_discrete.trials import SUPPLY_TOLERANCE, Piece
 from sysid.io.rig import Air, Rig

@@ -22,6 +22,8 @@ from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
 from sysid.estimation.linear import Estimate
 from sysid.identification.valve_discrete.held_chamber import (
+    DELAYS,
+    FLOWS,
     DiscreteValve,
     HeldChamber,
     pressure_curve,
@@ -35,8 +37,7 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
-_DELAYS = {"fill": "on_delay_s", "dis": "off_delay_s"}
+_DELAY_OF = dict(zip(WAYS, DELAYS, strict=True))
 _WORDS = {"fill": "filling", "dis": "discharging"}
 # Shares of the way to the settled pressure, whose times are listed; a curve is drawn to the last.
 _SHARES = (0.1, 0.5, 0.9)
@@ -163,14 +164,14 @@ def valve_of(
     `moved`: numbers by key in place of the estimates.
     """
     delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0, 0.0)
-    declared = dict(zip(_DELAYS.values(), delays, strict=True))
-    values: dict[str, Any] = dict.fromkeys(_FLOWS, 1.0)  # by ISO 6358 they are not used
+    declared = dict(zip(DELAYS, delays, strict=True))
+    values: dict[str, Any] = dict.fromkeys(FLOWS, 1.0)  # by ISO 6358 they are not used
     estimates, chosen = law.estimates(), moved or {}
     for name, key in _keys(law, ways).items():
         if not (found := estimates[key]).identified:
             return None
         values[name] = chosen.get(key, found.value)
-    for name in _DELAYS.values():
+    for name in DELAYS:
         delay = estimates.get(name)
         known = delay is not None and delay.identified
         values[name] = chosen.get(name, delay.value) if known and delay else declared[name]
@@ -183,7 +184,7 @@ def _keys(law: DiscreteLaw, ways: Iterable[str]) -> dict[str, str]:
     # The thesis law's critical ratios in the bundle are a check; the law itself has 0.53.
     keys = {**{key: key for key in law.thesis_keys().values()}, **law.iso_keys()}
     keys |= law.series_keys()
-    flow_ways = {key: way for way in WAYS for key in _FLOWS if f"_{way}" in key}
+    flow_ways = {key: way for way in WAYS for key in FLOWS if f"_{way}" in key}
     return {
         name: key
         for name, key in keys.items()
@@ -309,7 +310,7 @@ class _Candidate:
     def _times(self, end: float) -> tuple[Estimate, ...]:
         """When it has gone each share of its way, with errors that follow from its numbers'."""
         values = self._crossings(end, _SHARES)
-        names = (*_keys(self.law, (self.way,)).values(), _DELAYS[self.way])
+        names = (*_keys(self.law, (self.way,)).values(), _DELAY_OF[self.way])
         known = self.table.estimates
         keys = [key for key in names if key in known and known[key].has_error]
         if not keys:

@@ -15,8 +15,6 @@ from dataclasses import dataclass, field
 
 from sysid.estimation.linear import Estimate
 from sysid.identification.valve_discrete.curve import (
-    DELAYS,
-    FLOWS,
     UNITS,
     WAYS,
     CurveFit,
@@ -24,6 +22,7 @@ from sysid.identification.valve_discrete.curve import (
     fitted_valve,
     thesis_names,
 )
+from sysid.identification.valve_discrete.held_chamber import DELAYS, FLOWS
 from sysid.identification.valve_discrete.regimes import read_stretches
 from sysid.identification.valve_discrete.start import free_parameters, start_of
 from sysid.identification.valve_discrete.trials import Piece, Screened

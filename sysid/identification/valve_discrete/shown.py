@@ -26,7 +26,12 @@ from sysid.blocks.numbers import number, percent
 from sysid.blocks.sections import Block, FigureGroup, Lines, Section
 from sysid.blocks.tables import Table, table
 from sysid.estimation.quality import root_mean_square
-from sysid.identification.valve_discrete.held_chamber import DiscreteValve, pressure_curve
+from sysid.identification.valve_discrete.held_chamber import (
+    DELAYS,
+    FLOWS,
+    DiscreteValve,
+    pressure_curve,
+)
 from sysid.identification.valve_discrete.responses import valve_of, valve_responses
 from sysid.identification.valve_discrete.trials import Piece, screen
 from sysid.io.logs import Log
@@ -36,8 +41,6 @@ from sysid.parameters.base import read_number
 from sysid.parameters.valves import ISO6358, SERIES, THESIS, VALVE_ALONE, LawDecision
 from sysid.types import FloatArray
 
-_FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
-_DELAYS = ("on_delay_s", "off_delay_s")
 _STYLES: tuple[tuple[Role, Dash], ...] = (("second", "dashed"), ("third", "dotted"))
 _LAW_NAMES = {THESIS: "the thesis' law", ISO6358: "ISO 6358", SERIES: "a flow control in series"}
 
@@ -140,7 +143,7 @@ def _rejected(law: DiscreteLaw) -> dict[str, DiscreteValve]:
     """The valve by each law that was fitted and not chosen, by the law's name."""
     decision = law.choice if isinstance(law.choice, LawDecision) else None
     fields = {f.name for f in dataclasses.fields(DiscreteValve)}
-    unused: dict[str, Any] = {**dict.fromkeys(_FLOWS, 1.0), **dict.fromkeys(_DELAYS, 0.0)}
+    unused: dict[str, Any] = {**dict.fromkeys(FLOWS, 1.0), **dict.fromkeys(DELAYS, 0.0)}
     plain = DiscreteValve(**unused)
     found = {}
     for one in decision.rejected if decision is not None else ():

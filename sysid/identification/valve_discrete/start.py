@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sysid.identification.valve_discrete.curve import DELAYS, FLOWS
-from sysid.identification.valve_discrete.held_chamber import DiscreteValve
+from sysid.identification.valve_discrete.held_chamber import DELAYS, FLOWS, DiscreteValve
 from sysid.identification.valve_discrete.regimes import Stretches, read_stretches
 from sysid.identification.valve_discrete.trials import (
     Piece,
