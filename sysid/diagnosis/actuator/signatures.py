@@ -70,7 +70,7 @@ def candidates(
     choices = SIDE_CHOICES if len(sides) > 1 else tuple(sides)
     for effect in catalogue:
         quantities = effect.within(travel)
-        if quantities is None or (effect.needs_chamber_b and "b" not in sides):
+        if quantities is None or not effect.is_of(sides):
             continue
         axes: list[list[tuple[str, Any]]] = []
         if effect.has_side():

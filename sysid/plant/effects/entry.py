@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
@@ -145,6 +145,11 @@ class CatalogueEffect(Effect):
     """Acts on flows averaged over a PWM period only, not on a valve followed pulse by pulse."""
     needs_chamber_b: ClassVar[bool] = False
     """Is of chamber B, or between the two: not of a rig with one chamber."""
+
+    @classmethod
+    def is_of(cls, sides: Collection[str]) -> bool:
+        """Whether a rig with the chambers `sides` can have it."""
+        return "b" in sides or not cls.needs_chamber_b
 
     @classmethod
     def strengths(cls) -> tuple[Quantity, ...]:

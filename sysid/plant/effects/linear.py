@@ -59,7 +59,7 @@ def possible_on(
     effects: Mapping[str, type[CatalogueEffect]], rig: Rig
 ) -> dict[str, type[CatalogueEffect]]:
     """Effects by id as a rig has them, without those of a chamber that it lacks."""
-    own = {k: v for k, v in effects.items() if not v.needs_chamber_b or "b" in rig.sides}
+    own = {k: v for k, v in effects.items() if v.is_of(rig.sides)}
     return for_rig(own, rig.is_linear)
 
 
