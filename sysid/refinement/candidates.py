@@ -322,9 +322,8 @@ def _pulses(stage: _Stage, kept: FloatArray, rows: int, rng: np.random.Generator
     while at < stage.rows:
         length = max(round(float(np.exp(rng.uniform(*np.log(_PULSE_S)))) / row_s), 1)
         valves[valve, at : at + length] = 1.0
-        if (
-            stage.valves > 1 and rng.random() < 0.2
-        ):  # the other valve over part of it: both chambers under pressure
+        # The other valve over part of it: both chambers under pressure.
+        if stage.valves > 1 and rng.random() < 0.2:
             late = at + round(rng.uniform(0.3, 0.9) * length)
             valves[1 - valve, late : late + length] = 1.0
         at += length + round(rng.uniform(*_PAUSE_S) / row_s)

@@ -29,6 +29,8 @@ Moves = Callable[[], Mapping[str, float]]
 _WIDE = 0.25
 # Share of the held-out squares from which a number's error is worth a test.
 _MATTERS = 0.1
+_MOST_TESTS = 5
+_MORE = "more tests like those it was read from"
 
 
 def next_section(
@@ -132,16 +134,10 @@ def _most_moved(bundle: Bundle, moves: Mapping[str, float], rmse: float | None) 
     )
 
 
-_MORE = "more tests like those it was read from"
-
-
 def _shown(bundle: Bundle, position: float) -> str:
     key = "position_m" if bundle.is_linear else "theta_rad"
     channel = channel_of(key)
     return f"{number(channel.residual(position), 2)} {channel.residual_unit}"
-
-
-_MOST_TESTS = 5
 
 
 def _advised(advice: Content) -> list[Block]:
@@ -220,16 +216,14 @@ def _lacking(bundle: Bundle, moves: Moves) -> list[Block]:
     """What is not identified, then wide intervals, those first that move the simulation most."""
     wide = list(_wide(bundle))
     moved = moves() if wide else {}
+
+    def moves_it(name: str) -> str:
+        if name in moved:
+            return f"; one standard error moves the position by {_shown(bundle, moved[name])}"
+        return "; the simulated model has no such term" if moved else ""
+
     wide.sort(key=lambda row: -moved.get(row[0], 0.0))
-    rows = [
-        *_missing(bundle),
-        *(
-            (name, f"{lacks}; one standard error moves the position by {by}", helps)
-            if (by := _shown(bundle, moved[name]) if name in moved else "")
-            else (name, f"{lacks}; the simulated model has no such term" if moved else lacks, helps)
-            for name, lacks, helps in wide
-        ),
-    ]
+    rows = [*_missing(bundle), *((n, f"{lacks}{moves_it(n)}", helps) for n, lacks, helps in wide)]
     if not rows:
         return []
     columns = ("Parameter", "What is missing", "What would help")
