@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,8 @@ FASTEST_CUTOFF_HZ = 20.0
 # Kinematics that nonlinear laws see pass a wider filter than the balance.
 _WIDER = 3.0
 _LEAST_SCALE = 1e-3
+# Lengths of the filter after which nothing is left of an impulse, and what is nothing of it.
+_FADED, _SEEN = 2, 1e-2
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,37 @@ class ImposedMotion:
     @property
     def recording(self) -> Recording:
         return self.seen.recording
+
+    def beside_turns(self, left: FloatArray) -> FloatArray:
+        """A residual (rows,) less what the motion's turns put into it, as the filter spreads it.
+
+        Whether the shaft rests where it turns, with friction anywhere up to static friction, no
+        sensor tells that resolves less than the turn: what is left of each turn is an impulse of
+        unknown size.
+        """
+        turns = self._turns
+        return np.asarray(left - turns @ (turns.T @ left))
+
+    @cached_property
+    def _turns(self) -> FloatArray:
+        """Orthonormal columns (rows, k) that span the filtered impulses at the turns."""
+        way, length = np.sign(self.seen.speed), self.balanced.length
+        turns = 1 + np.flatnonzero(way[:-1] * way[1:] < 0.0)
+        # Where the shaft rests the sign is noise's: more turns than the filter resolves are one.
+        cell = max(1, length // signals.PER_LENGTH)
+        turns = turns[np.unique(turns // cell, return_index=True)[1]]
+        impulse = np.zeros(2 * _FADED * length + 1)
+        impulse[_FADED * length] = 1.0
+        spread = self.balanced.smooth(impulse)
+        after = self.rows[:, None] - turns
+        near = np.abs(after) <= _FADED * length
+        at = np.where(near, after + _FADED * length, 0)
+        # The slope too: when in the turn the impulse comes is as unknown as its size.
+        shapes = [shape / np.abs(shape).max() for shape in (spread, np.gradient(spread))]
+        columns = np.hstack([np.where(near, shape[at], 0.0) for shape in shapes])
+        columns = columns[:, np.abs(columns).max(axis=0, initial=0.0) > _SEEN]
+        basis, size, _ = np.linalg.svd(columns, full_matrices=False)
+        return np.asarray(basis[:, size > _SEEN])
 
 
 def imposed_motion(recording: Recording) -> ImposedMotion:

@@ -5,7 +5,8 @@ The law is the effort balance of thesis 3.4.1 and 3.4.2,
     inertia a + coulomb sign(v) + viscous v + offset = motor + cylinder - gravity,
 
 taken along the measured motion, which is imposed: effects act on it through the model's
-ports. Both sides go through the same zero-phase filter.
+ports. Both sides go through the same zero-phase filter; what it makes of the turns of the motion,
+at which the shaft may rest, counts for nothing (`ImposedMotion.beside_turns`).
 """
 
 from __future__ import annotations
@@ -62,8 +63,6 @@ _LEAST_CHANGE = 1e-9
 # A command that is so much larger has to move the motor's effort by this share of that, for all but
 # so many of the samples.
 _MORE, _ANSWERS, _MOST_DEAF = 1e-3, 0.5, 0.5
-# Motion turns at the ends of what it visits: what the filter leaves of a reversal looks like one.
-_LIKE_REVERSALS = ("end-cushion",)
 _TESTS = "friction-motion or friction-sliding tests"
 _PORTS = ("parameters", "motor_effort", "friction_effort", "external_effort", "pitch_radius")
 
@@ -142,7 +141,7 @@ class Axis(Component):
     def _feels(self, kind: type[CatalogueEffect]) -> bool:
         if not overrides(kind, *_PORTS):
             return False
-        if kind.id in _LIKE_REVERSALS or (self.rig.is_linear and kind.id in ROTARY_ONLY):
+        if self.rig.is_linear and kind.id in ROTARY_ONLY:
             return False
         if kind.id == TorqueSaturation.id and self.rig.motor is None:
             return False  # the log holds the force as it was, beyond any limit of it
@@ -186,7 +185,8 @@ class Axis(Component):
             case = self.cases[i]
             if id(case.point) not in whole:
                 whole[id(case.point)] = self._residual(case, law)
-        return [whole[id(self.cases[i].point)][self.cases[i].rows] for i in tests]
+        cases = [self.cases[i] for i in tests]
+        return [case.beside_turns(whole[id(case.point)][case.rows]) for case in cases]
 
     def measured(self, tests: Sequence[int]) -> list[FloatArray]:
         """What friction, and an inertia that is not declared, balance."""
