@@ -23,8 +23,10 @@ from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.registry import AXIS as KIND
 from sysid.diagnosis.bench.selection import Attempt, Selection, select, simplest
 from sysid.diagnosis.bench.unexplained import curves
+from sysid.diagnosis.content import content
 from sysid.diagnosis.lack_of_fit import LEAST_SHARE
 from sysid.diagnosis.result import Diagnosis
+from sysid.diagnosis.wording import sentence
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
 from sysid.io.logs import Trial
@@ -365,16 +367,21 @@ def test_of_two_that_predict_as_well_the_simpler_is_taken(
 # --- what is left ------------------------------------------------------------------------
 
 
-def verdict_on(laws: Sequence[Friction], more: Callable[[Trial], FloatArray]) -> Diagnosis:
-    """Of the last two tests held out, with no effect to try; each test has its own friction."""
-    trials = []
-    for seed, law in enumerate(laws, start=1):
-        trial = imposed(seed, law)
-        force = trial["motor_force_n"] + more(trial)
-        trials.append(replace(trial, channels={**trial.channels, "motor_force_n": force}))
+def forced(seed: int, law: Friction, more: Callable[[Trial], FloatArray]) -> Trial:
+    trial = imposed(seed, law)
+    force = trial["motor_force_n"] + more(trial)
+    return replace(trial, channels={**trial.channels, "motor_force_n": force})
+
+
+def verdict_on(
+    laws: Sequence[Friction], more: Callable[[Trial], FloatArray], *effects: str
+) -> Diagnosis:
+    """Of the last two tests held out, with these effects to try; each test has its own friction."""
+    trials = [forced(seed, law, more) for seed, law in enumerate(laws, start=1)]
     part = axis(trials[:-2], RIG)
     given = Bundle.new(RIG, fit_law(part, (), range(len(part.tests))).part(), [])
-    return diagnose_component(KIND, trials[:-2], trials[-2:], RIG, given, {})
+    kinds = {name: CATALOGUE[name] for name in effects}
+    return diagnose_component(KIND, trials[:-2], trials[-2:], RIG, given, kinds)
 
 
 def test_what_repeats_over_two_quantities_together_is_unexplained() -> None:
@@ -419,6 +426,42 @@ def test_errors_far_above_the_noise_are_not_adequate() -> None:
     assert found.verdict == "unexplained" and found.because == "held-out errors"
     assert "a log that is not like the others" in found.notices[-1]
     assert found.effects == () and len(found.unexplained) == 1
+
+
+def at_turns(trial: Trial) -> FloatArray:
+    """Friction of a shaft that sticks for 8 ms where it turns, which no reading tells."""
+    way = np.sign(np.gradient(trial["position_m"]))
+    stuck = np.zeros(len(way))
+    for turn in np.flatnonzero(np.diff(way) != 0.0):
+        stuck[turn + 1 : turn + 5] = -1.5 * COULOMB * way[turn + 1]
+    return stuck
+
+
+def test_what_a_turn_hides_is_neither_friction_nor_structure() -> None:
+    found = verdict_on([plain] * 6, at_turns)
+    assert found.verdict == "adequate", found.to_json()
+    error = found.residual["motor_force_n"]
+    assert error.after < 1.3 * error.noise_floor
+
+
+def test_a_cushion_at_the_ends_is_told_from_what_turns_leave() -> None:
+    def pushed(trial: Trial) -> FloatArray:
+        depth = np.maximum(np.abs(trial["position_m"]) - 0.035, 0.0)
+        return np.asarray(2e4 * np.sign(trial["position_m"]) * depth + at_turns(trial))
+
+    part = axis([forced(seed, plain, pushed) for seed in (1, 2, 3, 4)], RIG)
+    kinds = {name: CATALOGUE[name] for name in ("end-cushion", "cable-spring", "quadratic-drag")}
+    (found,) = select(part, kinds).additions
+    assert found.id == "end-cushion" and found.share > 0.9
+
+
+def test_an_effect_that_does_not_predict_the_held_out_tests_explains_nothing() -> None:
+    name = "asymmetric-viscous-friction"
+    laws = [lambda v, s=s: plain(v) - 40.0 * s * np.abs(v) for s in (1, 1, 1, 1, -1, -1)]
+    found = verdict_on(laws, lambda trial: 0.0, name)
+    assert [effect.id for effect in found.effects] == [name]
+    assert found.verdict == "unexplained" and found.because == "held-out errors"
+    assert f"{name} fits the training tests alone" in sentence(content(found))
 
 
 # --- the commands --------------------------------------------------------------------------

@@ -156,6 +156,20 @@ def run(
             return tuple(history)
 
 
+def shapes_at_limits(effect: CatalogueEffect, at_bound: Collection[str]) -> tuple[str, ...]:
+    """An effect's shapes that ended at a limit of their range, of the numbers ("id/name") that did.
+
+    A limit that is the plain form, as no damping, is a value.
+    """
+    found = []
+    for q in type(effect).shapes():
+        value = float(getattr(effect, q.name))
+        limit = q.lower if value - q.lower < q.upper - value else q.upper
+        if f"{effect.id}/{q.name}" in at_bound and not (q.is_choice or limit == q.absent):
+            found.append(q.label)
+    return tuple(found)
+
+
 def limit_sentence(name: str, limits: Sequence[str], rivals: Sequence[str]) -> str:
     """Says that the shapes `limits` of an effect ended at limits of their ranges, so that its name
     is in doubt; empty where none did."""
@@ -213,4 +227,5 @@ __all__ = [
     "limit_sentence",
     "mark_removed",
     "run",
+    "shapes_at_limits",
 ]

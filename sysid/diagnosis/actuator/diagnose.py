@@ -26,7 +26,7 @@ from sysid.diagnosis.actuator.unexplained import (
 from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.looked import Because, why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
-from sysid.diagnosis.search import full_sentence, limit_sentence
+from sysid.diagnosis.search import full_sentence, limit_sentence, shapes_at_limits
 from sysid.errors import Failure, NotIdentifiedError, SimulationError, on_its_own
 from sysid.io.channels import simulated_channels
 from sysid.io.logs import Log, Trial
@@ -309,10 +309,9 @@ def _of_static_friction(found: Loop) -> Iterator[str]:
 def _of_limits(found: Loop) -> Iterator[str]:
     """Says which shapes ended at a limit of their range, and that no more effects may be added."""
     steps, joint = found.search.steps, found.search.joint
-    stuck = set() if joint is None else set(joint.fit.diagnosis.at_bound)
-    for step in steps:
-        own = [q for q in type(step.effect).shapes() if not q.is_choice]
-        limits = [q.label for q in own if f"{step.id}/{q.name}" in stuck]
+    for step, effect in zip(steps, () if joint is None else joint.effects, strict=False):
+        assert joint is not None
+        limits = shapes_at_limits(effect, joint.fit.diagnosis.at_bound)
         if said := limit_sentence(step.id, limits, step.ambiguous):
             yield said
     if said := full_sentence(steps):

@@ -17,7 +17,7 @@ from sysid.diagnosis.bench.selection import Selection, select
 from sysid.diagnosis.bench.starting_points import law_at
 from sysid.diagnosis.bench.unexplained import BinnedResidual, curves, left_over
 from sysid.diagnosis.evidence import residual
-from sysid.diagnosis.lack_of_fit import MISFIT, MOST_SCATTER, Remainder
+from sysid.diagnosis.lack_of_fit import LEAST_SHARE, MISFIT, MOST_SCATTER, Remainder
 from sysid.diagnosis.looked import why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.diagnosis.search import full_sentence
@@ -92,20 +92,23 @@ def diagnose_component(
     if not math.isfinite(error):
         error = selection.final.fit.residual_std
     rest = left_over(component, outside, laws[-1], component.noise_floor(laws[-1]))
+    before = errors[0].get(component.channel, error)
     is_visible = error >= component.precision * _size_of(component)
-    structured = _repeating(rest, left, errors[0].get(component.channel, error))
+    structured = _repeating(rest, left, before)
     structured = structured if is_visible else []
-    nothing = not (selection.additions or selection.looked.cut_short)
-    undecided = nothing and not selection.looked.is_decided
-    far_off = nothing and is_visible and error > MISFIT * floor
+    found_any, ended = bool(selection.additions), not selection.looked.cut_short
+    undecided = ended and not (found_any or selection.looked.is_decided)
+    # A real law, or effect, seldom has the form of ours to the last: what it leaves is small then.
+    remains = error > MISFIT * floor and error > math.sqrt(LEAST_SHARE) * before
+    far_off = ended and is_visible and remains
     far_off = far_off and _typical(component, outside, selection.final) > MISFIT * floor
     because = why_unexplained(bool(structured), far_off, undecided)
     if not many:
         notices = (*notices, _ONE_RECORDING)
         because = "one recording" if far_off else because
-    if because == "held-out errors":
+    if because == "held-out errors" and not found_any:
         notices = (*notices, _FAR_OFF_NOTICE)
-    if selection.additions and floor > 0.0 and error > MISFIT * floor:
+    if found_any and floor > 0.0 and error > MISFIT * floor:
         notices = (
             *notices,
             f"the errors left are {error / floor:.2g} times the noise: intervals are those of the "

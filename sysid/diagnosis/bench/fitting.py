@@ -16,6 +16,7 @@ from sysid.diagnosis.bench.starting_points import (
     residuals_of,
     side_of,
 )
+from sysid.diagnosis.search import shapes_at_limits
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.autocovariance import error_model
 from sysid.estimation.covariance import Covariance
@@ -124,9 +125,7 @@ class FittedLaw:
     def limits(self) -> tuple[str, ...]:
         """The last effect's shapes that ended at a limit of their range: what the tests show lies
         beyond the forms that it can take."""
-        kind = type(self.law.effects[-1])
-        stuck = self.fit.diagnosis.at_bound
-        return tuple(q.label for q in kind.shapes() if not q.is_choice and _key(kind, q) in stuck)
+        return shapes_at_limits(self.law.effects[-1], self.fit.diagnosis.at_bound)
 
     @property
     def independent_samples(self) -> float:
