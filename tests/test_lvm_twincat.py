@@ -139,6 +139,16 @@ def test_lvm_with_comments_and_a_first_instant(tmp_path: Path) -> None:
     assert "Comment" in report.unmapped
 
 
+def test_lvm_whose_comment_is_a_number_and_one_that_is_cut_off(tmp_path: Path) -> None:
+    rows = lvm_rows("No")
+    rows[0].append("5")
+    text = lvm_head("No") + lvm_segment("No", rows)
+    read(tmp_path, text)
+    expect(tmp_path)
+    with pytest.raises(InputError, match="its last number is shorter"):
+        read(tmp_path, text.rstrip("\n")[:-3])
+
+
 def test_lvm_segments_are_tests(tmp_path: Path) -> None:
     segment = lvm_segment("No", lvm_rows("No"))
     report = read(tmp_path, lvm_head("No", headings="Yes") + f"{segment}\t\n{segment}\n")

@@ -200,6 +200,30 @@ def test_rows_that_end_with_their_last_value(tmp_path: Path) -> None:
     assert log_of(tmp_path / "o.csv")["motor_force_n"].tolist() == held
 
 
+@pytest.mark.parametrize("end", ["\n", ""])
+def test_rows_that_end_early_at_several_rates(tmp_path: Path, end: str) -> None:
+    rows = [
+        f"{t},{x}" + (f",{u}" if i % 5 == 0 else "") + (",293.5" if i % 10 == 0 else "")
+        for i, (t, x, u) in enumerate(ALL)
+    ]
+    (tmp_path / "rec.csv").write_text("\n".join(["t,x,u,T", *rows]) + end)
+    convert(tmp_path / "rec.csv", tmp_path / "o.csv", maps=[*MAPS, "temperature_k=T"])
+    log = log_of(tmp_path / "o.csv")
+    held = pd.Series(every(FORCE, 5)).ffill()
+    assert log["motor_force_n"].tolist() == held[: len(log)].tolist()
+    assert log["temperature_k"].tolist() == [293.5] * len(log)
+    assert len(log) > 0.8 * ROWS
+
+
+@pytest.mark.parametrize("sign", ["-", "---"])
+def test_dashes_are_empty_cells(tmp_path: Path, sign: str) -> None:
+    rows = [f"{t},{x},{u if i % 5 == 0 else sign}" for i, (t, x, u) in enumerate(ALL)]
+    (tmp_path / "rec.csv").write_text("\n".join(["t,x,u", *rows, ""]))
+    convert(tmp_path / "rec.csv", tmp_path / "o.csv", maps=MAPS)
+    held = pd.Series(every(FORCE, 5)).ffill().tolist()
+    assert log_of(tmp_path / "o.csv")["motor_force_n"].tolist() == held
+
+
 def test_what_shows_a_rate_of_its_own() -> None:
     time = np.arange(100.0)
     assert has_own_rate(np.arange(0, 100, 7), time, held=False)

@@ -80,6 +80,14 @@ HEADINGS = {
     "serial monitor": "".join(
         f"13:29:30.{i:03d} -> {line}\n" for i, line in enumerate(["t,pos,u", *rows().splitlines()])
     ),
+    "period in the heading": "t,pos,u,t0 = -1.0e-3, tInc = 1.0e-3,\n" + rows(end=",,"),
+    "labelled names": '"Model","DL850"\n"TraceName","t","pos","u"\n"BlockSize",40,40,40\n'
+    + '"VUnit","s","mm","N"\n"Date","2024/05/02","2024/05/02","2024/05/02"\n\n'
+    + rows(),
+    "labelled names, trailing": '"TraceName","t","pos","u"\n"BlockSize",40,40,40\n' + rows(end=","),
+    "signs apart": "t,pos,u\n" + rows().replace("-", "- ").replace(",5", ",+ 5"),
+    "Fortran's exponents": "t pos u\n" + rows(" ").replace("\n", "D+00\n"),
+    "blanks that do not break": "t\u00a0;pos;u\n" + rows(";").replace(";5", "\u00a0;\u202f5"),
     "in brackets": "t [s],pos [mm],u [N]\n" + rows(),
     "blanks and brackets": "t [s] pos [mm] u [N]\n" + rows(" "),
 }
@@ -125,6 +133,9 @@ def test_signs_that_no_keyboard_has(tmp_path: Path, group: str, option: str) -> 
         "05/04/2024 13:29:{:02d}",
         "2024-05-14 13:29:{:02d}.500",
         "13:29:{:02d}.500",
+        "01:29:{:02d}.500 PM",
+        "13:29:{:02d}:500",
+        "29:{:02d}.500",
     ],
 )
 def test_dates_as_countries_write_them(tmp_path: Path, stamp: str) -> None:
@@ -454,6 +465,27 @@ def test_signals_in_rows_are_named(tmp_path: Path) -> None:
         read(tmp_path, text, *BY_NAME)
 
 
-def test_a_heading_again_in_other_capitals(tmp_path: Path) -> None:
-    report = read(tmp_path, "t,pos,u\n" + rows() + "T,Pos,U\n" + rows(), *BY_NAME)
+@pytest.mark.parametrize("again", ["T,Pos,U", "t, pos, u", '"t","pos","u"', "\ufefft,pos,u,"])
+def test_a_heading_again_in_other_signs(tmp_path: Path, again: str) -> None:
+    report = read(tmp_path, f"t,pos,u\n{rows()}{again}\n{rows()}", *BY_NAME)
     assert report.tests == ("1", "2")
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32"])
+def test_text_of_wide_signs(tmp_path: Path, encoding: str) -> None:
+    read(tmp_path, ("t;pos;u;µ\n" + rows(";", end=";0")).encode(encoding), *BY_NAME)
+    expect(tmp_path)
+
+
+def test_what_instruments_send_in_place_of_a_number(tmp_path: Path) -> None:
+    lines = rows().splitlines()
+    for cell, what in (("9.91E+37", "empty or not a number"), ("-9.9E+37", "infinite")):
+        lines[4] = f"0.004,{cell},1.0"
+        with pytest.raises(InputError, match=f"line 6: column pos .* is {what}"):
+            read(tmp_path, "\n".join(["t,pos,u", *lines, ""]), *BY_NAME)
+
+
+def test_decimal_commas_between_commas_are_named(tmp_path: Path) -> None:
+    text = "t,pos,u\n" + "".join(f"0,{i:03d},5,{i},7,2\n" for i in range(40))
+    with pytest.raises(InputError, match=r"line 1: 3 column names over 6 fields: .*decimal commas"):
+        read(tmp_path, text, *BY_NAME)

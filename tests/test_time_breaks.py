@@ -22,7 +22,7 @@ def recorded(folder: Path, *parts: np.ndarray, **more: np.ndarray) -> Path:
     return plain(folder, t=time, q=np.arange(len(time)) / 7.0, **more)
 
 
-@pytest.mark.parametrize("bits", [16, 24, 32])
+@pytest.mark.parametrize("bits", [15, 16, 20, 24, 31, 32, 48])
 @pytest.mark.parametrize("signed", [False, True])
 def test_a_counter_is_unwrapped(tmp_path: Path, bits: int, signed: bool) -> None:
     size = 1 << bits
@@ -30,7 +30,7 @@ def test_a_counter_is_unwrapped(tmp_path: Path, bits: int, signed: bool) -> None
     counts = true % size - (size // 2 if signed else 0)
     report = convert(recorded(tmp_path, counts), tmp_path / "o.csv", maps=MAPS)
     time = log_of(tmp_path / "o.csv")["time_s"].to_numpy()
-    np.testing.assert_allclose(np.diff(time), 997e-6, rtol=1e-6)
+    np.testing.assert_allclose(np.diff(time), 997e-6, rtol=1e-6, atol=1e-21 * size)
     assert any(f"a {bits}-bit counter, {size}) in line 22" in n for n in report.notices)
     assert report.tests == ()
 
@@ -49,6 +49,16 @@ def test_the_time_of_day_over_midnight_in_seconds(tmp_path: Path) -> None:
     assert any("the time of day" in notice for notice in report.notices)
 
 
+@pytest.mark.parametrize("whole", [1.0, 60.0, 3600.0, 43_200.0, 604_800.0])
+def test_a_part_of_a_clock_wraps_and_recordings_of_its_length_do_not(whole: float) -> None:
+    step = whole / 50.0
+    wraps = wraps_of_seconds((whole - 9.5 * step + step * STEPS) % whole)
+    assert wraps is not None
+    assert wraps.rows.tolist() == [10, 60]
+    again = np.tile(step * np.arange(50), 2)
+    assert wraps_of_seconds(again) is None
+
+
 def test_seconds_that_were_a_counter(tmp_path: Path) -> None:
     true = (1 << 32) - 20_000 + 1000 * STEPS
     convert(
@@ -63,6 +73,7 @@ def test_what_is_no_wrap() -> None:
     again = np.r_[0:50, 0:50].astype(float)
     assert wraps_of(again) is None
     assert wraps_of_seconds(again / 1000.0) is None
+    assert wraps_of(np.tile(np.arange(1024.0), 2)) is None  # two blocks of samples
     # One wrong value near nothing amid values near the counter's size.
     wrong = 2.0**32 - 1000.0 * np.arange(50, 0, -1)
     wrong[25] = 3.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 import zipfile
 from collections.abc import Iterator
@@ -121,6 +122,22 @@ def decoded(path: Path, raw: bytes, encoding: str = "utf-8") -> str:
         raise input_error(f"{path}, line {line}", "is not UTF-8 text", "save it as UTF-8") from None
 
 
+def wide_encoding(head: bytes) -> str | None:
+    """The encoding of text whose signs are of two or four bytes each, by its mark or, without one,
+    by the zeros of plain signs; None of another."""
+    for mark, name in ((codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32")):
+        if head.startswith(mark):
+            return name
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    first, second = head[:HEAD_BYTES:2], head[1:HEAD_BYTES:2]
+    for name, signs, zeros in (("utf-16-le", first, second), ("utf-16-be", second, first)):
+        plain = sum(sign > 0 and zero == 0 for sign, zero in zip(signs, zeros, strict=False))
+        if len(zeros) > 1 and 0 not in signs and 10 * plain > 9 * len(zeros):
+            return name
+    return None
+
+
 def kind_by_content(path: Path, file: BinaryIO) -> FileKind | None:
     """The kind of a file by its first bytes; None for text, and for files without a signature.
 
@@ -235,4 +252,5 @@ __all__ = [
     "read_as",
     "reject_bag",
     "reject_foreign",
+    "wide_encoding",
 ]

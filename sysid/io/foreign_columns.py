@@ -292,7 +292,7 @@ def _timed(
         counts = readings if stamped else without_wraps(table, name, readings, kept, starts)
         time = to_si(counts, entry, recipe.atmosphere_pa, stamped=stamped)
         time = check_size(str(table.path), "time_s", time, LARGEST)
-        if counts is readings and not stamped:
+        if counts is readings:
             time = without_wraps(table, name, time, kept, starts, wraps_of_seconds)
     return time, found_tests(table, time, kept, starts) if tests is None else tests
 

@@ -116,7 +116,7 @@ def without_wraps(
             out = out.copy() if out is values else out
             out[first:last] = wraps.unwrapped(values[first:last])
             places += (first + wraps.rows).tolist()
-            what = f"{wraps.name}, {wraps.size:.10g}"
+            what = f"{wraps.name}, {wraps.size:.15g}"
     if places:
         table.notices.append(
             f"{table.path}: {name} wraps ({what}) {_listed(table, kept[places])}: unwrapped"

@@ -24,6 +24,17 @@ _CLOCKS = (
     ),
     (86400.0, "the time of day"),
 )
+# Recordings of a round length end where these do, and start again where the first one started.
+_PARTS = (
+    (604800.0, "the second of a week"),
+    (43200.0, "a clock of twelve hours"),
+    (3600.0, "the second of an hour"),
+    (60.0, "the second of a minute"),
+    (1.0, "the fraction of a second"),
+)
+# Counts beyond these bits are not exact in a double.
+_MOST_BITS = 53
+_FEWEST_BITS = 8
 # Share of the median step: decimals of seconds are rounded.
 _ROUNDED = 0.5
 
@@ -50,12 +61,13 @@ def wraps_of(values: FloatArray) -> TimeWraps | None:
     """
     if not np.all(values == np.floor(values)):
         return None
-    for bits in reversed(COUNTER_BITS):
+    low, high = float(np.min(values)), float(np.max(values))
+    for bits in range(_MOST_BITS, _FEWEST_BITS - 1, -1):
         size = 2.0**bits
-        low = -size / 2 if np.min(values) < 0 else 0.0
-        if np.min(values) >= low and np.max(values) < low + size:
+        least = -size / 2 if low < 0 else 0.0
+        if low >= least and high < least + size:
             rows = _over(values, size, 0.0)
-            if rows.size:
+            if rows.size and (bits in COUNTER_BITS or not _begin_alike(values, rows)):
                 return TimeWraps(size, f"a {bits}-bit counter", rows)
     return None
 
@@ -64,12 +76,21 @@ def wraps_of_seconds(time: FloatArray) -> TimeWraps | None:
     """The wraps of times (n,) s that a counter of a common unit made; None without wraps."""
     if len(time) < 3 or np.all(np.diff(time) >= 0.0):
         return None
-    for size, clock in _CLOCKS:
+    for size, clock in _CLOCKS + _PARTS:
         if np.ptp(time) < size:
             rows = _over(time, size, _ROUNDED)
-            if rows.size:
+            is_part = (size, clock) in _PARTS
+            if rows.size and not (is_part and _begin_alike(time, rows)):
                 return TimeWraps(size, clock, rows)
     return None
+
+
+def _begin_alike(values: FloatArray, rows: IntArray) -> bool:
+    """Whether what follows a step back begins where the first value does, as recordings of one
+    length do that start again: 60 s, or 1024 samples."""
+    steps = np.diff(values)
+    usual = float(np.median(steps[steps > 0.0]))
+    return bool(np.any(np.abs(values[rows] - values[0]) <= usual))
 
 
 def _over(values: FloatArray, size: float, slack: float) -> IntArray:

@@ -7,6 +7,7 @@ Each returns a `ForeignTable` in the file's own names and units; `sysid.io.conve
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import csv
 import importlib
@@ -27,6 +28,7 @@ from sysid.io.file_kinds import (
     is_bag,
     kind_by_content,
     kind_by_name,
+    wide_encoding,
 )
 from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes
 from sysid.io.tables import comments_in, open_input, sha256_of
@@ -193,7 +195,7 @@ def _holds(file: BinaryIO, words: bytes) -> bool:
 
 
 def _looks_like_text(raw: bytes) -> bool:
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff", b"\xef\xbb\xbf")):
+    if raw.startswith(codecs.BOM_UTF8) or wide_encoding(raw):
         return True
     # Loggers fill files up with zeros.
     return not any(byte < 32 and byte not in b"\t\n\r\f" for byte in raw.rstrip(b"\0"))

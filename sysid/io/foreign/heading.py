@@ -18,7 +18,12 @@ Lines = Sequence[tuple[int, str]]
 
 STAMP = re.compile(r"\d{1,2}:\d{2}|\b\d{4}-\d{2}-\d{2}\b|\b\d{1,2}[./]\d{1,2}[./]\d{2,4}\b")
 _COMMENT_COLUMN = re.compile(r"(?i)comments?|remarks?|notes?|kommentar|bemerkung")
+_SETTING = re.compile(r"\w+ *= *[+-]?[\d.]+(?:[eE][+-]?\d+)?\w*")
 _WORD = re.compile(r"[^\W\d_]{2,}")
+
+
+# Lines around a heading among which a scope's settings stand.
+_PREAMBLE = 40
 
 
 @dataclass
@@ -258,21 +263,46 @@ class _HeadingSearch:
         if named == layout.fields or len(cells) == layout.fields:
             return layout.fields
         if named == layout.fields + 1:
+            if self._is_shifted(index):
+                return layout.fields
             if layout.ends_empty or self._has_wider_row(named):
                 return named
             if _COMMENT_COLUMN.fullmatch(cells[named - 1]):
                 return layout.fields
+        elif named > layout.fields and self._has_wider_row(named):
+            return named
         return layout.fields if self._has_settings(index, named) else 0
+
+    def _is_shifted(self, index: int) -> bool:
+        """Whether a line's first cell labels the line and the names follow, one to each column.
+
+        Settings above or below show it: "BlockSize",400,400 under "TraceName","CH1","CH2", where
+        rows have two cells.
+        """
+        count = self.layout.fields + 1
+        cells = _filled(self.cells(index))
+        is_named = cells[0] in self.options.names or _COMMENT_COLUMN.fullmatch(cells[-1])
+        if self.layout.delimiter == BLANK or len(cells) != count or is_named:
+            return False
+        near = range(max(0, index - _PREAMBLE), min(len(self.lines), index + _PREAMBLE))
+        others = [_filled(self.cells(i)) for i in near]
+        alike = [one for one in others if len(one) == count and one != cells]
+        if any(self.layout.is_number(one[0]) for one in alike):
+            return False
+        return any(all(map(self.layout.is_number, one[1:])) for one in alike)
 
     def _has_settings(self, index: int, named: int) -> bool:
         """Whether the names beyond the rows' cells are of numbers in the row of units alone.
 
-        So a scope notes its period: "X,CH1,Start,Increment" over "Sequence,VOLT,-5.0E-2,1.0E-3".
+        So a scope notes its period: "X,CH1,Start,Increment" over "Sequence,VOLT,-5.0E-2,1.0E-3",
+        or in the heading itself: "Time(s),CH1(V),t0 = -1.0e-3, tInc = 2.0e-6".
         """
         fields = self.layout.fields
         if named <= fields or index + 1 >= len(self.lines):
             return False
         cells = self.cells(index + 1)
+        if all(map(_SETTING.fullmatch, self.cells(index)[fields:named])):
+            return True
         return (
             len(cells) >= named
             and all(map(self.layout.is_number, cells[fields:named]))
@@ -280,17 +310,24 @@ class _HeadingSearch:
         )
 
     def _has_wider_row(self, fields: int) -> bool:
-        """Whether some line has that many cells although most have fewer: the last are empty."""
+        """Whether lines have that many cells although most have fewer: the last are empty.
+
+        One is enough for one more cell; a line of several more may be two that run together.
+        """
+        needed = 1 if fields == self.layout.fields + 1 else 3
         for _, text in self.lines:
             if text.count(self.layout.delimiter) + 1 >= fields and not is_comment(text):
                 cells = self.layout.cells(text)
-                if len(cells) == fields and self.layout.is_number(cells[0] or cells[-1]):
+                needed -= len(cells) == fields and self.layout.is_number(cells[0] or cells[-1])
+                if needed == 0:
                     return True
         return False
 
     def heading(self, index: int) -> TableHeading:
         """The heading of a line that fits."""
         width = self.width_of(index)
+        if self._is_shifted(index):
+            return TableHeading(self.cells(index)[1 : width + 1], index, index + 1, self.layout)
         cells = self.cells(index)[:width]
         layout = replace(self.layout, fields=width)
         if width > self.layout.fields:
@@ -345,13 +382,18 @@ class _HeadingSearch:
         assert heading.line is not None
         if are_units(self._over_numbers(heading.above)):
             heading.units = heading.above
+        shifted = self._is_shifted(heading.line)
         for index in range(heading.line + 1, len(self.lines)):
             heading.first = index
             text = self.lines[index][1]
             cells = self.cells(index)
             if is_comment(text):
                 continue
-            if self._is_under(cells, heading):
+            if shifted and index < first:
+                heading.passed.append(index)
+                if are_units(_filled(cells)[1:]) and not heading.units:
+                    heading.units = cells[1:]
+            elif self._is_under(cells, heading):
                 self._take_under(heading, cells, index)
             elif self._is_other(index, cells, heading, first):
                 heading.passed.append(index)
@@ -392,12 +434,24 @@ class _HeadingSearch:
         cells = self.cells(index)
         named = len(cells) - (len(cells) > 1 and not cells[-1])
         fields = "1 field" if self.layout.fields == 1 else f"{self.layout.fields} fields"
+        if self.layout.delimiter == "," and self.layout.fields == 2 * named:
+            return input_error(
+                f"{self.path}, line {number}",
+                f"{named} column names over {fields}: the numbers have decimal commas, and commas "
+                "separate them too",
+                "export with semicolons or tabs between the cells, or with decimal points",
+            )
         return input_error(
             f"{self.path}, line {number}",
             f"{named} column names over {fields}",
             f"make them agree; if the names are others, --skip-rows {number} starts below this "
             "line, and with --no-header the columns are #1, #2 ... (in a recipe: skip_rows)",
         )
+
+
+def _filled(cells: Sequence[str]) -> list[str]:
+    """A line's cells without one that is empty at its end."""
+    return list(cells[:-1] if len(cells) > 1 and not cells[-1] else cells)
 
 
 def _with_units(cells: Sequence[str]) -> list[str]:

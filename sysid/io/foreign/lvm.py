@@ -23,6 +23,7 @@ from sysid.io.foreign.table import (
     SampleTimes,
     take_names,
 )
+from sysid.io.foreign.table_rows import reject_cut_off
 from sysid.io.foreign.text_layout import Layout, find_layout, is_number
 from sysid.io.foreign.text_parsing import parsed, times_of
 from sysid.types import FloatArray
@@ -68,8 +69,13 @@ def is_format(lines: Sequence[str]) -> bool:
     return len(ends) > 1 and any(line.startswith("Channels") for line in lines[: ends[1]])
 
 
-def read(table: ForeignTable, lines: Sequence[str], options: ReadOptions) -> ForeignTable:
-    """The channels of all segments; each segment after the first begins a recording."""
+def read(
+    table: ForeignTable, lines: Sequence[str], whole: bool, options: ReadOptions
+) -> ForeignTable:
+    """The channels of all segments; each segment after the first begins a recording.
+
+    `whole`: the last line is complete.
+    """
     path = table.path
     end = next(index for index, line in enumerate(lines) if line.startswith(_END))
     stated = dict(_key_and_value(line) for line in lines[1:end])
@@ -93,6 +99,8 @@ def read(table: ForeignTable, lines: Sequence[str], options: ReadOptions) -> For
     layout = Layout(delimiter, decimal, len(names))
     for segment in segments:
         _check_rows(path, segment, layout)
+    if not whole:
+        reject_cut_off(path, rows, layout)
     check_rectangle(path, len(rows), len(names))
     columns = parsed(path, [text for _, text in rows], layout)
     table.format = "LabVIEW measurement file"
@@ -166,7 +174,8 @@ def _check_rows(path: Path, segment: _Segment, layout: Layout) -> None:
         found = text.count(layout.delimiter) + 1 if '"' not in text else len(layout.cells(text))
         if found > channels:
             surplus = [cell for cell in layout.cells(text)[channels:] if cell]
-            if len(surplus) > len(segment.names) - channels or any(map(layout.is_number, surplus)):
+            numbers = row > 0 and any(map(layout.is_number, surplus))
+            if len(surplus) > len(segment.names) - channels or numbers:
                 raise input_error(
                     f"{path}, line {number}",
                     f"{found} fields, but {channels} are of channels and their times",

@@ -16,7 +16,11 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     import pandas as pd
 
-_CLOCK = re.compile(r"\s*(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)\s*")
+# 14:59:58.001, 2:59:58,001 PM, 14:59:58:001; of a part of an hour 59:58.001, with its decimals.
+_CLOCK = re.compile(
+    r"\s*(?:(?P<hour>\d{1,2}):(?=\d{2}:)|(?=[\d:]+[.,]))(?P<minute>\d{1,2}):"
+    r"(?P<second>\d{2}(?:[.,]\d+|:\d{3})?)(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?\s*"
+)
 _DATE = re.compile(
     r"(?P<one>\d{1,2})(?P<sign>[./-])(?P<two>\d{1,2})(?P=sign)(?P<year>\d{4}|(?<=\.)\d{2}),?[ T]+"
     r"(?P<hour>\d{1,2})(?P<rest>:\d{2}(?::\d{2}(?:[.,]\d+)?)?)(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?"
@@ -73,16 +77,18 @@ def clock_seconds(cells: Sequence[object]) -> FloatArray | None:
     found = [_CLOCK.fullmatch(str(cell)) for cell in cells]
     if 2 * sum(match is not None for match in found) <= len(found):
         return None
-    parts = np.array(
-        [
-            [float(part.replace(",", ".")) for part in match.groups()] if match else [np.nan] * 3
-            for match in found
-        ]
-    )
-    time = parts @ np.array([3600.0, 60.0, 1.0])
+    time = np.array([_second_of_day(match) if match else np.nan for match in found])
     day = timedelta(days=1).total_seconds()
     midnights = np.cumsum(np.diff(time, prepend=time[:1]) < -0.5 * day)
     return np.asarray(np.round(time + day * midnights - time[0], 9))
+
+
+def _second_of_day(clock: re.Match[str]) -> float:
+    hour = float(clock["hour"] or 0)
+    if clock["half"] is not None:
+        hour = hour % 12 + 12 * (clock["half"] in "Pp")
+    second = float(re.sub("[,:]", ".", clock["second"]))
+    return 3600.0 * hour + 60.0 * float(clock["minute"]) + second
 
 
 __all__ = ["clock_seconds", "dates_in"]

@@ -17,6 +17,7 @@ from sysid.errors import InputError, input_error
 from sysid.io.alignment import has_own_rate
 from sysid.io.foreign.heading import STAMP, Lines, TableHeading, is_comment
 from sysid.io.foreign.text_layout import BLANK, Layout
+from sysid.io.tables import looks_cut
 from sysid.types import BoolArray, IntArray
 
 _END = re.compile(
@@ -59,7 +60,7 @@ class _Sorting:
     def sorted(self) -> TableRows:
         layout, again = self.heading.layout, None
         if self.heading.line is not None:
-            again = _bare(self.lines[self.heading.line][1], layout).casefold()
+            again = _heading_cells(self.lines[self.heading.line][1], layout)
         nothing = layout.delimiter + " \t\0"
         stamped = any(
             STAMP.search(text)
@@ -67,7 +68,7 @@ class _Sorting:
             if layout.fits(layout.cells(text))
         )
         # With blanks as delimiters the first cell of a date is a number, too.
-        numbered = layout.delimiter == BLANK or (again is not None and again[:1] in _BEGINS)
+        numbered = layout.delimiter == BLANK or (again is not None and again[0][:1] in _BEGINS)
         begins = "" if numbered else _BEGINS
         for index in range(self.heading.first, len(self.lines)):
             text = self.lines[index][1]
@@ -77,7 +78,7 @@ class _Sorting:
                 self._take(index, stamped)
             elif not text.strip(nothing):
                 self.empty.append(index)
-            elif again is not None and _bare(text, layout).casefold() == again:
+            elif again is not None and _heading_cells(text, layout) == again:
                 self._start()
             elif is_comment(text):
                 self.comments.append(index)
@@ -149,8 +150,12 @@ class _Sorting:
                 )
 
 
-def _bare(text: str, layout: Layout) -> str:
-    return text.strip().rstrip(layout.delimiter).rstrip()
+def _heading_cells(text: str, layout: Layout) -> list[str]:
+    """The cells of a line without their capitals, and without those at its end that are empty."""
+    cells = layout.cells(text.strip(" ").casefold())
+    while len(cells) > 1 and not cells[-1]:
+        cells.pop()
+    return cells
 
 
 def _widths(rows: Sequence[tuple[int, str]], layout: Layout) -> tuple[IntArray, BoolArray]:
@@ -191,7 +196,8 @@ def check_widths(path: Path, rows: Sequence[tuple[int, str]], layout: Layout, wh
     # Between blanks a cell that is missing leaves no trace.
     drops_ends = layout.delimiter != BLANK and not layout.ends_empty
     drops_ends = drops_ends and not np.any(ends & (cells == layout.fields))
-    drops_ends = drops_ends and (whole or short[-1] != len(rows) - 1)
+    is_cut = not whole and np.count_nonzero(cells == cells[-1]) == 1
+    drops_ends = drops_ends and not is_cut
     if not drops_ends or not _may_lack(rows, layout, cells):
         raise row_ends_early(path, rows, int(short[0]), layout)
 
@@ -214,13 +220,31 @@ def row_ends_early(
 ) -> InputError:
     """The error for a row of fewer cells than there are columns."""
     fields = int(_widths([rows[row]], layout)[0][0])
+    fix = "complete the row, or give the number of lines above the table with skip_rows"
+    if row == len(rows) - 1:
+        fix = "delete this last line: the recording was cut off there"
+    elif layout.delimiter == BLANK:
+        fix += " (between blanks an empty cell leaves no trace: export it with tabs or commas)"
     return input_error(
         f"{path}, line {rows[row][0]}",
         f"the row ends early: {fields} of {layout.fields} fields",
-        "delete this last line: the recording was cut off there"
-        if row == len(rows) - 1
-        else "complete the row, or give the number of lines above the table with skip_rows",
+        fix,
     )
 
 
-__all__ = ["TableRows", "check_widths", "row_ends_early", "rows_below"]
+def reject_cut_off(path: Path, body: Sequence[tuple[int, str]], layout: Layout) -> None:
+    """InputError at a last line that is cut off within its last number, which would be wrong."""
+    if len(body) < 20:
+        return
+    late = [layout.cells(line) for _, line in body[-200:]]
+    last = [cells[-1] for cells in late if len(cells) == len(late[-1])]
+    if len(last) > 1 and looks_cut(last, layout.decimal):
+        raise input_error(
+            f"{path}, line {body[-1][0]}",
+            "the last line has no line end and its last number is shorter than all before it: "
+            "it looks cut off",
+            "delete the line, or end it with a line break if it is whole",
+        )
+
+
+__all__ = ["TableRows", "check_widths", "reject_cut_off", "row_ends_early", "rows_below"]

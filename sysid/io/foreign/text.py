@@ -11,11 +11,17 @@ from typing import BinaryIO
 
 from sysid.errors import InputError, input_error, shortened
 from sysid.io.bounds import check_rectangle, check_text
+from sysid.io.file_kinds import HEAD_BYTES, wide_encoding
 from sysid.io.foreign import lvm, twincat
 from sysid.io.foreign.heading import Lines, TableHeading, find_heading, is_comment
 from sysid.io.foreign.stated_units import state_units
 from sysid.io.foreign.table import ForeignTable, ReadOptions, SampleTimes, take_names
-from sysid.io.foreign.table_rows import check_widths, row_ends_early, rows_below
+from sysid.io.foreign.table_rows import (
+    check_widths,
+    reject_cut_off,
+    row_ends_early,
+    rows_below,
+)
 from sysid.io.foreign.text_layout import (
     BLANK,
     COMMENTS,
@@ -25,9 +31,14 @@ from sysid.io.foreign.text_layout import (
     is_number,
 )
 from sysid.io.foreign.text_parsing import parsed
-from sysid.io.tables import looks_cut
 from sysid.io.units import bare_name
 
+# A sign apart from its number at the start of a cell; Fortran's D; blanks that do not break a line.
+_APART = re.compile(r"(?m)(?:^|(?<=[,;\t]))[ ]*([+-]) +(?=[\d.])")
+_D_EXPONENT = re.compile(r"(?<=\d)[dD](?=[+-]\d\d(?!\d))")
+_EDGES = re.compile(r"(?m)(?:^|(?<=[,;|\t ]))[\u00a0\u202f]+|[\u00a0\u202f]+(?=[,;|\t ]|$)")
+# The end of a text shows how all its numbers are written.
+_SAMPLE = 20_000
 _MONITOR = re.compile(r"\d{1,2}:\d{2}:\d{2}\.\d{3} -> ")
 
 
@@ -43,7 +54,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     as_it_is = options.skip_rows == 0 and not options.transpose and options.header is not False
     check_line_lengths(path, lines, options)
     if as_it_is and lvm.is_format(lines):
-        return lvm.read(table, lines, options)
+        return lvm.read(table, lines, text.endswith(("\n", "\r")), options)
     if as_it_is and twincat.is_format(lines):
         return twincat.read(table, lines, options)
     numbered = [
@@ -77,7 +88,7 @@ def _read_lines(
     table.starts = tuple(rows.starts)
     check_widths(path, body, layout, whole)
     if not whole:
-        _reject_cut_off(path, body, layout)
+        reject_cut_off(path, body, layout)
     table.place = lambda row: f"line {body[row][0]}"
     table.explain_gap = lambda row: _short_row(path, body, row, layout)
     check_rectangle(path, len(body), layout.fields)
@@ -109,9 +120,18 @@ def _without_monitor(table: ForeignTable, lines: list[str]) -> list[str]:
 
 
 def _plain_digits(text: str, options: ReadOptions) -> str:
-    """Numbers with the signs of the keyboard: a minus, and what groups digits by thousands."""
+    """Numbers with the signs of the keyboard: a minus, and what groups digits by thousands.
+
+    Fortran's exponents become E, a blank between a sign and its number is dropped; so are blanks
+    that do not break a line around cells, and marks of the byte order where files were joined.
+    """
+    if _D_EXPONENT.search(text, len(text) - _SAMPLE):
+        text = _D_EXPONENT.sub("E", text)
+    if _APART.search(text, len(text) - _SAMPLE):
+        text = _APART.sub(r"\1", text)
     if text.isascii():
         return text
+    text = _EDGES.sub(" ", text.replace("\ufeff", ""))
     text = re.sub(r"\u2212(?=[\d.,])", "-", text)
     if options.thousands == " ":
         return re.sub(r"(?<=\d)[\u00a0\u202f\u2009](?=\d)", " ", text)
@@ -119,8 +139,7 @@ def _plain_digits(text: str, options: ReadOptions) -> str:
 
 
 def _text_of(table: ForeignTable, raw: bytes) -> str:
-    encodings = ("utf-16",) if raw.startswith((b"\xff\xfe", b"\xfe\xff")) else ("utf-8-sig",)
-    for encoding in (*encodings, "cp1252"):
+    for encoding in (wide_encoding(raw[:HEAD_BYTES]) or "utf-8-sig", "cp1252"):
         try:
             text = raw.decode(encoding)
         except UnicodeDecodeError:
@@ -243,17 +262,3 @@ def _short_row(
     if len(layout.cells(body[row][1])) >= layout.fields + layout.ends_empty:
         return None
     return row_ends_early(path, body, row, layout)
-
-
-def _reject_cut_off(path: Path, body: list[tuple[int, str]], layout: Layout) -> None:
-    """A last line cut off within its last number would silently give a wrong value."""
-    if len(body) < 20:
-        return
-    last = [layout.cells(line)[-1] for _, line in body[-200:]]
-    if looks_cut(last, layout.decimal):
-        raise input_error(
-            f"{path}, line {body[-1][0]}",
-            "the last line has no line end and its last number is shorter than all before it: "
-            "it looks cut off",
-            "delete the line, or end it with a line break if it is whole",
-        )

@@ -14,6 +14,11 @@ from sysid.io.foreign.table import Column, ForeignTable
 from sysid.io.foreign.text_layout import BLANK, Layout, is_number, ungrouped
 from sysid.types import FloatArray
 
+# What programs write in cells without a value.
+_DASHES = ("-", "--", "---", "----")
+# What instruments send where they have no number, and beyond their range (SCPI-99, 7.2.1.4).
+_NO_NUMBER, _OVERFLOW = 9.91e37, 9.9e37
+
 
 def parsed(path: Path, lines: Sequence[str], layout: Layout) -> list[Column]:
     """The columns of rows of text: numbers as the nearest doubles, or text; NaN for no cell."""
@@ -30,6 +35,7 @@ def parsed(path: Path, lines: Sequence[str], layout: Layout) -> list[Column]:
             index_col=False,
             skipinitialspace=True,
             **_exact(pd.__version__),
+            na_values=_DASHES,
             low_memory=False,
         )
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
@@ -37,7 +43,7 @@ def parsed(path: Path, lines: Sequence[str], layout: Layout) -> list[Column]:
         raise input_error(
             path, f"cannot be read as text ({reason})", "give --delimiter, or fix the file"
         ) from None
-    return [_tidied(frame[i].to_numpy(), layout) for i in frame.columns]
+    return [_tidied(frame[i].to_numpy(copy=True), layout) for i in frame.columns]
 
 
 def times_of(table: ForeignTable, cells: Column, name: str) -> FloatArray:
@@ -68,6 +74,9 @@ def _exact(version: str) -> dict[str, Any]:
 
 def _tidied(values: Column, layout: Layout) -> Column:
     """Cells that pandas left as text, with what is a number written as Python writes it."""
+    if values.dtype.kind == "f":
+        values[values == _NO_NUMBER] = np.nan
+        values[np.abs(values) == _OVERFLOW] = np.inf
     if values.dtype != object or (layout.thousands is None and layout.decimal == "."):
         return values
     tidy = values.copy()
