@@ -132,6 +132,17 @@ def test_no_motor_gain_explains_everything_away() -> None:
     assert scaled == pytest.approx(plain_error, rel=1e-6)
 
 
+def test_no_friction_that_takes_what_the_motor_gives_explains_everything_away() -> None:
+    part = built(lambda v: plain(v) + 60.0 * np.abs(v) * np.sign(v) * np.sin(9.0 * v))
+    kind = CATALOGUE["load-dependent-friction"]
+    law = fit_law(part, (), range(4)).law
+    scaled = Law({k: 0.1 * v for k, v in law.values.items()}, (kind(0.9),))
+    plain_error, error = (rmse(part.residuals(each, range(4))) for each in (law, scaled))
+    assert error > 0.8 * plain_error
+    assert not part.is_possible(scaled)
+    assert part.is_possible(Law(law.values, (kind(0.15),)))
+
+
 def slide(seed: int) -> Trial:
     """At four constant speeds each way, as slow axes are tested: friction is most of the force."""
     rng = np.random.default_rng(seed)

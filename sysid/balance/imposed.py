@@ -105,15 +105,30 @@ def imposed_motion(recording: Recording) -> ImposedMotion:
 def effort_gap(motion: ImposedMotion, model: Model) -> FloatArray:
     """A model's residual effort (n,), Nm or N, filtered, along the whole test.
 
-    In units of the logged command: otherwise a motor gain of 0 would explain everything.
+    In units of the logged command: otherwise a motor gain of 0, or friction that takes as much as
+    the motor gives, would explain everything.
     """
     parameters = with_load(model.at(motion.point.time), motion.recording.load)
     point = dataclasses.replace(motion.point, parameters=parameters)
-    given, taken = motion.point.motor, plant.motor_effort(point, model)
+    given = motion.point.motor
     power = float(given @ given)
-    scale = float(taken @ given) / power if power > 0.0 else 1.0
+    scale = float(moved_by(point, model, 0.0) @ given) / power if power > 0.0 else 1.0
     left = -effort_residual(point, motion.seen.acceleration, model)
     return motion.balanced.smooth(left / (scale if abs(scale) > _LEAST_SCALE else 1.0))
+
+
+def moved_by(point: Point, model: Model, share: float) -> FloatArray:
+    """The effort (n,), Nm or N, that the motor's command gives the shaft beyond a share of it.
+
+    Less the friction that grows with it; without any of the command what the motor gives, an
+    offset of its own included.
+    """
+    less = dataclasses.replace(point, motor=share * point.motor)
+    found = plant.motor_effort(point, model)
+    if share > 0.0:
+        found = found - plant.motor_effort(less, model)
+    friction = [plant.sliding_friction(at, model) for at in (point, less)]
+    return np.asarray(found - (friction[0] - friction[1]))
 
 
 def effort_noise(motion: ImposedMotion, model: Model) -> float:
@@ -166,4 +181,5 @@ __all__ = [
     "effort_noise",
     "effort_rmse",
     "imposed_motion",
+    "moved_by",
 ]

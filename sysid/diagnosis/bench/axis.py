@@ -21,7 +21,13 @@ from typing import cast
 import numpy as np
 
 from sysid import signals
-from sysid.balance.imposed import ImposedMotion, effort_gap, effort_noise, imposed_motion
+from sysid.balance.imposed import (
+    ImposedMotion,
+    effort_gap,
+    effort_noise,
+    imposed_motion,
+    moved_by,
+)
 from sysid.balance.samples import only_way, tells_speeds
 from sysid.diagnosis.bench.component import (
     NOT_SIMULATED,
@@ -41,7 +47,6 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Friction, Parts
 from sysid.parameters.assembled_model import require_moving_inertia
 from sysid.parameters.quality import quality_field
-from sysid.plant import plant
 from sysid.plant.base import bare_parameters
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.effects.friction import LoadDependentFriction
@@ -163,16 +168,16 @@ class Axis(Component):
         return "both"
 
     def is_possible(self, law: Law) -> bool:
-        """Not if the motor would hardly answer to most of the commands that moved the axis.
+        """Not if the shaft would hardly feel most of the commands that moved the axis.
 
-        As with a limit below friction: such an effect explains a log by taking away what it holds.
+        As with a limit of the motor below friction, or with friction that takes what it gives: such
+        an effect explains a log by taking away what it holds.
         """
         model, deaf, count = self._model(law), 0, 0
         for case in self.cases:
             parameters = model.at(case.point.time)
             point = dataclasses.replace(case.point, parameters=parameters)
-            more = dataclasses.replace(point, motor=(1.0 + _MORE) * point.motor)
-            answer = plant.motor_effort(more, model) - plant.motor_effort(point, model)
+            answer = moved_by(point, model, 1.0 - _MORE)
             own = np.abs(_MORE * point.motor)[case.rows]
             deaf += int(np.count_nonzero(np.abs(answer)[case.rows] < _ANSWERS * own))
             count += int(np.count_nonzero(own))
