@@ -57,11 +57,17 @@ def plain(speed: FloatArray) -> FloatArray:
 
 
 def imposed(
-    seed: int, friction: Friction, spring: float = 0.0, noise: float = 0.5, scale: float = 1.0
+    seed: int,
+    friction: Friction,
+    spring: float = 0.0,
+    noise: float = 0.5,
+    scale: float = 1.0,
+    period: float = 0.002,
+    seconds: float = 12.0,
 ) -> Trial:
-    """12 s at 500 Hz along a smooth motion of several speeds, and the force that it takes."""
+    """A smooth motion of several speeds, 12 s at 500 Hz, and the force that it takes."""
     rng = np.random.default_rng(seed)
-    time = np.arange(0.0, 12.0, 0.002)
+    time = np.arange(0.0, seconds, period)
     phases = rng.uniform(0.0, 2.0 * np.pi, 3)
     waves = ((0.25, 0.045 * scale), (0.6, 0.012 * scale), (1.1, 0.006 * scale))
     position, speed, acceleration = (
@@ -212,7 +218,7 @@ def driven(gauge: float, seed: int, seal: float = 1e-5, area: float = 5e-4) -> T
     from dataclasses import replace
 
     rng = np.random.default_rng(seed)
-    time = np.arange(0.0, 40.0, 0.01)
+    time = np.arange(0.0, 20.0, 0.01)
     forth, back = 0.010 - 4e-9 * gauge, 0.012
     legs = 0.03 * np.array([0.0, 1.0 / forth, 1.0 / forth + 1.0 / back])
     place = np.interp(time % legs[2], legs, [0.0, 0.03, 0.0]) + 1e-5 * rng.normal(size=len(time))
@@ -303,7 +309,7 @@ RIPPLES = ("torque-ripple", "gear-mesh-ripple")
 
 def short(*effects: str, spring: float = 0.0, scale: float = 0.35) -> Selection:
     """What of these is found on a stroke of 43 mm (and less)."""
-    trials = [imposed(seed, plain, spring, scale=scale) for seed in (1, 2, 3, 4)]
+    trials = [imposed(seed, plain, spring, scale=scale, period=0.008) for seed in (1, 2, 3, 4)]
     return select(axis(trials, RIG), {name: CATALOGUE[name] for name in effects})
 
 
@@ -486,7 +492,7 @@ def campaign(tmp_path: Path) -> Path:
     )
     text = 'rig = "rig.toml"\n'
     for seed in (1, 2, 3, 4):
-        trial = imposed(seed, lambda v: plain(v) - 40.0 * np.abs(v))
+        trial = imposed(seed, lambda v: plain(v) - 40.0 * np.abs(v), period=0.004, seconds=4.0)
         table = pd.DataFrame({"time_s": trial.time, **trial.channels})
         table.to_csv(tmp_path / f"{seed}.csv", index=False)
         text += f'\n[[log]]\nkind = "friction-motion"\nfile = "{seed}.csv"\n'
