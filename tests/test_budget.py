@@ -39,7 +39,8 @@ from sysid.plant.effects import catalogue
 BUNDLED = Path(__file__).resolve().parent.parent / "datasets" / "bundled" / "campaign.toml"
 SIZE = Size(2, 0, 2, 0.04, (2, 1), (1, 1), (1, 1), slidings=8)
 KINDS = ("friction-static", "friction-sliding", "valve-discrete", "motion-discrete")
-SEAL = ("seal-friction", "sum", 1.0)
+# Tests to fit on of a small rig with undeclared seal friction, the rig, and its true base model.
+sealed = partial(made, ("seal-friction", "sum", 1.0), scatter=0.02, size=SIZE)
 
 
 # --- limits ------------------------------------------------------------------------------
@@ -161,15 +162,23 @@ def steps_of(found: Loop) -> list[tuple[Any, ...]]:
     return [(s.refit.effects, s.model, s.p_value, s.ambiguous, s.tried) for s in found.search.steps]
 
 
-def test_within_the_budget_the_result_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    campaign = made(SEAL, scatter=0.02)
+@pytest.fixture(scope="module")
+def free_and_made() -> tuple[Loop, float]:
+    """A search without a bound, in one process, and how many evaluations it made."""
+    with pytest.MonkeyPatch.context() as patch, limited() as one:
+        patch.setenv(VARIABLE, "1")
+        return loop(*sealed()), one.made
+
+
+def test_within_the_budget_the_result_is_the_same(
+    free_and_made: tuple[Loop, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign = sealed()
+    free, made_free = free_and_made
     monkeypatch.setenv(VARIABLE, "2")
     with limited(evaluations=1e6, seconds=6000.0) as two:
         bounded = loop(*campaign)
-    monkeypatch.setenv(VARIABLE, "1")
-    with limited() as one:
-        free = loop(*campaign)
-    assert one.made == two.made > 100
+    assert made_free == two.made > 100
     assert bounded.looked == free.looked and bounded.looked.is_complete
     assert steps_of(bounded) == steps_of(free)
     np.testing.assert_array_equal(bounded.search.last.rest, free.search.last.rest)
@@ -177,28 +186,29 @@ def test_within_the_budget_the_result_is_the_same(monkeypatch: pytest.MonkeyPatc
     cut = []
     for jobs in ("1", "2"):
         monkeypatch.setenv(VARIABLE, jobs)
-        with limited(evaluations=0.8 * one.made) as less:
+        with limited(evaluations=0.8 * made_free) as less:
             cut.append((loop(*campaign), less.made))
     (first, made_first), (second, made_second) = cut
     assert first.looked == second.looked and first.looked.cut_short
-    assert made_first == made_second < one.made
+    assert made_first == made_second < made_free
     assert steps_of(first) == steps_of(second)
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
-def test_nothing_but_a_budget_looks_at_a_clock(jobs: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_but_a_budget_looks_at_a_clock(
+    jobs: str, free_and_made: tuple[Loop, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """However slow the machine: between any two looks at a clock an hour goes by."""
-    campaign = made(SEAL, scatter=0.02)
+    campaign = sealed()
+    expected, made_free = free_and_made
     monkeypatch.setenv(VARIABLE, jobs)
-    with limited(evaluations=1e6) as plain:
-        expected = loop(*campaign)
     hours = itertools.count()
     for name in ("monotonic", "perf_counter", "process_time", "time"):
         monkeypatch.setattr(time, name, lambda: 3600.0 * next(hours))
     with limited(evaluations=1e6) as slow:
         found = loop(*campaign)
     monkeypatch.undo()
-    assert slow.made == plain.made and found.looked == expected.looked
+    assert slow.made == made_free and found.looked == expected.looked
     assert steps_of(found) == steps_of(expected)
 
 
@@ -217,7 +227,7 @@ def test_a_suspect_that_cannot_be_fitted_is_named(monkeypatch: pytest.MonkeyPatc
         raise np.linalg.LinAlgError("Singular matrix")
 
     monkeypatch.setattr(actuator_finder, "fit_set", fails)
-    found = loop(*made(SEAL, scatter=0.02))
+    found = loop(*sealed())
     assert [step.id for step in found.search.steps] == ["seal-friction"]
     assert found.looked.fitted == ("seal-friction",) and broken - {"seal-friction"}
     missed = {m.subject for m in found.looked.missed}
@@ -238,7 +248,7 @@ def test_out_of_budget_the_best_that_was_fitted_is_kept(monkeypatch: pytest.Monk
         return fit_set(base, channels, starts, *others)
 
     monkeypatch.setattr(actuator_finder, "fit_set", only_one)
-    found = loop(*made(SEAL, scatter=0.02))
+    found = loop(*sealed())
     assert [step.id for step in found.search.steps] == ended == ["seal-friction"]
     suspects = {SearchStage.SUSPECTS}
     late = {m.subject for m in found.looked.missed if m.stage in suspects}
@@ -247,7 +257,7 @@ def test_out_of_budget_the_best_that_was_fitted_is_kept(monkeypatch: pytest.Monk
 
 
 def test_a_search_that_fails_leaves_nothing_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    (file, kind, trial), *_ = made(SEAL)[0]
+    (file, kind, trial), *_ = sealed()[0]
     log = SimpleNamespace(path=Path(file), trials=(trial,))
     ended: list[str] = []
     monkeypatch.setattr(actuator_diagnose, "forget", lambda: ended.append("forgotten"))
@@ -256,7 +266,7 @@ def test_a_search_that_fails_leaves_nothing_in_memory(monkeypatch: pytest.Monkey
         raise InputError("a log that cannot be used")
 
     monkeypatch.setattr(actuator_diagnose, "close_loop", fails)
-    _, rig, model = made(SEAL)
+    _, rig, model = sealed()
     with pytest.raises(InputError):
         actuator_diagnose.diagnose([("fit", kind, log)], rig, model, {})  # type: ignore[list-item]
     assert ended == ["forgotten"]
@@ -369,7 +379,7 @@ def test_a_model_that_cannot_be_simulated_gets_a_verdict(monkeypatch: pytest.Mon
         raise SimulationError("simulation: the model switches without end")
 
     monkeypatch.setattr(actuator_loop, "simulate_twins", fails)
-    found = loop(*made(SEAL, scatter=0.02))
+    found = loop(*sealed())
     assert found.search.steps == () and not found.looked.is_decided
     assert {m.stage for m in found.looked.missed} == {
         SearchStage.TWIN,

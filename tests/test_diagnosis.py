@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from datasets.generator.campaign import LAB, GeneratedCampaign, drawn_effects, make_campaign
+from datasets.generator.campaign import LAB, GeneratedCampaign, Size, drawn_effects, make_campaign
 from sysid.diagnosis.actuator import finder as finder_module
 from sysid.diagnosis.actuator.choked_boundaries import near_boundaries
 from sysid.diagnosis.actuator.diagnose import (
@@ -110,14 +110,14 @@ Tests = list[tuple[str, str, Trial]]
 
 @lru_cache(maxsize=2)
 def made(
-    *effects: tuple[str, str, float], scatter: float = 0.0, seed: int = SEED
+    *effects: tuple[str, str, float], scatter: float = 0.0, seed: int = SEED, size: Size = LAB
 ) -> tuple[Tests, Rig, Model]:
     """Tests to fit on of a generated rig, the rig as declared, and its true base model.
 
     Whoever calls it leaves them as they are: the next one has the same.
     """
     campaign: GeneratedCampaign = make_campaign(
-        seed, size=LAB, stems=STEMS, scatter=scatter, effects=drawn_effects(seed, effects)
+        seed, size=size, stems=STEMS, scatter=scatter, effects=drawn_effects(seed, effects)
     )
     rig = rig_from_content(campaign.rig.content, "rig.toml")
     truth = campaign.truth
