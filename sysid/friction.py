@@ -50,6 +50,7 @@ from sysid.identification.friction.motion import (
     usable_motion,
     usual_cutoff,
 )
+from sysid.identification.friction.rests import static_of_rests
 from sysid.identification.friction.result import FrictionResult, doubtful
 from sysid.identification.friction.sliding import (
     ANOTHER_LEVEL,
@@ -131,6 +132,12 @@ class _Fit:
                 if use.kind == kind and use.used:
                     use.exclude(found.reason)
         return None
+
+    def wanted(self, kind: str) -> str:
+        """The test that is missing, one that the rig can do."""
+        if not self.rig.has_air_alone:
+            return _WANTED[kind]
+        return f"give {self.rig.friction_tests['static' if kind == STATIC else 'coulomb']}"
 
     @property
     def reasons(self) -> dict[str, str]:
@@ -224,7 +231,7 @@ def _whole(
 def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
     """The fit of the trials by kind. Raises NotIdentifiedError where none gives anything."""
     rig = fit.rig
-    static = fit.attempt(STATIC, lambda: _static(fit))
+    static = fit.attempt(STATIC, lambda: _static(fit)) or _static_without_ramps(fit)
     inertia = rig.total_inertia()
     declared = inertia if rig.has_declared_inertia else None
     motion = fit.attempt(MOTION, lambda: _motion(fit, None if estimate_inertia else declared))
@@ -399,10 +406,23 @@ def _static(fit: _Fit) -> StaticFriction | None:
     fit.uses += uses
     if result is None:
         raise NotIdentifiedError(
-            f"static friction: no ramp is usable ({_reasons(uses)}); {_WANTED[STATIC]}"
+            f"static friction: no ramp is usable ({_reasons(uses)}); {fit.wanted(STATIC)}"
         )
     fit.notices += result.notices
     return result
+
+
+def _static_without_ramps(fit: _Fit) -> StaticFriction | None:
+    """Static friction of a rig without a motor, from the rests of its motions; None where these
+    are too few."""
+    moving = fit.by_kind[MOTION]
+    if not fit.rig.has_air_alone or fit.by_kind[STATIC] or any(t.has_motor for t in moving):
+        return None
+    found = on_its_own(partial(static_of_rests, moving, fit.units, fit.notices))
+    if isinstance(found, Failure):
+        fit.failures[STATIC] = found
+        return None
+    return found
 
 
 def _sliding(trials: Sequence[Recording], fit: _Fit, inertia: float | None) -> SlidingFriction:
@@ -411,7 +431,7 @@ def _sliding(trials: Sequence[Recording], fit: _Fit, inertia: float | None) -> S
     if points is None:
         raise NotIdentifiedError(
             "Coulomb and viscous friction: no constant-effort trial is usable "
-            f"({_reasons(uses)}); {_WANTED[SLIDING]}"
+            f"({_reasons(uses)}); {fit.wanted(SLIDING)}"
         )
     try:
         result = fit_sliding(points, fit.units)
@@ -517,7 +537,7 @@ def _why_still(fit: _Fit) -> str:
 def _nothing(fit: _Fit) -> str:
     if fit.reasons:
         return "; ".join(fit.reasons.values())
-    return "static, Coulomb and viscous friction: no friction test is given; " + _WANTED[STATIC]
+    return "static, Coulomb and viscous friction: no friction test is given; " + fit.wanted(STATIC)
 
 
 @dataclass(frozen=True)
@@ -576,9 +596,9 @@ def _result(
 ) -> FrictionResult:
     u = fit.units
     chosen = _chosen(fit, sliding, motion)
-    reason = fit.reasons.get(SLIDING) or fit.reasons.get(MOTION) or _WANTED[SLIDING]
+    reason = fit.reasons.get(SLIDING) or fit.reasons.get(MOTION) or fit.wanted(SLIDING)
     parameters = {
-        "static": Estimate.unidentified(u.effort, fit.reasons.get(STATIC, _WANTED[STATIC]))
+        "static": Estimate.unidentified(u.effort, fit.reasons.get(STATIC, fit.wanted(STATIC)))
         if static is None
         else static.estimate
     }
@@ -586,7 +606,7 @@ def _result(
     if motion is not None and motion.inertia is not None:
         parameters["inertia"] = motion.inertia
     elif estimate_inertia:
-        reason = fit.reasons.get(MOTION, _WANTED[MOTION])
+        reason = fit.reasons.get(MOTION, fit.wanted(MOTION))
         parameters["inertia"] = Estimate.unidentified(u.inertia_unit, reason)
     checked = chosen.kind == SLIDING and motion is not None
     cross_check = _Moving(MOTION, motion).parameters(u) if checked else {}

@@ -203,6 +203,11 @@ def test_friction_of_a_motion_that_air_and_spring_drive(
     t = made.rig.truth
     assert found["coulomb"].value == pytest.approx(t.coulomb_friction, rel=0.06)
     assert found["viscous"].value == pytest.approx(t.viscous_friction, rel=0.1)
+    # No motor ramps: it is that of the rests from which air and spring move the piston.
+    static, own = found["static"], made.log("friction_motion").tests
+    factor = float(np.mean([test.truth["static_factor"] for test in own]))
+    assert static.value == pytest.approx(factor * t.static_friction, rel=0.04)
+    assert static.value > 1.2 * found["coulomb"].interval[1]
     without = read_rig(folder / "rig.toml")
     bare = rig_from_content({k: v for k, v in without.content.items() if k != "spring"}, "rig.toml")
     wrong = fit_friction(log.trials, bare).parameters["coulomb"]

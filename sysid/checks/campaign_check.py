@@ -250,6 +250,9 @@ def _asked(one: Answer, rig: Rig, kinds: set[str]) -> Answer:
 
 def _test_for(name: str, rig: Rig) -> tuple[set[str], str]:
     """The kinds of test that identify a parameter, and the test in words."""
+    own, by_air = name.removesuffix(" friction").lower(), rig.has_air_alone
+    if by_air and own in rig.friction_tests:
+        return {*SIMULATED_KINDS}, rig.friction_tests[own]
     if name == "static friction":
         effort = rig.units.word
         return {"friction-static"}, f"a friction-static test: {effort} ramped slowly from zero"
@@ -257,13 +260,15 @@ def _test_for(name: str, rig: Rig) -> tuple[set[str], str]:
         test = "friction-sliding tests at two levels of the effort, or a friction-motion test"
         return {"friction-sliding", *SIMULATED_KINDS}, test
     if name in ("torque offset", "force offset"):
-        test = "friction-sliding or friction-motion tests in both directions"
+        test = "friction-motion tests in both directions"
+        test = test if by_air else f"friction-sliding or {test}"
         return {"friction-sliding", *SIMULATED_KINDS}, test
     if name == "inertia":
         return {*SIMULATED_KINDS}, "a friction-motion test that accelerates and reverses"
     valve = name.removeprefix("valve ")[:1]
     if name.startswith("valve ") and name[8:] in _SWITCHED:
-        test = f"a valve-discrete test of valve {valve}: piston held, on 3 s, off"
+        steps = "fill on 3 s, both off, bleed on" if rig.bleeds else "on 3 s, off"
+        test = f"a valve-discrete test of valve {valve}: piston held, {steps}"
         return {"valve-discrete"}, test
     if name.startswith("valve ") and "PWM surface" in name:
         ways = "filling and discharging, at least five duties"

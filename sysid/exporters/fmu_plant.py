@@ -76,8 +76,8 @@ def plant_fmu(bundle: Bundle, effects: Sequence[CatalogueEffect], model: Model) 
 def _require_held(bundle: Bundle, effects: Sequence[CatalogueEffect], model: Model) -> None:
     if not has_discrete_law(model.parameters):
         raise NotIdentifiedError(
-            f"{bundle.source}: holds no on/off law of both valves, which a plant that follows "
-            "their pulses needs; fit valve-discrete tests of valves A and B into it"
+            f"{bundle.source}: holds no on/off law of {bundle.rig.all_valves}, which a plant that "
+            "follows pulses needs; fit valve-discrete tests of each valve into it"
         )
     if bundle.rig.bleeds:
         raise input_error(

@@ -52,6 +52,17 @@ _NO_FILE = "the assumed rig"
 _LEAST_VACUUM = 0.05
 # Letters in a line of a rig's constants, as it shows itself.
 _LINE = 84
+_TESTS_BY_MOTOR = {
+    "static": "friction-static tests (a torque ramp from rest)",
+    "coulomb": "friction-sliding tests (constant torques, at least two levels)",
+    "viscous": "friction-sliding tests (constant torques, at least two levels)",
+}
+_UP_AND_DOWN = "friction-motion tests (the valves drive the piston to and fro at several speeds)"
+_TESTS_BY_AIR = {
+    "static": "friction-motion tests (the valves move the piston slowly, with rests in between)",
+    "coulomb": _UP_AND_DOWN,
+    "viscous": _UP_AND_DOWN,
+}
 _NO_INERTIA = Inertia.model_construct()
 _NO_SENSORS = Sensors.model_construct()
 
@@ -234,6 +245,23 @@ class Rig(Shown):
         At most two: of chambers A and B, or the fill and the bleed valve of one chamber.
         """
         return ("a_fill", "a_bleed") if self.bleeds else self.sides
+
+    @property
+    def all_valves(self) -> str:
+        """ "both valves"; of a rig with one chamber "its valve" or, one fills, "its valves"."""
+        if len(self.sides) > 1:
+            return "both valves"
+        return "its valves" if self.bleeds else "its valve"
+
+    @property
+    def friction_tests(self) -> Mapping[str, str]:
+        """The tests that identify static, Coulomb and viscous friction on this rig, in words."""
+        return _TESTS_BY_AIR if self.has_air_alone else _TESTS_BY_MOTOR
+
+    @property
+    def has_air_alone(self) -> bool:
+        """Whether a cylinder alone drives it: no motor is declared, nor assumed."""
+        return self.motor is None and self.cylinder is not None
 
     def filled_by(self, side: str) -> str:
         """The name of the valve that fills a chamber."""

@@ -57,11 +57,6 @@ _OTHER_REGIME = {
     "choked_dis": "c_dis",
     "c_dis": "choked_dis",
 }
-_TESTS = {
-    "static": "friction-static tests (a torque ramp from rest)",
-    "coulomb": "friction-sliding tests (constant torques, at least two levels)",
-    "viscous": "friction-sliding tests (constant torques, at least two levels)",
-}
 
 
 def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
@@ -82,14 +77,12 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     """
     friction, where = bundle.friction, bundle.source
     if friction is None:
-        raise NotIdentifiedError(
-            f"{where}: holds no friction; fit friction-static and friction-sliding tests into it"
-        )
+        raise NotIdentifiedError(f"{where}: holds no friction; {_friction_wanted(rig)}")
     taken = {name: name for name in FRICTION}
     if _lacks_static_alone(friction):
         taken["static"] = "coulomb"
     values = {
-        name: max(_of_motion(friction, own, f"{where}, friction", _TESTS[name]), 0.0)
+        name: max(_of_motion(friction, own, f"{where}, friction", rig.friction_tests[name]), 0.0)
         for name, own in taken.items()
     }
     if rig.is_motor_alone:
@@ -200,7 +193,7 @@ def _assumed_static(bundle: BundleContent) -> Iterator[str]:
         key = bundle.units.key
         yield (
             f"{bundle.source}: {key('static')} is not identified: the model uses "
-            f"{key('coulomb')} instead; give {_TESTS['static']}"
+            f"{key('coulomb')} instead; give {bundle.rig.friction_tests['static']}"
         )
 
 
@@ -519,6 +512,17 @@ def _identified(part: Part, key: str, where: str, test: str) -> float:
     return float(estimate.value)
 
 
+def _friction_wanted(rig: Rig) -> str:
+    tests = dict.fromkeys(test.split(" ")[0] for test in rig.friction_tests.values())
+    return f"fit {' and '.join(tests)} tests into it"
+
+
+def _everywhere(rig: Rig) -> str:
+    if len(rig.sides) > 1:
+        return "both valves and directions"
+    return f"{rig.all_valves} and both directions"
+
+
 def surfaces_for(bundle: BundleContent, rig: Rig, valve_model: str) -> tuple[Any, ...]:
     """The surfaces of a valve model ("discrete": none) out of a bundle, for simulate_trials.
 
@@ -533,14 +537,14 @@ def surfaces_for(bundle: BundleContent, rig: Rig, valve_model: str) -> tuple[Any
     surfaces = surfaces_from_bundle(bundle, rig, valve_model)
     if surfaces is None:
         raise NotIdentifiedError(
-            f"{bundle.source}: holds no {valve_model} surfaces for both valves and directions; "
+            f"{bundle.source}: holds no {valve_model} surfaces for {_everywhere(rig)}; "
             "fit valve-pwm tests into it"
         )
     return surfaces
 
 
 def first_valve_model(bundle: BundleContent, rig: Rig, parameters: Parameters) -> str:
-    """The discrete law where the bundle has it of both valves, else the first of its surfaces.
+    """The discrete law where the bundle has it of all valves, else the first of its surfaces.
 
     Raises NotIdentifiedError where it has neither.
     """
@@ -550,7 +554,8 @@ def first_valve_model(bundle: BundleContent, rig: Rig, parameters: Parameters) -
         if surfaces_from_bundle(bundle, rig, name) is not None:
             return name
     raise NotIdentifiedError(
-        f"{bundle.source}: holds no model of both valves; fit valve-discrete tests of both into it"
+        f"{bundle.source}: holds no model of {rig.all_valves}; fit valve-discrete tests of "
+        f"{'both' if len(rig.sides) > 1 else 'valve A'} into it"
     )
 
 

@@ -248,8 +248,8 @@ def check_on_off_law(bundle: Bundle, model: Model) -> None:
     """Raises NotIdentifiedError where a bundle's model cannot simulate motion by its pulses."""
     if not has_discrete_law(model.parameters):
         raise NotIdentifiedError(
-            f"{bundle.source}: holds no on/off law of both valves, by which motion is simulated; "
-            "fit valve-discrete tests into it"
+            f"{bundle.source}: holds no on/off law of {bundle.rig.all_valves}, by which motion is "
+            "simulated; fit valve-discrete tests into it"
         )
 
 

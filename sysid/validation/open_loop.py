@@ -54,7 +54,7 @@ from sysid.validation.results import (
 
 _OFFSET_EFFECT = "torque-offset"
 _ALONE = "; a cylinder without valves is judged by `sysid diagnose`, on its held-out tests"
-_NO_VALVES = "fit valve-discrete tests of both valves, or valve-pwm tests, into the bundle"
+_NO_VALVES = "fit valve-discrete tests of {}, or valve-pwm tests, into the bundle"
 
 
 @dataclass(frozen=True)
@@ -187,16 +187,20 @@ def _valve_models(
             if surfaces is not None:
                 found.append(_ValveModel(kind, surfaces))
     missing = sorted({e.file for e in entries if not any(m.applies(e.kind) for m in found)})
+    lacking = _NO_VALVES.format(rig.all_valves)
     if len(missing) == len({e.file for e in entries}):
         raise NotIdentifiedError(
-            f"{bundle.source}: holds no valve model of both valves to simulate {missing[0]} with; "
-            f"{_NO_VALVES}{'' if rig.valves else _ALONE}"
+            f"{bundle.source}: holds no valve model of {rig.all_valves} to simulate {missing[0]} "
+            f"with; {lacking}{'' if rig.valves else _ALONE}"
         )
     absent = [name for name in VALVE_MODELS if name not in {m.name for m in found}]
-    if any(e.kind == "motion-pwm" for e in entries) and absent:
-        notices.append(f"{bundle.source}: holds no {' and no '.join(absent)} model of both valves")
+    by_pulses = rig.bleeds or rig.supply_way < 0.0  # no PWM surfaces are fitted of those
+    if any(e.kind == "motion-pwm" for e in entries) and absent and not by_pulses:
+        notices.append(
+            f"{bundle.source}: holds no {' and no '.join(absent)} model of {rig.all_valves}"
+        )
     if missing:
-        notices.append(f"{bundle.source}: no valve model for {', '.join(missing)}; {_NO_VALVES}")
+        notices.append(f"{bundle.source}: no valve model for {', '.join(missing)}; {lacking}")
     return found
 
 

@@ -82,8 +82,8 @@ def diagnose(
     """
     if not has_discrete_law(model.parameters):
         raise NotIdentifiedError(
-            "diagnosis: the bundle holds no discrete law of both valves; "
-            "fit valve-discrete tests of valves a and b into it"
+            f"diagnosis: the bundle holds no discrete law of {rig.all_valves}; fit valve-discrete "
+            f"tests of valve{'s a and b' if len(rig.sides) > 1 else ' a'} into it"
         )
     tests: list[tuple[str, str, Trial]] = [
         (log.path.name, kind, trial)

@@ -31,7 +31,7 @@ from sysid.identification.friction.low_speed import RULE as LOW_SPEED_RULE
 from sysid.identification.friction.motion import MotionFriction
 from sysid.identification.friction.shown import parameters_figure, speed_figure
 from sysid.identification.friction.sliding import SlidingFriction, missed_by
-from sysid.identification.friction.static import CRITERION, StaticFriction, breakaway_of
+from sysid.identification.friction.static import StaticFriction, breakaway_of
 from sysid.io.motion import MotionUnits
 from sysid.io.rig import Rig
 from sysid.parameters import Correlation, Friction, Parts
@@ -87,8 +87,9 @@ class FrictionResult(NamedEstimates, Shown):
     @property
     def rmse(self) -> dict[str, float]:
         """RMSE of each fit, in units of effort; of static friction, its repeatability."""
+        ramped = None if self.static is None or self.static.quality is None else self.static
         found = {
-            STATIC: None if self.static is None else self.static.repeatability,
+            STATIC: None if ramped is None else ramped.repeatability,
             SLIDING: None if self.sliding is None else self.sliding.rmse,
             MOTION: None if self.motion is None else self.motion.rmse,
         }
@@ -105,7 +106,7 @@ class FrictionResult(NamedEstimates, Shown):
                 count = f"{kind}: {used} of {len(uses)} tests used"
                 lines.append("; ".join([count, *exclusion_lines(uses)]))
         if self.static is not None:
-            lines += [*self.static.remarks, f"breakaway: {CRITERION}"]
+            lines += [*self.static.remarks, f"breakaway: {self.static.criterion}"]
         if self.sliding is not None:
             lines.append(
                 f"sliding friction scatters by {100.0 * self.sliding.scatter:.2g} % from trial "
@@ -356,7 +357,7 @@ class FrictionResult(NamedEstimates, Shown):
         if self.static is not None:
             table["static_by_position"] = [p.to_json() for p in self.static.by_position]
             table["static_tests"] = {k: _test(t) for k, t in self.static.tests.items()}
-            table["static_criterion"] = CRITERION
+            table["static_criterion"] = self.static.criterion
         if self.sliding is not None:
             table["clusters"] = [c.to_json() for c in self.sliding.clusters]
             table["offset_p_value"] = self.sliding.offset_p_value

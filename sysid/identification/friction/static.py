@@ -32,7 +32,7 @@ from sysid.identification.friction.effort import TrialUse, titles
 from sysid.io.motion import MotionUnits
 from sysid.recording.friction_kind import STATIC
 from sysid.recording.recording import Recording
-from sysid.types import FloatArray
+from sysid.types import BoolArray, FloatArray
 
 # A shaft that moves by less than its noise for this long is at rest. With twice the time that a
 # test's own first motion takes, static friction by 300 counts a revolution was 2.4 % too small; so
@@ -101,6 +101,7 @@ class StaticFriction:
     tests: dict[str, FTest]
     notices: tuple[str, ...] = ()
     quality: FitQuality | None = None
+    criterion: str = CRITERION
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -214,16 +215,8 @@ def find_onset(trial: Recording) -> Onset | str:
     x = trial.position
     if len(x) < 20:
         return "it is too short"
-    noise = trial.position_noise
-    span = trial.rig.travel if trial.rig.travel is not None else 20.0 * float(np.ptp(x))
-    counts = _counts(trial, TRAVEL_SHARE * span)
-    hold = max(2, round(REST_S / trial.period), _rest_in_counts(counts))
-    drift = trial.drift(hold)
-    threshold = max(TRAVEL_SHARE * span, NOISE_TIMES * drift, QUANTUM_TIMES * noise.quantum)
-    # Over `hold` samples a shaft at rest moves by less than this.
-    still = max(6.0 * drift, 1.5 * noise.quantum, 0.05 * threshold)
-    moving = np.abs(x[hold:] - x[:-hold]) > still
-    for start, end in signals.runs(moving):
+    span, counts, hold, threshold = _scales(trial)
+    for start, end in signals.runs(_moves(trial, hold, threshold)):
         before = _first_of_its_counts(counts, start)
         after = min(end + hold - 1, len(x) - 1)
         travel = float(x[after] - x[before])
@@ -240,6 +233,34 @@ def find_onset(trial: Recording) -> Onset | str:
         f"it never moves by more than {threshold:.2g} (noise, counts, presliding): the ramp ends "
         "below breakaway, ramp higher"
     )
+
+
+def resting(trial: Recording) -> list[tuple[int, int]]:
+    """The rests (first row, row after) of a test that moves in between; none of a short one."""
+    if len(trial) < 20:
+        return []
+    _, _, hold, threshold = _scales(trial)
+    rests = signals.runs(~_moves(trial, hold, threshold))
+    # The window that first moves by less may have begun in the motion before.
+    return [(first and first + hold // 2, stop) for first, stop in rests if stop - first >= hold]
+
+
+def _scales(trial: Recording) -> tuple[float, NDArray[np.intp], int, float]:
+    """The stroke, rad or m, the samples after which a coarse encoder counts, over how many samples
+    a rest is judged, and the way beyond which a shaft has moved."""
+    x, noise = trial.position, trial.position_noise
+    span = trial.rig.travel if trial.rig.travel is not None else 20.0 * float(np.ptp(x))
+    counts = _counts(trial, TRAVEL_SHARE * span)
+    hold = max(2, round(REST_S / trial.period), _rest_in_counts(counts))
+    least = NOISE_TIMES * trial.drift(hold), QUANTUM_TIMES * noise.quantum
+    return span, counts, hold, max(TRAVEL_SHARE * span, *least)
+
+
+def _moves(trial: Recording, hold: int, threshold: float) -> BoolArray:
+    """Where a shaft moves within `hold` samples by more than one at rest does, (n - hold,)."""
+    x = trial.position
+    still = max(6.0 * trial.drift(hold), 1.5 * trial.position_noise.quantum, 0.05 * threshold)
+    return np.asarray(np.abs(x[hold:] - x[:-hold]) > still)
 
 
 def _counts(trial: Recording, presliding: float) -> NDArray[np.intp]:

@@ -137,7 +137,7 @@ class PlayedTest(Shown):
         effort = f", {units.word} {most.effort:.4g} {units.effort}" if r.effort else ""
         spring = self.rig.spring is not None
         where = "where the spring holds it" if spring else "in the middle of the travel"
-        valves = "both valves" if len(self.rig.valve_names) > 1 else "its valve"
+        valves = self.rig.all_valves
         emptied = " and the chamber emptied" if self.rig.bleeds else ""
         header = PlayedHeader(
             self.kind, tuple((e.name, e.now, e.after, e.unit) for e in self.expected)

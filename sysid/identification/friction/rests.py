@@ -1,0 +1,109 @@
+"""Static friction where a motion begins again after a rest, for rigs that no motor ramps (3.4.2).
+
+A shaft that rests between two motions breaks away as it does at the end of a ramp. Under PWM it
+does so at a crest of the pressure's ripple, and a log holds few samples of a pulse: the effort of
+the rest is fitted by a trend and the harmonics of the PWM frequency, and read at the crest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from sysid.errors import NotIdentifiedError
+from sysid.estimation.linear import Estimate
+from sysid.identification.friction.static import (
+    AVERAGE_S,
+    Onset,
+    StaticFriction,
+    find_onset,
+    resting,
+)
+from sysid.io.motion import MotionUnits
+from sysid.recording.recording import Recording
+from sysid.types import FloatArray
+
+# Of PWM before the onset, in periods: enough for the ripple, few for a trend's curvature.
+_PERIODS = 20
+_CREST_POINTS = 41
+_FEWEST = 3
+CRITERION = (
+    "end of a rest within a motion, by the onset of sustained motion; the efforts before it are "
+    f"fitted over {_PERIODS} PWM periods by a trend and the ripple, and read at its last crest; "
+    "the median of all rests"
+)
+# Standard deviation of a normal sample over its median absolute deviation, and the standard error
+# of its median over that of its mean.
+_PER_MAD, _PER_MEDIAN = 1.4826, 1.2533
+
+
+def static_of_rests(
+    trials: Sequence[Recording], units: MotionUnits, notices: list[str]
+) -> StaticFriction:
+    """Static friction from the rests within motions: the median of what ended them.
+
+    A reading may be of a slip, or of an effort that changed too fast: the median and the median
+    deviation do not follow a few of these. Raises NotIdentifiedError where fewer than three rests
+    end within a test.
+    """
+    found = np.array([value for trial in trials for value in _readings(trial)])
+    if len(found) < _FEWEST:
+        raise NotIdentifiedError(
+            f"static friction: {len(found)} of {_FEWEST} rests that end in motion: give slow "
+            "changes of the pressure, to and fro, with the piston at rest in between"
+        )
+    middle = float(np.median(found))
+    spread = _PER_MAD * float(np.median(np.abs(found - middle)))
+    error = _PER_MEDIAN * spread / math.sqrt(len(found))
+    estimate = Estimate.symmetric(middle, error, units.effort, len(found) - 1)
+    notices.append(
+        f"static friction is that of {len(found)} rests of friction-motion tests, at whose ends "
+        "the shaft begins to move: the rig file declares no motor that could ramp its effort"
+    )
+    return StaticFriction(estimate, spread, (), {}, {}, criterion=CRITERION)
+
+
+def _readings(trial: Recording) -> Iterator[float]:
+    """The effort that ended each rest of a test, in the direction in which it then moved."""
+    rests = resting(trial)
+    for place, (first, _) in enumerate(rests):
+        if first == 0:  # how long it had rested before the log, nobody knows
+            continue
+        end = rests[place + 1][0] if place + 1 < len(rests) else len(trial)
+        part = trial.part(first, end, trial.label)
+        onset = find_onset(part)
+        if isinstance(onset, str):
+            continue
+        value = _crest(part, onset)
+        if value > 0.0:
+            yield value
+
+
+def _crest(rest: Recording, onset: Onset) -> float:
+    """The largest effort just before an onset, Nm or N along the motion; NaN of a short rest."""
+    pwm = rest.rig.pwm
+    period = AVERAGE_S / _PERIODS if pwm is None else pwm.period_s
+    harmonics = 0 if pwm is None else math.ceil(0.5 * period / rest.period - 1e-6) - 1
+    first = max(0, onset.index + 1 - round(_PERIODS * period / rest.period))
+    rows = slice(first, onset.index + 1)
+    columns = _columns(rest.time[rows] - onset.time, period, harmonics)
+    if len(columns) < 2 * columns.shape[1]:
+        return math.nan
+    effort = onset.direction * rest.applied[rows]
+    law = np.linalg.lstsq(columns, effort, rcond=None)[0]
+    # Under pulses pressure rises and falls in ramps: their crest is above that of the harmonics.
+    odd = np.arange(1, harmonics + 1, 2, dtype=float)
+    law[3:] *= 1.0 if harmonics == 0 else math.pi**2 / (8.0 * float(np.sum(odd**-2.0)))
+    last = np.linspace(-period, 0.0, _CREST_POINTS)
+    return float(np.max(_columns(last, period, harmonics) @ law))
+
+
+def _columns(time: FloatArray, period: float, harmonics: int) -> FloatArray:
+    """(n, 3 + 2 harmonics): a trend of second order, and the ripple."""
+    angles = 2.0 * np.pi / period * np.outer(time, np.arange(1, harmonics + 1))
+    return np.hstack([np.vander(time, 3), np.cos(angles), np.sin(angles)])
+
+
+__all__ = ["static_of_rests"]
