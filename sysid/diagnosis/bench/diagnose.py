@@ -98,10 +98,8 @@ def diagnose_component(
     structured = structured if is_visible else []
     found_any, ended = bool(selection.additions), not selection.looked.cut_short
     undecided = ended and not (found_any or selection.looked.is_decided)
-    # A real law, or effect, seldom has the form of ours to the last: what it leaves is small then.
-    remains = error > MISFIT * floor and error > math.sqrt(LEAST_SHARE) * before
-    far_off = ended and is_visible and remains
-    far_off = far_off and _typical(component, outside, selection.final) > MISFIT * floor
+    far_off = _is_far_off(component, outside, selection, errors, error, floor)
+    far_off &= ended and is_visible
     because = why_unexplained(bool(structured), far_off, undecided)
     if not many:
         notices = (*notices, _ONE_RECORDING)
@@ -191,6 +189,29 @@ def _repeating(
     # Of two quantities together the curve over the stronger alone.
     own = [curve for curve in left if curve.regressor in rest.regressors]
     return [replace(curve, share=rest.share) for curve in own[:1]]
+
+
+def _is_far_off(
+    component: Component,
+    outside: Component | None,
+    selection: Selection,
+    errors: Sequence[Mapping[str, float]],
+    error: float,
+    floor: float,
+) -> bool:
+    """Whether the error after the effects is a misfit, next to that of a correct law (`floor`).
+
+    Or whether no held-out error, by channel, is less with the effects than without.
+    """
+    before, after = errors[0], errors[-1]
+    helps = any(after[name] < own for name, own in before.items())
+    if selection.additions and outside is not None and not helps:
+        return True
+    # A real law, or effect, seldom has the form of ours to the last: what it leaves is small then.
+    least = math.sqrt(LEAST_SHARE) * before.get(component.channel, math.nan)
+    if not error > MISFIT * floor or error <= least:
+        return False
+    return _typical(component, outside, selection.final) > MISFIT * floor
 
 
 def _typical(component: Component, outside: Component | None, fitted: FittedLaw) -> float:
