@@ -198,7 +198,8 @@ def _checked(
     safe: set[Drive] = set()
     while kept:
         tried = [pool[i] for i in dict.fromkeys(kept) if pool[i].drive not in safe]
-        held = inside([p.drive for p in tried], stage.rig, stage.fresh, stage.limits, _SEED + 1)
+        drives = [p.drive for p in tried]
+        held = inside(drives, stage.rig, stage.fresh, stage.limits, _SEED + 1, at_rest_too=True)
         safe |= {p.drive for p, ok in zip(tried, held, strict=True) if ok}
         if held.all():
             return [pool[i] for i in kept]

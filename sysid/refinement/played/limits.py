@@ -77,8 +77,13 @@ def inside(
     plants: Sequence[Model],
     limits: MotionLimits,
     seed: int,
+    *,
+    at_rest_too: bool = False,
 ) -> BoolArray:
-    """(drives,): whether each stays within the limits on every plant, from near where it rests."""
+    """(drives,): whether each stays within the limits on every plant, from near where it rests.
+
+    With `at_rest_too` also from there.
+    """
     from sysid.plant.simulator import simulate
 
     if not drives:
@@ -87,14 +92,15 @@ def inside(
     # In units of half the travel, the same of each plant.
     near = 2.0 * _START * limits.position * rng.uniform(-1.0, 1.0, len(plants))
     rests = np.array([place_at_rest(plant.parameters) for plant in plants])
-    starts = rests + near
+    starts = np.concatenate([rests + near, *([rests] if at_rest_too else [])])
+    of_starts = [*plants] * (len(starts) // len(plants))
     commands = [d.commands(rig) for d in drives]
     inputs = [
         inputs_of_commands(d.kind, rig.time, *c, start)
         for d, c in zip(drives, commands, strict=True)
         for start in starts
     ]
-    runs = simulate(inputs, [*plants] * len(drives), nan_if_endless=True)
+    runs = simulate(inputs, of_starts * len(drives), nan_if_endless=True)
     held = [
         bool(
             not leaves_travel(run.position, limits.position, start).any()
@@ -102,7 +108,7 @@ def inside(
         )
         for run, start in zip(runs, np.tile(starts, len(drives)), strict=True)
     ]
-    stays = np.array(held).reshape(len(drives), len(plants)).all(axis=1)
+    stays = np.array(held).reshape(len(drives), len(starts)).all(axis=1)
     weak = [float(np.abs(motor).max()) <= limits.effort for motor, _ in commands]
     return np.asarray(stays & np.array(weak))
 
