@@ -112,23 +112,17 @@ def effort_gap(motion: ImposedMotion, model: Model) -> FloatArray:
     point = dataclasses.replace(motion.point, parameters=parameters)
     given = motion.point.motor
     power = float(given @ given)
-    scale = float(moved_by(point, model, 0.0) @ given) / power if power > 0.0 else 1.0
+    scale = float(effort_that_arrives(point, model) @ given) / power if power > 0.0 else 1.0
     left = -effort_residual(point, motion.seen.acceleration, model)
     return motion.balanced.smooth(left / (scale if abs(scale) > _LEAST_SCALE else 1.0))
 
 
-def moved_by(point: Point, model: Model, share: float) -> FloatArray:
-    """The effort (n,), Nm or N, that the motor's command gives the shaft beyond a share of it.
-
-    Less the friction that grows with it; without any of the command what the motor gives, an
-    offset of its own included.
-    """
-    less = dataclasses.replace(point, motor=share * point.motor)
-    found = plant.motor_effort(point, model)
-    if share > 0.0:
-        found = found - plant.motor_effort(less, model)
-    friction = [plant.sliding_friction(at, model) for at in (point, less)]
-    return np.asarray(found - (friction[0] - friction[1]))
+def effort_that_arrives(point: Point, model: Model) -> FloatArray:
+    """What the shaft gets of the motor's effort (n,), Nm or N: less the friction that grows with
+    it."""
+    idle = dataclasses.replace(point, motor=0.0 * point.motor)
+    friction = [plant.sliding_friction(at, model) for at in (point, idle)]
+    return np.asarray(plant.motor_effort(point, model) - (friction[0] - friction[1]))
 
 
 def effort_noise(motion: ImposedMotion, model: Model) -> float:
@@ -180,6 +174,6 @@ __all__ = [
     "effort_gap",
     "effort_noise",
     "effort_rmse",
+    "effort_that_arrives",
     "imposed_motion",
-    "moved_by",
 ]

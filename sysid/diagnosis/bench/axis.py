@@ -25,8 +25,8 @@ from sysid.balance.imposed import (
     ImposedMotion,
     effort_gap,
     effort_noise,
+    effort_that_arrives,
     imposed_motion,
-    moved_by,
 )
 from sysid.balance.samples import only_way, tells_speeds
 from sysid.diagnosis.bench.component import (
@@ -177,7 +177,8 @@ class Axis(Component):
         for case in self.cases:
             parameters = model.at(case.point.time)
             point = dataclasses.replace(case.point, parameters=parameters)
-            answer = moved_by(point, model, 1.0 - _MORE)
+            more = dataclasses.replace(point, motor=(1.0 + _MORE) * point.motor)
+            answer = effort_that_arrives(more, model) - effort_that_arrives(point, model)
             own = np.abs(_MORE * point.motor)[case.rows]
             deaf += int(np.count_nonzero(np.abs(answer)[case.rows] < _ANSWERS * own))
             count += int(np.count_nonzero(own))
