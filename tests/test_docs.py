@@ -14,7 +14,8 @@ import pytest
 
 from sysid.commands.app import main
 from sysid.commands.help_pages import PAGES
-from sysid.io.units import CANONICAL_UNITS, LOG_COLUMNS
+from sysid.io.channels import LOG_COLUMNS
+from sysid.io.units import CANONICAL_UNITS
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 WRITTEN = [p for p in sorted(DOCS.rglob("*.md")) if "generated" not in p.parts]

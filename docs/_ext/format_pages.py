@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from sysid.io.campaign import CampaignFile, LogEntry
+from sysid.io.channels import LOG_COLUMNS
 from sysid.io.declaration import ChoiceKey, NumberKey, declared_keys
 from sysid.io.rig_file import RIG_TABLES
-from sysid.io.units import LOG_COLUMNS
 
 _HEAD = "| key | unit | plausible | | meaning |\n| --- | --- | --- | --- | --- |\n"
 
@@ -34,7 +34,7 @@ def _default(value: Any) -> str:
 
 def log_columns() -> str:
     """The log format's columns."""
-    rows = [f"| `{n}` | {c.unit or '-'} | {c.meaning} |" for n, c in LOG_COLUMNS.items()]
+    rows = [f"| `{n}` | {c.si or '-'} | {c.meaning} |" for n, c in LOG_COLUMNS.items()]
     return "| column | unit | meaning |\n| --- | --- | --- |\n" + "\n".join(rows) + "\n"
 
 

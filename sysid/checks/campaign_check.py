@@ -21,6 +21,7 @@ from sysid.io.campaign import (
     Campaign,
     CampaignLog,
 )
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.recording.friction_kind import balances
@@ -289,7 +290,7 @@ def _remarks(check: LogCheck, noise_pa: float | None) -> Iterator[str]:
         elif channel.stuck_s:
             yield f"{channel.name} stuck for {channel.stuck_s:.3g} s"
         std = channel.sample_std
-        if channel.name.startswith("pressure_") and noise_pa and std and std > _NOISY * noise_pa:
+        if channel.name in CHAMBER_PRESSURES and noise_pa and std and std > _NOISY * noise_pa:
             times = std / noise_pa
             yield f"{channel.name}: noise {std:.3g} Pa, {times:.2g} times the rig file's"
     yield from (line for line in check.excitation if "does not change" in line)

@@ -20,7 +20,7 @@ from sysid.checks.consistency.campaign import located_contradictions, readings_o
 from sysid.checks.friction import Identification
 from sysid.checks.identifiability import excitation, identifications
 from sysid.io.campaign import FRICTION_POINTS, Campaign
-from sysid.io.channels import DUTIES, PRESSURES, SWITCHES
+from sysid.io.channels import DUTIES, PRESSURES, READINGS, SWITCHES
 from sysid.io.exclusion import Excluded
 from sysid.io.kinds import BY_MOTOR, KIND_BY_COLUMN
 from sysid.io.logs import Log, Trial
@@ -318,7 +318,7 @@ def _measured_channels(log: Log, rig: Rig) -> list[str]:
     # The integral of a speed is not a measurement: range and noise are those of the speed.
     motion = [rig.position_channel] if all(t.place_known for t in log.trials) else []
     motion.append(velocity_channel(rig))
-    names = [*motion, *PRESSURES, "temperature_k", rig.effort_channel, *KIND_BY_COLUMN]
+    names = [*motion, *READINGS, rig.effort_channel, *KIND_BY_COLUMN]
     return [n for n in names if n in present]
 
 

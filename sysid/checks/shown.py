@@ -9,21 +9,11 @@ from typing import TYPE_CHECKING
 from sysid.blocks.numbers import MISSING, duration, number
 from sysid.blocks.sections import Block, Fold, Lines, Section
 from sysid.blocks.tables import Table, table
+from sysid.io.channels import channel_of
 
 if TYPE_CHECKING:
     from sysid.checks.log_check import LogCheck
     from sysid.io.campaign import Campaign, CampaignLog
-
-_SHOWN_UNITS = {
-    "theta_rad": ("angle", "mrad", 1e3),
-    "position_m": ("position", "mm", 1e3),
-    "pressure_a_pa": ("pressure A", "kPa", 1e-3),
-    "pressure_b_pa": ("pressure B", "kPa", 1e-3),
-    "supply_pressure_pa": ("supply", "kPa", 1e-3),
-    "temperature_k": ("temperature", "K", 1.0),
-    "motor_torque_nm": ("motor torque", "N·m", 1.0),
-    "motor_force_n": ("motor force", "N", 1.0),
-}
 
 
 def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
@@ -111,7 +101,7 @@ def _remarks(entry: CampaignLog, check: LogCheck) -> str:
     if check.jitter_s > 0.01 * check.period_s:
         found.append(f"jitter {duration(check.jitter_s)}")
     for channel in check.channels:
-        name = _SHOWN_UNITS.get(channel.name, (channel.name, "", 1.0))[0]
+        name = channel_of(channel.name).name
         if channel.saturated_share:
             found.append(f"{name} saturated in {number(100.0 * channel.saturated_share, 2)} %")
         elif channel.stuck_s:
@@ -123,16 +113,17 @@ def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
     rows = []
     for entry, check in pairs:
         for channel in check.channels:
-            name, unit, scale = _SHOWN_UNITS.get(channel.name, (channel.name, "SI", 1.0))
+            shown = channel_of(channel.name)
+            scale = shown.residual_scale
             rows.append(
                 (
                     entry.file,
-                    name,
+                    shown.name,
                     number(scale * channel.low, 4),
                     number(scale * channel.high, 4),
                     number(scale * channel.quantum) if channel.quantum else MISSING,
                     MISSING if channel.sample_std is None else number(scale * channel.sample_std),
-                    unit,
+                    shown.residual_unit or "SI",
                 )
             )
     columns = ("Log", "Channel", "Lowest", "Highest", "Resolution", "Noise (std)", "Unit")

@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sysid.errors import input_error
-from sysid.io.channels import SIDES, VELOCITY_CHANNELS
+from sysid.io.channels import SIDES
 from sysid.plant.base import Array
 from sysid.plant.effects.sensor import TimeSkew
 from sysid.plant.jax_setup import jax
 from sysid.plant.period_step import KEPT_INTERVALS
 from sysid.plant.ports import Effect, Model, overrides
+from sysid.plant.sensors import state_channels
 
 _OWN_ROOM = "sysid.plant.effects"
 SensorMemory = tuple[tuple[Array, ...], ...]
@@ -37,7 +38,7 @@ class TrueSignals(NamedTuple):
     def channels(self, is_linear: bool) -> dict[str, Array]:
         """The channels by their log-format names."""
         position = "position_m" if is_linear else "theta_rad"
-        names = (position, VELOCITY_CHANNELS[position], "pressure_a_pa", "pressure_b_pa")
+        names = state_channels(position)
         return dict(zip(names, self, strict=True))
 
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from sysid.blocks.channels import Channel, channel_of
 from sysid.blocks.figures import (
     PANEL,
     Band,
@@ -33,6 +32,7 @@ from sysid.blocks.figures import (
 from sysid.blocks.numbers import MINUS, number
 from sysid.diagnosis.wording import errors_by_step, regressor_name, steps
 from sysid.estimation.linear import LEVEL, t_quantile
+from sysid.io.channels import Channel, channel_of
 from sysid.types import FloatArray
 
 MOST_SUSPECTS = 8

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.blocks.channels import channel_of
 from sysid.blocks.figures import Figure
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section, Terms
@@ -13,6 +12,7 @@ from sysid.blocks.tables import Table, table
 from sysid.diagnosis import figures, tables
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import errors_by_step, is_refined, joined, regressor_name, sentence
+from sysid.io.channels import channel_of
 
 Content = Mapping[str, Any]
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.blocks.channels import channel_of
 from sysid.blocks.figures import (
     TALL_PANEL,
     Dash,
@@ -25,6 +24,7 @@ from sysid.blocks.sections import Block, FigureGroup, Section
 from sysid.diagnosis.figures import drawable, regressor_axis
 from sysid.diagnosis.wording import regressor_name
 from sysid.errors import InputError, NotIdentifiedError
+from sysid.io.channels import channel_of
 from sysid.io.kinds import FRICTION_MOTION
 from sysid.types import FloatArray
 

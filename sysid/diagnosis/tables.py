@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from sysid.blocks.channels import channel_of
 from sysid.blocks.numbers import MISSING, estimate_cells, number
 from sysid.blocks.tables import NotedCell, Table, estimate_row, table
 from sysid.diagnosis.evidence import is_of_actuator
@@ -26,6 +25,7 @@ from sysid.diagnosis.wording import (
     steps,
 )
 from sysid.estimation.linear import Estimate
+from sysid.io.channels import channel_of
 
 Content = Mapping[str, Any]
 

@@ -9,10 +9,10 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from sysid.blocks.channels import channel_of
 from sysid.blocks.numbers import number, percent
 from sysid.diagnosis.looked import QUICK, stage_text
 from sysid.estimation.linear import Estimate
+from sysid.io.channels import CHAMBER_PRESSURES, SIDES, VELOCITY_CHANNELS, channel_of
 
 Content = Mapping[str, Any]
 
@@ -104,7 +104,7 @@ def _gained(content: Content) -> str:
     errors = content["residual"]
     if not errors:
         return ""
-    position = next((n for n in errors if not n.startswith("pressure")), next(iter(errors)))
+    position = next((n for n in errors if n in VELOCITY_CHANNELS), next(iter(errors)))
     falls = {name: e["before"] / max(e["after"], 1e-300) for name, e in errors.items()}
     named = [position]
     if content["effects"] and max(falls.values()) > falls[position]:
@@ -117,12 +117,10 @@ def _gained(content: Content) -> str:
         before, after, floor = (
             number(channel.residual(errors[name][k])) for k in ("before", "after", "noise_floor")
         )
-        is_chamber = channel.title.startswith("Pressure ")
-        title = f"pressure {channel.title[-1]}" if is_chamber else channel.title
         change = f"from {before} to {after}" if content["effects"] else before
         correct = f"(a correct model: {floor})"
         sizes = " ".join(filter(None, (change, channel.residual_unit, correct)))
-        said.append(f"{title[:1].lower()}{title[1:]} {sizes}")
+        said.append(f"{channel.name} {sizes}")
     return f"errors on held-out tests: {joined(said)}"
 
 
@@ -254,17 +252,21 @@ def p_text(value: float) -> str:
     return f"< {SMALLEST_P:.0e}" if value < SMALLEST_P else f"{value:.1g}"
 
 
+_BALANCES = {
+    "flow_a_kg_s": "the valve's law",
+    "log_time_to_pressure": "the valve's law",
+    "position_m": "the force balance",
+    "motor_force_n": "the force balance",
+    "theta_rad": "the torque balance",
+    "motor_torque_nm": "the torque balance",
+}
+
+
 def balance_of(channel: str) -> str:
     """The balance whose residual a channel of the log format shows."""
-    if channel in ("flow_a_kg_s", "log_time_to_pressure"):
-        return "the valve's law"
-    if not channel_of(channel).unit:
-        return f"the prediction of {channel}"
-    if channel.startswith("pressure"):
-        return f"chamber {channel[len('pressure_')].upper()}'s balance"
-    return (
-        "the force balance" if channel in ("position_m", "motor_force_n") else "the torque balance"
-    )
+    if channel in CHAMBER_PRESSURES:
+        return f"chamber {SIDES[CHAMBER_PRESSURES.index(channel)].upper()}'s balance"
+    return _BALANCES.get(channel, f"the prediction of {channel}")
 
 
 def regressor_name(name: str) -> str:

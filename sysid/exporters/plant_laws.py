@@ -25,12 +25,13 @@ from sysid.exporters.symbolic import (
     forget_expressions,
     symbol,
 )
-from sysid.io.channels import SIDES, VELOCITY_CHANNELS
+from sysid.io.channels import SIDES
 from sysid.io.rig import NO_LOAD, Load, Rig
 from sysid.plant import base, plant, valve_laws
 from sysid.plant.base import Parameters, parameter_names
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Effect, Model, Point, overrides, with_load
+from sysid.plant.sensors import state_channels
 
 NAMES = Names("plant_", "PLANT_")
 LARGEST = 1e30
@@ -319,7 +320,7 @@ class _Tracer:
     def _sensors(self) -> tuple[str, int]:
         """What the sensors show: at rest, sample by sample, and what they remember at rest."""
         position = self._rig.position_channel
-        names = (position, VELOCITY_CHANNELS[position], "pressure_a_pa", "pressure_b_pa")
+        names = state_channels(position)
         time, step = symbol("time"), symbol("step")
         channels = {name: symbol(f"x[{k}]") for k, name in enumerate(names)}
         still, shown = dict(channels), dict(channels)

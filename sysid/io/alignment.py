@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid import signals
+from sysid.io.channels import TEST_COLUMN
 from sysid.io.reshaping import median_period
-from sysid.io.units import TEST_COLUMN
 from sysid.types import BoolArray, FloatArray, IntArray
 
 FILLS = ("hold", "linear")

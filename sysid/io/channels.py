@@ -1,24 +1,168 @@
-"""Names of a log's channels that come in pairs, and the two sides that they belong to."""
+"""The channels of logs, each declared once: its column in a file, its unit, how it is shown, and
+whether a simulated motion is compared with a measured one in it.
+
+What reads a log, maps a foreign file, checks a recording, fits motion and draws it follows
+`CHANNELS`; how the model gives a compared channel is said in `plant/sensors.py`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+TEST_COLUMN = "test"
 SIDES = ("a", "b")
 """Chamber, valve and pressure sensor A and B."""
 
-CHAMBER_PRESSURES = ("pressure_a_pa", "pressure_b_pa")
-PRESSURES = (*CHAMBER_PRESSURES, "supply_pressure_pa")
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel of logs, or a quantity that a bench's residual is shown in.
+
+    `key` is its column in the log format, `si` the unit there as pint writes it (None: text),
+    `meaning` what the format says of it. It is shown as `title`, in `unit` after `scale`; its
+    residual, resolution and noise in `residual_unit` after `residual_scale`. `is_reading`: a
+    sensor's, next to those of motion and effort. `least_noise`: the noise of a sample that shows
+    none, in the SI unit, of a channel that belongs to the likelihood of motion; None for one in
+    which simulations are not compared.
+    """
+
+    key: str
+    si: str | None
+    meaning: str = ""
+    title: str = ""
+    unit: str = ""
+    scale: float = 1.0
+    residual_unit: str = ""
+    residual_scale: float = 1.0
+    is_reading: bool = False
+    least_noise: float | None = None
+
+    @property
+    def is_pressure(self) -> bool:
+        """Whether it is a pressure."""
+        return self.si == "Pa"
+
+    @property
+    def name(self) -> str:
+        """The title within a sentence."""
+        return self.title[:1].lower() + self.title[1:]
+
+    def residual(self, value: float | None) -> float | None:
+        """A value of the residual, in its shown unit."""
+        return None if value is None else value * self.residual_scale
 
 
-def simulated_channels(position: str) -> tuple[str, ...]:
-    """What a simulated motion is compared with a measured one in, in the order of every array of
-    them: position, which the log calls `position`, and chamber pressures."""
-    return (position, *CHAMBER_PRESSURES)
+def _pressure(key: str, meaning: str, title: str, least_noise: float | None = None) -> Channel:
+    shown = ("kPa", 1e-3)
+    return Channel(key, "Pa", meaning, title, *shown, *shown, True, least_noise)
 
+
+CHANNELS: tuple[Channel, ...] = (
+    Channel("time_s", "s", "strictly increasing within a test"),
+    Channel(TEST_COLUMN, None, "which test of this file the row belongs to, integer or text"),
+    _pressure("pressure_a_pa", "pressure of chamber A", "Pressure A", 1.0),
+    _pressure("pressure_b_pa", "pressure of chamber B", "Pressure B", 1.0),
+    _pressure("supply_pressure_pa", "measured supply", "Supply"),
+    Channel(
+        "theta_rad", "rad", "angle of the output shaft, 0 in the middle of the stroke",
+        "Position", "rad", 1.0, "mrad", 1e3, False, 1e-7,
+    ),
+    Channel(
+        "velocity_rad_per_s", "rad/s",
+        "measured speed of the shaft; of single readings, the settled one",
+        "Speed", "rad/s", 1.0, "mrad/s", 1e3,
+    ),
+    Channel(
+        "position_m", "m", "position of a linear rig, 0 in the middle of the stroke",
+        "Position", "mm", 1e3, "mm", 1e3, False, 1e-7,
+    ),
+    Channel(
+        "velocity_m_per_s", "m/s", "measured speed of a linear rig",
+        "Speed", "mm/s", 1e3, "mm/s", 1e3,
+    ),
+    Channel("encoder_counts", "count", "the encoder's reading in place of the position"),
+    Channel(
+        "valve_a", "dimensionless",
+        "on/off command of valve A: 1 connects the chamber to the supply, 0 to the exhaust",
+    ),
+    Channel("valve_b", "dimensionless", "the same of valve B"),
+    Channel("duty_a", "dimensionless", "PWM duty of valve A, 0 to 1"),
+    Channel("duty_b", "dimensionless", "the same of valve B"),
+    *(
+        Channel(
+            f"{stem}_{side}_{valve}", "dimensionless",
+            f"{command} of the valve that {does} chamber {side.upper()}, of two valves",
+        )
+        for stem, command in (("valve", "on/off command"), ("duty", "PWM duty"))
+        for side in SIDES
+        for valve, does in (("fill", "fills"), ("bleed", "empties"))
+    ),
+    Channel(
+        "motor_torque_nm", "N*m", "torque of the motor at the output shaft",
+        "Torque", "N·m", 1.0, "mN·m", 1e3,
+    ),
+    Channel(
+        "motor_force_n", "N", "force of the motor, linear rigs",
+        "Force", "N", 1.0, "N", 1.0,
+    ),
+    Channel("motor_volts", "V", "the motor's command in place of its effort"),
+    Channel("pump_volts", "V", "command of the pump that fills a tank"),
+    Channel("flow_a_kg_s", "kg/s", "settled flow through a valve", "Flow", "g/s", 1e3, "mg/s", 1e6),
+    Channel(
+        "upstream_pressure_pa", "Pa", "pressure before a valve or restriction",
+        "Pressure upstream", "kPa", 1e-3, "Pa", 1.0,
+    ),
+    Channel("downstream_pressure_pa", "Pa", "pressure behind a valve or restriction"),
+    Channel("time_to_pressure_s", "s", "time that filling or emptying took"),
+    Channel("pwm_period_s", "s", "period of a reading's PWM"),
+    Channel(
+        "temperature_k", "K", "ambient temperature", "Temperature", "K", 1.0, "K", 1.0, True
+    ),
+)  # fmt: skip
+LOG_COLUMNS = {channel.key: channel for channel in CHANNELS}
+
+# What residuals of parts on a bench are shown in, and no log holds.
+_OF_BENCHES = (
+    Channel("flow_up_kg_s", "kg/s", "", "Flow, duty rising", "g/s", 1e3, "mg/s", 1e6),
+    Channel("flow_down_kg_s", "kg/s", "", "Flow, duty falling", "g/s", 1e3, "mg/s", 1e6),
+    *(
+        Channel(f"log_time_{key}", None, "", f"Logarithm of the time{of}", "-", 1.0, "-", 1.0)
+        for key, of in (
+            ("to_pressure", ""),
+            ("filling", ", filling"),
+            ("emptying", ", emptying"),
+        )
+    ),
+)
+_SHOWN = {channel.key: channel for channel in (*CHANNELS, *_OF_BENCHES) if channel.title}
 
 VELOCITY_CHANNELS = {"theta_rad": "velocity_rad_per_s", "position_m": "velocity_m_per_s"}
 """The channel of the speed that goes with a log's position channel."""
-
-_OF_TWO_VALVES = ("a_fill", "a_bleed", "b_fill", "b_bleed")
-DUTIES = ("duty_a", "duty_b", *(f"duty_{name}" for name in _OF_TWO_VALVES))
-SWITCHES = ("valve_a", "valve_b", *(f"valve_{name}" for name in _OF_TWO_VALVES))
+READINGS = tuple(c.key for c in CHANNELS if c.is_reading)
+PRESSURES = tuple(key for key in READINGS if LOG_COLUMNS[key].is_pressure)
+DUTIES = tuple(key for key in LOG_COLUMNS if key.startswith("duty_"))
+SWITCHES = tuple(key for key in LOG_COLUMNS if key.startswith("valve_"))
 VALVE_COMMANDS = (*SWITCHES, *DUTIES)
+COMPARED = tuple(
+    c.key for c in CHANNELS if c.least_noise is not None and c.key not in VELOCITY_CHANNELS
+)
+"""What simulations are compared in next to the position, in the order of every array of them."""
+CHAMBER_PRESSURES = tuple(key for key in COMPARED if LOG_COLUMNS[key].is_pressure)
+
+
+def channel_of(key: str) -> Channel:
+    """A channel as it is shown; one of a user's own component by its name, as it was logged."""
+    return _SHOWN.get(key) or Channel(key, None, title=key)
+
+
+def simulated_channels(position: str) -> tuple[str, ...]:
+    """What a simulated motion is compared with a measured one in: the position, which the log calls
+    `position`, and `COMPARED`."""
+    return (position, *COMPARED)
+
+
+def shown_of(keys: Iterable[str]) -> list[Channel]:
+    """Those of these channels in which simulations are compared, position first."""
+    present = set(keys)
+    return [LOG_COLUMNS[key] for key in (*VELOCITY_CHANNELS, *COMPARED) if key in present]

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.errors import input_error, one_line, shortened, some_of
+from sysid.io.channels import TEST_COLUMN
 from sysid.io.file_kinds import FOREIGN_SUFFIXES
 from sysid.io.foreign import ForeignFile, ForeignTable, read_any
 from sysid.io.foreign.recipe import Recipe, extended, read_recipe
@@ -33,7 +34,6 @@ from sysid.io.rig import name_meant
 from sysid.io.tables import write_table
 from sysid.io.units import (
     CANONICAL_UNITS,
-    TEST_COLUMN,
     ColumnMap,
     has_column,
     parse_map,

@@ -9,11 +9,12 @@ import numpy as np
 
 from sysid.errors import input_error
 from sysid.io.alignment import has_own_rate, has_value, values_at
+from sysid.io.channels import TEST_COLUMN
 from sysid.io.foreign import ForeignTable
 from sysid.io.foreign.recipe import Recipe
 from sysid.io.foreign_tests import Tests
 from sysid.io.reshaping import joined_line, median_period
-from sysid.io.units import TEST_COLUMN, ColumnMap
+from sysid.io.units import ColumnMap
 from sysid.types import BoolArray, FloatArray, IntArray
 
 Sources = Mapping[str, tuple[str, ColumnMap]]

@@ -12,6 +12,7 @@ import numpy as np
 
 from sysid.errors import InputError, input_error
 from sysid.io.alignment import has_value, rows_held, values_at
+from sysid.io.channels import TEST_COLUMN
 from sysid.io.foreign import ForeignTable, SampleTimes
 from sysid.io.foreign.recipe import Recipe, kept_rows
 from sysid.io.foreign_clocks import (
@@ -34,7 +35,6 @@ from sysid.io.rig import nearest_rig_file, read_rig
 from sysid.io.time_breaks import wraps_of_seconds
 from sysid.io.units import (
     LARGEST,
-    TEST_COLUMN,
     ColumnMap,
     check_size,
     find_column,

@@ -14,8 +14,8 @@ import numpy as np
 
 from sysid.errors import input_error
 from sysid.io.alignment import is_held, values_at, within
+from sysid.io.channels import TEST_COLUMN
 from sysid.io.reshaping import HELD_COLUMNS, check_increasing, median_period
-from sysid.io.units import TEST_COLUMN
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:

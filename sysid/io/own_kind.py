@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sysid.errors import input_error
+from sysid.io.channels import TEST_COLUMN
 from sysid.io.exclusion import Exclusion, without
 from sysid.io.foreign_log import in_log_format
 from sysid.io.logs import (
@@ -20,7 +21,7 @@ from sysid.io.logs import (
 )
 from sysid.io.rig import Rig
 from sysid.io.samples import Log
-from sysid.io.units import TEST_COLUMN, ColumnMap, has_column
+from sysid.io.units import ColumnMap, has_column
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,8 @@ import numpy as np
 from sysid import signals
 from sysid.errors import input_error
 from sysid.io.bounds import MOST_CELLS
-from sysid.io.channels import VALVE_COMMANDS
+from sysid.io.channels import TEST_COLUMN, VALVE_COMMANDS
 from sysid.io.exclusion import parse_span
-from sysid.io.units import TEST_COLUMN
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:

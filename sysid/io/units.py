@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import InputError, input_error, some_of
+from sysid.io.channels import LOG_COLUMNS
 from sysid.io.sensor_range import SensorRange, ends_of, is_range, parse_range, range_text
 from sysid.io.unit_text import (
     LARGEST,
@@ -40,60 +41,10 @@ from sysid.io.unit_text import (
 )
 from sysid.types import FloatArray
 
-TEST_COLUMN = "test"
 _BRACKETED = re.compile(r"(.*?\S)[\s_]*[\[(][^\[\]]*[\])]\s*")
 
 
-@dataclass(frozen=True)
-class FormatColumn:
-    """A column of the log format: its SI unit as pint writes it (None: text), and its meaning."""
-
-    unit: str | None
-    meaning: str
-
-
-LOG_COLUMNS: dict[str, FormatColumn] = {
-    "time_s": FormatColumn("s", "strictly increasing within a test"),
-    TEST_COLUMN: FormatColumn(None, "which test of this file the row belongs to, integer or text"),
-    "pressure_a_pa": FormatColumn("Pa", "pressure of chamber A"),
-    "pressure_b_pa": FormatColumn("Pa", "pressure of chamber B"),
-    "supply_pressure_pa": FormatColumn("Pa", "measured supply"),
-    "theta_rad": FormatColumn("rad", "angle of the output shaft, 0 in the middle of the stroke"),
-    "velocity_rad_per_s": FormatColumn(
-        "rad/s", "measured speed of the shaft; of single readings, the settled one"
-    ),
-    "position_m": FormatColumn("m", "position of a linear rig, 0 in the middle of the stroke"),
-    "velocity_m_per_s": FormatColumn("m/s", "measured speed of a linear rig"),
-    "encoder_counts": FormatColumn("count", "the encoder's reading in place of the position"),
-    "valve_a": FormatColumn(
-        "dimensionless",
-        "on/off command of valve A: 1 connects the chamber to the supply, 0 to the exhaust",
-    ),
-    "valve_b": FormatColumn("dimensionless", "the same of valve B"),
-    "duty_a": FormatColumn("dimensionless", "PWM duty of valve A, 0 to 1"),
-    "duty_b": FormatColumn("dimensionless", "the same of valve B"),
-    **{
-        f"{stem}_{side}_{valve}": FormatColumn(
-            "dimensionless",
-            f"{'on/off command' if stem == 'valve' else 'PWM duty'} of the valve that "
-            f"{'fills' if valve == 'fill' else 'empties'} chamber {side.upper()}, of two valves",
-        )
-        for stem in ("valve", "duty")
-        for side in ("a", "b")
-        for valve in ("fill", "bleed")
-    },
-    "motor_torque_nm": FormatColumn("N*m", "torque of the motor at the output shaft"),
-    "motor_force_n": FormatColumn("N", "force of the motor, linear rigs"),
-    "motor_volts": FormatColumn("V", "the motor's command in place of its effort"),
-    "pump_volts": FormatColumn("V", "command of the pump that fills a tank"),
-    "flow_a_kg_s": FormatColumn("kg/s", "settled flow through a valve"),
-    "upstream_pressure_pa": FormatColumn("Pa", "pressure before a valve or restriction"),
-    "downstream_pressure_pa": FormatColumn("Pa", "pressure behind a valve or restriction"),
-    "time_to_pressure_s": FormatColumn("s", "time that filling or emptying took"),
-    "pwm_period_s": FormatColumn("s", "period of a reading's PWM"),
-    "temperature_k": FormatColumn("K", "ambient temperature"),
-}
-CANONICAL_UNITS = {name: column.unit for name, column in LOG_COLUMNS.items()}
+CANONICAL_UNITS = {key: channel.si for key, channel in LOG_COLUMNS.items()}
 
 _COLUMN_NUMBER = re.compile(r"#(\d{1,6})")
 _TABLE_KEYS = ("column", "unit", "from", "to")
@@ -525,10 +476,7 @@ def find_column(columns: Sequence[str], column_map: ColumnMap, where: str) -> in
 __all__ = [
     "CANONICAL_UNITS",
     "LARGEST",
-    "LOG_COLUMNS",
-    "TEST_COLUMN",
     "ColumnMap",
-    "FormatColumn",
     "check_size",
     "check_unit",
     "find_column",

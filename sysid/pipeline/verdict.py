@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.blocks.channels import channel_of
 from sysid.blocks.quality import quality_name
 from sysid.diagnosis import wording
 from sysid.diagnosis.evidence import is_of_actuator
+from sysid.io.channels import channel_of
 from sysid.parameters import Bundle, Validation
 
 

@@ -93,7 +93,7 @@ def measured_channels(
         leading = before.states + (states[:, 0] - before.end)[:, None]
         rows = len(before.time) + (np.arange(len(run.time)) if rows is None else rows)
         time, states = np.append(before.time, time), np.hstack([leading, states])
-    channels = dict(zip(_names(position), states, strict=True))
+    channels = dict(zip(state_channels(position), states, strict=True))
     shown = through_sensors(channels, time + elapsed, model)
     return shown if rows is None else {name: values[rows] for name, values in shown.items()}
 
@@ -104,7 +104,7 @@ def after_seeing(inputs: Inputs, before: Trajectory, position: str, model: Model
     What they are behind at that end is added to the start. A run before it that does not stay
     finite changes nothing.
     """
-    names, seen = _names(position), before.between or before
+    names, seen = state_channels(position), before.between or before
     end, time = before.states[:, -1], before.time
     begun = inputs.elapsed - float(time[-1] - time[0])
     shown = measured_channels(before, position, model, begun)
@@ -128,7 +128,7 @@ def true_start(inputs: Inputs, position: str, model: Model) -> Inputs:
     A pressure that is None, which starts at the atmosphere, was not measured. `position` as
     in `measured_channels`.
     """
-    fields = dict(zip(_names(position), _STATE, strict=True))
+    fields = dict(zip(state_channels(position), _STATE, strict=True))
     given = {name: getattr(inputs, field) for name, field in fields.items()}
     # An effect may read any channel: one that was not measured is set to the atmosphere.
     atmosphere = float(model.parameters.atmosphere)
@@ -140,7 +140,8 @@ def true_start(inputs: Inputs, position: str, model: Model) -> Inputs:
     return dataclasses.replace(inputs, **changes)
 
 
-def _names(position: str) -> tuple[str, str, str, str]:
+def state_channels(position: str) -> tuple[str, str, str, str]:
+    """The channels that show position, velocity and pressures, in the order of the states."""
     return position, VELOCITY_CHANNELS[position], "pressure_a_pa", "pressure_b_pa"
 
 
@@ -148,6 +149,7 @@ __all__ = [
     "after_seeing",
     "before_sensors",
     "measured_channels",
+    "state_channels",
     "through_sensors",
     "true_start",
     "without_errors",

@@ -16,7 +16,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import Failure, error_of, input_error, on_its_own
-from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.channels import CHAMBER_PRESSURES, COMPARED, LOG_COLUMNS, simulated_channels
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import rows_per_ripple
@@ -273,9 +273,11 @@ def commands_of(trial: Trial, pulsed: bool, rig: Rig) -> Commands:
 
 def measured_channels(trial: Trial, rig: Rig) -> FloatArray:
     """(3, n) position and pressures of a trial, NaN where not logged, or there is no chamber."""
-    found = np.full((1 + len(CHAMBER_PRESSURES), len(trial)), np.nan)
-    for i, name in enumerate((rig.position_channel, *rig.pressure_channels)):
-        if name in trial:
+    names = simulated_channels(rig.position_channel)
+    found = np.full((len(names), len(trial)), np.nan)
+    for i, name in enumerate(names):
+        there = name not in CHAMBER_PRESSURES or name in rig.pressure_channels
+        if there and name in trial:
             found[i] = trial[name]
     return found
 
@@ -301,12 +303,12 @@ def channel_noise(
     NaN for a channel that is not logged.
     """
     totals = [signals.position_floor(measured[0]).total]
-    for row in measured[1:]:
+    for name, row in zip(COMPARED, measured[1:], strict=True):
         if np.isnan(row).any():
             totals.append(math.nan)
             continue
         step = signals.quantum(row)
-        if declared_pa is not None:
+        if declared_pa is not None and LOG_COLUMNS[name].is_pressure:
             totals.append(signals.NoiseFloor(declared_pa, step).total)
             continue
         combs = [row[start::stride] for start in {0, stride // 2}]

@@ -9,6 +9,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.rig import Rig
 from sysid.plant import valve_timing
 from sysid.types import FloatArray, IntArray
@@ -18,6 +19,8 @@ _HALF_WINDOW_S = 0.010
 _HALF_WINDOW_RIPPLES = 4
 _LEAST_HALF = 4
 _TWO_SIDED = NormalDist().inv_cdf(0.975)  # errors that are exceeded by chance in 5 %
+# The channels that show a state, of those that a simulation is compared in.
+_OF_STATES = slice(0, 1 + len(CHAMBER_PRESSURES))
 _NO_TIMES: FloatArray = np.zeros(0)
 
 
@@ -109,7 +112,7 @@ def state_at_rest(
     # A drift just below the noise biases the mean of the whole rest by several standard errors, the
     # mean of half of it by one.
     samples = rest if rest == samples else max(1, rest // 2)
-    position, pressure_a, pressure_b = measured[:, :samples].mean(axis=1)
+    position, pressure_a, pressure_b = measured[_OF_STATES, :samples].mean(axis=1)
     std = noise.total / math.sqrt(samples)
     # A quantisation error that does not change is not averaged away.
     std[0] = max(std[0], noise.quantum / math.sqrt(12.0))
@@ -163,7 +166,7 @@ def state_within(
     else:
         ripples = (_HALF_WINDOW_RIPPLES, _HALF_WINDOW_RIPPLES // 2)
         halves = [*((n * stride + 0.5) * period for n in ripples), 0.5 * period]
-    for i, pressure in enumerate(measured[1:]):
+    for i, pressure in enumerate(measured[_OF_STATES][1:]):
         if np.isnan(pressure).all():
             found.append(_LocalFit(np.full(2, np.nan), np.full(2, np.nan), 0))
             continue

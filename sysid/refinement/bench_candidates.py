@@ -99,7 +99,7 @@ def _fillings(problem: ProbedProblem, rig: Rig, noise: FloatArray, side: str) ->
     model = dataclasses.replace(base, parameters=clamped)
     inputs = _filling(rig, model, side)
     start_std = np.array([*LEAST_START_STD[:2], noise[1], noise[2]])
-    shown = np.zeros((3, len(inputs.time)))
+    shown = np.zeros((len(noise), len(inputs.time)))
     held = dataclasses.replace(
         problem,
         runs=(Run(0, f"valve-discrete {side}", inputs, shown, start_std, noise),),

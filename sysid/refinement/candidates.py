@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sysid.io.channels import simulated_channels
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
 from sysid.plant.base import place_at_rest
@@ -154,7 +155,7 @@ class _Stage:
         inputs = [self._inputs(*command) for command in commands]
         # NaN where a run has no end: it moves over nothing, and is no test to propose.
         runs = simulate(inputs, [self.model] * len(commands), nan_if_endless=True)
-        names = (self.rig.position_channel, "pressure_a_pa", "pressure_b_pa")
+        names = simulated_channels(self.rig.position_channel)
         found = [measured_channels(run, self.rig.position_channel, self.model) for run in runs]
         return np.array([[channels[n] for n in names] for channels in found])
 

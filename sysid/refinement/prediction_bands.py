@@ -11,7 +11,7 @@ import numpy as np
 from sysid.blocks.tables import Table, table
 from sysid.errors import input_error
 from sysid.io.campaign import SIMULATED_KINDS, Campaign
-from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.channels import LOG_COLUMNS, simulated_channels
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
 from sysid.parameters import Bundle
@@ -74,7 +74,7 @@ def _bands(
         measured_channels(run, rig.position_channel, model)
         for run, model in zip(runs, models, strict=True)
     ]
-    names = [n for n in (rig.position_channel, *CHAMBER_PRESSURES) if n in shown[0]]
+    names = [n for n in simulated_channels(rig.position_channel) if n in shown[0]]
     return {name: _band(np.array([s[name] for s in shown]), name, rig, rng) for name in names}
 
 
@@ -83,7 +83,7 @@ def _band(values: FloatArray, name: str, rig: Rig, rng: np.random.Generator) -> 
     step, noise = rig.encoder_step, rig.sensors.pressure_noise_pa
     if name == rig.position_channel and step is not None:
         values = values + step * rng.uniform(-0.5, 0.5, values.shape)
-    elif name != rig.position_channel and noise is not None:
+    elif LOG_COLUMNS[name].is_pressure and noise is not None:
         values = values + noise * rng.standard_normal(values.shape)
     ended = values[np.isfinite(values).all(axis=1)]
     tail = 0.5 * (1.0 - SHARE)

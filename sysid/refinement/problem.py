@@ -17,7 +17,7 @@ from sysid.parallel import spend
 from sysid.plant.differences import simulate_differences
 from sysid.plant.ports import Model, overrides
 from sysid.plant.preparation import Inputs
-from sysid.plant.sensors import measured_channels
+from sysid.plant.sensors import measured_channels, state_channels
 from sysid.plant.simulator import MAX_STEP, Trajectory, simulate
 from sysid.plant.static_reading import static_ratio
 from sysid.plant.tangents import Direction, Tangents, number_of, simulate_tangents
@@ -324,8 +324,10 @@ class Problem:
         Through a model of the sensors the slopes are one-sided differences along the states'.
         """
         here = self._shown(run, found.states, model)
-        if not _has_sensors(model):
-            return here, found.slopes[:, [0, 2, 3]]
+        names = state_channels(self.position)
+        rows = [names.index(n) for n in simulated_channels(self.position) if n in names]
+        if len(rows) == len(here) and not _has_sensors(model):
+            return here, found.slopes[:, rows]
         slopes = []
         for j, slope in enumerate(found.slopes):
             direction = directions[j - len(STATES)] if j >= len(STATES) else (0, "")

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.io.channels import LOG_COLUMNS, simulated_channels
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs
 from sysid.plant.sensors import true_start
@@ -24,8 +25,6 @@ LEAST_START_STD = (1e-9, 1e-9, 1e-3, 1e-3)
 # A start that is known (a test at rest has no velocity) keeps its value.
 _KNOWN = 1e-8
 _NOT_LOGGED = 1e3
-# A channel that shows no noise at all is not known exactly.
-_LEAST_NOISE = np.array([1e-7, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -33,10 +32,10 @@ class Run:
     """A stretch of a test that is simulated.
 
     `measured` (3, rows) position and pressures, NaN where not logged; `inputs` begin at the
-    estimated start state, about which it may move by `start_std` (4,); `noise` (3,) of a sample.
-    `test` numbers the test among all, `name` says where the run is. `run_up`: what goes before it,
-    for a model whose effects or sensors remember, and `as_measured` the inputs without that
-    (`Problem.after_run_ups`).
+    estimated start state, about which it may move by `start_std` (4,); `noise` (channels,) of a
+    sample. `test` numbers the test among all, `name` says where the run is. `run_up`: what goes
+    before it, for a model whose effects or sensors remember, and `as_measured` the inputs without
+    that (`Problem.after_run_ups`).
     """
 
     test: int
@@ -109,6 +108,8 @@ def run_of(number: int, test: MotionTest, segment: Segment, model: Model, positi
     moves = np.array([True, segment.state.values[1] != 0.0, True, True])
     inputs = dataclasses.replace(inputs, **unknown)
     std = np.maximum(np.nan_to_num(segment.state.std, nan=_NOT_LOGGED), LEAST_START_STD)
+    # A channel that shows no noise at all is not known exactly.
+    least = [LOG_COLUMNS[name].least_noise or 0.0 for name in simulated_channels(position)]
     # The samples that gave a start state are also the segment's: a tenth of the weight.
     return Run(
         test=number,
@@ -116,7 +117,7 @@ def run_of(number: int, test: MotionTest, segment: Segment, model: Model, positi
         inputs=inputs,
         measured=test.measured[:, segment.start : segment.start + rows],
         start_std=np.where(moves & (std > _KNOWN), 10.0 * std, std),
-        noise=np.fmax(test.noise.total, _LEAST_NOISE),  # not NaN where it is not logged
+        noise=np.fmax(test.noise.total, least),  # not NaN where it is not logged
         run_up=run_up_of(test, segment, position, model),
         as_measured=inputs,
     )

@@ -6,11 +6,11 @@ import itertools
 import math
 from collections.abc import Iterable
 
-from sysid.blocks.channels import channel_of
 from sysid.blocks.numbers import MISSING, estimate_cells, number, percent
 from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Notes, Section
 from sysid.blocks.tables import NotedCell, Table, table
 from sysid.estimation.linear import Estimate
+from sysid.io.channels import channel_of
 from sysid.io.rig import Rig
 from sysid.parameters.base import Number, read_number
 from sysid.parameters.declared import contradictions

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.blocks.channels import Channel
 from sysid.blocks.figures import SMALL_PANEL, Band, Figure, Line, Panel, Points, Rule, Scale
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import FigureGroup, Section
+from sysid.io.channels import Channel, channel_of
 from sysid.types import FloatArray
 from sysid.validation.shown_tests import (
     MODEL_NAMES,
@@ -72,7 +72,7 @@ def _group(tests: Sequence[ShownTest], channel: Channel) -> FigureGroup:
 def _regressors(test: ShownTest, channel: Channel) -> list[_Regressor]:
     position = test.channels()[0]
     linear = position.key == "position_m"
-    pressure = channel.key if channel.key.startswith("pressure") else "pressure_a_pa"
+    pressure = channel.key if channel.is_pressure else "pressure_a_pa"
     side = pressure.removeprefix("pressure_")[0].upper()
     return [
         _Regressor("speed", "velocity", Scale("Velocity", "mm/s" if linear else "rad/s")),
@@ -97,8 +97,7 @@ def _values(
         return speed(result, position.key)[rows] * position.scale, residual
     if regressor not in result.measured:
         return None
-    scale = 1e-3 if regressor.startswith("pressure") else position.scale
-    return result.measured[regressor][rows] * scale, residual
+    return result.measured[regressor][rows] * channel_of(regressor).scale, residual
 
 
 def _panel(

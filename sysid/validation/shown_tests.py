@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.blocks.channels import ACTUATOR_CHANNELS, Channel
 from sysid.estimation.linear import NORMAL
+from sysid.io.channels import Channel, shown_of
 from sysid.types import FloatArray
 from sysid.validation.results import Errors
 
@@ -62,7 +62,7 @@ class ShownTest:
 
     def channels(self) -> list[Channel]:
         """The measured channels, position first."""
-        return [c for c in ACTUATOR_CHANNELS if c.key in self.first.measured]
+        return shown_of(self.first.measured)
 
     def lack_of_fit(self) -> float:
         """The position's residual (else any channel's), as a share of its variation."""
@@ -81,7 +81,7 @@ def recommended_models(validation: ValidationResult) -> tuple[str, ...]:
     errors: dict[str, float] = {}
     for model in order[1:]:
         channels = [log.channels for log in logs if log.model == model]
-        key = next((c.key for c in ACTUATOR_CHANNELS if any(c.key in own for own in channels)), "")
+        key = next((c.key for c in shown_of(name for own in channels for name in own)), "")
         parts = [own[key].errors for own in channels if key in own]
         if parts:
             errors[model] = Errors.pooled(parts).rmse
@@ -91,8 +91,7 @@ def recommended_models(validation: ValidationResult) -> tuple[str, ...]:
 
 def shown_channels(validation: ValidationResult) -> list[Channel]:
     """The channels present in any log, position first."""
-    present = {name for log in validation.logs for name in log.channels}
-    return [c for c in ACTUATOR_CHANNELS if c.key in present]
+    return shown_of(name for log in validation.logs for name in log.channels)
 
 
 def tests_of(validation: ValidationResult) -> list[ShownTest]:

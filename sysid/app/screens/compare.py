@@ -11,11 +11,11 @@ from sysid.app.parts import pn
 from sysid.app.screens.base import Screen
 from sysid.app.traces import Curve, TracePanel, TraceView, overlay_role
 from sysid.app.workbench import command_line
-from sysid.blocks.channels import channel_of
 from sysid.blocks.figures import Scale
 from sysid.blocks.html import block_html
 from sysid.blocks.numbers import number
 from sysid.errors import Failure, InputError, on_its_own
+from sysid.io.channels import channel_of
 from sysid.pipeline.compare import compare
 from sysid.pipeline.explore import ExploredTest
 

@@ -15,12 +15,12 @@ from sysid.app import parts
 from sysid.app.parts import pn
 from sysid.app.screens.base import Screen
 from sysid.app.traces import Curve, TracePanel, TraceView
-from sysid.blocks.channels import channel_of
 from sysid.blocks.figures import Scale
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Section
 from sysid.errors import Failure, InputError, on_its_own
 from sysid.io.campaign import Campaign
+from sysid.io.channels import channel_of
 from sysid.io.files import make_folder
 from sysid.parameters import Bundle
 from sysid.pipeline.effects import known_effects

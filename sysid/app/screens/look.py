@@ -14,11 +14,10 @@ from sysid.app import edits, parts
 from sysid.app.parts import pn
 from sysid.app.screens.base import Screen
 from sysid.app.traces import Curve, TracePanel, TraceView, overlay_role, sparkline
-from sysid.blocks.channels import channel_of
 from sysid.blocks.figures import Scale
 from sysid.errors import InputError
 from sysid.io.campaign import Campaign, CampaignLog
-from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS, VELOCITY_CHANNELS
+from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS, VELOCITY_CHANNELS, channel_of
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
 from sysid.io.trial_kind import is_held

@@ -13,12 +13,11 @@ from sysid.app import parts
 from sysid.app.parts import pn
 from sysid.app.screens.base import Screen
 from sysid.app.traces import Curve, TracePanel, TraceView
-from sysid.blocks.channels import Channel, channel_of
 from sysid.blocks.figures import Scale
 from sysid.blocks.interactive import SCHEMES, add_zoom, bokeh, empty_plot
 from sysid.blocks.numbers import number
 from sysid.errors import InputError
-from sysid.io.channels import VALVE_COMMANDS, VELOCITY_CHANNELS
+from sysid.io.channels import VALVE_COMMANDS, VELOCITY_CHANNELS, Channel, channel_of
 from sysid.pipeline.explore import ExploredTest
 from sysid.types import FloatArray
 from sysid.validation.shown_residuals import binned

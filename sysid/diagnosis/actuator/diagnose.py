@@ -10,7 +10,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from sysid.blocks.channels import channel_of
 from sysid.blocks.numbers import number
 from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.evidence import TwinEvidence
@@ -28,7 +27,7 @@ from sysid.diagnosis.looked import Because, why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.diagnosis.search import full_sentence, limit_sentence, shapes_at_limits
 from sysid.errors import Failure, NotIdentifiedError, SimulationError, on_its_own
-from sysid.io.channels import simulated_channels
+from sysid.io.channels import channel_of, simulated_channels
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.parallel import limited, spend
@@ -46,6 +45,7 @@ _FAR_OFF_FITTED = 4.0
 _BEYOND, _MORE_DRAWS, _MODELS = 1.5, 8, 16
 # Per cent of static friction that is worth saying.
 _LEAST_CHANGE = 0.1
+_UNKNOWN: FloatArray = np.full(len(simulated_channels("")), math.nan)
 _FAR_OFF_NOTICE = (
     "the held-out tests are simulated far worse than noise, scatter and the errors of the fitted "
     "numbers explain, though no balance shows enough structure to say why (the strongest is "
@@ -248,7 +248,7 @@ def open_loop_errors(
 ) -> dict[str, float]:
     """RMSE of a model by channel, in its unit, on the motion logs held out; NaN without one."""
     outside = _simulable(_held_out(logs, rig), [model])
-    errors = _rmse(outside, model) if outside.tests else np.full(3, math.nan)
+    errors = _rmse(outside, model) if outside.tests else _UNKNOWN
     return _by_channel([errors], rig)[0]
 
 
@@ -335,7 +335,7 @@ def _simulated(tests: HeldOut, model: Model) -> float:
 def _errors(outside: HeldOut, model: Model, found: Loop) -> list[FloatArray]:
     """RMSE (3,) of the given model, and after each step."""
     if not outside.tests:
-        return [np.full(3, math.nan)] * (len(found.search.steps) + 1)
+        return [_UNKNOWN] * (len(found.search.steps) + 1)
     return [_rmse(outside, model), *(_rmse(outside, step.model) for step in found.search.steps)]
 
 
@@ -344,17 +344,17 @@ def _rmse(outside: HeldOut, model: Model) -> FloatArray:
     try:
         return outside.rmse(model)
     except SimulationError:
-        return np.full(3, math.nan)
+        return _UNKNOWN
 
 
 def _noise_floor(outside: HeldOut, found: Loop, seed: int) -> FloatArray:
     """(3,), NaN where there are no tests, or the model's equations cannot be simulated."""
     if not outside.tests:
-        return np.full(3, math.nan)
+        return _UNKNOWN
     try:
         return outside.noise_floor(found.search.model, found.noise, found.scatter_after, seed)
     except SimulationError:
-        return np.full(3, math.nan)
+        return _UNKNOWN
 
 
 def _fitted_floor(

@@ -13,6 +13,7 @@ import numpy as np
 from sysid.diagnosis.actuator.twins import Scatter, SensorNoise, scattered
 from sysid.errors import Failure, SimulationError, on_its_own
 from sysid.io.campaign import MOTION_KINDS
+from sysid.io.channels import COMPARED
 from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.plant.ports import Model
@@ -70,7 +71,7 @@ class HeldOut:
         A test counts up to where it comes to an end stop (the model has none). Raises
         SimulationError where one is not simulated to its end.
         """
-        squares, count = np.zeros(3), np.zeros(3)
+        squares, count = np.zeros((2, 1 + len(COMPARED)))
         for test, run in zip(self.tests, self.simulated(model), strict=True):
             gap = test.residual_of(test.whole, run)
             logged = np.isfinite(test.measured_in(test.whole)).all(axis=1)

@@ -17,7 +17,7 @@ import numpy as np
 from sysid import signals
 from sysid.diagnosis.actuator.samples import TestRun, Traces, smooth
 from sysid.errors import SimulationError
-from sysid.io.channels import CHAMBER_PRESSURES
+from sysid.io.channels import COMPARED, simulated_channels
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parallel import spend
@@ -43,18 +43,18 @@ _PATH_HZ = 10.0
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """How each channel's samples err: position, pressure A, pressure B, SI.
+    """How each channel's samples err, SI: the position, then `COMPARED`.
 
     `kernels`: what white noise of unit variance is convolved with to give the channel's
-    noise, which a sensor or its filter may colour; `quantum` (3,) the channels' resolution.
+    noise, which a sensor or its filter may colour; `quantum` (channels,) the channels' resolution.
     """
 
-    kernels: tuple[FloatArray, FloatArray, FloatArray]
+    kernels: tuple[FloatArray, ...]
     quantum: FloatArray
 
     @property
     def total(self) -> FloatArray:
-        """Standard deviation of one sample's whole error, (3,)."""
+        """Standard deviation of one sample's whole error, (channels,)."""
         power = np.array([float(k @ k) for k in self.kernels])
         return np.asarray(np.sqrt(power + self.quantum**2 / 12.0))
 
@@ -76,7 +76,7 @@ def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoi
     blocks of all tests, where neither motion nor flow shows; so too the position of logs whose
     samples lie between measured ones, which correlates their noise.
     """
-    position, pressures = rig.position_channel, CHAMBER_PRESSURES
+    position = rig.position_channel
     floors = [
         signals.position_floor(t[position], t.stride_of(position))
         for t in _longest([t for _, _, t in tests], position)
@@ -88,7 +88,7 @@ def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoi
     between = [t for _, _, t in tests if t.row_period is not None]
     lags = min(_MOST_LAGS, max([_NOISE_LAGS, *(3 * t.stride for t in between)]))
     quantum = [step]
-    for name in pressures:
+    for name in COMPARED:
         channels = [t[name] for _, _, t in tests if name in t and np.isfinite(t[name]).all()]
         steps = [s for s in (signals.quantum(c) for c in channels[:24]) if s > 0.0]
         quantum.append(float(np.median(steps)) if steps else 0.0)
@@ -96,7 +96,7 @@ def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoi
     positions = [t[position] for t in between if position in t and t.stride_of(position) > 1]
     if positions:
         kernels[0] = _noise_kernel(positions, step, lags)
-    return SensorNoise((kernels[0], kernels[1], kernels[2]), np.array(quantum))
+    return SensorNoise(tuple(kernels), np.array(quantum))
 
 
 def _noise_kernel(channels: Sequence[FloatArray], quantum: float, count: int) -> FloatArray:
@@ -246,6 +246,6 @@ def scattered(model: Model, scatter: Scatter, rng: np.random.Generator) -> Model
 
 def _through_sensors(simulated: Sequence[Trajectory], model: Model, rig: Rig) -> FloatArray:
     """(3, n) position and pressures of all tests end to end, as the sensors show them."""
-    names = (rig.position_channel, "pressure_a_pa", "pressure_b_pa")
+    names = simulated_channels(rig.position_channel)
     shown = [measured_channels(run, rig.position_channel, model) for run in simulated]
     return np.array([np.concatenate([channels[n] for channels in shown]) for n in names])

@@ -37,10 +37,11 @@ from typing import Any
 
 from sysid.errors import input_error
 from sysid.io.alignment import FILLS, is_held
+from sysid.io.channels import TEST_COLUMN
 from sysid.io.foreign.table import ReadOptions
 from sysid.io.reshaping import HELD_COLUMNS
 from sysid.io.rig import read_toml, reject_misspelt
-from sysid.io.units import CANONICAL_UNITS, TEST_COLUMN, ColumnMap, parse_map, parse_map_table
+from sysid.io.units import CANONICAL_UNITS, ColumnMap, parse_map, parse_map_table
 
 _SLICE = re.compile(r"(-?\d{1,9})?:(-?\d{1,9})?(?::(-?\d{1,9})?)?")
 _SECTIONS = ("map", "constants", "options")

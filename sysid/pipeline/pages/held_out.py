@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.blocks.channels import Channel, channel_of
 from sysid.blocks.figures import Dash, Figure, Line, Mark, Panel, Role, Rule, Scale
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.sections import FigureGroup
 from sysid.diagnosis.wording import own_friction
+from sysid.io.channels import Channel, channel_of
 from sysid.types import FloatArray
 from sysid.validation.shown_tests import ShownTest, tests_of
 

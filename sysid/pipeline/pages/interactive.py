@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from sysid.blocks import svg
-from sysid.blocks.channels import Channel
+from sysid.io.channels import Channel
 from sysid.types import FloatArray
 from sysid.validation.shown_tests import MODEL_NAMES, ShownTest
 

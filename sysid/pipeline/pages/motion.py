@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.blocks import svg
-from sysid.blocks.channels import Channel
 from sysid.blocks.figures import TALL_PANEL, Dash, Figure, Line, Mark, Panel, Role, Scale, Span
 from sysid.blocks.numbers import MISSING, number, percent
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Plot, Section
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis.wording import own_friction
+from sysid.io.channels import Channel
 from sysid.pipeline.pages.interactive import overlay_document, overlay_samples
 from sysid.validation.shown_tests import (
     MODEL_NAMES,

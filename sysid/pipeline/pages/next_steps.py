@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from sysid.blocks.channels import channel_of
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, Lines, Section
 from sysid.blocks.tables import table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.tables import named
 from sysid.diagnosis.wording import advice_on_rest
+from sysid.io.channels import channel_of
 from sysid.io.motion import FRICTION
 from sysid.parameters import Bundle
 from sysid.parameters.table import effect_names

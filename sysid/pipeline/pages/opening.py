@@ -7,12 +7,12 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from sysid.blocks.channels import Channel
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.quality import quality_name
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import sentence
+from sysid.io.channels import VELOCITY_CHANNELS, Channel, channel_of
 from sysid.parameters import Bundle, ComponentRecord
 from sysid.pipeline.pages import concerns
 from sysid.pipeline.pages.concerns import Concern, level_of_fit
@@ -209,11 +209,7 @@ def _opening(level: str) -> str:
 
 def _figures(pooled: Sequence[_Pooled]) -> str:
     """The fit percentage of each channel over whole tests."""
-    said = []
-    for p in pooled:
-        is_chamber = p.channel.key.startswith("pressure")
-        name = f"pressure {p.channel.title[-1]}" if is_chamber else "position"
-        said.append(f"{name} to {percent(p.fit)}")
+    said = [f"{p.channel.name} to {percent(p.fit)}" for p in pooled]
     return f"it fits {', '.join(said[:-1])}{' and ' if len(said) > 1 else ''}{said[-1]}"
 
 
@@ -252,7 +248,7 @@ def _other_models(
             continue
         files = {(g.name, g.kind) for g in own}
         base = [g for g in primary if (g.name, g.kind) in files]
-        channel = next((c for c in _positions() if c.key in channels), None)
+        channel = next((channel_of(k) for k in VELOCITY_CHANNELS if k in channels), None)
         if channel is None or not base:
             continue
         pooled = _pool(own, channel), _pool(base, channel)
@@ -277,16 +273,11 @@ def position_rmse(validation: ValidationResult | None) -> float | None:
     logs = [] if validation is None else validation.select("holdout")
     held = _primary([log for log in logs if log.model in MODEL_NAMES])
     present = {name for log in held for name in log.channels}
-    for channel in _positions():
-        if channel.key in present:
+    for key in VELOCITY_CHANNELS:
+        if key in present:
+            channel = channel_of(key)
             return _pool(held, channel).rmse / channel.residual_scale
     return None
-
-
-def _positions() -> list[Channel]:
-    from sysid.blocks.channels import ACTUATOR_CHANNELS
-
-    return [c for c in ACTUATOR_CHANNELS if not c.key.startswith("pressure")]
 
 
 def _doubtful(bundle: Bundle) -> Iterator[str]:

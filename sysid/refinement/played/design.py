@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.errors import NotIdentifiedError
+from sysid.io.channels import simulated_channels
 from sysid.plant.base import place_at_rest
 from sysid.plant.ports import Model
 from sysid.plant.sensors import measured_channels
@@ -267,7 +268,7 @@ def _motions(stage: DesignStage, drives: Sequence[Drive]) -> list[CandidateMotio
     inputs = [
         inputs_of_commands(d.kind, time, *c, rest) for d, c in zip(drives, commands, strict=True)
     ]
-    names = (rig.position_channel, "pressure_a_pa", "pressure_b_pa")
+    names = simulated_channels(rig.position_channel)
     found = []
     for d, (motor, valves), run in zip(
         drives, commands, simulate(inputs, [model] * len(drives)), strict=True
