@@ -144,11 +144,13 @@ PRESSURES = tuple(key for key in READINGS if LOG_COLUMNS[key].is_pressure)
 DUTIES = tuple(key for key in LOG_COLUMNS if key.startswith("duty_"))
 SWITCHES = tuple(key for key in LOG_COLUMNS if key.startswith("valve_"))
 VALVE_COMMANDS = (*SWITCHES, *DUTIES)
-COMPARED = tuple(
-    c.key for c in CHANNELS if c.least_noise is not None and c.key not in VELOCITY_CHANNELS
+CHAMBER_PRESSURES = ("pressure_a_pa", "pressure_b_pa")
+_STATES_SHOWN = (*VELOCITY_CHANNELS, *CHAMBER_PRESSURES)
+COMPARED = (
+    *CHAMBER_PRESSURES,
+    *(c.key for c in CHANNELS if c.least_noise is not None and c.key not in _STATES_SHOWN),
 )
 """What simulations are compared in next to the position, in the order of every array of them."""
-CHAMBER_PRESSURES = tuple(key for key in COMPARED if LOG_COLUMNS[key].is_pressure)
 
 
 def channel_of(key: str) -> Channel:

@@ -17,7 +17,7 @@ import numpy as np
 from sysid import signals
 from sysid.diagnosis.actuator.samples import TestRun, Traces, smooth
 from sysid.errors import SimulationError
-from sysid.io.channels import COMPARED, simulated_channels
+from sysid.io.channels import CHAMBER_PRESSURES, COMPARED
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parallel import spend
@@ -59,9 +59,10 @@ class SensorNoise:
         return np.asarray(np.sqrt(power + self.quantum**2 / 12.0))
 
     def on(self, values: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Measured channels (3, n) from true ones."""
+        """Measured channels (3, n) from true ones: position and pressures, as in balances."""
         noisy = np.empty_like(values)
-        for i, (kernel, step) in enumerate(zip(self.kernels, self.quantum, strict=True)):
+        for i in range(len(values)):
+            kernel, step = self.kernels[i], self.quantum[i]
             white = rng.standard_normal(values.shape[1] + len(kernel) - 1)
             noisy[i] = values[i] + np.convolve(white, kernel, mode="valid")
             if step > 0.0:
@@ -246,6 +247,6 @@ def scattered(model: Model, scatter: Scatter, rng: np.random.Generator) -> Model
 
 def _through_sensors(simulated: Sequence[Trajectory], model: Model, rig: Rig) -> FloatArray:
     """(3, n) position and pressures of all tests end to end, as the sensors show them."""
-    names = simulated_channels(rig.position_channel)
+    names = (rig.position_channel, *CHAMBER_PRESSURES)
     shown = [measured_channels(run, rig.position_channel, model) for run in simulated]
     return np.array([np.concatenate([channels[n] for channels in shown]) for n in names])
