@@ -68,7 +68,7 @@ from sysid.diagnosis.actuator.screened import (  # noqa: E402
     screened,
 )
 from sysid.diagnosis.actuator.signatures import Candidate  # noqa: E402
-from sysid.diagnosis.looked import Book  # noqa: E402
+from sysid.diagnosis.search_record import Recorder  # noqa: E402
 from sysid.io.campaign import KINDS, read_campaign  # noqa: E402
 from sysid.parameters import read_bundle  # noqa: E402
 from sysid.plant.effects import catalogue  # noqa: E402
@@ -156,20 +156,22 @@ def command(*words: str) -> str:
 def standard(seed: int, *options: str, names: Iterable[str] = EFFECTS) -> Standard:
     """The campaign of a seed, generated, fitted and looked at; `names` are asked for then."""
     start = started(seed, *options)
-    base, book = projected(start.logged, start.model), Book()
-    some = all_forms(base, start.null, start.forms, book)
+    base, recorder = projected(start.logged, start.model), Recorder()
+    some = all_forms(base, start.null, start.forms, recorder)
     bias = Bias(start.null.twins[:_TWINS])
-    bias.ask(set(names), start.forms, book)
-    for miss in book.missed:
+    bias.ask(set(names), start.forms, recorder)
+    for miss in recorder.missed:
         print(f"{miss.subject}: {miss.reason}", file=sys.stderr)
     return Standard(base, some, bias, channel_squares(base, base.rest))
 
 
-def all_forms(base: Projected, null: Null, forms: Iterable[Candidate], book: Book) -> Screening:
+def all_forms(
+    base: Projected, null: Null, forms: Iterable[Candidate], recorder: Recorder
+) -> Screening:
     """Every form against a residual, with its noise as in a search's first round."""
     none = channel_squares(base, base.rest)
     unknown = noise_channels(base, null, none, np.full(len(CHANNELS), math.inf))
-    some = screened(base, list(forms), unknown, book)
+    some = screened(base, list(forms), unknown, recorder)
     known = noise_channels(base, null, none, some.columns.directions())
     return Screening(some.forms, some.columns.among(known))
 
@@ -187,7 +189,7 @@ def started(seed: int, *options: str, quick: bool = False) -> Start:
             for entry in campaign.select(KINDS)
             for trial in campaign.read(entry).trials
         ]
-    return begin(tests, campaign.rig, model, EFFECTS.values(), Book(quick=quick))
+    return begin(tests, campaign.rig, model, EFFECTS.values(), Recorder(quick=quick))
 
 
 def generate(seed: int, folder: Path, *options: str) -> None:
@@ -243,7 +245,7 @@ def nearest_form(seen: Standard, name: str, missing: FloatArray) -> int:
     """The number of an effect's form that explains most of what is missing, (rows,)."""
     own = seen.forms_of(name)
     base = replace(seen.base, rest=-missing)
-    some = screened(base, [seen.some.forms[f] for f in own], seen.some.columns.channels, Book())
+    some = screened(base, [seen.some.forms[f] for f in own], seen.some.columns.channels, Recorder())
     alone = some.columns.proposals([(f,) for f in range(len(own))])
     place = min(range(len(own)), key=lambda f: float(np.sum(alone[f].squares)))
     return own[place]
@@ -336,7 +338,7 @@ def times_the_smallest(seen: Standard, start: Start, name: str) -> float:
     """How many times as large an effect, alone on a rig, is as it must be to be detected."""
     base = projected(start.logged, start.model)
     forms = [form for form in start.forms if form.id == name]
-    some = screened(base, forms, seen.some.columns.channels, Book())
+    some = screened(base, forms, seen.some.columns.channels, Recorder())
     alone = some.columns.proposals([(f,) for f in range(len(forms))])
     best = max(alone, key=lambda one: one.evidence)
     if best.evidence == -math.inf:

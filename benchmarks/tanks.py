@@ -199,7 +199,7 @@ def verdict_of(draw: Draw, bundle_parts: object) -> str:
 
     bundle = Bundle.new(draw.rig, bundle_parts, [])
     found = diagnose_component("tank", draw.trials, (), draw.rig, bundle, catalogue())
-    return f"{found.verdict} {[e.id for e in found.effects]} {found.because or ''}".strip()
+    return f"{found.verdict} {[e.id for e in found.effects]} {found.reason or ''}".strip()
 
 
 def measured(kind: str, draws: int, first: int, verdicts: bool, by: str = "auto") -> None:

@@ -23,7 +23,7 @@ from sysid.diagnosis.actuator.signatures import Candidate, candidates
 from sysid.diagnosis.actuator.states import point_of
 from sysid.diagnosis.actuator.twins import Scatter, simulate_twins
 from sysid.diagnosis.actuator.whitening import build_frame, noise_of
-from sysid.diagnosis.looked import Book
+from sysid.diagnosis.search_record import Recorder
 from sysid.io.rig import Rig
 from sysid.plant import plant
 from sysid.plant.effects.entry import CatalogueEffect
@@ -70,7 +70,7 @@ def best_form(base: Projected, forms: list[Candidate]) -> tuple[CatalogueEffect,
         ResidualChannel(len(base.frame.windows[name]), 1e9, 1.0, float(len(base.rest)))
         for name in CHANNELS
     )
-    some = screened(base, forms, channels, Book())
+    some = screened(base, forms, channels, Recorder())
     alone = some.columns.proposals([(f,) for f in range(len(some.forms))])
     best = min(alone, key=lambda one: float(np.sum(one.squares)))
     (effect,) = some.effects(best)

@@ -29,7 +29,7 @@ from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.selection import select
-from sysid.diagnosis.looked import SearchStage
+from sysid.diagnosis.search_record import SearchStage
 from sysid.diagnosis.wording import sentence
 from sysid.errors import Failure, InputError, OutOfBudgetError, SimulationError
 from sysid.parallel import LATE, VARIABLE, attempt_all, attempt_in_threads, limited, run_all, spend
@@ -179,7 +179,7 @@ def test_within_the_budget_the_result_is_the_same(
     with limited(evaluations=1e6, seconds=6000.0) as two:
         bounded = loop(*campaign)
     assert made_free == two.made > 100
-    assert bounded.looked == free.looked and bounded.looked.is_complete
+    assert bounded.record == free.record and bounded.record.is_complete
     assert steps_of(bounded) == steps_of(free)
     np.testing.assert_array_equal(bounded.search.last.rest, free.search.last.rest)
     # Where it is cut short does not depend on the number of jobs either.
@@ -189,7 +189,7 @@ def test_within_the_budget_the_result_is_the_same(
         with limited(evaluations=0.8 * made_free) as less:
             cut.append((loop(*campaign), less.made))
     (first, made_first), (second, made_second) = cut
-    assert first.looked == second.looked and first.looked.cut_short
+    assert first.record == second.record and first.record.cut_short
     assert made_first == made_second < made_free
     assert steps_of(first) == steps_of(second)
 
@@ -208,7 +208,7 @@ def test_nothing_but_a_budget_looks_at_a_clock(
     with limited(evaluations=1e6) as slow:
         found = loop(*campaign)
     monkeypatch.undo()
-    assert slow.made == made_free and found.looked == expected.looked
+    assert slow.made == made_free and found.record == expected.record
     assert steps_of(found) == steps_of(expected)
 
 
@@ -229,10 +229,10 @@ def test_a_suspect_that_cannot_be_fitted_is_named(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(actuator_finder, "fit_set", fails)
     found = loop(*sealed())
     assert [step.id for step in found.search.steps] == ["seal-friction"]
-    assert found.looked.fitted == ("seal-friction",) and broken - {"seal-friction"}
-    missed = {m.subject for m in found.looked.missed}
-    assert broken - {"seal-friction"} <= missed <= set(found.looked.screened)
-    whys = {(m.reason, m.out_of_budget) for m in found.looked.missed}
+    assert found.record.fitted == ("seal-friction",) and broken - {"seal-friction"}
+    missed = {m.subject for m in found.record.missed}
+    assert broken - {"seal-friction"} <= missed <= set(found.record.screened)
+    whys = {(m.reason, m.out_of_budget) for m in found.record.missed}
     assert whys == {("LinAlgError: Singular matrix", False)}
 
 
@@ -251,9 +251,9 @@ def test_out_of_budget_the_best_that_was_fitted_is_kept(monkeypatch: pytest.Monk
     found = loop(*sealed())
     assert [step.id for step in found.search.steps] == ended == ["seal-friction"]
     suspects = {SearchStage.SUSPECTS}
-    late = {m.subject for m in found.looked.missed if m.stage in suspects}
-    assert late and late <= set(found.looked.screened)
-    assert all(m.out_of_budget for m in found.looked.missed)
+    late = {m.subject for m in found.record.missed if m.stage in suspects}
+    assert late and late <= set(found.record.screened)
+    assert all(m.out_of_budget for m in found.record.missed)
 
 
 def test_a_search_that_fails_leaves_nothing_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -347,13 +347,13 @@ def test_a_bad_budget_is_refused(budget: str, tmp_path: Path, capsys: Any) -> No
 def test_a_part_s_first_round_ends_without_a_budget() -> None:
     component = breakaways(sine=0.3)
     free = select(component, catalogue())
-    assert free.additions and free.looked.is_complete
+    assert free.additions and free.record.is_complete
     with limited(evaluations=0):
         late = select(component, catalogue())
     (first,) = late.additions
     assert first.effect == free.additions[0].effect and first.p_value == free.additions[0].p_value
-    assert late.looked.cut_short and {m.reason for m in late.looked.missed} == {"out of budget"}
-    assert not any(m.round == 1 and m.decides for m in late.looked.missed)
+    assert late.record.cut_short and {m.reason for m in late.record.missed} == {"out of budget"}
+    assert not any(m.round == 1 and m.decides for m in late.record.missed)
     np.testing.assert_array_equal(late.folds, free.folds)
 
 
@@ -380,8 +380,8 @@ def test_a_model_that_cannot_be_simulated_gets_a_verdict(monkeypatch: pytest.Mon
 
     monkeypatch.setattr(actuator_loop, "simulate_twins", fails)
     found = loop(*sealed())
-    assert found.search.steps == () and not found.looked.is_decided
-    assert {m.stage for m in found.looked.missed} == {
+    assert found.search.steps == () and not found.record.is_decided
+    assert {m.stage for m in found.record.missed} == {
         SearchStage.TWIN,
         SearchStage.TWINS,
     }

@@ -99,7 +99,7 @@ def test_the_law_is_found_where_nothing_is_missing() -> None:
     selection = select(part, CATALOGUE)
     assert selection.additions == ()
     rejected = selection.rounds[-1].tried
-    assert rejected and max(a.gain for a in rejected) < 0.2
+    assert rejected and max(a.reduction for a in rejected) < 0.2
 
 
 @pytest.mark.parametrize(
@@ -411,7 +411,7 @@ def test_what_repeats_over_two_quantities_together_is_unexplained() -> None:
 
     found = verdict_on([plain] * 6, more)
     assert found.to_json()["curves"][0]["share"] < LEAST_SHARE
-    assert found.verdict == "unexplained" and found.because == "structure"
+    assert found.verdict == "unexplained" and found.reason == "structure"
     (rest,) = found.remainder
     assert rest.repeatable > 2.0
     assert found.unexplained[0].share == rest.share
@@ -420,7 +420,7 @@ def test_what_repeats_over_two_quantities_together_is_unexplained() -> None:
 def test_a_ripple_finer_than_a_dozen_bins_is_not_taken_for_noise() -> None:
     """The sensors are quiet: what changes within the residual is no noise of theirs."""
     found = verdict_on([plain] * 6, lambda trial: 8.0 * np.sin(trial["position_m"] / 0.0013))
-    assert found.verdict == "unexplained" and found.because == "structure"
+    assert found.verdict == "unexplained" and found.reason == "structure"
     assert found.unexplained[0].regressor == "position" and found.unexplained[0].share > 0.5
     error = found.residual["motor_force_n"]
     assert error.noise_floor < 0.3 * error.after
@@ -431,7 +431,7 @@ def test_a_ripple_finer_than_a_dozen_bins_is_not_taken_for_noise() -> None:
 def test_friction_that_scatters_from_test_to_test_is_no_structure() -> None:
     factors = 1.0 + 0.05 * np.random.default_rng(5).normal(size=6)
     found = verdict_on([lambda v, f=f: f * plain(v) for f in factors], lambda trial: 0.0)
-    assert found.verdict == "adequate" and found.because is None
+    assert found.verdict == "adequate" and found.reason is None
     (rest,) = found.remainder
     assert rest.rmse > 1.5 * rest.noise
 
@@ -440,7 +440,7 @@ def test_errors_far_above_the_noise_are_not_adequate() -> None:
     """As of logs that do not belong together, though they share no structure."""
     offsets = (0.0, 40.0, -40.0, 0.0, 60.0, -60.0)
     found = verdict_on([lambda v, o=o: plain(v) + o for o in offsets], lambda trial: 0.0)
-    assert found.verdict == "unexplained" and found.because == "held-out errors"
+    assert found.verdict == "unexplained" and found.reason == "held-out errors"
     assert "a log that is not like the others" in found.notices[-1]
     assert found.effects == () and len(found.unexplained) == 1
 
@@ -477,7 +477,7 @@ def test_an_effect_that_does_not_predict_the_held_out_tests_explains_nothing() -
     laws = [lambda v, s=s: plain(v) - 40.0 * s * np.abs(v) for s in (1, 1, 1, 1, -1, -1)]
     found = verdict_on(laws, lambda trial: 0.0, name)
     assert [effect.id for effect in found.effects] == [name]
-    assert found.verdict == "unexplained" and found.because == "held-out errors"
+    assert found.verdict == "unexplained" and found.reason == "held-out errors"
     assert f"{name} fits the training tests alone" in sentence(content(found))
 
 

@@ -160,7 +160,7 @@ def test_a_strength_beyond_what_is_plausible_goes_behind(limit: float, named: st
     part = line(*[(0.0, 0.0)] * 6)
     part = Line(part.x, tuple(y + x**4 - 0.2 for x, y in zip(part.x, part.y, strict=True)))
     addition, *_ = select(part, {"curved": Curved, "quartic": quartic(limit)}).additions
-    assert max(addition.tried, key=lambda one: one.gain).id == "quartic"
+    assert max(addition.tried, key=lambda one: one.reduction).id == "quartic"
     assert addition.id == named
     assert addition.repeats.named == (named, named, named)
 

@@ -67,8 +67,8 @@ from sysid.diagnosis.actuator.whitening import (
     noise_of,
 )
 from sysid.diagnosis.evidence import residual
-from sysid.diagnosis.looked import Book
 from sysid.diagnosis.result import Diagnosis
+from sysid.diagnosis.search_record import Recorder
 from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
@@ -458,7 +458,7 @@ OTHERS = (
 def finder_of(first: Projected, null: Null, kinds: Sequence[type[CatalogueEffect]]) -> Finder:
     """A search for these effects and a few others."""
     others = [catalogue()[name] for name in OTHERS if name not in {kind.id for kind in kinds}]
-    return Finder(first, candidates([*kinds, *others]), null, Book(), no_progress)
+    return Finder(first, candidates([*kinds, *others]), null, Recorder(), no_progress)
 
 
 def one(some: Screening, name: str) -> int:
@@ -474,7 +474,7 @@ def squares_alone(
         ResidualChannel(len(base.frame.windows[name]), 1e9, 1.0, float(len(base.rest)))
         for name in CHANNELS
     )
-    some = screened(base, candidates(kinds), channels, Book())
+    some = screened(base, candidates(kinds), channels, Recorder())
     return some, some.columns.proposals([(f,) for f in range(len(some.forms))])
 
 
@@ -661,13 +661,13 @@ def test_a_search_without_an_effect_does_not_work_out_what_is_known(
     assert {s.id for s in before.steps} == {"seal-friction", "stribeck-friction"}
     assert asked[0] == {kind.id for kind in kinds} | set(OTHERS) and fitted
     last = before.steps[-1].id
-    book, rest = Book(), [kind for kind in kinds if kind.id != last]
+    recorder, rest = Recorder(), [kind for kind in kinds if kind.id != last]
     known = list(fitted)
     asked.clear()
     fitted.clear()
-    finder.bar({last}, book)
+    finder.bar({last}, recorder)
     again = search(finder, lambda trial: 0.0)
-    assert set(book.screened) == {kind.id for kind in rest} | set(OTHERS)
+    assert set(recorder.screened) == {kind.id for kind in rest} | set(OTHERS)
     assert not any(last in names for names in [*asked, *fitted])
     assert asked[:1] != [{kind.id for kind in rest} | set(OTHERS)] and not set(fitted) & set(known)
     afresh = search(finder_of(first, null, rest), lambda trial: 0.0)
@@ -804,7 +804,7 @@ def test_rows_that_windows_use_give_what_all_rows_give(frame: Frame, healthy: An
 def test_effects_of_averaged_flows_are_not_tried(healthy: tuple[Tests, Rig, Model]) -> None:
     effects = [catalogue()["valve-dead-band"], catalogue()["torque-offset"]]
     found = close_loop(*healthy, effects, simulated=lambda trial: 0.0)
-    assert found.looked.screened == ("torque-offset",)
+    assert found.record.screened == ("torque-offset",)
 
 
 def test_strengths_stay_within_their_bounds(frame: Frame, healthy: Any) -> None:
@@ -886,7 +886,7 @@ def test_effects_that_leave_every_channel_far_off_do_not_explain() -> None:
     effects = evidence.found(errors)
     found = Diagnosis(effects, residual(errors, floor), (), (), evidence)
     judged = with_errors_after_judged(found)
-    assert judged.verdict == "unexplained" and judged.because == "held-out errors"
+    assert judged.verdict == "unexplained" and judged.reason == "held-out errors"
     assert [e.id for e in judged.effects] == ["seal-friction"]
     assert len(judged.unexplained) == 1 and "imitate an effect" in judged.notices[-1]
     assert with_errors_after_judged(judged) is judged
@@ -1052,7 +1052,7 @@ def test_hum_is_no_resonance(effect: tuple[str, str, float], named: list[str]) -
     link = catalogue()["link-flexibility"]
     found = close_loop(tests, rig, model, [link], simulated=lambda trial: 0.0)
     assert [step.id for step in found.search.steps] == named
-    notes = found.looked.sentences()
+    notes = found.record.sentences()
     assert [line.startswith("not link-flexibility") for line in notes] == [True] * (not named)
     assert all(" 50.0 Hz" in line for line in notes)
     assert [entry.channel for entry in leftover(found)] == ["effort"] * (not named)

@@ -17,7 +17,7 @@ from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.screened import Bias, Signed, screened
-from sysid.diagnosis.looked import Book
+from sysid.diagnosis.search_record import Recorder
 from sysid.io.rig import Rig
 from sysid.plant.effects.chamber import AtmosphereLeakage
 from sysid.plant.effects.entry import CatalogueEffect
@@ -117,14 +117,14 @@ def test_signatures_serve_again_beside_a_set(rig: tuple[Traces, Model, Rig], nul
     base = lacking(rig, QuadraticDrag(0.01))
     finder = finder_of(base, null, KINDS)
     own: dict[str, Signed] = {}
-    first = screened(base, finder.forms, finder.channels, Book(), own)
+    first = screened(base, finder.forms, finder.channels, Recorder(), own)
     assert set(own) == {form.id for form in finder.forms}
-    again = screened(base, finder.forms, finder.channels, Book(), own)
+    again = screened(base, finder.forms, finder.channels, Recorder(), own)
     np.testing.assert_array_equal(again.columns.gram, first.columns.gram)
     # The scatter of friction is weighed by the frame that is given.
     more = replace(base, frame=replace(base.frame, scatter=0.1))
-    fresh = screened(more, finder.forms, finder.channels, Book())
-    served = screened(more, finder.forms, finder.channels, Book(), own)
+    fresh = screened(more, finder.forms, finder.channels, Recorder())
+    served = screened(more, finder.forms, finder.channels, Recorder(), own)
     np.testing.assert_allclose(served.columns.gram, fresh.columns.gram, rtol=1e-5, atol=1e-6)
     assert not np.allclose(served.columns.gram, first.columns.gram)
 
@@ -141,13 +141,13 @@ def test_a_gain_that_twins_show_as_well_is_no_evidence(
     rig: tuple[Traces, Model, Rig], null: Null
 ) -> None:
     """A link that bends: smoothing and windows leave what looks like it, on twins and on logs."""
-    base, book = lacking(rig), Book()
+    base, recorder = lacking(rig), Recorder()
     kinds = (*KINDS, LinkFlexibility)
     finder = finder_of(base, null, kinds)
-    some = screened(base, finder.forms, finder.channels, book)
+    some = screened(base, finder.forms, finder.channels, recorder)
     bias = Bias(null.twins)
     np.testing.assert_array_equal(bias.counted(some).columns.penalty, some.columns.penalty)
-    bias.ask({"link-flexibility"}, finder.forms, book)
+    bias.ask({"link-flexibility"}, finder.forms, recorder)
     assert set(bias.known) == {"link-flexibility"}
     counted = bias.counted(some)
     own = [f for f, form in enumerate(some.forms) if form.id == "link-flexibility"]
@@ -226,6 +226,6 @@ def test_a_search_that_is_quick_adds_one_effect_at_most(
 ) -> None:
     base = lacking(rig, QuadraticDrag(0.004), AtmosphereLeakage(5e-17))
     finder = finder_of(base, null, KINDS)
-    quick = Finder(base, finder.forms, null, Book(quick=True), finder.progress)
+    quick = Finder(base, finder.forms, null, Recorder(quick=True), finder.progress)
     assert len(quick.run()) == 1 and len(quick.rounds) == 1
     assert all(len(names) == 1 for names in quick.sets)

@@ -400,4 +400,4 @@ def test_several_processes_run_the_file_again(servo: Path, monkeypatch: pytest.M
     monkeypatch.setenv("SYSID_JOBS", "2")
     campaign = si.read_campaign(servo / "campaign.toml", component=f"{MOTOR}:GearedMotor")
     found = si.diagnose(campaign, read_bundle(servo / "b.json"))
-    assert [e.id for e in found.effects] == ["unbalance"] and found.looked.is_complete
+    assert [e.id for e in found.effects] == ["unbalance"] and found.record.is_complete

@@ -14,7 +14,7 @@ from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.screened import screened
 from sysid.diagnosis.actuator.signatures import Candidate, candidates
-from sysid.diagnosis.looked import Book
+from sysid.diagnosis.search_record import Recorder
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.friction import QuadraticDrag, SealFriction
 from sysid.search.misfit import ResidualChannel
@@ -59,7 +59,7 @@ def test_every_strength_within_its_bounds_is_found(
     for share in (1.0, 0.5):
         strengths = np.array([share * q.typical for q in kind.strengths()])
         rest = -signature @ (strengths / steps)
-        some = screened(residual(rest), [candidate], EXACT, Book())
+        some = screened(residual(rest), [candidate], EXACT, Recorder())
         (found,) = some.columns.proposals([(0,)])
         sizes = np.array([q.usual_size for q in kind.strengths()])
         np.testing.assert_allclose(found.strengths[0] * sizes, strengths, rtol=1e-5)
@@ -81,7 +81,7 @@ def test_what_the_base_parameters_imitate_is_no_column(monkeypatch: pytest.Monke
     given(monkeypatch, lambda form: plain[form.id].copy())
     forms = candidates([QuadraticDrag, SealFriction])
     rest = -own[:, 0] + basis @ (basis.T @ own[:, 0])
-    some = screened(residual(rest, basis), forms, EXACT, Book())
+    some = screened(residual(rest, basis), forms, EXACT, Recorder())
     drag, seals = some.columns.proposals(
         [(next(i for i, f in enumerate(some.forms) if f.id == name),) for name in plain]
     )
@@ -101,10 +101,10 @@ def test_an_effect_that_cannot_be_screened_is_noted_and_the_others_are(
         return rng.standard_normal((ROWS, len(form.steps)))
 
     given(monkeypatch, signature)
-    book = Book()
+    recorder = Recorder()
     forms = candidates([QuadraticDrag, SealFriction])
-    some = screened(residual(np.ones(ROWS)), forms, EXACT, book)
+    some = screened(residual(np.ones(ROWS)), forms, EXACT, recorder)
     assert {form.id for form in some.forms} == {"quadratic-drag"}
     assert len(some.columns.blocks) == len(some.forms)
-    assert book.screened == ["quadratic-drag"]
-    assert [m.subject for m in book.missed] == ["seal-friction"]
+    assert recorder.screened == ["quadratic-drag"]
+    assert [m.subject for m in recorder.missed] == ["seal-friction"]

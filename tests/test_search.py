@@ -10,8 +10,8 @@ import pytest
 from test_components_repeats import KINDS, Curved, line
 
 from sysid.diagnosis.bench.selection import select
-from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS, Rounds, Step, Tried, mark_removed, run
+from sysid.diagnosis.search_record import Recorder, SearchStage
 from sysid.errors import OutOfBudgetError
 from sysid.plant.base import Array
 from sysid.plant.effects.entry import CatalogueEffect
@@ -55,7 +55,7 @@ class Scripted(Rounds[Step]):
 
 def test_effects_are_added_until_none_is_proposed() -> None:
     rounds = Scripted(["one", "two"])
-    history = run(rounds, Book(), no_progress)
+    history = run(rounds, Recorder(), no_progress)
     assert [s.id for s in rounds.steps] == ["one", "two"]
     assert [r.added.id if r.added else None for r in history] == ["one", "two", None]
     assert [t.id for t in history[0].tried] == ["one", "two"] and history[2].tried == ()
@@ -63,17 +63,17 @@ def test_effects_are_added_until_none_is_proposed() -> None:
 
 def test_what_a_later_effect_makes_superfluous_is_removed_and_not_tried_again() -> None:
     rounds = Scripted(["one", "two", "three"], {"two": "one"})
-    history = run(rounds, Book(), no_progress)
+    history = run(rounds, Recorder(), no_progress)
     assert [s.id for s in rounds.steps] == ["two", "three"]
     assert [r.removed for r in history] == [(), ("one",), (), ()]
     assert all("one" in barred for barred in rounds.barred[1:])
 
 
 def test_a_removal_that_runs_out_of_budget_leaves_the_effects() -> None:
-    rounds, book = Scripted(["one", "two"], {"two": "late"}), Book()
-    run(rounds, book, no_progress)
+    rounds, recorder = Scripted(["one", "two"], {"two": "late"}), Recorder()
+    run(rounds, recorder, no_progress)
     assert [s.id for s in rounds.steps] == ["one", "two"]
-    (missed,) = book.closed().missed
+    (missed,) = recorder.closed().missed
     assert (missed.stage, missed.round) == (SearchStage.REMOVAL, 2)
     assert missed.out_of_budget and not missed.decides
 
@@ -89,10 +89,10 @@ def test_a_round_that_no_budget_is_left_for_tried_nothing() -> None:
                 raise OutOfBudgetError
             return super().proposal(number, barred)
 
-    book = Book()
-    history = run(Late(["one"]), book, no_progress)
+    recorder = Recorder()
+    history = run(Late(["one"]), recorder, no_progress)
     assert [r.tried for r in history][1:] == [()]
-    (missed,) = book.closed().missed
+    (missed,) = recorder.closed().missed
     assert missed.out_of_budget and missed.decides and missed.round == 2
 
 

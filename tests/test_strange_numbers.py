@@ -450,7 +450,7 @@ def test_a_twins_test_without_end_is_the_logs_own() -> None:
 def attempt(name: str, gain: float, limits: tuple[str, ...], squares: float = 1.0) -> Any:
     fit = SimpleNamespace(values=np.zeros(5), sum_of_squares=squares)
     fitted = SimpleNamespace(fit=fit, independent_samples=200.0, limits=limits)
-    return SimpleNamespace(id=name, gain=gain), fitted
+    return SimpleNamespace(id=name, reduction=gain), fitted
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def test_one_recording_cannot_tell_and_its_json_has_no_nan(
     forced, other = fitted(draw, "thesis")
     assert forced.law_of("dis") == "thesis" and forced.c_dis.identified
     found = diagnose_component("tank", draw.trials, (), draw.rig, other, SOME)
-    assert (found.verdict, found.because) == ("unexplained", "one recording")
+    assert (found.verdict, found.reason) == ("unexplained", "one recording")
     assert any(line.startswith("one recording cannot tell") for line in found.notices)
     print_json(found.to_json() | {"unknown": [np.nan, np.inf]})
     shown = json.loads(capsys.readouterr().out)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from sysid.diagnosis.found import BeforeAfter, FoundEffect
-from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.search import Round, Step
+from sysid.diagnosis.search_record import SearchRecord
 from sysid.estimation.linear import Estimate
 from sysid.parameters import Bundle
 from sysid.plant.effects.entry import CatalogueEffect
@@ -41,8 +41,8 @@ class ComponentEvidence(ABC):
 
     @property
     @abstractmethod
-    def looked(self) -> Looked:
-        """What was looked at, and what was not: as the budget ended, or as it failed."""
+    def record(self) -> SearchRecord:
+        """What was examined, and what was not: as the budget ended, or as it failed."""
 
     @property
     @abstractmethod

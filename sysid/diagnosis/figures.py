@@ -1,4 +1,4 @@
-"""The diagnosis' figures: errors step by step, residuals over regressors, gains next to twins'.
+"""The diagnosis' figures: errors step by step, residuals over regressors, reductions by suspects.
 
 Every panel draws numbers from `sysid.diagnosis.content.figures`. Ids of user-defined effects
 are drawn without unusual characters.
@@ -39,8 +39,8 @@ MOST_SUSPECTS = 8
 """Suspects of one round that are drawn; the table holds all of them."""
 _ROW = 0.33  # inches
 _FRAME = 0.83  # inches above and below the rows
-LEAST_GAIN = 0.1
-"""Smaller gains are drawn at this value."""
+LEAST_REDUCTION = 0.1
+"""Smaller reductions are drawn at this value."""
 _NAME = re.compile(r"[^A-Za-z0-9 ._+,:()/-]")
 _LONGEST_NAME = 40
 _LONGEST_TITLE = 41
@@ -152,29 +152,29 @@ def waterfall(
 
 
 def suspects(place: int, look: Mapping[str, Any], titles: Mapping[str, str]) -> Figure:
-    """Gains of one round's suspects on a logarithmic axis, next to the gains on the twins."""
+    """Reductions by one round's suspects on a logarithmic axis, next to those on the twins."""
     rows = look["suspects"][:MOST_SUSPECTS]
     marks: list[Mark] = []
     for i, suspect in enumerate(rows):
-        twins = np.maximum(suspect["twins"], LEAST_GAIN)
+        twins = np.maximum(suspect["twins"], LEAST_REDUCTION)
         y = np.full(len(twins), -i - 0.14)
-        gain = np.array([max(suspect["gain"], LEAST_GAIN)])
+        reduction = np.array([max(suspect["gain"], LEAST_REDUCTION)])
         marks.append(Points(twins, y, "muted", size=3.6, is_filled=True, alpha=0.75))
-        marks.append(Points(gain, y[:1], "second", marker="D", size=4.6, is_filled=True))
+        marks.append(Points(reduction, y[:1], "second", marker="D", size=4.6, is_filled=True))
         if suspect["refitted"] is not None:
-            value = np.array([max(suspect["refitted"], LEAST_GAIN)])
+            value = np.array([max(suspect["refitted"], LEAST_REDUCTION)])
             marks.append(Points(value, y[:1], "model", marker="x", size=5.5))
         mark = " (added)" if suspect["id"] == look["added"] else ""
         marks.append(_name(i, drawable(titles.get(suspect["id"], suspect["id"])) + mark))
     highest = max(max(s["gain"], s["refitted"] or 0.0, *s["twins"]) for s in rows)
     decades = range(-1, int(np.log10(max(highest, 10.0))) + 1)
     ticks = tuple((10.0**d, number(10.0**d, 1)) for d in decades[:: 1 + len(decades) // 6])
-    limits = (0.6 * LEAST_GAIN, 3.0 * max(highest, 10.0))
-    x = Scale("Gain (whitened squares)", limits=limits, kind="log", ticks=ticks)
+    limits = (0.6 * LEAST_REDUCTION, 3.0 * max(highest, 10.0))
+    x = Scale("Reduction (whitened squares)", limits=limits, kind="log", ticks=ticks)
     told = "; ".join(
         f"{s['id']} {number(s['gain'])} against {number(max(s['twins']))}" for s in rows
     )
-    title = f"Gains of the suspects, round {place}"
+    title = f"Reductions by the suspects, round {place}"
     description = f"On the logs, against the largest on a twin: {told}."
     id = f"fig-diagnosis-suspects-{place}"
     return _rows_figure(id, title, description, f"Round {place}", x, marks, len(rows))
@@ -354,7 +354,7 @@ def drawable(name: str, longest: int = _LONGEST_NAME) -> str:
 
 
 __all__ = [
-    "LEAST_GAIN",
+    "LEAST_REDUCTION",
     "MOST_SUSPECTS",
     "curve",
     "drawable",

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.blocks.numbers import number
-from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
+from sysid.diagnosis.search_record import Recorder, SearchStage
 from sysid.errors import Failure, InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate, chi_squared_quantile
 from sysid.io.campaign import Campaign
@@ -49,7 +49,7 @@ def without_contradicted(
     """
     found, gone, notices = look(catalogue), [], []
     while (contradiction := _absent(found) or _beyond_its_range(found)) is not None:
-        if found.looked.cut_short:  # nothing is searched for again
+        if found.record.cut_short:  # nothing is searched for again
             break
         absent, why = contradiction
         progress(f"{absent.id}: motion contradicts it, searching without it")
@@ -257,9 +257,9 @@ def _as_it_was(diagnosis: Diagnosis, why: str) -> Diagnosis:
 
 
 def _cut_short(diagnosis: Diagnosis) -> Diagnosis:
-    book = Book(SearchStage.REFINEMENT)
-    book.miss(LATE, decides=False)
-    missed = book.closed()
+    recorder = Recorder(SearchStage.REFINEMENT)
+    recorder.miss(LATE, decides=False)
+    missed = recorder.closed()
     notices = (*diagnosis.notices, *missed.sentences())
     return dataclasses.replace(diagnosis, missed=missed.missed, notices=notices)
 

@@ -9,8 +9,8 @@ from typing import Any
 from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.found import BeforeAfter, FoundEffect, Verdict
 from sysid.diagnosis.lack_of_fit import Remainder
-from sysid.diagnosis.looked import Because, Looked, Missed
 from sysid.diagnosis.search import Tried
+from sysid.diagnosis.search_record import Missed, SearchRecord, UnexplainedReason
 from sysid.refinement.result import RefineResult
 from sysid.types import FloatArray
 
@@ -37,7 +37,7 @@ class Diagnosis:
 
     `residual`: pooled RMSE on the held-out logs by channel. `remainder`: of the residuals after the
     last effect, how much repeats from test to test, by balance; none where that cannot be said.
-    `because`: why the verdict is `unexplained`, unless it is `incomplete`.
+    `reason`: why the verdict is `unexplained`, unless it is `incomplete`.
     `refinement`: of the numbers by simulation error, where they are from it; the errors after each
     effect are those before it. `not_refined`: why its numbers were not taken, empty where they were
     or none was requested. `simulated`: errors (3,) of the training tests with these numbers, where
@@ -52,7 +52,7 @@ class Diagnosis:
     unexplained: tuple[Unexplained, ...]
     remainder: tuple[Remainder, ...]
     evidence: ComponentEvidence
-    because: Because | None = None
+    reason: UnexplainedReason | None = None
     seed: int = 0
     refinement: RefineResult | None = None
     not_refined: str = ""
@@ -67,9 +67,9 @@ class Diagnosis:
     def verdict(self) -> Verdict:
         """What the search says; incomplete where its budget ended first, as the stages that it did
         not reach could change the verdict."""
-        if self.looked.cut_short:
+        if self.record.cut_short:
             return "incomplete"
-        if self.because is not None:
+        if self.reason is not None:
             return "unexplained"
         return "effects-found" if self.effects else "adequate"
 
@@ -79,10 +79,10 @@ class Diagnosis:
         return self.evidence.component
 
     @property
-    def looked(self) -> Looked:
-        """What was looked at, and what was not: as the budget ended, or as it failed."""
-        looked = self.evidence.looked
-        return replace(looked, missed=(*looked.missed, *self.missed))
+    def record(self) -> SearchRecord:
+        """What was examined, and what was not: as the budget ended, or as it failed."""
+        record = self.evidence.record
+        return replace(record, missed=(*record.missed, *self.missed))
 
     @property
     def rejected(self) -> tuple[Tried, ...]:
@@ -97,14 +97,14 @@ class Diagnosis:
             "effects": [effect.to_json() for effect in self.effects],
             "residual": {name: errors.to_json() for name, errors in self.residual.items()},
             "unexplained": [entry.to_json() for entry in self.unexplained],
-            "because": self.because if self.verdict == "unexplained" else None,
-            "not_done": [miss.not_done() for miss in self.looked.cut_short],
+            "because": self.reason if self.verdict == "unexplained" else None,
+            "not_done": [miss.not_done() for miss in self.record.cut_short],
             "removed": [
                 *self.contradicted,
                 *(name for one in self.evidence.rounds for name in one.removed),
             ],
             "rejected": [tried.to_json() for tried in self.rejected],
-            "search": self.looked.to_json(),
+            "search": self.record.to_json(),
             "evaluations": self.evaluations,
             "remainder": [rest.to_json() for rest in self.remainder],
             "seed": self.seed,

@@ -14,7 +14,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from sysid.diagnosis.looked import Book, SearchStage
+from sysid.diagnosis.search_record import Recorder, SearchStage
 from sysid.errors import Failure
 from sysid.parallel import attempt, limited
 from sysid.plant.effects.entry import CatalogueEffect
@@ -27,17 +27,17 @@ MOST_EFFECTS = 3
 class Tried:
     """An effect that a round tried: what it explains, and how likely as much is by chance.
 
-    `gain`: the reduction of the whitened sum of squares by its signature (twins), or the relative
+    `reduction`: of the whitened sum of squares by its signature (twins), or the relative
     reduction of the leave-one-test-out mean square error, negative where it predicts worse.
     """
 
     id: str
-    gain: float
+    reduction: float
     p_value: float
 
     def to_json(self) -> dict[str, Any]:
         """As `sysid diagnose --json` lists what was rejected."""
-        return {"id": self.id, "gain": self.gain, "p_value": self.p_value}
+        return {"id": self.id, "gain": self.reduction, "p_value": self.p_value}
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Rounds(ABC, Generic[StepT]):
 
 def run(
     rounds: Rounds[StepT],
-    book: Book,
+    recorder: Recorder,
     progress: Progress,
     earlier: Sequence[Round] = (),
     given_up: Collection[str] = (),
@@ -127,7 +127,7 @@ def run(
     """Add effects, and remove what they make superfluous, until no round adds one.
 
     Continues after the `earlier` rounds, without the effects `given_up`. Ends within the limit in
-    force (`sysid.parallel`), except for the first round; `book` records failures. A quick search
+    force (`sysid.parallel`), except for the first round; `recorder` notes failures. A quick search
     ends with the first effect.
     """
     history = list(earlier)
@@ -135,23 +135,23 @@ def run(
     while True:
         number = len(history) + 1
         barred = frozenset({step.id for step in rounds.steps} | removed)
-        book.enter(rounds.stage, number)
+        recorder.enter(rounds.stage, number)
         rounds.tried = ()
         with limited() if number == 1 else nullcontext():
             proposed = attempt(lambda: rounds.proposal(number, barred))  # noqa: B023
             if isinstance(proposed, Failure):
-                book.miss(proposed)
+                recorder.miss(proposed)
                 proposed = None
             if proposed is not None:
                 rounds.add(proposed)
         if proposed is None:
             history.append(Round(rounds.tried))
             return tuple(history)
-        gone = _removed(rounds, book, number, progress)
+        gone = _removed(rounds, recorder, number, progress)
         removed |= set(gone)
         history.append(Round(proposed.tried, proposed, gone))
-        if book.quick:
-            book.left_out(rounds.stage, number + 1)
+        if recorder.quick:
+            recorder.left_out(rounds.stage, number + 1)
             history.append(Round(()))
             return tuple(history)
 
@@ -200,14 +200,16 @@ def mark_removed(shown: Sequence[dict[str, Any]]) -> None:
                 suspect["fate"] = f"added, and removed in round {number} as superfluous"
 
 
-def _removed(rounds: Rounds[StepT], book: Book, number: int, progress: Progress) -> tuple[str, ...]:
+def _removed(
+    rounds: Rounds[StepT], recorder: Recorder, number: int, progress: Progress
+) -> tuple[str, ...]:
     """The effects taken out again after a round, one by one."""
     found: list[str] = []
     while len(rounds.steps) > 1:
-        book.enter(SearchStage.REMOVAL, number)
+        recorder.enter(SearchStage.REMOVAL, number)
         step = attempt(rounds.superfluous)
         if isinstance(step, Failure):
-            book.miss(step, decides=False)
+            recorder.miss(step, decides=False)
             break
         if step is None:
             break

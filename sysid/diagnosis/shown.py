@@ -197,7 +197,7 @@ def _remainder(content: Content, is_linear: bool) -> list[Block]:
 
 
 def _tried(content: Content) -> list[Block]:
-    """Gains of every suspect, next to the twins' where there are some, and its outcome."""
+    """Reductions by every suspect, next to the twins' where there are some, and its outcome."""
     looks = content["figures"]["looks"]
     shown = [(i, look) for i, look in enumerate(looks, start=1) if look["suspects"]]
     if not shown:
@@ -206,7 +206,7 @@ def _tried(content: Content) -> list[Block]:
     if is_of_actuator(content):
         caption = (
             "Improvement by each suspect in each round, on a logarithmic axis. Circles: on twins, "
-            f"where nothing is missing (values up to {number(figures.LEAST_GAIN)} at the left "
+            f"where nothing is missing (values up to {number(figures.LEAST_REDUCTION)} at the left "
             "edge); diamonds: on the logs; crosses: after refitting with the base parameters."
         )
         titles = content["figures"]["titles"]

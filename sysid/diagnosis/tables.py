@@ -43,7 +43,7 @@ def summary(content: Content) -> Iterator[Table]:
         for place, look in enumerate(content["figures"]["looks"], start=1)
         for suspect in [s for s in look["suspects"] if s["fate"] != "added"][:_MOST_SUSPECTS]
     ]
-    caption = f"Tried, and not added (at most {_MOST_SUSPECTS} a round, most gain first)"
+    caption = f"Tried, and not added (at most {_MOST_SUSPECTS} a round, largest reduction first)"
     yield suspects_table(content, caption, others)
 
 
@@ -160,19 +160,19 @@ def suspects_table(
     content: Content, caption: str, suspects: Sequence[tuple[int, Mapping[str, Any]]]
 ) -> Table:
     """Each suspect with the number of its round: what it explained, and its outcome."""
-    gain: tuple[str, ...] = ("Prediction error removed, %",)
+    reduction: tuple[str, ...] = ("Prediction error removed, %",)
     if is_of_actuator(content):
-        gain = ("Gain", "Largest on a twin", "Refitted")
+        reduction = ("Reduction", "Largest on a twin", "Refitted")
     rows = [
         (named(content, s["id"]), str(place), *_gains(s), short_p(s["p_value"]), s["fate"])
         for place, s in suspects
     ]
-    columns = ("Suspect", "Round", *gain, "p", "Outcome")
+    columns = ("Suspect", "Round", *reduction, "p", "Outcome")
     return table(caption, columns, rows, text=(len(columns) - 1,))
 
 
 def _gains(suspect: Mapping[str, Any]) -> tuple[str, ...]:
-    """A suspect's gain, on twins and refitted too, or its share of the prediction error."""
+    """A suspect's reduction, on twins and refitted too, or its share of the prediction error."""
     if "twins" not in suspect:
         return (number(100.0 * suspect["gain"]),)
     return tuple(number(v) for v in (suspect["gain"], max(suspect["twins"]), suspect["refitted"]))

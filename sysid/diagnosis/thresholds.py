@@ -2,11 +2,11 @@
 
 SIGNIFICANCE = 1e-3
 """Limit of an effect's p-value times the number of effects tried."""
-LEAST_GAIN = 0.2
+LEAST_REDUCTION = 0.2
 """Share of the mean square prediction error that an effect must remove to be added."""
 RIVAL_SHARE = 0.9
-"""Share of the winner's gain above which a rival is indistinguishable in these tests."""
+"""Share of the winner's reduction above which a rival is indistinguishable in these tests."""
 DIGITS = 4
 """Tolerance in comparing shares of the error: two effects may be equivalent on these tests."""
 
-__all__ = ["DIGITS", "LEAST_GAIN", "RIVAL_SHARE", "SIGNIFICANCE"]
+__all__ = ["DIGITS", "LEAST_REDUCTION", "RIVAL_SHARE", "SIGNIFICANCE"]

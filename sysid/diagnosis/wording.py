@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from sysid.blocks.numbers import number, percent
-from sysid.diagnosis.looked import QUICK, stage_text
+from sysid.diagnosis.search_record import QUICK, stage_text
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES, VELOCITY_CHANNELS, channel_of
 
@@ -76,16 +76,16 @@ def _is_undecided(content: Content) -> bool:
 
 def _verdict(content: Content, titles: Mapping[str, str]) -> str:
     ids = [effect_name(effect["id"], titles) for effect in content["effects"]]
-    gained = f"; {_gained(content)}" if content["residual"] else ""
+    change = f"; {_error_change(content)}" if content["residual"] else ""
     if content["verdict"] == "adequate":
-        return f"Adequate: no test found structure above the noise{gained}."
+        return f"Adequate: no test found structure above the noise{change}."
     if content["verdict"] == "effects-found":
-        return f"Effects found: {joined(ids)}{gained}."
+        return f"Effects found: {joined(ids)}{change}."
     if content["verdict"] == "incomplete":
         so_far = f"effects so far: {joined(ids)}" if ids else "no effect found so far"
-        return f"Incomplete: the budget ended before the search did; {so_far}{gained}."
+        return f"Incomplete: the budget ended before the search did; {so_far}{change}."
     helped = f"; {joined(ids)} {_help(content, len(ids) > 1)}" if ids else ""
-    return f"Unexplained: {joined(list(_remaining(content)))}{helped}{gained}."
+    return f"Unexplained: {joined(list(_remaining(content)))}{helped}{change}."
 
 
 def _help(content: Content, are_many: bool) -> str:
@@ -96,7 +96,7 @@ def _help(content: Content, are_many: bool) -> str:
     return "help" if are_many else "helps"
 
 
-def _gained(content: Content) -> str:
+def _error_change(content: Content) -> str:
     """Held-out errors before and after: the position's, the one that falls most, those that grow.
 
     Empty where nothing is held out.
@@ -226,14 +226,14 @@ def own_friction(trace: Content, source: str) -> str:
     empty where it is not most of the residual's square.
     """
     own = next((one for one in trace.get("friction", ()) if one["source"] == source), None)
-    gained = 0.0 if own is None else 1.0 - (own["rmse"] / own["of"]) ** 2
-    if own is None or gained < _MOST:
+    removed = 0.0 if own is None else 1.0 - (own["rmse"] / own["of"]) ** 2
+    if own is None or removed < _MOST:
         return ""
     channel = channel_of(trace["channel"])
     off, scatter = (percent(100.0 * abs(own[k]), 2) for k in ("own", "scatter"))
     before, after = (number(channel.residual(own[k])) for k in ("of", "rmse"))
     return (
-        f" Most of its residual ({percent(100.0 * gained, 2)} of the square) is this test's own "
+        f" Most of its residual ({percent(100.0 * removed, 2)} of the square) is this test's own "
         f"friction, {off} {'more' if own['own'] > 0.0 else 'less'} than the model's (from test to "
         f"test it differs by {scatter}): with it the RMSE is {after} {channel.residual_unit}, not "
         f"{before}."

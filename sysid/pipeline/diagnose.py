@@ -25,7 +25,6 @@ from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
 from sysid.diagnosis.bench.evidence import HeldOutEvidence
 from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.figures import steps_panel
-from sysid.diagnosis.looked import Book, Looked, SearchStage, bounded
 from sysid.diagnosis.refined import (
     Look,
     simulating_best,
@@ -33,6 +32,7 @@ from sysid.diagnosis.refined import (
     without_contradicted,
 )
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
+from sysid.diagnosis.search_record import Recorder, SearchRecord, SearchStage, bounded
 from sysid.diagnosis.tables import summary
 from sysid.errors import Failure, NotIdentifiedError, input_error, on_its_own
 from sysid.io.campaign import Campaign, CampaignLog
@@ -101,9 +101,9 @@ class CampaignDiagnosis(Shown):
         return self.detail.residual
 
     @property
-    def looked(self) -> Looked:
+    def record(self) -> SearchRecord:
         """What was examined, and what the budget or a failure left unexamined."""
-        return self.detail.looked
+        return self.detail.record
 
     def headline(self) -> str:
         """The verdict in one sentence."""
@@ -141,7 +141,7 @@ def diagnose(campaign: Campaign, bundle: Bundle, options: DiagnoseOptions) -> Ca
     minutes; `quick`: a first diagnosis in about a fifth of that time. It ends after a number of
     evaluations, the same on any machine, or instead after `budget` seconds of processor time (of
     this process and its workers), with the best so far: `verdict` is "incomplete" then, and
-    `looked` says what was missed or skipped. A search that ends by itself finds the same whatever
+    `record` says what was missed or skipped. A search that ends by itself finds the same whatever
     the budget. Raises InputError for logs that cannot be used or have changed since the fit,
     NotIdentifiedError where the bundle or the campaign is insufficient.
 
@@ -316,9 +316,9 @@ def _unrefined(found: Diagnosis) -> Diagnosis:
     """A quick diagnosis, which says that its numbers were not refined."""
     if not found.effects:
         return found
-    book = Book(SearchStage.REFINEMENT)
-    book.left_out(SearchStage.REFINEMENT)
-    missed = book.closed()
+    recorder = Recorder(SearchStage.REFINEMENT)
+    recorder.left_out(SearchStage.REFINEMENT)
+    missed = recorder.closed()
     notices = (*found.notices, *missed.sentences())
     return replace(found, missed=missed.missed, notices=notices)
 
@@ -337,7 +337,7 @@ def extended_bundle(bundle: Bundle, diagnosis: Diagnosis, campaign: Campaign) ->
     """
     found = bundle.with_sources(campaign.sources(None if diagnosis.effects else "holdout"))
     if not diagnosis.effects:
-        return found if diagnosis.looked.is_complete else _recorded(found, diagnosis)
+        return found if diagnosis.record.is_complete else _recorded(found, diagnosis)
     entries = [_entry(effect) for effect in diagnosis.effects]
     if diagnosis.refinement is not None:
         refined = diagnosis.refinement.bundle
@@ -349,8 +349,8 @@ def extended_bundle(bundle: Bundle, diagnosis: Diagnosis, campaign: Campaign) ->
 def _recorded(found: Bundle, diagnosis: Diagnosis) -> Bundle:
     """The bundle with the seed, the verdict and what the search missed in its provenance."""
     made: dict[str, Any] = {"seed": diagnosis.seed, "verdict": diagnosis.verdict}
-    if not diagnosis.looked.is_complete:
-        made["search"] = diagnosis.looked.to_json()
+    if not diagnosis.record.is_complete:
+        made["search"] = diagnosis.record.to_json()
     options = {**found.provenance.options, "diagnosis": made}
     return found.replaced(provenance=found.provenance.replaced(options=options))
 

@@ -23,9 +23,9 @@ from sysid.diagnosis.actuator.unexplained import (
     repeating,
 )
 from sysid.diagnosis.evidence import residual
-from sysid.diagnosis.looked import Because, why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.diagnosis.search import full_sentence, limit_sentence, shapes_at_limits
+from sysid.diagnosis.search_record import UnexplainedReason, why_unexplained
 from sysid.errors import Failure, NotIdentifiedError, SimulationError, on_its_own
 from sysid.io.channels import channel_of, simulated_channels
 from sysid.io.logs import Log, Trial
@@ -141,16 +141,16 @@ def _diagnosed(
     curves = (*curves, *repeating(found, rests, curves, rig))
     structured = bool(curves)
     fitted = _fitted_floor(outside, model, found, drawn, seed)
-    cut_short = bool(found.looked.cut_short)
+    cut_short = bool(found.record.cut_short)
     far_off = not (found.search.steps or cut_short) and is_far_off(errors[-1], floor, fitted)
     far_off = far_off and _is_beyond_draws(errors[-1], outside, model, found, drawn, seed)
-    undecided = not (found.search.steps or cut_short or found.looked.is_decided)
+    undecided = not (found.search.steps or cut_short or found.record.is_decided)
     if (far_off or undecided) and not curves:
         curves = faintest(found)
         notices += [_FAR_OFF_NOTICE] * far_off
     elif not (found.search.steps or curves):
         notices += _of_fitted_numbers(errors[-1], floor, fitted, rig)
-    because = why_unexplained(structured, far_off, undecided)
+    reason = why_unexplained(structured, far_off, undecided)
     evidence = TwinEvidence(found, rig, curves)
     by_channel = _by_channel([*errors, floor], rig)
     return Diagnosis(
@@ -159,13 +159,13 @@ def _diagnosed(
         unexplained=_unexplained(evidence),
         remainder=rests,
         evidence=evidence,
-        because=because,
+        reason=reason,
         seed=seed,
         notices=(
             *notices,
             *_of_static_friction(found),
             *_of_limits(found),
-            *found.looked.sentences(),
+            *found.record.sentences(),
         ),
     )
 
@@ -226,10 +226,10 @@ def with_errors_after_judged(found: Diagnosis) -> Diagnosis:
     if not is_far_off(after, floor):
         return found
     evidence = replace(evidence, left=faintest(evidence.loop))
-    because: Because = "held-out errors"
+    reason: UnexplainedReason = "held-out errors"
     return replace(
         found,
-        because=because,
+        reason=reason,
         unexplained=_unexplained(evidence),
         evidence=evidence,
         notices=(*found.notices, _STILL_FAR_OFF_NOTICE),

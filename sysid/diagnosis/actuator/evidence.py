@@ -11,8 +11,8 @@ from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.actuator.search import RefittedStep
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, log_channel
 from sysid.diagnosis.evidence import ACTUATOR, ComponentEvidence
-from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.search import Round
+from sysid.diagnosis.search_record import SearchRecord
 from sysid.estimation.linear import Estimate
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
@@ -41,8 +41,8 @@ class TwinEvidence(ComponentEvidence):
         return self.loop.search.rounds
 
     @property
-    def looked(self) -> Looked:
-        return self.loop.looked
+    def record(self) -> SearchRecord:
+        return self.loop.record
 
     @property
     def effects(self) -> Sequence[CatalogueEffect]:
@@ -54,7 +54,7 @@ class TwinEvidence(ComponentEvidence):
 
     def rounds_shown(self) -> list[dict[str, Any]]:
         """See `sysid.diagnosis.actuator.figures.rounds_shown`."""
-        return rounds_shown(self.loop.search, self.looked)
+        return rounds_shown(self.loop.search, self.record)
 
     def figures(self) -> dict[str, Any]:
         """`excess`, `curves`, `shows` and `leftover`.

@@ -20,7 +20,7 @@ from sysid.diagnosis.actuator.search import RefittedStep, Search, Suspect
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, regressors
 from sysid.diagnosis.binning import binned_means, equal_count_edges
 from sysid.diagnosis.influence import strongest
-from sysid.diagnosis.looked import Looked, SearchStage
+from sysid.diagnosis.search_record import SearchRecord, SearchStage
 from sysid.plant.ports import Model
 from sysid.types import FloatArray, IntArray
 
@@ -37,7 +37,7 @@ _OWN_DERIVATIVE = {
 _FINE = 0.04
 
 
-def rounds_shown(search: Search, looked: Looked) -> list[dict[str, Any]]:
+def rounds_shown(search: Search, record: SearchRecord) -> list[dict[str, Any]]:
     """What each round tried: `added` (an id, None in the last) and `suspects`.
 
     A suspect: `id`, `gain` and `refitted` (by how much it lowers minus twice the log likelihood of
@@ -46,13 +46,13 @@ def rounds_shown(search: Search, looked: Looked) -> list[dict[str, Any]]:
     """
     shown: list[dict[str, Any]] = []
     for number, one in enumerate(search.rounds, start=1):
-        own = [m for m in looked.missed if (m.stage, m.round) == (SearchStage.SUSPECTS, number)]
+        own = [m for m in record.missed if (m.stage, m.round) == (SearchStage.SUSPECTS, number)]
         late = {m.subject: f"not fitted: {m.reason}" for m in own}
         suspects: Sequence[Suspect] = one.tried  # type: ignore[assignment]
         rows = [
             {
                 "id": s.id,
-                "gain": float(s.gain),
+                "gain": float(s.reduction),
                 "refitted": None if s.refitted is None else float(s.refitted),
                 "twins": [float(s.twins)],
                 "p_value": float(s.p_value),

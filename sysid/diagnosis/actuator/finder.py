@@ -29,8 +29,8 @@ from sysid.diagnosis.actuator.projection import (
 from sysid.diagnosis.actuator.refit import own_columns
 from sysid.diagnosis.actuator.screened import Bias, Screening, Signed, noise_channels, screened
 from sysid.diagnosis.actuator.signatures import Candidate
-from sysid.diagnosis.looked import Book, SearchStage
 from sysid.diagnosis.search import MOST_EFFECTS
+from sysid.diagnosis.search_record import Recorder, SearchStage
 from sysid.errors import Failure
 from sysid.io.channels import SIDES
 from sysid.parallel import attempt, attempt_in_threads, limited
@@ -57,12 +57,12 @@ _MUCH_SCATTER, _FAR_LESS = 0.02, 0.5
 class Contender:
     """An effect that a round screened: its evidence beside the effects before, alone.
 
-    `gain`: twice the fall of the log likelihood; `twins`: the same where nothing is missing.
+    `reduction`: twice the fall of the log likelihood; `twins`: the same where nothing is missing.
     """
 
     id: str
     evidence: float
-    gain: float
+    reduction: float
     twins: float
 
 
@@ -86,7 +86,7 @@ class Finder:
     first: Projected
     forms: Sequence[Candidate]
     null: Null
-    book: Book
+    recorder: Recorder
     progress: Progress
     sets: dict[frozenset[str], FittedSet] = field(default_factory=dict)
     rounds: list[FinderRound] = field(default_factory=list)
@@ -103,19 +103,19 @@ class Finder:
         self._screened: dict[frozenset[str], Screening] = {}
         # What sets gain, fitted, on twins of the model without them.
         self._on_twins: dict[frozenset[str], float] = {}
-        self._most = 1 if self.book.quick else MOST_EFFECTS
+        self._most = 1 if self.recorder.quick else MOST_EFFECTS
         # In how many directions the forms show in each channel: known once they are screened.
         self._directions = np.full(len(CHANNELS), math.inf)
         self._take(self.first)
 
-    def bar(self, names: Collection[str], book: Book) -> None:
+    def bar(self, names: Collection[str], recorder: Recorder) -> None:
         """Go on without these effects, with what is known of the others."""
         self.barred |= frozenset(names)
         self.sets = {own: s for own, s in self.sets.items() if not own & self.barred}
         self._screened = {own: s for own, s in self._screened.items() if not own & self.barred}
-        book.screened += [name for name in self.book.screened if name not in self.barred]
-        book.fitted += [name for name in self.book.fitted if name not in self.barred]
-        self.book, self.rounds, self.expected = book, [], self.null
+        recorder.screened += [name for name in self.recorder.screened if name not in self.barred]
+        recorder.fitted += [name for name in self.recorder.fitted if name not in self.barred]
+        self.recorder, self.rounds, self.expected = recorder, [], self.null
         self.channels = self._channels_of(self.first)
 
     def _take(self, first: Projected) -> None:
@@ -153,7 +153,7 @@ class Finder:
                 together.append((some, [form]))
             else:
                 forms.append(form)
-        linear = sum(self.bias.gain(some, forms, weights) for some, forms in together)
+        linear = sum(self.bias.reduction(some, forms, weights) for some, forms in together)
         return tried + max(linear, self._on_twins.get(frozenset(names), 0.0))
 
     def best(self) -> frozenset[str]:
@@ -166,17 +166,17 @@ class Finder:
         if not self.null.is_of_twins:  # nothing says what is noise
             return best
         for number in range(1, _MOST_ROUNDS + 1):
-            self.book.enter(SearchStage.SCREENING, number)
+            self.recorder.enter(SearchStage.SCREENING, number)
             with limited() if number == 1 else nullcontext():
                 tried = attempt(lambda: self._proposals(best, number))  # noqa: B023
                 if isinstance(tried, Failure):
-                    self.book.miss(tried)
+                    self.recorder.miss(tried)
                     return best
                 self._on_both_sides(self.best())
                 self._without_superfluous(self.best())
                 better = self._beyond_twins()
             self.rounds.append(FinderRound(tried, best, better))
-            if better == best or self.book.quick:
+            if better == best or self.recorder.quick:
                 return better
             best = better
             self._narrow(best)
@@ -187,13 +187,13 @@ class Finder:
     def p_value(self, names: frozenset[str], name: str) -> float:
         """Probability that any form gains as much as this effect of a set where it is missing."""
         some, form = self._proposed[name]
-        twins = self.bias.gain(some, (form,), weights_of(self.channels, self.squares(names)))
+        twins = self.bias.reduction(some, (form,), weights_of(self.channels, self.squares(names)))
         return self.by_chance(self._fall(names - {name}, names), twins, name)
 
-    def by_chance(self, gain: float, twins: float, name: str) -> float:
+    def by_chance(self, reduction: float, twins: float, name: str) -> float:
         """Probability that any form gains as much by noise, beyond what twins gain: Bonferroni."""
         strengths = next(len(f.steps) for f in self.forms if f.id == name)
-        beyond = max(gain - twins, 0.0)
+        beyond = max(reduction - twins, 0.0)
         return min(1.0, max(len(self.forms) * float(chdtrc(strengths, beyond)), _SMALLEST_P))
 
     def ambiguous(self, names: frozenset[str], name: str, doubt: float) -> tuple[str, ...]:
@@ -206,7 +206,7 @@ class Finder:
             if some != names and others < some and len(some) == len(names)
             if self.evidence(some) > least
         }
-        unfitted = {m.subject for m in self.book.missed if m.stage is SearchStage.SUSPECTS}
+        unfitted = {m.subject for m in self.recorder.missed if m.stage is SearchStage.SUSPECTS}
         return tuple(sorted((rivals | unfitted | set(class_of(name))) - {*names, ""}))
 
     def round_of(self, names: frozenset[str]) -> int:
@@ -216,7 +216,7 @@ class Finder:
                 return place
         return len(self.rounds) - 1
 
-    def gained(self, before: frozenset[str], name: str) -> float | None:
+    def reduction_by(self, before: frozenset[str], name: str) -> float | None:
         """By how much an effect lowers minus twice the log likelihood; None if not fitted."""
         after = before | {name}
         return self._fall(before, after) if after in self.sets else None
@@ -244,11 +244,11 @@ class Finder:
             return self.first
         model = self.model(names)
         base = projected(self.first.frame, model, own_columns(self.first.frame, model))
-        if self.book.quick:
+        if self.recorder.quick:
             return base
         null = attempt(lambda: self.null.beside(base))
         if isinstance(null, Failure):
-            self.book.miss(null, decides=False)
+            self.recorder.miss(null, decides=False)
         else:
             self.expected = null
             self.channels = self._channels_of(base)
@@ -261,7 +261,7 @@ class Finder:
         of each test were hardly known, which hides the next effect.
         """
         frame = self.first.frame
-        if not names or self.book.quick or frame.scatter < _MUCH_SCATTER:
+        if not names or self.recorder.quick or frame.scatter < _MUCH_SCATTER:
             return
         with limited():
             left = scatter_beside(frame, self.model(names))
@@ -291,7 +291,7 @@ class Finder:
             ]
             if not forms:
                 return ()
-            some = screened(base, forms, self.channels, self.book, self._signed)
+            some = screened(base, forms, self.channels, self.recorder, self._signed)
             if not names:
                 self._directions = some.columns.directions()
                 self.channels = self._channels_of(base)
@@ -300,7 +300,7 @@ class Finder:
         some = self._screened[names] = some.without(self.barred).among(self.channels)
         # Two that hide each other do so without any other.
         some, by_size = self._counted(some, 1 if names else self._most)
-        self.book.enter(SearchStage.SUSPECTS, number)
+        self.recorder.enter(SearchStage.SUSPECTS, number)
         self._fit(self.sets.get(names), some, _worth_fitting(some.columns, by_size))
         self._without_hum(base, names)
         alone = by_size[0] if by_size else []
@@ -320,7 +320,7 @@ class Finder:
             hum = steady_oscillation(base, channel, effect, fall)
             if hum is None:
                 continue
-            self.book.note(
+            self.recorder.note(
                 f"not {name}: in the torque balance an oscillation of {hum.frequency:.1f} Hz "
                 "goes on whatever the motion does, as hum of the mains does; log a rest with the "
                 "amplifier on"
@@ -340,7 +340,7 @@ class Finder:
                 for name in names_of(some.columns, p)
             }
             unknown = proposed - set(self.bias.known)
-            self.bias.ask(unknown, self.forms, self.book)
+            self.bias.ask(unknown, self.forms, self.recorder)
             if not unknown & set(self.bias.known):
                 return some, by_size
 
@@ -363,10 +363,10 @@ class Finder:
             jobs.append(partial(fit_set, self.first, self.channels, effects, proposal.squares))
         for (names, starts), own in zip(found.items(), attempt_in_threads(jobs), strict=True):
             if isinstance(own, Failure):
-                self.book.miss(own, *(e.id for e in starts))
+                self.recorder.miss(own, *(e.id for e in starts))
                 continue
             self.sets[names] = own
-            self.book.fitted += [e.id for e in starts]
+            self.recorder.fitted += [e.id for e in starts]
             self.progress(f"{' and '.join(sorted(names))}: {self.evidence(names):.0f}")
 
     def _on_both_sides(self, names: frozenset[str]) -> None:
@@ -387,7 +387,7 @@ class Finder:
             starts = [*found.effects[:place], both, *found.effects[place + 1 :]]
             own = attempt(lambda: fit_set(self.first, self.channels, starts, found.squares))  # noqa: B023
             if isinstance(own, Failure):
-                self.book.miss(own, effect.id, decides=False)
+                self.recorder.miss(own, effect.id, decides=False)
                 continue
             before = self.evidence(names)
             self.sets[names] = own
@@ -411,13 +411,13 @@ class Finder:
         """The best set, by what it gains beyond the same fit on twins."""
         while True:
             best = self.best()
-            if not best or best in self._on_twins or self.book.quick:
+            if not best or best in self._on_twins or self.recorder.quick:
                 return best
             self._on_twins[best] = self._gain_on_twins(self.sets[best])
             self.progress(f"{' and '.join(sorted(best))}: {self.evidence(best):.0f} beyond twins")
 
     def _gain_on_twins(self, found: FittedSet) -> float:
-        """What a set gains, fitted from its numbers, where nothing is missing: as `Bias.gain`.
+        """What a set gains, fitted from its numbers, where nothing is missing: as `Bias.reduction`.
 
         A shape may follow the noise of an encoder, which shows only once it is fitted; what is
         linear gains as much as it was screened to. 0 where it cannot be fitted.
@@ -430,15 +430,16 @@ class Finder:
             partial(fall_on_twin, twin, weights, found.effects) for twin in twins
         ):
             if isinstance(fall, Failure):
-                self.book.miss(fall, *found.names, decides=False)
+                self.recorder.miss(fall, *found.names, decides=False)
             else:
                 falls.append(fall)
         return MARGIN**2 * float(np.mean(falls)) if falls else 0.0
 
     def _contender(self, some: Screening, one: Proposal) -> Contender:
         (form,), columns = one.forms, some.columns
-        gain = float(cost(columns.channels, columns.squares) - cost(columns.channels, one.squares))
-        return Contender(some.forms[form].id, one.evidence, gain, float(columns.chance[form]))
+        before, after = (cost(columns.channels, c) for c in (columns.squares, one.squares))
+        fall, chance = float(before - after), float(columns.chance[form])
+        return Contender(some.forms[form].id, one.evidence, fall, chance)
 
 
 def _worth_fitting(columns: Columns, by_size: Sequence[Sequence[Proposal]]) -> list[Proposal]:

@@ -33,7 +33,7 @@ from sysid.diagnosis.actuator.whitening import (
     noise_of,
 )
 from sysid.diagnosis.lack_of_fit import MOST_SCATTER
-from sysid.diagnosis.looked import Book, Looked, SearchStage
+from sysid.diagnosis.search_record import Recorder, SearchRecord, SearchStage
 from sysid.errors import Failure, SimulationError, some_of
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -54,7 +54,7 @@ class Loop:
     """Everything that the loop found on the training logs.
 
     `scatter` is friction's from test to test as the twins have it, `scatter_after` as the
-    extended model leaves it; `colour` the noise of each balance; `looked`: what was looked at, and
+    extended model leaves it; `colour` the noise of each balance; `record`: what was examined, and
     what not.
     """
 
@@ -64,7 +64,7 @@ class Loop:
     scatter_after: Scatter
     search: Search
     colour: ResidualNoise
-    looked: Looked
+    record: SearchRecord
 
     @property
     def null(self) -> Null:
@@ -121,22 +121,22 @@ def begin(
     rig: Rig,
     model: Model,
     catalogue: Iterable[type[CatalogueEffect]],
-    book: Book,
+    recorder: Recorder,
     *,
     seed: int = 0,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Start:
-    """Simulate what `close_loop` judges by; notes in `book` what failed."""
+    """Simulate what `close_loop` judges by; notes in `recorder` what failed."""
     with limited():
         noise = sensor_noise(tests, rig)
         traces = prepare(tests, rig, model)
         model = with_sliding_friction(traces, model)
         own = [effect for effect in catalogue if not effect.averaged_only]
         forms = candidates(own, traces.travel, rig.sides)
-        if book.quick:
+        if recorder.quick:
             forms = one_form_each(forms)
-            book.left_out(SearchStage.FORMS, decides=True)
-        pilot = _pilot(traces, model, noise, rig, seed + 1, book)
+            recorder.left_out(SearchStage.FORMS, decides=True)
+        pilot = _pilot(traces, model, noise, rig, seed + 1, recorder)
         # The noise's colour in the residuals comes from a twin; scatter does not affect it.
         colour = noise_of(pilot, model, noise, seed + 3)
         bare = projected(build_frame(traces, model, colour, 0.0), model)
@@ -165,10 +165,10 @@ def begin(
         frames = [replace(frame, scatter=base.frame.scatter) for frame in of_twins]
         return [projected(f, base.model, own_columns(f, base.model)) for f in frames]
 
-    count = _QUICK_TWINS if book.quick else TWINS
-    if book.quick:
-        book.left_out(SearchStage.TWINS)
-    book.enter(SearchStage.TWINS)
+    count = _QUICK_TWINS if recorder.quick else TWINS
+    if recorder.quick:
+        recorder.left_out(SearchStage.TWINS)
+    recorder.enter(SearchStage.TWINS)
     progress(f"simulating {count} twin{'s' * (count > 1)}")
     judged: list[Projected] = []
 
@@ -179,7 +179,7 @@ def begin(
     with limited():
         ended = attempt(judge)
         if isinstance(ended, Failure):
-            book.miss(ended, decides=False)
+            recorder.miss(ended, decides=False)
         null = Null(
             judged or [twin_frame(pilot)],
             sensors,
@@ -209,29 +209,29 @@ def close_loop(
     look, with one twin, one form of each effect, one effect at most and no correction. `memory`: of
     an earlier search of these tests with more effects.
     """
-    book, memory = Book(quick=quick), memory or Memory()
+    recorder, memory = Recorder(quick=quick), memory or Memory()
     catalogue = tuple(catalogue)
     if memory.start is None or memory.finder is None:
-        start = begin(tests, rig, model, catalogue, book, seed=seed, progress=progress)
+        start = begin(tests, rig, model, catalogue, recorder, seed=seed, progress=progress)
         with limited():
             first = projected(start.logged, start.model)
-        finder = Finder(first, start.forms, start.null, book, progress)
+        finder = Finder(first, start.forms, start.null, recorder, progress)
         memory.start, memory.finder = start, finder
     else:
         start, finder = memory.start, memory.finder
-        finder.bar({form.id for form in start.forms} - {e.id for e in catalogue}, book)
+        finder.bar({form.id for form in start.forms} - {e.id for e in catalogue}, recorder)
     traces = start.traces
     found = search(finder, simulated)
     forget()
     if found.steps and quick:
-        book.left_out(SearchStage.CORRECTION)
+        recorder.left_out(SearchStage.CORRECTION)
     elif found.steps:
-        book.enter(SearchStage.CORRECTION)
+        recorder.enter(SearchStage.CORRECTION)
         progress("correcting the numbers with twins of the extended model")
         before = found
         better = attempt(lambda: _corrected(before, start, rig, simulated, seed + 2))
         if isinstance(better, Failure):
-            book.miss(better, decides=False)
+            recorder.miss(better, decides=False)
         else:
             found = better
     with limited():
@@ -244,7 +244,7 @@ def close_loop(
         Scatter(left, left),
         found,
         start.colour,
-        book.closed(),
+        recorder.closed(),
     )
 
 
@@ -256,24 +256,24 @@ def _sensor_squares(frame: Frame, model: Model, colour: ResidualNoise) -> dict[s
 
 
 def _pilot(
-    traces: Traces, model: Model, noise: SensorNoise, rig: Rig, seed: int, book: Book
+    traces: Traces, model: Model, noise: SensorNoise, rig: Rig, seed: int, recorder: Recorder
 ) -> Traces:
     """A twin without scatter; the logs themselves where the model cannot be simulated.
 
     No effect gains more on the logs than on those, so that none is named then.
     """
-    book.enter(SearchStage.TWIN)
+    recorder.enter(SearchStage.TWIN)
     lost: set[str] = set()
     try:
         found = next(iter(simulate_twins(traces, model, noise, Scatter(), 1, seed, rig, lost)))
         if lost:
-            book.note(
+            recorder.note(
                 f"{some_of(sorted(lost), _SHOWN)}: {NOT_FINITE} with the given model: only an "
                 "effect that shows in the other tests is found"
             )
         return found
     except SimulationError as error:
-        book.miss(Failure(str(error)))
+        recorder.miss(Failure(str(error)))
         return traces
 
 

@@ -11,7 +11,7 @@ from sysid.diagnosis.actuator.equation_error import BALANCES, CHANNELS, EFFORT
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.screened import screened
 from sysid.diagnosis.actuator.signatures import Candidate
-from sysid.diagnosis.looked import Book
+from sysid.diagnosis.search_record import Recorder
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import overrides
 from sysid.search.misfit import ResidualChannel
@@ -43,18 +43,18 @@ def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[Cata
         return ()
     none = np.array([float(np.sum(bare.rest[frame.rows(name)] ** 2)) for name in CHANNELS])
     white = tuple(ResidualChannel.of_noise(len(frame.windows[name])) for name in CHANNELS)
-    # Not in the search's book: what cannot be screened here it comes to itself.
-    some = screened(bare, moving, white, Book())
+    # Not in the search's recorder: what cannot be screened here it comes to itself.
+    some = screened(bare, moving, white, Recorder())
     best: dict[str, tuple[float, CatalogueEffect]] = {}
     for one in some.columns.proposals([(f,) for f in range(len(some.forms))]):
-        (effect,), gain = some.effects(one), float(np.sum(none - one.squares))
-        if effect.id not in best or gain > best[effect.id][0]:
-            best[effect.id] = gain, effect
-    most = max((gain for gain, _ in best.values()), default=0.0)
+        (effect,), reduction = some.effects(one), float(np.sum(none - one.squares))
+        if effect.id not in best or reduction > best[effect.id][0]:
+            best[effect.id] = reduction, effect
+    most = max((reduction for reduction, _ in best.values()), default=0.0)
     return tuple(
         far
-        for gain, effect in best.values()
-        if gain > least and (_is_one_way(effect) or gain == most)
+        for reduction, effect in best.values()
+        if reduction > least and (_is_one_way(effect) or reduction == most)
         for far in _as_far_as_it_may(effect)
     )
 

@@ -14,7 +14,7 @@ from sysid.types import FloatArray
 
 # Real noise may be this much stronger than the twins' before it counts as structure.
 _NOISIEST = 1.6
-# A rig's numerics may bias a gain's root by this factor against its twins'.
+# A rig's numerics may bias a reduction's root by this factor against its twins'.
 MARGIN = 1.3
 # A balance's excess is structure beyond this many of the twins' spreads, and beyond this share of
 # what the effects explained there.

@@ -31,7 +31,7 @@ class Oscillation:
     """
 
     frequency: float
-    gain: float
+    reduction: float
     tests: int
 
     @property
@@ -55,9 +55,9 @@ def steady_oscillation(
         return None
     centres = (*own, *_MAINS_HZ)
     tried = [_of_frequency(base, f) for centre in centres for f in centre + _OFFSETS_HZ]
-    best = max(tried, key=lambda one: one.gain)
+    best = max(tried, key=lambda one: one.reduction)
     left = np.array(float(np.sum(base.rest[base.frame.rows(EFFORT)] ** 2)))
-    own_fall = float(channel.cost(left) - channel.cost(left - best.gain))
+    own_fall = float(channel.cost(left) - channel.cost(left - best.reduction))
     # Schwarz's criterion: each number costs the log of how many rows tell of it.
     more = (best.numbers - len(type(effect).fitted())) * math.log(channel.rows)
     return best if own_fall - more > fall else None
@@ -80,8 +80,8 @@ def _of_frequency(base: Projected, frequency: float) -> Oscillation:
     determinant = ss * cc - sc**2
     # A test of a few windows may not tell sine from cosine.
     known = determinant > 1e-6 * ss * cc
-    gains = (cc * rs**2 - 2.0 * sc * rs * rc + ss * rc**2)[known] / determinant[known]
-    return Oscillation(float(frequency), float(np.sum(gains)), int(np.count_nonzero(known)))
+    reductions = (cc * rs**2 - 2.0 * sc * rs * rc + ss * rc**2)[known] / determinant[known]
+    return Oscillation(float(frequency), float(np.sum(reductions)), int(np.count_nonzero(known)))
 
 
 def _whitened(base: Projected, effort: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures
 from sysid.diagnosis.actuator.whitening import Frame
-from sysid.diagnosis.looked import Book
+from sysid.diagnosis.search_record import Recorder
 from sysid.parallel import attempt_in_threads, spend
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
@@ -85,7 +85,7 @@ def screened(
     base: Projected,
     forms: Sequence[Candidate],
     channels: tuple[ResidualChannel, ...],
-    book: Book,
+    recorder: Recorder,
     known: dict[str, Signed] | None = None,
 ) -> Screening:
     """Every form's columns against a residual. Raises OutOfBudgetError.
@@ -95,12 +95,12 @@ def screened(
     """
     signed = {} if known is None else known
     names = list(dict.fromkeys(form.id for form in forms))
-    signed |= _signatures(base, [form for form in forms if form.id not in signed], book)
+    signed |= _signatures(base, [form for form in forms if form.id not in signed], recorder)
     found = {name: _projections(base, signed[name]) for name in names if name in signed}
     kept = tuple(form for name in found for form in found[name].forms)
     parts = list(found.values())
     size = sum(part.gradient.shape[1] for part in parts)
-    book.screened += list(found)
+    recorder.screened += list(found)
     squares = channel_squares(base, base.rest)
     gram, gradient = np.zeros((len(CHANNELS), size, size)), np.zeros((len(CHANNELS), size))
     for place, name in enumerate(CHANNELS):
@@ -137,12 +137,16 @@ class _Projections:
     length: FloatArray
 
 
-def _gradients(base: Projected, forms: Sequence[Candidate], book: Book) -> dict[str, _Projections]:
-    signed = _signatures(base, forms, book)
+def _gradients(
+    base: Projected, forms: Sequence[Candidate], recorder: Recorder
+) -> dict[str, _Projections]:
+    signed = _signatures(base, forms, recorder)
     return {name: _projections(base, own) for name, own in signed.items()}
 
 
-def _signatures(base: Projected, forms: Sequence[Candidate], book: Book) -> dict[str, Signed]:
+def _signatures(
+    base: Projected, forms: Sequence[Candidate], recorder: Recorder
+) -> dict[str, Signed]:
     if not forms:
         return {}
     # The forms of one effect stay together: those on both sides build on those on either.
@@ -155,7 +159,7 @@ def _signatures(base: Projected, forms: Sequence[Candidate], book: Book) -> dict
         partial(_signed, bare, base.model, residual, groups[i]) for i in order
     )
     tried = [one for _, one in sorted(zip(order, done, strict=True), key=lambda pair: pair[0])]
-    found = book.results([group[0].id for group in groups], tried)
+    found = recorder.results([group[0].id for group in groups], tried)
     spend(0)
     return dict(found)
 
@@ -223,10 +227,10 @@ class Bias:
         """The effects that have been screened on the twins."""
         return self._known.keys()
 
-    def ask(self, names: Collection[str], forms: Sequence[Candidate], book: Book) -> None:
+    def ask(self, names: Collection[str], forms: Sequence[Candidate], recorder: Recorder) -> None:
         """Screen the twins for these effects. Raises OutOfBudgetError."""
         own = [f for f in forms if f.id in names]
-        parts = [_gradients(twin, own, book) for twin in self._twins]
+        parts = [_gradients(twin, own, recorder) for twin in self._twins]
         for name in names:
             if all(name in part for part in parts):
                 # A twin's column is as long as it moves.
@@ -240,14 +244,14 @@ class Bias:
         known = [f for f, form in enumerate(some.forms) if form.id in self._known]
         chance = np.zeros(len(some.forms))
         for f, alone in zip(known, columns.proposals([(f,) for f in known]), strict=True):
-            chance[f] = self.gain(some, (f,), weights_of(columns.channels, alone.squares))
+            chance[f] = self.reduction(some, (f,), weights_of(columns.channels, alone.squares))
         return replace(some, columns=columns.with_chance(chance))
 
-    def gain(self, some: Screening, forms: Sequence[int], weights: FloatArray) -> float:
+    def reduction(self, some: Screening, forms: Sequence[int], weights: FloatArray) -> float:
         """What forms may gain together where nothing is missing, with the channels at weights
         (channels,).
 
-        As much as on the twins, in the mean, whose gain's root a rig's own numerics may exceed; 0
+        As much as on the twins, in the mean, whose root a rig's own numerics may exceed; 0
         of those that were not asked for.
         """
         own: list[int] = []

@@ -24,8 +24,8 @@ from sysid.diagnosis.actuator.refit import (
     with_base_refitted,
 )
 from sysid.diagnosis.actuator.threshold_steps import with_steps
-from sysid.diagnosis.looked import SearchStage
 from sysid.diagnosis.search import Round, Step, Tried
+from sysid.diagnosis.search_record import SearchStage
 from sysid.errors import Failure, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.parallel import attempt, limited
@@ -47,9 +47,9 @@ Simulated = Callable[[Model], float]
 
 @dataclass(frozen=True)
 class Suspect(Tried):
-    """An effect that a round screened: twice its log `evidence`, and its gain on `twins`.
+    """An effect that a round screened: twice its log `evidence`, and its reduction on `twins`.
 
-    `refitted`: what it gained with its shape fitted; None where it was not fitted.
+    `refitted`: its reduction with its shape fitted; None where it was not fitted.
     """
 
     evidence: float
@@ -120,19 +120,19 @@ class Search:
 def search(finder: Finder, simulated: Simulated) -> Search:
     """The set of effects with most evidence, of balances and of motion where they do not decide.
 
-    What fails, or what the budget ends before, is noted in the finder's book; the result is then
-    the best so far.
+    What fails, or what the budget ends before, the finder's recorder notes; the result is then the
+    best so far.
     """
-    names, book = finder.run(), finder.book
-    book.enter(SearchStage.RIVALS)
+    names, recorder = finder.run(), finder.recorder
+    recorder.enter(SearchStage.RIVALS)
     names, doubtful = _judged(finder, names, simulated)
     with limited():
         found = _result(finder, names)
-    if book.quick:
+    if recorder.quick:
         return found
     rivals = attempt(lambda: tuple(_result(finder, other) for other in doubtful))
     if isinstance(rivals, Failure):
-        book.miss(rivals, decides=False)
+        recorder.miss(rivals, decides=False)
         return found
     return replace(found, rivals=rivals)
 
@@ -156,7 +156,7 @@ def _judged(
     for names in near:
         own = attempt(lambda: _simulated(finder, names, simulated))  # noqa: B023
         if isinstance(own, Failure):
-            finder.book.miss(own, decides=False)
+            finder.recorder.miss(own, decides=False)
             return best, []
         evidence[names] -= own
     winner = max(near, key=lambda names: evidence[names])
@@ -286,11 +286,11 @@ def _tried(finder: Finder, place: int) -> tuple[Suspect, ...]:
     return tuple(
         Suspect(
             one.id,
-            one.gain,
-            finder.by_chance(one.gain, one.twins, one.id),
+            one.reduction,
+            finder.by_chance(one.reduction, one.twins, one.id),
             one.evidence,
             one.twins,
-            finder.gained(round_.before, one.id),
+            finder.reduction_by(round_.before, one.id),
         )
         for one in round_.contenders
     )

@@ -18,9 +18,9 @@ from sysid.diagnosis.bench.starting_points import law_at
 from sysid.diagnosis.bench.unexplained import BinnedResidual, curves, left_over
 from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.lack_of_fit import LEAST_SHARE, MISFIT, MOST_SCATTER, Remainder
-from sysid.diagnosis.looked import why_unexplained
 from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.diagnosis.search import full_sentence
+from sysid.diagnosis.search_record import why_unexplained
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -96,15 +96,15 @@ def diagnose_component(
     is_visible = error >= component.precision * _size_of(component)
     structured = _repeating(rest, left, before)
     structured = structured if is_visible else []
-    found_any, ended = bool(selection.additions), not selection.looked.cut_short
-    undecided = ended and not (found_any or selection.looked.is_decided)
+    found_any, ended = bool(selection.additions), not selection.record.cut_short
+    undecided = ended and not (found_any or selection.record.is_decided)
     far_off = _is_far_off(component, outside, selection, errors, error, floor)
     far_off &= ended and is_visible
-    because = why_unexplained(bool(structured), far_off, undecided)
+    reason = why_unexplained(bool(structured), far_off, undecided)
     if not many:
         notices = (*notices, _ONE_RECORDING)
-        because = "one recording" if far_off else because
-    if because == "held-out errors" and not found_any:
+        reason = "one recording" if far_off else reason
+    if reason == "held-out errors" and not found_any:
         notices = (*notices, _FAR_OFF_NOTICE)
     if found_any and floor > 0.0 and error > MISFIT * floor:
         notices = (
@@ -123,7 +123,7 @@ def diagnose_component(
         ),
         remainder=() if rest is None else (rest,),
         evidence=evidence,
-        because=because,
+        reason=reason,
         notices=notices,
     )
 
@@ -133,7 +133,7 @@ def _of_search(selection: Selection) -> Iterator[str]:
     yield from (a.repeats.sentence for a in selection.additions if a.repeats.sentence)
     yield from (effect.undecided_sentence for effect in selection.undecided)
     yield from (a.limit_sentence for a in selection.additions if a.limit_sentence)
-    yield from selection.looked.sentences()
+    yield from selection.record.sentences()
     if full := full_sentence(selection.additions):
         yield full
 

@@ -11,9 +11,9 @@ from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.bench.selection import Addition, Selection
 from sysid.diagnosis.bench.unexplained import MOST_CURVES, BinnedResidual
 from sysid.diagnosis.evidence import ComponentEvidence
-from sysid.diagnosis.looked import Looked
 from sysid.diagnosis.search import Round, Tried, mark_removed
-from sysid.diagnosis.thresholds import LEAST_GAIN, SIGNIFICANCE
+from sysid.diagnosis.search_record import SearchRecord
+from sysid.diagnosis.thresholds import LEAST_REDUCTION, SIGNIFICANCE
 from sysid.estimation.linear import Estimate
 from sysid.parameters import Bundle
 from sysid.plant.effects.entry import CatalogueEffect
@@ -41,8 +41,8 @@ class HeldOutEvidence(ComponentEvidence):
         return self.selection.rounds
 
     @property
-    def looked(self) -> Looked:
-        return self.selection.looked
+    def record(self) -> SearchRecord:
+        return self.selection.record
 
     @property
     def effects(self) -> Sequence[CatalogueEffect]:
@@ -126,7 +126,7 @@ def _fate(tried: Tried, one: Round) -> str:
         return "added"
     if tried.p_value * len(one.tried) >= SIGNIFICANCE:
         return f"the best of {len(one.tried)} fits as well by chance"
-    if tried.gain <= LEAST_GAIN:
+    if tried.reduction <= LEAST_REDUCTION:
         return "does not predict tests left out well enough"
     if one.added is not None and tried.id in one.added.ambiguous:
         return f"indistinguishable from {one.added.id} in these tests"

@@ -25,7 +25,6 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, cross_validated, fit_law
 from sysid.diagnosis.bench.stability import Repeats, repeats
-from sysid.diagnosis.looked import Book, Looked, SearchStage
 from sysid.diagnosis.search import (
     MOST_EFFECTS,
     Round,
@@ -35,7 +34,8 @@ from sysid.diagnosis.search import (
     limit_sentence,
     run,
 )
-from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
+from sysid.diagnosis.search_record import Recorder, SearchRecord, SearchStage
+from sysid.diagnosis.thresholds import DIGITS, LEAST_REDUCTION, RIVAL_SHARE, SIGNIFICANCE
 from sysid.errors import Failure, NotIdentifiedError
 from sysid.estimation.nonlinear import LeastSquaresFit
 from sysid.parallel import attempt, attempt_all, limited
@@ -54,7 +54,7 @@ _MOST_RIVALS = 3
 
 @dataclass(frozen=True)
 class Attempt(Tried):
-    """An effect that was fitted: `gain` is the share of the error that it removes.
+    """An effect that was fitted: `reduction` is the share of the error that it removes.
 
     Of the mean square error of the tests left out; `folds` (k,) that of each fold with it.
     """
@@ -95,8 +95,8 @@ class Selection:
     """The law without effects, the additions in order, and what each round tried.
 
     `folds` (k,): mean square error of each fold, predicted by the law without effects.
-    `undecided`: effects that were not added though parts of the tests name them. `looked`:
-    what was looked at, and what not.
+    `undecided`: effects that were not added though parts of the tests name them. `record`:
+    what was examined, and what not.
     """
 
     base: FittedLaw
@@ -104,7 +104,7 @@ class Selection:
     additions: tuple[Addition, ...]
     rounds: tuple[Round, ...]
     undecided: tuple[Repeats, ...]
-    looked: Looked = field(default_factory=Looked)
+    record: SearchRecord = field(default_factory=SearchRecord)
 
     @property
     def final(self) -> FittedLaw:
@@ -125,10 +125,10 @@ def select(
     Raises NotIdentifiedError where the law is not identified.
     """
     rounds = _HeldOutRounds(component, catalogue, progress)
-    rounds.book.quick = quick
-    history = run(rounds, rounds.book, progress)
-    additions, looked = tuple(rounds.steps), rounds.book.closed()
-    return Selection(rounds.base, rounds.first, additions, history, rounds.undecided, looked)
+    rounds.recorder.quick = quick
+    history = run(rounds, rounds.recorder, progress)
+    additions, record = tuple(rounds.steps), rounds.recorder.closed()
+    return Selection(rounds.base, rounds.first, additions, history, rounds.undecided, record)
 
 
 class _HeldOutRounds(Rounds[Addition]):
@@ -139,7 +139,7 @@ class _HeldOutRounds(Rounds[Addition]):
     def __init__(
         self, component: Component, catalogue: Mapping[str, Kind], progress: Progress
     ) -> None:
-        self.component, self.progress, self.book = component, progress, Book()
+        self.component, self.progress, self.recorder = component, progress, Recorder()
         self.folds = folds_of(component)
         with limited():
             self.base = fit_law(component, (), range(len(component.tests)))
@@ -175,16 +175,18 @@ class _HeldOutRounds(Rounds[Addition]):
         if len(self.steps) == MOST_EFFECTS:
             return None
         winner, fitted = preferred([p for p in passing if p[1].is_plausible] or passing)
-        self.progress(f"{winner.id}: removes {100 * winner.gain:.0f} % of the prediction error")
-        rivals = [f for a, f in fits if a.gain > 0.0 and a is not winner]
-        unfitted = self.book.unfinished(SearchStage.EFFECTS, number)
+        self.progress(
+            f"{winner.id}: removes {100 * winner.reduction:.0f} % of the prediction error"
+        )
+        rivals = [f for a, f in fits if a.reduction > 0.0 and a is not winner]
+        unfitted = self.recorder.unfinished(SearchStage.EFFECTS, number)
         contenders = [fitted, *rivals[:_MOST_RIVALS]]
         again = self._repeats(winner.id, contenders, number)
         near = _ambiguous(winner, [a for a, _ in passing], {k.id for k in self.kinds})
         return Addition(
             fitted.law.effects[-1],
             winner.p_value,
-            winner.gain,
+            winner.reduction,
             tuple(sorted({*near, *again.others, *unfitted})),
             attempts,
             fitted,
@@ -196,20 +198,20 @@ class _HeldOutRounds(Rounds[Addition]):
         """Which of the effects that fit, but do not predict, parts of the tests still name."""
         found = attempt(lambda: _undecided(self.component, self.so_far, fits))
         if isinstance(found, Failure):
-            self.book.miss(found, decides=False)
+            self.recorder.miss(found, decides=False)
             return ()
         return found
 
     def _repeats(self, name: str, contenders: Sequence[FittedLaw], number: int) -> Repeats:
         """Whether parts of the tests name the first of these too; nothing where the budget ends."""
         nothing = Repeats(name, ())
-        if self.book.quick:
-            self.book.left_out(SearchStage.REPETITION, number)
+        if self.recorder.quick:
+            self.recorder.left_out(SearchStage.REPETITION, number)
             return nothing
-        self.book.enter(SearchStage.REPETITION, number)
+        self.recorder.enter(SearchStage.REPETITION, number)
         again = attempt(partial(repeats, self.component, self.so_far, contenders))
         if isinstance(again, Failure):
-            self.book.miss(again, decides=False)
+            self.recorder.miss(again, decides=False)
             return nothing
         return again
 
@@ -228,10 +230,10 @@ class _HeldOutRounds(Rounds[Addition]):
         for step in self.steps[:-1]:
             kinds = [type(s.effect) for s in self.steps if s is not step]
             without, folds = self._others[step.id] = self._fitted(kinds)
-            gain = 1.0 - float(self.error.mean() / folds.mean())
+            reduction = 1.0 - float(self.error.mean() / folds.mean())
             needed = self.so_far.p_value(without) * len(self.kinds) < SIGNIFICANCE
-            if (not needed or gain <= _LEAST_KEPT) and (least is None or gain < least[0]):
-                least = gain, step
+            if (not needed or reduction <= _LEAST_KEPT) and (least is None or reduction < least[0]):
+                least = reduction, step
         return None if least is None else least[1]
 
     def remove(self, step: Addition) -> None:
@@ -263,16 +265,16 @@ def _attempts(rounds: _HeldOutRounds, kinds: Sequence[Kind]) -> list[tuple[Attem
 
     What fails, or what the budget ends before, is noted.
     """
-    component, book, without = rounds.component, rounds.book, rounds.so_far
+    component, recorder, without = rounds.component, rounds.recorder, rounds.so_far
     chosen = [type(effect) for effect in without.law.effects]
     by_id = {kind.id: kind for kind in kinds}
     tried = attempt_all(
         partial(_attempt, component, [*chosen, kind], without, rounds.folds, rounds.error)
         for kind in kinds
     )
-    results = book.results(list(by_id), tried)
-    book.screened += [name for name, _ in results]
-    book.fitted += [name for name, done in results if done is not None]
+    results = recorder.results(list(by_id), tried)
+    recorder.screened += [name for name, _ in results]
+    recorder.fitted += [name for name, done in results if done is not None]
     everything = range(len(component.tests))
     found = [
         (done[0], FittedLaw.of(component, [*chosen, by_id[name]], everything, done[1]))
@@ -280,7 +282,7 @@ def _attempts(rounds: _HeldOutRounds, kinds: Sequence[Kind]) -> list[tuple[Attem
         if done is not None
     ]
     # Of two that are equivalent on these tests the catalogue's first counts.
-    return sorted(found, key=lambda pair: -round(pair[0].gain, DIGITS))
+    return sorted(found, key=lambda pair: -round(pair[0].reduction, DIGITS))
 
 
 def _attempt(
@@ -305,19 +307,19 @@ def _attempt(
         # An insignificant effect needs no prediction.
         return Attempt(kinds[-1].id, 0.0, p_value, error), fitted.fit
     squares = cross_validated(component, kinds, folds, fitted.law)
-    gain = 1.0 - float(squares.mean() / error.mean())
-    return Attempt(kinds[-1].id, gain, p_value, squares), fitted.fit
+    reduction = 1.0 - float(squares.mean() / error.mean())
+    return Attempt(kinds[-1].id, reduction, p_value, squares), fitted.fit
 
 
 def simplest(passing: Sequence[tuple[Attempt, FittedLaw]]) -> tuple[Attempt, FittedLaw]:
     """Of effects that predict, the best first, the one with the fewest numbers that do as well.
 
-    As well: of almost the same gain, and no worse by the BIC.
+    As well: of almost the same reduction, and no worse by the BIC.
     """
     best, fitted = passing[0]
-    least = RIVAL_SHARE * best.gain
+    least = RIVAL_SHARE * best.reduction
     limit = _bic(fitted, fitted)
-    equal = [(a, f) for a, f in passing if a.gain > least and _bic(f, fitted) <= limit]
+    equal = [(a, f) for a, f in passing if a.reduction > least and _bic(f, fitted) <= limit]
     return min(equal, key=lambda pair: len(pair[1].fit.values))
 
 
@@ -328,8 +330,8 @@ def preferred(passing: Sequence[tuple[Attempt, FittedLaw]]) -> tuple[Attempt, Fi
     Which of them predicts best depends on the tests: a form beyond the limit imitates the others.
     """
     best, fitted = simplest(passing)
-    least = RIVAL_SHARE * best.gain
-    within = [(a, f) for a, f in passing if a.gain > least and not f.limits]
+    least = RIVAL_SHARE * best.reduction
+    within = [(a, f) for a, f in passing if a.reduction > least and not f.limits]
     return simplest(within) if fitted.limits and within else (best, fitted)
 
 
@@ -342,7 +344,7 @@ def _bic(fitted: FittedLaw, best: FittedLaw) -> float:
 
 def _predicts(attempt: Attempt, error: FloatArray) -> bool:
     better = int(np.count_nonzero(attempt.folds < error))
-    return attempt.gain > LEAST_GAIN and 2 * better > len(error)
+    return attempt.reduction > LEAST_REDUCTION and 2 * better > len(error)
 
 
 def _undecided(
@@ -358,7 +360,8 @@ def _undecided(
 def _ambiguous(winner: Attempt, passing: Sequence[Attempt], known: set[str]) -> tuple[str, ...]:
     """Members of the winner's class that act here, and rivals that predict as well."""
     near = (class_of(winner.id) & known) - {winner.id}
-    near |= {a.id for a in passing if a.id != winner.id and a.gain > RIVAL_SHARE * winner.gain}
+    least = RIVAL_SHARE * winner.reduction
+    near |= {a.id for a in passing if a.id != winner.id and a.reduction > least}
     return tuple(sorted(near))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
-from sysid.diagnosis.thresholds import DIGITS, LEAST_GAIN, RIVAL_SHARE, SIGNIFICANCE
+from sysid.diagnosis.thresholds import DIGITS, LEAST_REDUCTION, RIVAL_SHARE, SIGNIFICANCE
 from sysid.errors import Failure, OutOfBudgetError
 from sysid.parallel import attempt_all
 
@@ -105,15 +105,15 @@ def _named(
     passing: list[tuple[str, float, bool]] = []
     for contender in contenders:
         fitted = _again(contender, part)
-        gain = 1.0 - _error(fitted, rest) / error
-        if fitted.p_value(lone) * len(contenders) < SIGNIFICANCE and gain > LEAST_GAIN:
-            passing.append((_id(contender), round(gain, DIGITS), fitted.is_plausible))
+        reduction = 1.0 - _error(fitted, rest) / error
+        if fitted.p_value(lone) * len(contenders) < SIGNIFICANCE and reduction > LEAST_REDUCTION:
+            passing.append((_id(contender), round(reduction, DIGITS), fitted.is_plausible))
     if not passing:
         return None
     sound = any(plausible for _, _, plausible in passing)
-    gains = {name: gain for name, gain, plausible in passing if plausible or not sound}
-    best, winner = max(gains, key=lambda name: gains[name]), _id(contenders[0])
-    return winner if gains.get(winner, 0.0) > RIVAL_SHARE * gains[best] else best
+    reductions = {name: share for name, share, plausible in passing if plausible or not sound}
+    best, winner = max(reductions, key=lambda name: reductions[name]), _id(contenders[0])
+    return winner if reductions.get(winner, 0.0) > RIVAL_SHARE * reductions[best] else best
 
 
 def _again(fitted: FittedLaw, tests: Sequence[int]) -> FittedLaw:

@@ -94,14 +94,14 @@ def _start(
     changed = iter(residuals_of(component, laws, tests))
     for shape, probes in forms:
         columns = [next(changed) - rest for _ in probes]
-        gain, coefficients = _take(np.column_stack(columns), rest, basis, kind, probes)
-        if gain > most:
+        reduction, coefficients = _take(np.column_stack(columns), rest, basis, kind, probes)
+        if reduction > most:
             fields = {
                 q.name: c * size
                 for q, c, size in zip(kind.strengths(), coefficients, probes, strict=True)
             }
             best = kind.neutral(**{**shape, **side_of(kind, component), **fields})
-            most = gain
+            most = reduction
     return best
 
 

@@ -1,4 +1,4 @@
-"""What a search for missing effects looked at, and what it did not come to."""
+"""What a search for missing effects examined, and what it did not reach."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EVALUATIONS = 50_000
 Over ten times what searches with two missing effects make (2000 to 4000 of a lab's campaign).
 """
 
-Because = Literal["structure", "held-out errors", "unfinished search", "one recording"]
+UnexplainedReason = Literal["structure", "held-out errors", "unfinished search", "one recording"]
 """Why a verdict is `unexplained`: structure that no effect explains; held-out tests far off though
 no balance shows structure; a search of which something failed, and that found nothing; or errors
 far above the noise of a single recording, in which nothing can repeat."""
@@ -82,7 +82,7 @@ class Missed:
 
 
 @dataclass(frozen=True)
-class Looked:
+class SearchRecord:
     """The effects that were screened and fitted, by id, what was missed, and what was noted."""
 
     screened: tuple[str, ...] = ()
@@ -127,7 +127,7 @@ class Looked:
         return tuple(found)
 
 
-def why_unexplained(structured: bool, far_off: bool, undecided: bool) -> Because | None:
+def why_unexplained(structured: bool, far_off: bool, undecided: bool) -> UnexplainedReason | None:
     """The strongest of the reasons that hold; None: no reason, the verdict is another."""
     if structured:
         return "structure"
@@ -142,8 +142,8 @@ def stage_text(stage: str, number: int | None) -> str:
 
 
 @dataclass
-class Book:
-    """A `Looked` under construction; `quick`: only a quick search was requested (`QUICK`)."""
+class Recorder:
+    """A `SearchRecord` under construction; `quick`: only a quick search was requested (`QUICK`)."""
 
     stage: SearchStage = SearchStage.TWIN
     round: int = 0
@@ -192,10 +192,10 @@ class Book:
                 self.miss(result, subject)
         return kept
 
-    def closed(self) -> Looked:
-        """What was looked at, each effect once."""
+    def closed(self) -> SearchRecord:
+        """What was examined, each effect once."""
         screened, fitted = (tuple(dict.fromkeys(ids)) for ids in (self.screened, self.fitted))
-        return Looked(screened, fitted, tuple(self.missed), tuple(self.notes))
+        return SearchRecord(screened, fitted, tuple(self.missed), tuple(self.notes))
 
 
 QUICK = Failure("left out by --quick")
@@ -203,11 +203,11 @@ QUICK = Failure("left out by --quick")
 __all__ = [
     "EVALUATIONS",
     "QUICK",
-    "Because",
-    "Book",
-    "Looked",
     "Missed",
+    "Recorder",
+    "SearchRecord",
     "SearchStage",
+    "UnexplainedReason",
     "bounded",
     "stage_text",
     "why_unexplained",
