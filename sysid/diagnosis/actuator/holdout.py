@@ -123,7 +123,7 @@ class HeldOut:
         nominal = self.simulated(model)
         runs = self.simulated(models, len(drawn), nan_if_endless=True)
         counted = [test.counted(test.whole) for test in self.tests]
-        squares, rows = np.zeros((len(drawn), 3)), np.zeros((len(drawn), 1))
+        squares, rows = np.zeros((len(drawn), 1 + len(COMPARED))), np.zeros((len(drawn), 1))
         for i, run in enumerate(runs):
             n = counted[i % count]
             gap = (run - nominal[i % count])[:, :n]
