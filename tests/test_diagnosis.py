@@ -592,7 +592,7 @@ def test_beside_an_effect_its_own_twins_say_what_is_expected(
         return [base]
 
     given = Null([rough, replace(base, rest=1.9 * base.rest)], {}, twins_of)
-    beside = given.beside(base)
+    beside = given.given(base)
     assert asked == [base]
     rows = base.frame.rows("effort")
     assert given.excess(base)["effort"] == pytest.approx(-3.0 * float(np.sum(base.rest[rows] ** 2)))
@@ -600,7 +600,7 @@ def test_beside_an_effect_its_own_twins_say_what_is_expected(
     assert beside.spread(base, "effort") == given.spread(base, "effort")
     for none in (lambda own: [], None):
         kept = Null([rough], {}, none)
-        assert kept.beside(base) is kept
+        assert kept.given(base) is kept
 
 
 def test_friction_is_weighed_by_the_scatter_that_an_effect_leaves(

@@ -35,7 +35,7 @@ _DURATIONS = "seconds by command"
 
 @dataclass
 class Workbench:
-    """A folder with its campaign file, results beside it, and what is done with them.
+    """A folder with its campaign file, results next to it, and what is done with them.
 
     `options` are further words for every command that takes them (`--effects`, `--component`):
     code of the user's own, which runs once it has been `allowed`.

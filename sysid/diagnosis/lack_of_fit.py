@@ -6,7 +6,7 @@ to those of the sampling's own distance, and each test is predicted by the means
 means of the tests are compared as in an analysis of variance with repeated measures (tests are
 subjects, cells conditions; Greenhouse, Geisser, Psychometrika 24 (1959) 95-112): cells may be
 correlated within a test in any way, and tests may differ in spread. What they have in common is
-looked for in the residual as it is, and beside each test's own level.
+looked for in the residual as it is, and about each test's own level.
 
 The noise is that of the sensors, which a caller brings; it is never taken from the residual.
 """
@@ -63,7 +63,7 @@ class ResidualTable:
     def __len__(self) -> int:
         return len(self.left)
 
-    def beside(self, other: ResidualTable) -> ResidualTable:
+    def next_to(self, other: ResidualTable) -> ResidualTable:
         """Both, end to end, with tests of their own; the quantities that both have."""
         names = [name for name in self.columns if name in other.columns]
         apart = int(self.test.max()) + 1 if len(self) else 0
@@ -114,12 +114,10 @@ def dependences(table: ResidualTable) -> list[Dependence]:
     test = np.unique(table.test, return_inverse=True)[1]
     if not len(test) or test.max() + 1 < _FEWEST_TESTS:
         return []
-    beside = table.left - (np.bincount(test, table.left) / np.bincount(test))[test]
+    about = table.left - (np.bincount(test, table.left) / np.bincount(test))[test]
     tried = {
         names: [
-            _dependence(table, left, names, cell)
-            for cell in ladder
-            for left in (table.left, beside)
+            _dependence(table, left, names, cell) for cell in ladder for left in (table.left, about)
         ]
         for names, ladder in table.cells()
     }
@@ -162,7 +160,7 @@ def _ladder(values: FloatArray, finest: int) -> Iterator[IntArray]:
 def _dependence(
     table: ResidualTable, left: FloatArray, names: tuple[str, ...], cell: IntArray
 ) -> Dependence:
-    """At one resolution, of `left` (n,), the residual or what it is beside each test's level;
+    """At one resolution, of `left` (n,), the residual or what it is about each test's level;
     `p_value` of this one alone."""
     own, test = np.unique(table.test, return_inverse=True)
     cells = int(cell.max()) + 1

@@ -213,7 +213,7 @@ def _removed(
             break
         if step is None:
             break
-        progress(f"{step.id}: superfluous beside {rounds.steps[-1].id}, removed")
+        progress(f"{step.id}: superfluous given {rounds.steps[-1].id}, removed")
         rounds.remove(step)
         found.append(step.id)
     return tuple(found)

@@ -186,7 +186,7 @@ def remainder_table(content: Content) -> Table:
         balance = balance_of(rest["channel"])
         rows.append((f"{balance[:1].upper()}{balance[1:]}", *sizes, rest["unit"]))
     columns = ("Residual of", "RMSE", "Repeats", "Differs between tests", "Noise", "Unit")
-    return table("What is left after the effects; the squares add up", columns, rows, text=(5,))
+    return table("Remainder after the effects; the squares add up", columns, rows, text=(5,))
 
 
 __all__ = [

@@ -45,7 +45,7 @@ class FormColumns:
 class Proposal:
     """A set of forms (their numbers), strengths in usual sizes, and twice its log evidence.
 
-    `squares` (channels,): the sum of squares that is left of each.
+    `squares` (channels,): the remaining sum of squares of each.
     """
 
     forms: tuple[int, ...]

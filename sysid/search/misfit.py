@@ -71,7 +71,7 @@ class ResidualChannel:
 
 
 def cost(channels: Sequence[ResidualChannel], squares: FloatArray) -> FloatArray:
-    """Minus twice the log likelihood (...,) of what is left of all channels, (..., channels)."""
+    """Minus twice the log likelihood (...,) of the remainders of all channels, (..., channels)."""
     costs = [c.cost(own) for c, own in zip(channels, np.moveaxis(squares, -1, 0), strict=True)]
     return np.asarray(np.sum(costs, axis=0))
 

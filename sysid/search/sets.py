@@ -44,7 +44,7 @@ def _go_together(columns: Columns, forms: Sequence[int]) -> bool:
 
 
 def _settled(columns: Columns, proposal: Proposal) -> Proposal:
-    """The set with each of its effects in the form that is best beside the others."""
+    """The set with each of its effects in the form that is best together with the others."""
     for _ in range(_SETTLING):
         before = proposal
         for place, form in enumerate(proposal.forms):

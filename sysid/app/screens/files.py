@@ -28,7 +28,7 @@ _MOST_FILES = 200
 
 @dataclass(frozen=True)
 class FilesContent:
-    """The campaign (or why it has none), files beside it, and the rig file's content."""
+    """The campaign (or why it has none), files next to it, and the rig file's content."""
 
     campaign: Campaign | None
     why: str

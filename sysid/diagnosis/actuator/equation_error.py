@@ -90,8 +90,8 @@ _BOTH_PORTS = ("parameters", "pitch_radius", "displacement", "measure")
 _COUPLING_PORTS = ("supply_pressure", "exhaust_pressure", "chamber_flow")
 
 
-def channels_of(effect: Effect, beside: Sequence[Effect] = ()) -> tuple[str, ...]:
-    """The channels whose residual an effect can change, given the effects in `beside`.
+def channels_of(effect: Effect, others: Sequence[Effect] = ()) -> tuple[str, ...]:
+    """The channels whose residual an effect can change, given the effects in `others`.
 
     An effect of one side does not change the other's rate, unless another couples the sides.
     What acts in motion is judged by motion: the few breakaways are for what acts on them alone.
@@ -102,7 +102,7 @@ def channels_of(effect: Effect, beside: Sequence[Effect] = ()) -> tuple[str, ...
         return (BREAKAWAY,)
     effort = overrides(effect, *_EFFORT_PORTS, *_BOTH_PORTS)
     rates = overrides(effect, *_RATE_PORTS, *_BOTH_PORTS)
-    coupled = any(overrides(e, *_COUPLING_PORTS) and not hasattr(e, "side") for e in beside)
+    coupled = any(overrides(e, *_COUPLING_PORTS) and not hasattr(e, "side") for e in others)
     chosen = "both" if coupled else getattr(effect, "side", "both")
     sides = [side for side in SIDES if rates and chosen in (side, "both")]
     return (EFFORT,) * effort + tuple(f"rate_{side}" for side in sides)

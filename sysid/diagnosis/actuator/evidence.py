@@ -80,7 +80,7 @@ class TwinEvidence(ComponentEvidence):
         }
 
     def _refitted(self) -> list[dict[str, Any]]:
-        """Base parameters estimated again beside the effects: `name`, before and after."""
+        """Base parameters estimated again together with the effects: `name`, before and after."""
         search = self.loop.search
         if not search.steps:
             return []

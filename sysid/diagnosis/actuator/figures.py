@@ -138,7 +138,7 @@ def _bins(x: FloatArray) -> tuple[IntArray, float | None] | None:
 def influences(search: Search) -> list[dict[str, Any]]:
     """What each effect adds to the balance that it changes most (`influence.strongest`).
 
-    Along the training logs, at its estimated size, beside the others; `channel` is the balance.
+    Along the training logs, at its estimated size, with all others; `channel` is the balance.
     """
     model, frame = search.last.model, search.first.frame
     added = model.effects[len(search.first.model.effects) :]

@@ -1,7 +1,7 @@
 """Sets of effects by evidence: all forms as one linear problem, the best sets fitted, and again.
 
 What is linear proposes: every form of every effect, alone, in pairs and in threes. The sets that
-are worth it are fitted with their shapes, channel by channel as much as it can be trusted. Beside
+are worth it are fitted with their shapes, channel by channel as much as it can be trusted. Given
 the best of them everything is proposed again, against what they leave.
 """
 
@@ -48,14 +48,14 @@ _FITTED = 3
 _FITTED_TWINS = 2
 _MOST_ROUNDS = 5
 _SMALLEST_P = 1e-300
-# Friction is weighed anew where it scatters by more than this, and beside the effects by less than
+# Friction is weighed anew where it scatters by more than this, and with the effects by less than
 # this part of that.
 _MUCH_SCATTER, _FAR_LESS = 0.02, 0.5
 
 
 @dataclass(frozen=True)
 class Contender:
-    """An effect that a round screened: its evidence beside the effects before, alone.
+    """An effect that a round screened: its evidence given the effects before, alone.
 
     `reduction`: twice the fall of the log likelihood; `twins`: the same where nothing is missing.
     """
@@ -68,7 +68,7 @@ class Contender:
 
 @dataclass(frozen=True)
 class FinderRound:
-    """What a round screened beside the set `before`, and the set that was `best` after it."""
+    """What a round screened given the set `before`, and the set that was `best` after it."""
 
     contenders: tuple[Contender, ...]
     before: frozenset[str]
@@ -97,9 +97,9 @@ class Finder:
         self.bias = Bias(self.null.twins)
         # Of each effect the form that was proposed, with the columns that it was proposed from.
         self._proposed: dict[str, tuple[Screening, int]] = {}
-        # Of each effect the signatures without another one beside it.
+        # Of each effect the signatures without another one.
         self._signed: dict[str, Signed] = {}
-        # Beside each set what was screened.
+        # Given each set, what was screened.
         self._screened: dict[frozenset[str], Screening] = {}
         # What sets gain, fitted, on twins of the model without them.
         self._on_twins: dict[frozenset[str], float] = {}
@@ -246,7 +246,7 @@ class Finder:
         base = projected(self.first.frame, model, own_columns(self.first.frame, model))
         if self.recorder.quick:
             return base
-        null = attempt(lambda: self.null.beside(base))
+        null = attempt(lambda: self.null.given(base))
         if isinstance(null, Failure):
             self.recorder.miss(null, decides=False)
         else:
@@ -267,7 +267,7 @@ class Finder:
             left = scatter_beside(frame, self.model(names))
             if left > _FAR_LESS * frame.scatter:
                 return
-            self.progress(f"friction scatters by {100 * left:.1f} % beside the effects")
+            self.progress(f"friction scatters by {100 * left:.1f} % with the effects")
             # What is in doubt stays so.
             others = sorted(self.sets.keys() - {names}, key=self.evidence, reverse=True)
             kept = {own: self.sets[own] for own in (names, *others[:_FITTED])}
@@ -277,7 +277,7 @@ class Finder:
                 self.sets[own] = again
 
     def _proposals(self, names: frozenset[str], number: int) -> tuple[Contender, ...]:
-        """Fit the sets that are worth it beside a set's effects; what was screened.
+        """Fit the sets that are worth it given a set's effects; what was screened.
 
         Raises OutOfBudgetError.
         """

@@ -148,7 +148,7 @@ def _prior(quantity: Quantity) -> float:
 def _with_steps(
     first: Projected, effects: tuple[CatalogueEffect, ...], place: int
 ) -> CatalogueEffect:
-    """An effect with its threshold where it acts best beside the others: it has no slope."""
+    """An effect with its threshold where it acts best together with the others: it has no slope."""
     effect = effects[place]
     if not (has_threshold(effect) and overrides(effect, "pulses")):
         return effect

@@ -51,7 +51,7 @@ class Null:
         """The twins' residuals."""
         return self._twins
 
-    def beside(self, base: Projected) -> Null:
+    def given(self, base: Projected) -> Null:
         """The same, but that twins of this residual's own model say what is expected.
 
         A model that lacks an effect moves otherwise, and its twins leave another residual than one
@@ -71,7 +71,7 @@ class Null:
         return found
 
     def excess(self, base: Projected) -> dict[str, float]:
-        """Each channel's sum of squares beyond that of any twin (`beside`: of the residual's own
+        """Each channel's sum of squares beyond that of any twin (`given`: of the residual's own
         model); negative where below."""
         left = base.rest**2 - self.expected(base)
         return {name: float(np.sum(left[base.frame.rows(name)])) for name in CHANNELS}
@@ -87,7 +87,7 @@ class Null:
         return found
 
     def structured(self, first: Projected, last: Projected) -> list[str]:
-        """The balances that still hold structure beside effects (`last`).
+        """The balances that still hold structure given effects (`last`).
 
         The real form of an effect is seldom the catalogue's: a remainder that is small against
         what the effects explained (from `first` on) is that difference, and not another effect.
@@ -104,7 +104,7 @@ class Null:
     def spread(self, base: Projected, channel: str) -> float:
         """Spread of the twins' sums of squares in a channel: one standard deviation.
 
-        Of those of the given model: the few twins beside an effect say little of it.
+        Of those of the given model: the few twins given an effect say little of it.
         """
         rows = base.frame.rows(channel)
         count = rows.stop - rows.start

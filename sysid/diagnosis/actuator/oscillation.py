@@ -17,7 +17,7 @@ from sysid.plant.effects.entry import CatalogueEffect
 from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
-# Of the mains, Hz; a fit of a resonance may end beside it.
+# Of the mains, Hz; a fit of a resonance may end next to it.
 _MAINS_HZ = (50.0, 60.0)
 # Frequencies around these and an effect's own, Hz: as far as they may be off, as close as a test
 # of some seconds tells frequencies apart.

@@ -100,7 +100,7 @@ class _Equations:
         self._shares = [share for e in starts for share in _steps(type(e).quantities)]
         self._shares += [_STEP] * len(self._names)
         self.parameters = [*own, *(_relative(n) for n in self._names)]
-        # The last point with its errors, whitened and beside the extra columns; one with slopes,
+        # The last point with its errors, whitened and next to the extra columns; one with slopes,
         # and whether those of the base parameters are its own.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
         self._known: tuple[FloatArray, FloatArray, FloatArray] | None = None
@@ -159,7 +159,7 @@ class _Equations:
         return columns
 
     def _at(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The errors of a point, whitened and beside the extra columns, kept for its slopes."""
+        """The errors of a point, whitened and next to the extra columns, kept for its slopes."""
         if self._last is None or not np.array_equal(self._last[0], values):
             here = self._whitened(values, self._channels)
             errors = self._base.beside_extra(np.where(self._touched, here, self._base.rest))
@@ -193,7 +193,7 @@ class _Equations:
 
 
 def _steps(quantities: Sequence[Quantity]) -> list[float]:
-    """Relative steps of an effect's numbers; beside a threshold a shape has no slope either."""
+    """Relative steps of an effect's numbers; next to a threshold a shape has no slope either."""
     in_steps = any(q.is_threshold for q in quantities)
     return [THRESHOLD_STEP if in_steps else _STEP] * len(quantities)
 
@@ -233,7 +233,7 @@ def with_base_refitted(base: Projected, model: Model) -> Model:
 
     `base` is the Jacobian without effects. Steps go on as long as they lower the residual, and
     stay within a factor of 5 of the original values. A parameter that keeps hardly any
-    influence beside an effect is not moved: its step would be arbitrary, and where the effect
+    influence given an effect is not moved: its step would be arbitrary, and where the effect
     does not act (a flow that runs backwards) it still counts. Static friction, which no balance
     shows, is what the bench read, as the effects have it.
     """

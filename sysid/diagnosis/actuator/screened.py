@@ -90,7 +90,7 @@ def screened(
 ) -> Screening:
     """Every form's columns against a residual. Raises OutOfBudgetError.
 
-    `known`: signatures of effects without any other beside them, which serve again beside a set,
+    `known`: signatures of effects without any other, which serve again given a set,
     and to which what is computed here is added. Effects that cannot be screened are noted.
     """
     signed = {} if known is None else known

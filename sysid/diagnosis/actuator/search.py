@@ -220,7 +220,7 @@ def _result(finder: Finder, names: frozenset[str]) -> Search:
 
 
 def _steps(finder: Finder, found: FittedSet, model: Model) -> tuple[RefittedStep, ...]:
-    """The effects of a set one after another: each the one that has most evidence beside those
+    """The effects of a set one after another: each the one that has most evidence given those
     before it."""
     steps: list[RefittedStep] = []
     before: frozenset[str] = frozenset()

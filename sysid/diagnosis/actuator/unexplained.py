@@ -97,8 +97,8 @@ def repeating(
 ) -> tuple[ResidualCurve, ...]:
     """The strongest curve of each further channel whose remainder repeats, and is large.
 
-    Beside those that are `structured` already. Large: more than the noise, and than a tenth of
-    what the model left over without effects.
+    In addition to those that are `structured` already. Large: more than the noise, and than a tenth
+    of the model's remainder without effects.
     """
     known = {log_channel(curve.channel, rig) for curve in structured}
     channels = {log_channel(channel, rig): channel for channel in BALANCES}

@@ -92,7 +92,7 @@ class HeldOutEvidence(ComponentEvidence):
         return sorted(self.curves, key=lambda curve: -curve.removed)[:MOST_CURVES]
 
     def _refitted(self) -> list[dict[str, Any]]:
-        """The law's own parameters, estimated again beside the effects: before and after."""
+        """The law's own parameters, estimated again together with the effects: before and after."""
         if not self.steps:
             return []
         return [
@@ -108,7 +108,7 @@ class HeldOutEvidence(ComponentEvidence):
         ]
 
     def with_base(self, bundle: Bundle) -> Bundle:
-        """The part's law as it was fitted beside the effects."""
+        """The part's law as it was fitted together with the effects."""
         final = self.selection.final
         return final.component.renewed(bundle, final.base_estimates(), final.quality())
 

@@ -140,8 +140,8 @@ class FrictionPoints(Component):
         def acts(probe: CatalogueEffect) -> bool:
             there = Law(law.values, (probe,))
             more = self._effort(there, angle, velocity, direction) - without
-            beside = more - basis @ (basis.T @ more)
-            return bool(np.abs(beside).max() > _ACTS * np.abs(without).max())
+            beyond = more - basis @ (basis.T @ more)
+            return bool(np.abs(beyond).max() > _ACTS * np.abs(without).max())
 
         return tuple(
             kind

@@ -70,7 +70,7 @@ def tests_shown(part: Component, before: Law, after: Law) -> list[dict[str, Any]
 def over_regressors(part: Component, before: Law, after: Law) -> list[dict[str, Any]]:
     """The signal over each quantity on which it may depend: samples, and the two laws' means.
 
-    Of an axis the inertia's share is taken off, so that friction and what acts beside it remain.
+    Of an axis the inertia's share is taken off, so that friction and what acts in addition remain.
     Each: `regressor`; of some samples `x`, `measured` and `fitted` (by the law after); `centres` of
     bins with the means `mean` (measured), `before` and `after`; `share` of the signal's variance
     that lies between the bins, 0 to 1.

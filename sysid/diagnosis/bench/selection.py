@@ -45,7 +45,7 @@ from sysid.types import FloatArray, Progress, no_progress
 
 Kind = type[CatalogueEffect]
 
-# Share of the error that an effect must still remove beside those added after it: far less than
+# Share of the error that an effect must still remove given those added after it: far less than
 # to be added, as what is in the model is not tried against rivals again.
 _LEAST_KEPT = 0.05
 # Rivals of a winner that are tried on the parts of the tests together with it.
@@ -221,8 +221,8 @@ class _HeldOutRounds(Rounds[Addition]):
     def superfluous(self) -> Addition | None:
         """The step whose effect the tests left out need least, if they hardly need it.
 
-        Where it is not significant beside the others, or hardly improves the prediction; none
-        beside a last one that is larger than is plausible.
+        Where it is not significant given the others, or hardly improves the prediction; none
+        given a last one that is larger than is plausible.
         """
         if not self.so_far.is_plausible:
             return None

@@ -124,7 +124,7 @@ def left_over(
     table, judged = _table(component, law), None
     if outside is not None:
         own = len(table)
-        table = table.beside(_table(outside, law))
+        table = table.next_to(_table(outside, law))
         judged = np.arange(len(table)) >= own
     found = dependences(table)
     return remainder(table, found, noise, component.channel, component.unit, judged)

@@ -56,8 +56,9 @@ class StrokeDependentArea(CatalogueEffect):
 class StrokeDependentSeals(CatalogueEffect):
     """Friction by pressure varies along the stroke: + (d theta + c |theta|) (gauge Pa + Pb) sign w.
 
-    Beside seal friction, which is its value in the middle: seals press harder where the bore is
-    narrower. A tapered bore has d alone, one that is narrow at both ends c, at one end both.
+    In addition to seal friction, which is its value in the middle: seals press harder where the
+    bore is narrower. A tapered bore has d alone, one that is narrow at both ends c, at one end
+    both.
     """
 
     seal_slope_nm_per_pa_rad: Array = 0.0

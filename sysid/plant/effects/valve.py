@@ -395,7 +395,7 @@ class StickingValve(CatalogueEffect):
     def recent_pulses(self, on: Array, off: Array, until: Array, side: str) -> tuple[Array, Array]:
         """See `Effect`; a valve without a pulse among these has rested for long.
 
-        Beside a dead zone, which forgets pulses, that may be too long.
+        With a dead zone, which forgets pulses, that may be too long.
         """
         if not of_side(side, self.side):
             return on, off
