@@ -26,11 +26,10 @@ from sysid.identification.valve_discrete.held_chamber import (
     pressure_curve,
 )
 from sysid.identification.valve_discrete.trials import Piece
-from sysid.parameters.valves import ISO6358, SERIES, THESIS, VALVE_ALONE
+from sysid.parameters.valves import ISO6358, SERIES, THESIS, VALVE_ALONE, WAYS
 from sysid.plant.iso6358 import HIGHEST_RATIO
 from sysid.types import FloatArray
 
-WAYS = ("fill", "dis")
 _COEFFICIENTS = (("fill", "kg/(s Pa^0.5)"), ("dis", "kg/(s Pa)"))
 UNITS = {
     "choked_flow_fill_kg_s": "kg/s",

@@ -16,7 +16,6 @@ from sysid.identification.held_volume import VolumeError
 from sysid.identification.valve_discrete.curve import (
     MOST_STD,
     UNITS,
-    WAYS,
     CurveFit,
     iso_names,
     thesis_names,
@@ -35,6 +34,7 @@ from sysid.parameters.valves import (
     SERIES,
     THESIS,
     VALVE_ALONE,
+    WAYS,
 )
 from sysid.plant.base import exhaust_jump, filling_jump
 

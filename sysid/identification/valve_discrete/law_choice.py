@@ -19,7 +19,6 @@ from sysid.estimation.law_evidence import DECISIVE, twice_log_evidence
 from sysid.estimation.quality import root_mean_square
 from sysid.identification.valve_discrete.curve import (
     MOST_STD,
-    WAYS,
     CurveFit,
     fit_curves,
     fitted_valve,
@@ -34,6 +33,7 @@ from sysid.parameters.valves import (
     LAWS,
     SERIES,
     THESIS,
+    WAYS,
     LawDecision,
     RejectedLaw,
 )

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from sysid.estimation.linear import Estimate
 from sysid.identification.valve_discrete.curve import (
     UNITS,
-    WAYS,
     CurveFit,
     fit_curves,
     fitted_valve,
@@ -28,7 +27,7 @@ from sysid.identification.valve_discrete.start import free_parameters, start_of
 from sysid.identification.valve_discrete.trials import Piece, Screened
 from sysid.io.rig import Rig
 from sysid.parameters.series import COMBINED, control_coefficient
-from sysid.parameters.valves import FLOW_CONTROL, VALVE_ALONE
+from sysid.parameters.valves import FLOW_CONTROL, VALVE_ALONE, WAYS
 
 
 @dataclass(frozen=True)
