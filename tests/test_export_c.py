@@ -93,7 +93,7 @@ def test_laws_agree_with_python(rig_text: str, tmp_path: Path) -> None:
     assert_same(c("cylinder_torque", pa, pb)[0], cylinder, scale=2e5 * p.area_a * p.pitch_radius)
     assert p.gravity_moment > 1.0
     assert_same(c("gravity_torque", theta)[0], base.gravity_effort(theta, p.gravity_moment))
-    sliding = base.sliding_friction(w, p.coulomb_effort, p.viscous)
+    sliding = base.sliding_friction(w, np.sign(w), p.coulomb_effort, p.viscous)
     assert_same(c("sliding_friction_torque", w)[0], sliding)
     friction = base.friction_effort(w, applied, p.static_effort, p.coulomb_effort, p.viscous)
     assert_same(c("friction_torque", w, applied)[0], friction)

@@ -127,7 +127,9 @@ def mechanics(flat: Flat) -> Iterator[BaseLaw]:
         f"Friction while moving, {unit} (3.4.1): Coulomb sign(w) + viscous w; 0 at rest",
         (coulomb, viscous),
         {velocity: "velocity"},
-        lambda p, w: base.sliding_friction(w, p.coulomb_effort, p.viscous),
+        lambda p, w: base.sliding_friction(
+            w, array_namespace(w).sign(w), p.coulomb_effort, p.viscous
+        ),
     )
     yield BaseLaw(
         "HAS_FRICTION",

@@ -382,10 +382,11 @@ def place_at_rest(parameters: Parameters) -> float:
     return float(brentq(lambda x: float(load_effort(x, p)), -half, half))
 
 
-def sliding_friction(velocity: Array, coulomb_effort: Array, viscous: Array) -> Array:
-    """Friction while moving (3.4.1): t_cf sign(w) + Cvf w, Nm or N; zero at zero velocity."""
-    xp = array_namespace(velocity, coulomb_effort, viscous)
-    return coulomb_effort * xp.sign(velocity) + viscous * velocity
+def sliding_friction(
+    velocity: Array, direction: Array, coulomb_effort: Array, viscous: Array
+) -> Array:
+    """Friction while moving in a direction, +1 or -1 (3.4.1): t_cf sign(w) + Cvf w, Nm or N."""
+    return coulomb_effort * direction + viscous * velocity
 
 
 def friction_effort(
@@ -398,7 +399,7 @@ def friction_effort(
     """
     xp = array_namespace(velocity, applied, static_effort, coulomb_effort, viscous)
     at_rest = xp.minimum(xp.maximum(applied, -static_effort), static_effort)
-    moving = sliding_friction(velocity, coulomb_effort, viscous)
+    moving = sliding_friction(velocity, xp.sign(velocity), coulomb_effort, viscous)
     return xp.where(velocity == 0.0, at_rest, moving)
 
 

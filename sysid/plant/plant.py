@@ -102,7 +102,7 @@ def applied_effort(point: Point, model: Model) -> Array:
 def sliding_friction(point: Point, model: Model) -> Array:
     """Friction while moving in `point.direction`, Nm or N (3.4.1)."""
     p = point.parameters
-    friction = p.coulomb_effort * point.direction + p.viscous * point.velocity
+    friction = base.sliding_friction(point.velocity, point.direction, p.coulomb_effort, p.viscous)
     return model.through("friction_effort", friction, point)
 
 

@@ -37,6 +37,7 @@ from sysid.estimation.autoregression import (
 )
 from sysid.io.channels import SIDES
 from sysid.parallel import spend
+from sysid.plant.base import sliding_friction
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
 from sysid.types import BoolArray, FloatArray, IntArray
@@ -274,7 +275,7 @@ def build_frame(
         for name, view in views.items()
     }
     p = model.parameters
-    friction = p.coulomb_effort * traces.direction + p.viscous * traces.velocity
+    friction = sliding_friction(traces.velocity, traces.direction, p.coulomb_effort, p.viscous)
     shown = {
         EFFORT: views[EFFORT].average(np.asarray(friction)),
         BREAKAWAY: np.full(len(views[BREAKAWAY]), float(p.static_effort)),
