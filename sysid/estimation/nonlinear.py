@@ -539,6 +539,17 @@ def central_jacobian_of_all(
     upper: FloatArray | None = None,
 ) -> FloatArray:
     """`central_jacobian` of a function that takes all its points, (p,) each, at once."""
+    points = central_points(values, sizes, lower, upper)
+    return central_slopes(points, list(function(points)))
+
+
+def central_points(
+    values: FloatArray,
+    sizes: FloatArray,
+    lower: FloatArray | None = None,
+    upper: FloatArray | None = None,
+) -> list[FloatArray]:
+    """The points, (p,) each, of central differences at `values`: ahead and behind, by number."""
     points: list[FloatArray] = []
     for i, value in enumerate(values):
         step = _CENTRAL_STEP * max(abs(value), 1e-3 * sizes[i])
@@ -546,11 +557,13 @@ def central_jacobian_of_all(
         ahead[i] = min(value + step, np.inf if upper is None else upper[i])
         behind[i] = max(value - step, -np.inf if lower is None else lower[i])
         points += [ahead, behind]
-    answers = iter(function(points))
-    columns = [
-        (next(answers) - next(answers)) / (points[2 * i][i] - points[2 * i + 1][i])
-        for i in range(len(values))
-    ]
+    return points
+
+
+def central_slopes(points: Sequence[FloatArray], answers: Sequence[FloatArray]) -> FloatArray:
+    """Slopes (n, p) by a function's `answers`, (n,) each, at `central_points`."""
+    pairs = enumerate(zip(points[::2], points[1::2], answers[::2], answers[1::2], strict=True))
+    columns = [(there - back) / (a[i] - b[i]) for i, (a, b, there, back) in pairs]
     return np.stack(columns, axis=1)
 
 

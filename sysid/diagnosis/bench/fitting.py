@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -27,6 +27,8 @@ from sysid.estimation.nonlinear import (
     LeastSquaresFit,
     Parameter,
     central_jacobian_of_all,
+    central_points,
+    central_slopes,
     minimise,
 )
 from sysid.estimation.quality import FitQuality, repeated_scatter, repeats_test, scatter_test
@@ -269,22 +271,21 @@ def _minimise(
         full[:, free] = points
         return residuals(list(full))
 
-    by_differences = _jacobian_of([everything[i] for i in free])
-    at_once: dict[bytes, FloatArray] = {}
+    sizes, lower, upper = (
+        np.array([getattr(everything[i], name) for i in free])
+        for name in ("size", "lower", "upper")
+    )
+    last: tuple[FloatArray, FloatArray] | None = None
 
     def residuals_at(values: FloatArray) -> FloatArray:
         """And, of a part that simulates many laws for the price of one, the slopes as well."""
+        nonlocal last
         if not component.takes_laws_at_once:
             return of_free([values])[0]
-        found: list[FloatArray] = []
-
-        def neighbours(points: Sequence[FloatArray]) -> list[FloatArray]:
-            found.extend(of_free([values, *points]))
-            return found[1:]
-
-        at_once.clear()
-        at_once[values.tobytes()] = by_differences(neighbours, values)
-        return found[0]
+        points = central_points(values, sizes, lower, upper)
+        here, *around = of_free([values, *points])
+        last = values.copy(), central_slopes(points, around)
+        return here
 
     def jacobian(values: FloatArray) -> FloatArray:
         full = start.copy()
@@ -292,11 +293,11 @@ def _minimise(
         exact = component.jacobian(law_at(own, effects, full), tests)
         if exact is not None:
             slopes = exact[:, free]
-        elif values.tobytes() in at_once:
+        elif last is not None and np.array_equal(last[0], values):
             spend()
-            slopes = at_once[values.tobytes()]
+            slopes = last[1]
         else:
-            slopes = by_differences(of_free, values)
+            slopes = central_jacobian_of_all(of_free, values, sizes, lower, upper)
         # Where a neighbour cannot be simulated, the number is held.
         return np.where(np.isfinite(slopes), slopes, 0.0)
 
@@ -311,19 +312,6 @@ def _minimise(
     values, slopes = start.copy(), np.zeros((len(here), len(everything)))
     values[free], slopes[:, free] = fit.values, fit.jacobian
     return replace(fit, parameters=tuple(everything), values=values, jacobian=slopes)
-
-
-_AllAtOnce = Callable[[Sequence[FloatArray]], list[FloatArray]]
-
-
-def _jacobian_of(
-    parameters: Sequence[Parameter],
-) -> Callable[[_AllAtOnce, FloatArray], FloatArray]:
-    """Central differences (n, p) of a function that takes all points at once, at a point."""
-    sizes, lower, upper = (
-        np.array([getattr(p, name) for p in parameters]) for name in ("size", "lower", "upper")
-    )
-    return lambda function, values: central_jacobian_of_all(function, values, sizes, lower, upper)
 
 
 def cross_validated(
