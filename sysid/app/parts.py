@@ -100,7 +100,7 @@ def rows(headings: Sequence[str], lines: Iterable[Sequence[str]], caption: str =
 
 
 def listed(lines: Iterable[str]) -> str:
-    """Lines as a list, what stands in backticks as code; nothing without any."""
+    """Lines as a list, what is in backticks as code; nothing without any."""
     inner = "".join(f"<li>{_BACKTICKS.sub(_CODE, words(line))}</li>" for line in lines)
     return f"<ul>{inner}</ul>" if inner else ""
 

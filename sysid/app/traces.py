@@ -27,7 +27,7 @@ _OVERLAY: tuple[Role, ...] = ("model", "second", "third", "fourth", "measured", 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Samples (n,) over time (n,), s; `label` stands in the legend ("": not there)."""
+    """Samples (n,) over time (n,), s; `label` is in the legend ("": not there)."""
 
     time: FloatArray
     values: FloatArray

@@ -206,7 +206,7 @@ class Figure:
     """Panels below one another that share their x axis.
 
     `title` names the figure, `description` puts it in words for those who do not see it, `heading`
-    stands in the figure (the title where it is empty). `id` is its own in a page, `size` its width
+    is in the figure (the title where it is empty). `id` is its own in a page, `size` its width
     and height in inches. `is_interactive`: worth zooming into.
     """
 

@@ -64,7 +64,7 @@ def _block_template() -> Any:
 
 
 def block_html(block: Block) -> str:
-    """A block without figures as markup, as it stands in a page."""
+    """A block without figures as markup, as it is in a page."""
     return str(_block_template().render(b=block))
 
 

@@ -142,7 +142,7 @@ def _panel(
 
 
 def _on_even_axis(panel: Panel) -> Panel:
-    """A panel whose x axis is linear and then logarithmic, in the places where its values stand.
+    """A panel whose x axis is linear and then logarithmic, in the places of its values.
 
     Bokeh has no such axis: the marks are moved, and the ticks keep their names.
     """

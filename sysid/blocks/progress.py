@@ -22,7 +22,7 @@ def progress_or_shown(progress: Progress | None, doing: str) -> Iterator[Progres
 
     In a notebook the line below the cell changes, in a terminal a bar on standard error runs
     next to it; both are gone at the end. A script whose output is piped shows nothing. `doing`
-    is what stands there first.
+    is what is there first.
     """
     if progress is not None:
         yield progress

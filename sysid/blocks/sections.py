@@ -49,7 +49,7 @@ class Lines:
 
 @dataclass(frozen=True)
 class Notes:
-    """What limits a number, shown where the number stands."""
+    """What limits a number, shown next to the number."""
 
     lines: tuple[str, ...]
     kind: Literal["notes"] = "notes"

@@ -15,7 +15,7 @@ _DIGITS = 4
 class NotedCell(str):
     """A cell with a line in small beneath its text: an id, a key. Equal to its text alone.
 
-    `plain` stands in its place in a terminal and in `print`: the name or number that other commands
+    `plain` takes its place in a terminal and in `print`: the name or number that other commands
     and files have (the small line where it is not given).
     """
 

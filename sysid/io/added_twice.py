@@ -1,6 +1,6 @@
 """The atmosphere added twice to a pressure that was absolute before: what the motion shows of it.
 
-A chamber that rests at twice the atmosphere's pressure may stand under a regulator. But what it
+A chamber that rests at twice the atmosphere's pressure may be under a regulator. But what it
 then does to the piston the motor's effort has to balance, on the way there and back: if the effort
 balances none of it, the pressure does not exist.
 """

@@ -1,6 +1,6 @@
 """A rig for logs that come without a rig file: what they show, and else the reference rig's.
 
-The reference rig is the thesis' (`sysid.io.bundled`). Each constant that is taken from it stands in
+The reference rig is the thesis' (`sysid.io.bundled`). Each constant that is taken from it is in
 the rig's `assumed`; results say what rests on it.
 """
 
@@ -229,7 +229,7 @@ def _completed(
 
 
 def _stroke(content: Mapping[str, Any], shown: ShownConstants) -> float | None:
-    """The stroke (m) by which a held piston stands at an end; of a moving one, at least its way.
+    """The stroke (m) by which a held piston is at an end; of a moving one, at least its way.
 
     None where the reference rig's does.
     """

@@ -336,7 +336,7 @@ def _listed(files: Sequence[str]) -> str:
 
 
 def kinds_named(path: Path) -> list[str]:
-    """The kinds of a campaign file's logs as they stand there, known or not. Raises InputError."""
+    """The kinds of a campaign file's logs as they are there, known or not. Raises InputError."""
     entries = read_toml(path, "a campaign file").get("log")
     tables = entries if isinstance(entries, list) else []
     return [str(t["kind"]) for t in tables if isinstance(t, dict) and "kind" in t]

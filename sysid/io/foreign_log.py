@@ -1,6 +1,6 @@
 """A log in a lab's own format, read with maps as `sysid convert` would convert it.
 
-What stands in the log format itself, with a lab's column names at most, is read as a log
+What is in the log format itself, with a lab's column names at most, is read as a log
 (`sysid.io.tables`), which is quicker and names lines; everything else goes to the readers of
 foreign files. How such a file is to be read is detected; where that does not do, it is converted
 first.

@@ -1,7 +1,7 @@
 """Rotary and linear: what a rig's quantities are measured in, and what files call them.
 
 Inside the program a parameter has one name whatever moves, `coulomb` for example; a file's key has
-the unit in it, `coulomb_nm` or `coulomb_n`. Which one it is stands here and nowhere else.
+the unit in it, `coulomb_nm` or `coulomb_n`. Which one is said here and nowhere else.
 """
 
 from __future__ import annotations

@@ -332,7 +332,7 @@ def check_rest(where: str, pressures: Mapping[str, FloatArray], rig: Rig) -> str
     """Chamber pressures, (n,) Pa each, of a log whose valves never switch: a line where all of them
     rest at another pressure than the atmosphere's, else None.
 
-    Only of a rig whose valves vent its chambers: others may stand under a regulator's pressure.
+    Only of a rig whose valves vent its chambers: others may be under a regulator's pressure.
     """
     if rig.air is None or rig.valves is None or rig.bleeds or not pressures:
         return None

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from sysid.io.foreign.table import ForeignTable
 
 _NOTED = b"sysid.comments"
-# Comments stand at the head of a file.
+# Comments are at the head of a file.
 HEAD_BYTES = 1 << 16
 _NOT_A_NUMBER = ["", "NaN", "nan", "NA", "N/A", "null", "NULL", "None", "-nan", "#N/A"]
 

@@ -36,7 +36,7 @@ def report(
 
     `found`: a diagnosis, or a bundle where none was made; `checked` a validation. Sections without
     content are missing, and the page says so. `checks` None: every log is checked anew. `notices`:
-    the fit's, each shown where its number stands. Raises InputError where a log cannot be read or
+    the fit's, each shown next to its number. Raises InputError where a log cannot be read or
     the file not be written, and for the bundle of a linear rig with a rotary one's campaign, or the
     reverse; where another rig file differs in less, the page says so.
 
@@ -62,7 +62,7 @@ class PageOptions(Reported):
     """What a page shows in addition to what was requested: a validation, or how to make one.
 
     `by_content`: logs that no campaign declares may hold tests of several kinds; `notices`: the
-    fit's, each shown where its number stands.
+    fit's, each shown next to its number.
     """
 
     validation: ValidationResult | Callable[[], ValidationResult] | None = None

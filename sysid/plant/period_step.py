@@ -1,7 +1,7 @@
 """The plant over one control period: valve commands in, their delayed edges, the next state.
 
 What `simulate` prepares for a whole log is here done a period at a time, so that a controller
-can stand between two of them. The commanded on-intervals of a valve are kept until they have
+can be between two of them. The commanded on-intervals of a valve are kept until they have
 no more effect; a valve is open from an interval's start plus the switch-on delay to its end
 plus the switch-off delay. All arrays are (lanes,), one lane a closed loop.
 """

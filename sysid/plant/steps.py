@@ -133,7 +133,7 @@ def rodas3(rate: Callable[[Any], Any], x: Any, h: Any) -> Any:
 def _solver(matrix: Any) -> Callable[[Any], Any]:
     """Solves for a small matrix (s, s), eliminated in place: a call of LAPACK costs far more.
 
-    Without pivoting: twice the inverse step stands on the diagonal.
+    Without pivoting: twice the inverse step is on the diagonal.
     """
     from sysid.plant.jax_setup import jnp
 

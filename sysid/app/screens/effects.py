@@ -225,7 +225,7 @@ class EffectsScreen(Screen):
         text = f"<div class='bar2'>{parts.button('Freeze this choice', 'fx-freeze')} {refit} "
         text += parts.button("Look at the held-out tests", "fx-held-out", off=not self.frozen)
         text += f"</div><p class='muted'>Held-out tests looked at: {looks} times. "
-        text += "They are shown once the choice is frozen; the count stands in the report. "
+        text += "They are shown once the choice is frozen; the count is in the report. "
         text += f"A frozen choice is results/{EXPLORED}, marked <code>chosen_by: user</code>.</p>"
         return text
 

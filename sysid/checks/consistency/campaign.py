@@ -274,7 +274,7 @@ def _air(trials: Sequence[Trial], name: str, rig: Rig) -> Iterator[Reading]:
         if flows:
             yield Reading(_FLOWS[side], name, *interval_of(flows, _LEAST_OF_FLOW))
         vents = rig.valves is not None and not rig.bleeds
-        # Without valves that vent it, a chamber may stand under a regulator's pressure.
+        # Without valves that vent it, a chamber may be under a regulator's pressure.
         rests = rest_pressures(trials, f"pressure_{side}_pa", ambient) if vents else []
         if rests:
             yield Reading(_RESTS[side], name, *interval_of(rests, LEAST_OF_PRESSURE))

@@ -391,7 +391,7 @@ def windows(traces: Traces, usable: BoolArray, pwm_period: float | None = None) 
     """Windows over the usable samples (n,), none across a test's ends or a sample left out.
 
     With a PWM period (s) each is a whole number of them wide, so that the ripple of the pulses
-    averages out, and stands on a grid of its test: wherever a stretch of usable samples begins, the
+    averages out, and is on a grid of its test: wherever a stretch of usable samples begins, the
     windows of a log and of its twins see the same phase of the pulses. Without one they begin with
     each stretch: next to a reversal the smoothed balance is biased, and less so in a wider window.
     """

@@ -491,7 +491,7 @@ def _map(
 def flow_figure(title: str, tag: str, levels: LevelFlows, surfaces: Mapping[str, Any]) -> Figure:
     """Flow over pressure at a few duties: measured points, and a line for each law.
 
-    Each duty stands at the end of its curve where the flow is largest.
+    Each duty is at the end of its curve where the flow is largest.
     """
     domain = next(iter(surfaces.values())).domain_
     inside = np.flatnonzero(domain.holds_duty(levels.duty))

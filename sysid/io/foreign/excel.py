@@ -67,7 +67,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
 
 
 def _rows_above(rows: Sequence[Sequence[str]], asked: Sequence[str]) -> int:
-    """How many rows stand above the one that holds the names asked for; 0 where none does."""
+    """How many rows are above the one that holds the names asked for; 0 where none does."""
     names = [name for name in asked if not name.startswith("#")]
     found = [
         sum(name in row or name in map(bare_name, row) for name in names) if names else 0

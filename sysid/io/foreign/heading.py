@@ -32,7 +32,7 @@ class TableHeading:
 
     `under` are the cells of the row under the names that is none of the table's, `units` those of
     the row of units, which may be another; `above` further cells that may name columns, of the
-    line above; `beyond` names of settings, whose values stand in `under` and in none of the rows;
+    line above; `beyond` names of settings, whose values are in `under` and in none of the rows;
     `passed` the other lines between names and rows.
     """
 
@@ -107,7 +107,7 @@ class _HeadingSearch:
         )
 
     def first_row(self) -> int:
-        """The index of the first row: damaged ones belong to the table that they stand above."""
+        """The index of the first row: damaged ones belong to the table that they are above."""
         count = len(self.lines)
         found = next(
             (
@@ -194,7 +194,7 @@ class _HeadingSearch:
             for i in range(min(first, len(self.lines)))
             if (matches := self.matches(i, wanted))
         ]
-        if not found and asked:  # a table of numbers stands above
+        if not found and asked:  # a table of numbers is above
             found = [
                 (True, len(asked), i)
                 for i in range(first, min(first + 5000, len(self.lines)))
@@ -223,7 +223,7 @@ class _HeadingSearch:
             )
 
     def _heads_numbers(self, index: int) -> bool:
-        """Whether two rows of numbers stand under a line, each with a cell for each of its own."""
+        """Whether two rows of numbers are under a line, each with a cell for each of its own."""
         named = self.cells(index)
         under = [self.cells(i) for i in (index + 1, index + 2) if i < len(self.lines)]
         return len(under) == 2 and all(
@@ -378,7 +378,7 @@ class _HeadingSearch:
         return self.heading(index)
 
     def below(self, heading: TableHeading, first: int) -> TableHeading:
-        """The heading with what stands between it and the first row: units, a date, settings."""
+        """The heading with what is between it and the first row: units, a date, settings."""
         assert heading.line is not None
         if are_units(self._over_numbers(heading.above)):
             heading.units = heading.above
@@ -455,7 +455,7 @@ def _filled(cells: Sequence[str]) -> list[str]:
 
 
 def _with_units(cells: Sequence[str]) -> list[str]:
-    """Names between blanks, each with the unit that stands in brackets after it."""
+    """Names between blanks, each with the unit that is in brackets after it."""
     found: list[str] = []
     for cell in cells:
         if found and cell[:1] in "([":

@@ -49,7 +49,7 @@ class _Segment:
         return cells[column] if 0 < column < len(cells) else ""
 
     def samples(self, column: int) -> int | None:
-        """The samples of a column as stated; a channel's column of times stands before its own."""
+        """The samples of a column as stated; a channel's column of times is before its own."""
         is_time = self.names[column] == _TIME and column > 0
         stated = self.stated("Samples", column + is_time)
         return int(stated) if stated.isdecimal() else None

@@ -196,7 +196,7 @@ class _Arrays:
         self._cells.add(count, f"variable {self._name}")
 
     def _tag(self) -> tuple[int, int, bytes | None]:
-        """Type and length of the next element, its data where they stand in the tag."""
+        """Type and length of the next element, its data where they are in the tag."""
         first, second = struct.unpack(f"{self._order}2I", head := self._source.take(8))
         if first >> 16:  # a small element: length and type in four bytes, four of data
             return first & 0xFFFF, first >> 16, head[4 : 4 + (first >> 16)]

@@ -28,7 +28,7 @@ class ReadOptions:
     """How to read a file where it does not specify this itself; None: detected by the reader.
 
     `header` False: the first row is data and columns are named #1, #2 ...; `skip_rows`
-    lines or rows stand above the table; `decimal` is `.` or `,`;
+    lines or rows are above the table; `decimal` is `.` or `,`;
     `thousands` groups digits (equal to `decimal`: all but the last one do); `sheet` is an
     Excel sheet; `transpose`: each line is a signal, its name first. `names` are the columns that
     are asked for, by which a heading is found.

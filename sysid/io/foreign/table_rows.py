@@ -86,7 +86,7 @@ class _Sorting:
                 self._take(index, stamped)
             else:
                 self.aside.append(index)
-        # What stands below the last row is a footer.
+        # What is below the last row is a footer.
         self.passed += self.aside
         self._tell()
         return self.rows

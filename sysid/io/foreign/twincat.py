@@ -1,6 +1,6 @@
 """TwinCAT Scope's text exports: a block of lines about each channel, then times and values.
 
-In the line `Name` that word stands over each column of times (ms), and the channels' names over the
+In the line `Name` that word is over each column of times (ms), and the channels' names over the
 values that were sampled at them; channels of one rate may share a column. Columns of channels with
 fewer samples end earlier, filled with blanks or not at all.
 """

@@ -82,7 +82,7 @@ def _count(number: int, of: str) -> str:
 
 
 def _level(fleet: Fleet) -> str:
-    """The worst of what stands below: a campaign without a result, a change, a verdict."""
+    """The worst of what is below: a campaign without a result, a change, a verdict."""
     if fleet.failed or any(row.verdict == "unexplained" for row in fleet.rows):
         return "poor"
     open_ones = any(row.effects or row.verdict == "incomplete" for row in fleet.rows)

@@ -23,7 +23,7 @@ def write_control_page(
     notices: Sequence[str],
     stability: Stability | None = None,
 ) -> None:
-    """Write one self-contained HTML page, whole or not at all; `facts` stand in its head.
+    """Write one self-contained HTML page, whole or not at all; `facts` are in its head.
 
     Raises InputError where that is not possible.
     """

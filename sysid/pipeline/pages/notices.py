@@ -31,7 +31,7 @@ def by_section(
 ) -> dict[str, list[str]]:
     """The notices of a campaign's fit by the id of the report's section that they belong to.
 
-    By what each is about; those whose section is not among the `present` ones stand with the data.
+    By what each is about; those whose section is not among the `present` ones are with the data.
     Files without their folder.
     """
     found: dict[str, list[str]] = {}

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReportVerdict:
-    """`level` ("good", "fair", "poor" or "none") is that of the worst of what stands below.
+    """`level` ("good", "fair", "poor" or "none") is that of the worst of what is below.
 
     `sentence` says how well the model follows the rig, `notes` are reservations. `diagnosis` is
     its verdict in one sentence, `following` what to do next, `held_back` what makes the level worse
