@@ -16,6 +16,7 @@ import numpy as np
 from sysid.blocks import figures
 from sysid.blocks.drawing import COLOURS, thinned
 from sysid.blocks.figures import Figure, Panel, Scale
+from sysid.blocks.plots import MOST_IN_LEGEND
 
 Scheme = Literal["light", "dark"]
 BokehModel = Any
@@ -42,7 +43,6 @@ _DASHES: Mapping[str, Any] = {
 }
 _MARKERS = {"o": "circle", "s": "square", "D": "diamond", "x": "x", "_": "dash", ".": "circle"}
 _PIXELS_PER_INCH = 96
-_MOST_IN_LEGEND = 12
 # Values of a line in a figure: two a pixel of a wide page.
 _BUCKETS = 2000
 
@@ -201,7 +201,7 @@ def _legend(plot: BokehModel, panel: Panel, scheme: Scheme) -> None:
     if not plot.legend:
         return
     legend = plot.legend[0]
-    if panel.legend == "none" or not 0 < len(legend.items) <= _MOST_IN_LEGEND:
+    if panel.legend == "none" or not 0 < len(legend.items) <= MOST_IN_LEGEND:
         legend.visible = False
         return
     style_legend(plot, scheme)

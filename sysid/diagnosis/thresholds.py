@@ -1,5 +1,8 @@
 """When an effect is added to a part's law: the numbers, on all of the tests and on parts."""
 
+ACTS = 1e-6
+"""Share of what a law predicts that an effect must change at its probing size to count as acting:
+far above rounding, far below what any log resolves."""
 SIGNIFICANCE = 1e-3
 """Limit of an effect's p-value times the number of effects tried."""
 LEAST_REDUCTION = 0.2
@@ -9,4 +12,4 @@ RIVAL_SHARE = 0.9
 DIGITS = 4
 """Tolerance in comparing shares of the error: two effects may be equivalent on these tests."""
 
-__all__ = ["DIGITS", "LEAST_REDUCTION", "RIVAL_SHARE", "SIGNIFICANCE"]
+__all__ = ["ACTS", "DIGITS", "LEAST_REDUCTION", "RIVAL_SHARE", "SIGNIFICANCE"]

@@ -45,9 +45,9 @@ Commands = tuple[FloatArray | None, FloatArray | None]
 
 # A segment may start this share of its length after its place on the even grid.
 _SLACK = 0.25
-# As long as the diagnosis' run-up along measured motion, in which flows and pressures forget their
-# start.
-_RUN_UP_S = 0.35
+RUN_UP_S = 0.35
+"""A run-up, s, in which flows and pressures forget their start: of a segment that is simulated, and
+of states along measured motion."""
 _MOVING = "{0}: starts while moving ({1}): its first samples give the velocity that it starts with"
 
 
@@ -224,7 +224,7 @@ def _whole_of_part(
     delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0,)
     half = half_window(test.period, stride)
     first = half + math.ceil(max(delays) / test.period)
-    run_up = round(_RUN_UP_S / test.period)
+    run_up = round(RUN_UP_S / test.period)
     allowed = _allowed_starts(test, rig)
     allowed = allowed[(allowed >= first) & (allowed < len(test) - half)]
     last = first + run_up + round(_SLACK * run_up)
@@ -234,7 +234,7 @@ def _whole_of_part(
         raise input_error(
             test.source,
             f"is the remainder of a test after exclusion, too short to be simulated ({len(test)} "
-            f"rows; its first {_RUN_UP_S:g} s only give its start)",
+            f"rows; its first {RUN_UP_S:g} s only give its start)",
             "exclude less of it, or the test as a whole",
         )
     whole = _segment(test, edges, slice(row, len(test)), stride)
@@ -373,7 +373,7 @@ def _run_up(
 ) -> Segment | None:
     """The rows before a segment up to its first, or from the test's start on."""
     half = half_window(test.period, stride)
-    first = start - round(_RUN_UP_S / test.period)
+    first = start - round(RUN_UP_S / test.period)
     if first < half:
         return replace(test.whole, stop=start + 1) if test.trial.begun_s == 0.0 else None
     near = allowed[(allowed >= max(first - half, half)) & (allowed <= first)]

@@ -42,10 +42,10 @@ from sysid.refinement.options import (
 )
 from sysid.refinement.probes import Probes, probes_of
 from sysid.refinement.refine import check_on_off_law, motion_tests_of
+from sysid.refinement.shown import HIGHLY_CORRELATED
 from sysid.refinement.unknowns import Unknown, chosen, unknowns_of, without_own_data
 from sysid.types import FloatArray, Progress, no_progress
 
-HIGHLY_CORRELATED = 0.9
 # A test that lowers a pair's correlation by less is not reported as separating the pair.
 _BREAKS = 0.98
 # A parameter is unknown from this standard error on, in its coordinate, which is of order one.

@@ -27,7 +27,8 @@ DURATION_S = 10.0
 _LIMIT, _SWING = 0.9, 0.3
 _MOTOR_HZ = (0.5, 1.0, 2.0)
 _MOTOR_PHASES = (0.0, 0.5 * np.pi)
-_MOST_STATIC = 6.0
+# An undeclared motor is driven at most at this many times static friction.
+MOST_STATIC = 6.0
 _DRAWS = 24
 # Middle of both duties, by level; their amplitude follows.
 _DUTY_LEVELS = {"low": (0.12, 0.2), "high": (0.22, 0.34)}
@@ -146,7 +147,7 @@ class _Stage:
     @property
     def most_effort(self) -> float:
         static = float(self.model.parameters.static_effort)
-        return min(self.rig.max_effort or np.inf, _MOST_STATIC * static)
+        return min(self.rig.max_effort or np.inf, MOST_STATIC * static)
 
     def shown(self, commands: Sequence[tuple[str, FloatArray, FloatArray | None]]) -> FloatArray:
         """(tests, 3, n): what the sensors show under these commands (kind, motor, valves)."""

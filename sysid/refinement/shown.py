@@ -23,7 +23,9 @@ from sysid.parameters.refinement import (
 )
 from sysid.refinement import figures
 
-_HIGHLY_CORRELATED = 0.9
+HIGHLY_CORRELATED = 0.9
+"""Correlation of two errors from which on tests hardly distinguish the parameters."""
+
 _COLUMNS = (
     "No.", "Parameter", "Moved by", "Known from", "Before", "After", "Unit",
 )  # fmt: skip
@@ -201,7 +203,7 @@ def _tied(values: list[RefinedValue], matrix: list[list[float]]) -> str:
     pairs = [
         f"{values[i].name} and {values[j].name} ({number(matrix[i][j], 2)})"
         for i, j in itertools.combinations(range(len(values)), 2)
-        if abs(matrix[i][j]) > _HIGHLY_CORRELATED
+        if abs(matrix[i][j]) > HIGHLY_CORRELATED
     ]
     return f" The tests hardly distinguish: {', '.join(pairs)}." if pairs else ""
 

@@ -39,7 +39,6 @@ _DECIDED = 2.0 * math.log(1e4)
 _MOST_JUDGED = 4
 # Rivals that are refined: a refinement takes as long as half a search.
 _MOST_RIVALS = 1
-_SMALLEST_P = 1e-300
 
 Simulated = Callable[[Model], float]
 """Minus twice the log likelihood of the fitted motion tests, simulated with a model."""

@@ -23,10 +23,10 @@ from sysid.plant import base, plant
 from sysid.plant.base import Array
 from sysid.plant.ports import Model, Point, Structure, join, overrides, split, with_load
 from sysid.plant.steps import heun
+from sysid.recording.motion_tests import RUN_UP_S
 from sysid.types import BoolArray, FloatArray, IntArray
 
 _PIECE_S = 0.25
-_RUN_UP_S = 0.35
 # A resonance takes longer to forget, and costs less: fewer tests, no flows.
 _MECHANICAL_RUN_UP_S = 1.0
 _STATE_STEP_S = 1e-3
@@ -166,7 +166,7 @@ class _Pieces:
 def _all_pieces(tests: tuple[TestRun, ...], needs_flow: bool) -> tuple[_Pieces, ...]:
     """The pieces of all tests that are concerned, so many together of one sampling period."""
     runs = [run for run in tests if run.moves or needs_flow]
-    run_up = _RUN_UP_S if needs_flow else _MECHANICAL_RUN_UP_S
+    run_up = RUN_UP_S if needs_flow else _MECHANICAL_RUN_UP_S
     return tuple(
         pieces
         for period in sorted({run.period for run in runs})

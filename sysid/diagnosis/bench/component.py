@@ -17,9 +17,11 @@ from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
+from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Parts
 from sysid.parameters.base import Part
 from sysid.parameters.valves import AUTO
+from sysid.plant.base import PARAMETER_NAMES, Parameters
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.types import FloatArray, IntArray
 
@@ -310,6 +312,20 @@ def rmse(parts: Sequence[FloatArray]) -> float:
     return math.sqrt(float(np.mean(values**2))) if len(values) else math.nan
 
 
+def valve_alone(rig: Rig) -> Parameters:
+    """The constants of a valve without an actuator: pressures by the rig file's `[air]`, else 1 and
+    6 bar, and its PWM period, else 1 s."""
+    low, high = 1e5, 6e5
+    if rig.air is not None:
+        low, high = rig.air.atmospheric_pressure_pa, rig.air.supply_pressure_pa
+    return Parameters(**dict.fromkeys(PARAMETER_NAMES, 0.0)).replace(
+        atmosphere=low,
+        supply=high,
+        supply_reference=high,
+        pwm_period=rig.pwm.period_s if rig.pwm else 1.0,
+    )
+
+
 __all__ = [
     "NOT_SIMULATED",
     "PROBE",
@@ -324,4 +340,5 @@ __all__ = [
     "shapes",
     "smallest_probe",
     "usable",
+    "valve_alone",
 ]

@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sysid.diagnosis.bench.component import Component, Law, law_held, probes, shapes
+from sysid.diagnosis.thresholds import ACTS
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -37,8 +38,6 @@ from sysid.types import FloatArray, IntArray
 KIND = "friction-points"
 SPEED = "velocity_rad_per_s"
 TORQUE = "motor_torque_nm"
-# What an effect must add beyond the law's own columns, over the effort, to count as acting.
-_ACTS = 1e-6
 # A modelled speed is searched for up to this many times the fastest reading.
 _FASTEST = 4.0
 _HALVINGS = 50
@@ -141,7 +140,7 @@ class FrictionPoints(Component):
             there = Law(law.values, (probe,))
             more = self._effort(there, angle, velocity, direction) - without
             beyond = more - basis @ (basis.T @ more)
-            return bool(np.abs(beyond).max() > _ACTS * np.abs(without).max())
+            return bool(np.abs(beyond).max() > ACTS * np.abs(without).max())
 
         return tuple(
             kind

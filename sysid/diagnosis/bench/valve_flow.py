@@ -23,7 +23,9 @@ from sysid.diagnosis.bench.component import (
     probes,
     rmse,
     usable,
+    valve_alone,
 )
+from sysid.diagnosis.thresholds import ACTS
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -33,7 +35,6 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle, FittedValves, Parts, Valve
 from sysid.parameters.quality import quality_field
 from sysid.parameters.valves import SteadyLaw
-from sysid.plant import base
 from sysid.plant.base import Parameters
 from sysid.plant.effects.bench import DUTY_DIRECTION
 from sysid.plant.effects.entry import CatalogueEffect
@@ -50,11 +51,8 @@ _SIDE = "a"
 # third row would; and every fold holds a stretch of the upper half, where there is flow.
 _STRETCHES = 12
 _FEWEST_ROWS = 24
-# What an effect must change beyond the gain, over the flow, at its probing size, to count.
-_ACTS = 1e-6
 # A proportional valve has no pulses that could be too short.
 _PULSED = ("partial-opening",)
-_NOMINAL_PA = (1e5, 6e5)
 _GRID = 4001
 
 
@@ -118,7 +116,7 @@ class ValveFlow(Component):
         if not np.isfinite(flow).all():
             return False
         own = flow - without * float(flow @ without) / float(without @ without)
-        return float(np.abs(own).max()) > _ACTS * float(np.abs(without).max())
+        return float(np.abs(own).max()) > ACTS * float(np.abs(without).max())
 
     def flow(self, law: Law, duty: ArrayLike, direction: ArrayLike = 0.0) -> FloatArray:
         """Settled flow, kg/s, at duties (n,); `direction` as in `DutyStretch`, 0: mean of both."""
@@ -224,18 +222,8 @@ def valve_flow(trials: Sequence[Trial], rig: Rig) -> ValveFlow:
     """
     if not trials:
         raise NotIdentifiedError(f"no {KIND} test to fit; give a sweep of the duty")
-    zero = dict.fromkeys(base.PARAMETER_NAMES, 0.0)
-    low, high = _NOMINAL_PA
-    if rig.air is not None:
-        low, high = rig.air.atmospheric_pressure_pa, rig.air.supply_pressure_pa
-    fixed = Parameters(**zero).replace(
-        atmosphere=low,
-        supply=high,
-        supply_reference=high,
-        pwm_period=rig.pwm.period_s if rig.pwm else 1.0,
-    )
     found, left_out = usable(trials, _stretches)
-    return ValveFlow(fixed, tuple(s for own in found for s in own), tuple(left_out))
+    return ValveFlow(valve_alone(rig), tuple(s for own in found for s in own), tuple(left_out))
 
 
 def _stretches(trial: Trial) -> list[DutyStretch]:

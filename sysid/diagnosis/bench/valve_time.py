@@ -22,7 +22,9 @@ from sysid.diagnosis.bench.component import (
     probes,
     rmse,
     usable,
+    valve_alone,
 )
+from sysid.diagnosis.thresholds import ACTS
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -32,7 +34,6 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle, FittedValves, Parts, Valve
 from sysid.parameters.quality import quality_field
 from sysid.parameters.valves import TimingLaw
-from sysid.plant import base
 from sysid.plant.base import Parameters
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Effect, Model, Point, overrides
@@ -48,12 +49,9 @@ _SIDE = "a"
 _TRAIN, _FIRST, _LAST = 12, 6, 9
 # A valve that never opens still leaks: no time is longer than this many times the shortest.
 _LEAST_SHARE = 1e-3
-# What an effect must change of the logarithm at its probing size to count as acting.
-_ACTS = 1e-6
 # Not part of this law: one needs the time since the valve was switched on, which no reading
 # holds, the other a spool with positions between shut and open.
 _NOT_HERE = ("coil-heating", "valve-dead-band")
-_NOMINAL_PA = (1e5, 6e5)
 
 
 @dataclass(frozen=True)
@@ -115,7 +113,7 @@ class ValveTime(Component):
         if not all(np.isfinite(part).all() for part in change):
             return False
         return any(
-            float(np.ptp(np.concatenate(parts))) > _ACTS
+            float(np.ptp(np.concatenate(parts))) > ACTS
             for parts in (
                 [c for c, s in zip(change, self.sweeps, strict=True) if s.fills == fills]
                 for fills in {s.fills for s in self.sweeps}
@@ -243,19 +241,11 @@ def valve_time(trials: Sequence[Trial], rig: Rig) -> ValveTime:
     """
     if not trials:
         raise NotIdentifiedError(f"no {KIND} test to fit; give a sweep of the duty")
-    zero = dict.fromkeys(base.PARAMETER_NAMES, 0.0)
-    low, high = _NOMINAL_PA
-    if rig.air is not None:
-        low, high = rig.air.atmospheric_pressure_pa, rig.air.supply_pressure_pa
-    fixed = Parameters(**zero).replace(
-        atmosphere=low,
-        supply=high,
-        supply_reference=high,
+    fixed = valve_alone(rig).replace(
         choked_fill_a=1.0,
         choked_dis_a=1.0,
         on_delay_a=rig.valves.on_delay_s if rig.valves else 0.0,
         off_delay_a=rig.valves.off_delay_s if rig.valves else 0.0,
-        pwm_period=rig.pwm.period_s if rig.pwm else 1.0,
     )
     found, left_out = usable(trials, _sweep)
     return ValveTime(fixed, tuple(found), tuple(left_out))

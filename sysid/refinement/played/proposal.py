@@ -15,6 +15,7 @@ from sysid.plant.effects.linear import possible_on
 from sysid.plant.ports import Model
 from sysid.plant.simulator import MAX_STEP
 from sysid.refinement.advice import Beginning
+from sysid.refinement.candidates import DURATION_S, MOST_STATIC
 from sysid.refinement.information import ProbedProblem
 from sysid.refinement.options import RunsOfTests, information, problem_of, runs_of_tests
 from sysid.refinement.played.design import Aim, DesignedSet, DesignStage, designed
@@ -26,7 +27,6 @@ from sysid.refinement.refine import SEGMENT_S
 from sysid.refinement.unknowns import numbers_of
 from sysid.types import FloatArray, Progress, no_progress
 
-DURATION_S = 10.0
 # A short test is cut as a refinement cuts motion: into a segment, which may start a little later.
 _PIECE_S = 1.25 * SEGMENT_S
 # Plants on which a test is designed, and others on which it is checked.
@@ -138,11 +138,7 @@ def _largest_effort(began: Beginning, limits: MotionLimits) -> float:
     if rig.motor is None:
         return 0.0
     static = float(began.setting.model.parameters.static_effort)
-    return min(limits.effort, _MOST_STATIC * static)
-
-
-# An undeclared motor is driven at most at this many times static friction.
-_MOST_STATIC = 6.0
+    return min(limits.effort, MOST_STATIC * static)
 
 
 def _expected(
