@@ -207,7 +207,7 @@ class Figure:
 
     `title` names the figure, `description` puts it in words for those who do not see it, `heading`
     is in the figure (the title where it is empty). `id` is its own in a page, `size` its width
-    and height in inches. `is_interactive`: worth zooming into.
+    and height in inches.
     """
 
     id: str
@@ -216,7 +216,6 @@ class Figure:
     panels: tuple[Panel, ...]
     heading: str = ""
     size: tuple[float, float] = PANEL
-    is_interactive: bool = False
 
 
 @dataclass(frozen=True)

@@ -25,12 +25,6 @@ if TYPE_CHECKING:
 # One placeholder per role; style.css gives each its colour in either scheme.
 _ROLES = ("ink", "muted", "grid", "measured", "model", "second", "third", "fourth", "band")
 COLOUR = {role: f"#fe{i:02x}01" for i, role in enumerate(_ROLES)}
-MODEL_STYLES: tuple[tuple[str, Any], ...] = (
-    (COLOUR["model"], "-"),
-    (COLOUR["second"], (0, (5, 1.5))),
-    (COLOUR["third"], (0, (1.5, 1))),
-    (COLOUR["fourth"], (0, (6, 1.5, 1.5, 1.5))),
-)
 
 _MARGIN = {"left": 0.64, "right": 0.21, "top": 0.31, "bottom": 0.48}  # inches
 _FONT_PT = 8.6
@@ -231,7 +225,6 @@ def _shorter(match: re.Match[str]) -> str:
 
 __all__ = [
     "COLOUR",
-    "MODEL_STYLES",
     "PANEL",
     "SMALL_PANEL",
     "TALL_PANEL",

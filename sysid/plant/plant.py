@@ -1,38 +1,20 @@
 """The plant's right-hand side: the equations of `base` combined through the ports.
 
 Pure functions of (point, model) for numpy and jax alike. The discontinuities are not
-decided here: a `Regime` says on which side of each the plant is, so that an integrator
-that locates them sees smooth equations in between.
+decided here: which flows are choked and which way the shaft slides is given, so that an
+integrator that locates them sees smooth equations in between.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from sysid.io.channels import SIDES
 from sysid.plant import base, valve_laws
 from sysid.plant.base import Array, array_namespace
 from sysid.plant.ports import Model, Point
-
-
-@dataclass(frozen=True)
-class Regime:
-    """On which side of each discontinuity the plant is; arrays over runs.
-
-    `choked_a/b`: whether the flow of the valve (filling if on, exhaust if off) is choked.
-    `direction`: -1, 1 sliding, 0 sticking.
-    """
-
-    choked_a: Array
-    choked_b: Array
-    direction: Array
-
-    def choked(self, side: str) -> Array:
-        """Whether a side's flow is choked."""
-        return self.choked_a if side == "a" else self.choked_b
 
 
 def displacement(point: Point, model: Model) -> Array:
@@ -374,7 +356,6 @@ def initial_states(point: Point, model: Model) -> dict[str, Array]:
 
 __all__ = [
     "SIDES",
-    "Regime",
     "acceleration",
     "applied_effort",
     "averaged_flow",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TypeVar
 
 import numpy as np
 from pydantic import JsonValue
@@ -12,11 +11,9 @@ from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle
-from sysid.parameters.correlation import CorrelatedPart
 from sysid.parameters.refinement import Refinement
 from sysid.refinement.result import RefineResult
 
-_Fitted = TypeVar("_Fitted", bound=CorrelatedPart)
 # A parameter that was not identified has no correlation, not even with itself.
 _NOTHING = 0.5
 
