@@ -59,6 +59,7 @@ from datasets.generator.campaign import drawn_effects  # noqa: E402
 from sysid.diagnosis.actuator.equation_error import CHANNELS  # noqa: E402
 from sysid.diagnosis.actuator.fitted_set import fit_set  # noqa: E402
 from sysid.diagnosis.actuator.loop import Start, begin  # noqa: E402
+from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of  # noqa: E402
 from sysid.diagnosis.actuator.null_distribution import Null  # noqa: E402
 from sysid.diagnosis.actuator.projection import Projected, channel_squares, projected  # noqa: E402
 from sysid.diagnosis.actuator.screened import (  # noqa: E402
@@ -73,7 +74,6 @@ from sysid.io.campaign import KINDS, read_campaign  # noqa: E402
 from sysid.parameters import read_bundle  # noqa: E402
 from sysid.plant.effects import catalogue  # noqa: E402
 from sysid.plant.effects.entry import CatalogueEffect  # noqa: E402
-from sysid.search.misfit import ResidualChannel, cost, weights_of  # noqa: E402
 from sysid.types import FloatArray  # noqa: E402
 
 EFFECTS = {name: effect for name, effect in catalogue().items() if not effect.averaged_only}

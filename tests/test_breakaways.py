@@ -15,6 +15,7 @@ from sysid.diagnosis.actuator.equation_error import (
     channels_of,
     equation_error,
 )
+from sysid.diagnosis.actuator.misfit import ResidualChannel
 from sysid.diagnosis.actuator.projection import Projected, projected
 from sysid.diagnosis.actuator.refit import refit
 from sysid.diagnosis.actuator.samples import Traces, prepare
@@ -29,7 +30,6 @@ from sysid.plant import plant
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.effects.friction import SealFriction, StictionAfterRest
 from sysid.plant.ports import Model
-from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
 EXPONENTIAL = ("stiction-after-rest", "exponential", 1.0)

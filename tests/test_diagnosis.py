@@ -15,6 +15,7 @@ from scipy.signal import lfilter
 from datasets.generator.campaign import LAB, GeneratedCampaign, Size, drawn_effects, make_campaign
 from sysid.diagnosis.actuator import finder as finder_module
 from sysid.diagnosis.actuator.choked_boundaries import near_boundaries
+from sysid.diagnosis.actuator.columns import Proposal
 from sysid.diagnosis.actuator.diagnose import (
     _is_beyond_draws,
     _of_fitted_numbers,
@@ -34,6 +35,7 @@ from sysid.diagnosis.actuator.finder import Finder
 from sysid.diagnosis.actuator.fitted_set import FittedSet, _log_volume, _prior_cost, fit_set
 from sysid.diagnosis.actuator.holdout import HeldOut
 from sysid.diagnosis.actuator.loop import Loop, close_loop
+from sysid.diagnosis.actuator.misfit import ResidualChannel
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected, projected
@@ -91,8 +93,6 @@ from sysid.plant.effects.supply import ExhaustBackPressure, SupplyDroop, SupplyP
 from sysid.plant.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import prepare_all
-from sysid.search.columns import Proposal
-from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray, no_progress
 
 SEED = 900

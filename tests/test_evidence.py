@@ -12,10 +12,10 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
-from sysid.search.columns import ODDS, Columns, FormColumns, Proposal
-from sysid.search.misfit import RELATIVE_MODEL_ERROR, ResidualChannel
-from sysid.search.misfit import cost as cost_of
-from sysid.search.sets import best_sets, names_of
+from sysid.diagnosis.actuator.columns import ODDS, Columns, FormColumns, Proposal
+from sysid.diagnosis.actuator.misfit import RELATIVE_MODEL_ERROR, ResidualChannel
+from sysid.diagnosis.actuator.misfit import cost as cost_of
+from sysid.diagnosis.actuator.sets import best_sets, names_of
 from sysid.types import FloatArray
 
 FREE = (-math.inf, math.inf)

@@ -13,6 +13,7 @@ from sysid.diagnosis.actuator import finder as finder_module
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT
 from sysid.diagnosis.actuator.finder import Finder
 from sysid.diagnosis.actuator.fitted_set import fit_set, weighed
+from sysid.diagnosis.actuator.misfit import weights_of
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.samples import Traces, prepare
@@ -26,7 +27,6 @@ from sysid.plant.effects.linkage import LinkFlexibility
 from sysid.plant.effects.motor import TorqueOffset
 from sysid.plant.effects.sensor import PressureLag, TimeSkew
 from sysid.plant.ports import Model
-from sysid.search.misfit import weights_of
 
 KINDS = (QuadraticDrag, SealFriction, AtmosphereLeakage, TorqueOffset)
 

@@ -11,13 +11,13 @@ import pytest
 
 from sysid.diagnosis.actuator import screened as screened_module
 from sysid.diagnosis.actuator.equation_error import CHANNELS
+from sysid.diagnosis.actuator.misfit import ResidualChannel
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.screened import screened
 from sysid.diagnosis.actuator.signatures import Candidate, candidates
 from sysid.diagnosis.search_record import Recorder
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.friction import QuadraticDrag, SealFriction
-from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
 ROWS = 400

@@ -16,8 +16,10 @@ from functools import partial
 import numpy as np
 from scipy.special import chdtrc
 
+from sysid.diagnosis.actuator.columns import Columns, Proposal
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, forget
 from sysid.diagnosis.actuator.fitted_set import FittedSet, fall_on_twin, fit_set
+from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
 from sysid.diagnosis.actuator.oscillation import steady_oscillation
 from sysid.diagnosis.actuator.projection import (
@@ -28,6 +30,7 @@ from sysid.diagnosis.actuator.projection import (
 )
 from sysid.diagnosis.actuator.refit import own_columns
 from sysid.diagnosis.actuator.screened import Bias, Screening, Signed, noise_channels, screened
+from sysid.diagnosis.actuator.sets import best_sets, names_of
 from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.search import MOST_EFFECTS
 from sysid.diagnosis.search_record import Recorder, SearchStage
@@ -37,9 +40,6 @@ from sysid.parallel import attempt, attempt_in_threads, limited
 from sysid.plant.effects.catalogue import class_of
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
-from sysid.search.columns import Columns, Proposal
-from sysid.search.misfit import ResidualChannel, cost, weights_of
-from sysid.search.sets import best_sets, names_of
 from sysid.types import FloatArray, Progress
 
 # Sets of each size that are fitted a round.

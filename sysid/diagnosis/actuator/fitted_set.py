@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import CHANNELS
+from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
 from sysid.diagnosis.actuator.threshold_steps import best_near
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, overrides
-from sysid.search.misfit import ResidualChannel, cost, weights_of
 from sysid.types import FloatArray
 
 _PASSES = 2

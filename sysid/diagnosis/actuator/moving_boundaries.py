@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import BALANCES, CHANNELS, EFFORT
+from sysid.diagnosis.actuator.misfit import ResidualChannel
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.screened import screened
 from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.search_record import Recorder
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import overrides
-from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
 # A balance whose mean whitened square is larger holds more than noise.

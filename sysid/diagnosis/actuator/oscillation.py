@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import EFFORT, EquationError, channels_of
+from sysid.diagnosis.actuator.misfit import ResidualChannel
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.plant.effects.entry import CatalogueEffect
-from sysid.search.misfit import ResidualChannel
 from sysid.types import FloatArray
 
 # Of the mains, Hz; a fit of a resonance may end next to it.

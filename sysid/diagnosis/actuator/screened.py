@@ -9,7 +9,9 @@ from functools import partial
 
 import numpy as np
 
+from sysid.diagnosis.actuator.columns import Columns, FormColumns, Proposal
 from sysid.diagnosis.actuator.equation_error import CHANNELS
+from sysid.diagnosis.actuator.misfit import ResidualChannel, weights_of
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures
@@ -18,8 +20,6 @@ from sysid.diagnosis.search_record import Recorder
 from sysid.parallel import attempt_in_threads, spend
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
-from sysid.search.columns import Columns, FormColumns, Proposal
-from sysid.search.misfit import ResidualChannel, weights_of
 from sysid.types import FloatArray
 
 # Below this remaining share of its length a column is one that the base parameters imitate.

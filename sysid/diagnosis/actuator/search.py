@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.diagnosis.actuator.columns import ODDS
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.finder import Contender, Finder
 from sysid.diagnosis.actuator.fitted_set import FittedSet, fit_set, weighed
+from sysid.diagnosis.actuator.misfit import weights_of
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected, projected
 from sysid.diagnosis.actuator.refit import (
@@ -30,8 +32,6 @@ from sysid.errors import Failure, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.parallel import attempt, limited
 from sysid.plant.ports import Model
-from sysid.search.columns import ODDS
-from sysid.search.misfit import weights_of
 from sysid.types import FloatArray
 
 # Where the balances' odds are less than this, twice their log, motion decides as well.

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from sysid.search.misfit import ResidualChannel, cost, weights_of
+from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
 from sysid.types import BoolArray, FloatArray, IntArray
 
 ODDS = 2.0 * math.log(20.0)

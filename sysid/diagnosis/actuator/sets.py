@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from sysid.search.columns import Columns, Proposal
+from sysid.diagnosis.actuator.columns import Columns, Proposal
 
 # Effects that alone explain most, with each of which every form is tried; and the sets to which a
 # further one is added. The true pair came first where its second effect ranked 10th alone.
