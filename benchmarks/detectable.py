@@ -136,7 +136,7 @@ class Standard:
         own = list(columns.blocks[form].columns)
         information = np.einsum("c,cij->ij", weights, columns.gram[:, own][:, :, own])
         size = float(np.linalg.slogdet(np.eye(len(own)) + information)[1])
-        twins = self.bias.gain(self.some, (form,), weights)
+        twins = self.bias.reduction(self.some, (form,), weights)
         price = size + float(columns.penalty[form]) + twins
         return float(cost(channels, origin) - cost(channels, self.none)), price
 
