@@ -327,7 +327,7 @@ CASES = [
         "run.csv",
         "UTF-8",
     ),
-    Case("binary", lambda w: w.log.write_bytes(b"\x89PNG\0\0" * 50), "run.csv", "sysid convert"),
+    Case("binary", lambda w: w.log.write_bytes(b"\x01\x02\0\0" * 50), "run.csv", "sysid convert"),
     Case(
         "a directory",
         lambda w: w.arguments.__setitem__(-1, str(w.folder)),

@@ -13,6 +13,8 @@ from typing import Any
 import h5py
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from foreign_files import (
     ANGLE_DEG,
@@ -871,3 +873,42 @@ def test_a_signature_alone_is_no_file(
     path.write_bytes(signature + rest)
     refused(path, tmp_path / "log.csv", "; ")
     assert capfd.readouterr() == ("", "")
+
+
+def test_hdf5_by_its_netcdf_attributes(tmp_path: Path) -> None:
+    packed = np.arange(9, dtype="i2")
+    with h5py.File(tmp_path / "rec.h5", "w", userblock_size=1024) as file:
+        for name in ("plain", "packed", "gaps"):
+            file[name] = packed
+            file[name].attrs["_FillValue"] = np.array([-1], dtype="i2")
+        file["packed"].attrs["scale_factor"], file["packed"].attrs["add_offset"] = 0.5, [10.0]
+        file["gaps"].attrs["_FillValue"] = 3
+    found = table_of(tmp_path / "rec.h5")
+    assert found.columns["plain"].tolist() == packed.tolist()
+    assert found.columns["packed"].tolist() == (10.0 + 0.5 * packed).tolist()
+    assert np.flatnonzero(np.isnan(found.columns["gaps"])).tolist() == [3]
+    assert len(found.notices) == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (b"\xef\xbb\xbf\n<!DOCTYPE html><html><table>", "a web page .*; download the file itself"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "Git LFS .*; fetch it: git lfs pull"),
+        (b"# Created by Octave 8.4\n# name: t\n", "Octave; save it in Octave with save -v7"),
+        (b"BZh91AY&SY", r"bzip2\); unpack it with bunzip2 first"),
+        (b"ARROW1\0\0", r"Arrow .*; save it as Parquet"),
+        (b"<?xml version='1.0'?>", "an XML file; export it as CSV"),
+    ],
+)
+def test_files_that_are_no_recordings_are_named(tmp_path: Path, content: bytes, what: str) -> None:
+    (tmp_path / "rec.csv").write_bytes(content)
+    with pytest.raises(InputError, match=f"rec.csv: is .*{what}"):
+        table_of(tmp_path / "rec.csv")
+
+
+def test_parquet_of_two_columns_of_one_name(tmp_path: Path) -> None:
+    columns = [pa.array([1.0, 2.0]), pa.array([3.0, 4.0]), pa.array([5.0, 6.0])]
+    pq.write_table(pa.Table.from_arrays(columns, names=["t", "u", "u"]), tmp_path / "rec.parquet")
+    found = table_of(tmp_path / "rec.parquet")
+    assert list(found.columns) == ["t"] and found.skipped == {"u": "it names 2 columns"}

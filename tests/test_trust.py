@@ -14,7 +14,7 @@ from sysid.friction import FrictionResult, fit_friction
 from sysid.io.bare_rig import read_bare_logs
 from sysid.io.logs import Log, read_log
 from sysid.io.rig import Rig, Sensors
-from sysid.io.trust.jumps import Resolution, without_jumps
+from sysid.io.trust.jumps import Resolution, over_two_steps, without_jumps
 from sysid.types import FloatArray
 
 MASS, COULOMB, VISCOUS = 2.0, 8.0, 25.0
@@ -133,6 +133,18 @@ def test_stick_slip_is_no_jump(period: float, count: float) -> None:
     slips = 0.002 * (done + 0.5 - 0.5 * np.cos(np.pi * phase))
     position = count * np.round(slips / count)
     assert without_jumps(t, position, Resolution(count, True))[1] == []
+    assert over_two_steps(t, position, Resolution(count, True)) == []
+
+
+@pytest.mark.parametrize("first", [0.5, 0.2])
+def test_a_jump_over_two_rows_is_named_and_nothing_is_changed(first: float, tmp_path: Path) -> None:
+    frame = jumped(jumped(axis_frame(), 5000, first * 0.0137), 5001, (1 - first) * 0.0137)
+    log, _ = bare(frame, tmp_path)
+    (line,) = (n for n in log.notices if "jumps by" in n)
+    assert "in line 5002 (5 s)" in line and "nothing is changed" in line
+    size = float(line.split("jumps by ")[1].split()[0])
+    assert size == pytest.approx(13.7, abs=4e3 * COUNT)
+    assert np.ptp(log.trials[0]["position_m"] - frame["position_m"]) < 1e-9
 
 
 def test_a_clock_that_jitters_or_loses_rows_is_no_jump() -> None:

@@ -17,6 +17,7 @@ from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
 from sysid.checks.bench import BENCH_LAWS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import located_contradictions, readings_of
+from sysid.checks.consistency.repeats import repeated_tests
 from sysid.checks.friction import Identification
 from sysid.checks.identifiability import excitation, identifications
 from sysid.io.campaign import FRICTION_POINTS, Campaign
@@ -223,16 +224,18 @@ def check_campaign(campaign: Campaign, *, by_content: bool = False) -> list[LogC
     `by_content`: what a log identifies goes by each test, not by the kind that is declared. Raises
     InputError.
     """
-    checks, read = [], []
+    checks, read, logs = [], [], []
     for entry in campaign.logs:
         log = campaign.read(entry)
+        logs.append((entry, log))
         by_row = all(trial.is_readings for trial in log.trials)
         declared = None if by_content and not by_row else entry.kind
         checks.append(replace(check_log(log, campaign.rig, declared), use=entry.use))
         read.append(readings_of(log, entry.kind, campaign.rig, entry.file))
     names = [entry.file for entry in campaign.logs]
     lines: list[list[str]] = [[] for _ in checks]
-    for found in located_contradictions(read, campaign.rig):
+    repeated = repeated_tests(logs, campaign.rig)
+    for found in (*located_contradictions(read, campaign.rig), *repeated):
         # What is wrong in the rig file is said with the first log.
         lines[names.index(found.source) if found.source in names else 0].append(found.line)
     return [

@@ -17,14 +17,16 @@ BAG_METADATA, BAG_SUFFIXES = "metadata.yaml", (".db3", ".mcap")
 
 
 class FileKind(NamedTuple):
-    """`what` a file is, in words, and the module of `sysid.io.foreign` that reads it ("": none)."""
+    """`what` a file is, in words, and the module of `sysid.io.foreign` that reads it ("": none);
+    `fix`: what to do with a file that none reads."""
 
     what: str
     reader: str = ""
+    fix: str = "unpack it first"
 
 
 OLD_EXCEL = FileKind("an old Excel workbook (.xls)")
-GZIP = FileKind("a compressed file (gzip)")
+GZIP = FileKind("a compressed file (gzip)", fix="unpack it with gunzip first")
 ARCHIVE = FileKind("an archive (zip)")
 DAMAGED_ARCHIVE = FileKind("a damaged archive (zip)")
 _ARRAY = FileKind("a NumPy array (.npy)", "arrays")
@@ -44,7 +46,10 @@ _ULOG = FileKind("a PX4 log (ULog)", "ulog")
 
 NUMPY_HEAD, PARQUET_HEAD, TDMS_HEAD = b"\x93NUMPY", b"PAR1", b"TDSm"
 SQLITE_HEAD = b"SQLite format 3\0"
+# Bytes that a program may put before an HDF5 file; MATLAB's are 512.
+_USER_BLOCKS = (512, 1024, 2048)
 _HDF5_HEAD = b"\x89HDF\r\n\x1a\n"
+_OTHER_FILE = "give the recording itself"
 _SIGNATURES = (
     (TDMS_HEAD, _TDMS),
     (PARQUET_HEAD, _PARQUET),
@@ -59,6 +64,36 @@ _SIGNATURES = (
     (_HDF5_HEAD, _HDF5),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", OLD_EXCEL),
     (b"\x1f\x8b", GZIP),
+    (b"BZh", FileKind("a compressed file (bzip2)", fix="unpack it with bunzip2 first")),
+    (b"\xfd7zXZ\0", FileKind("a compressed file (xz)", fix="unpack it with unxz first")),
+    (b"\x28\xb5\x2f\xfd", FileKind("a compressed file (zstd)", fix="unpack it with unzstd first")),
+    (b"7z\xbc\xaf\x27\x1c", FileKind("an archive (7z)")),
+    (b"Rar!\x1a\x07", FileKind("an archive (rar)")),
+    (b"ARROW1\0\0", FileKind("an Arrow file (Feather)", fix="save it as Parquet")),
+    (b"PARE", FileKind("an encrypted Parquet file", fix="save it without encryption")),
+    (b"\x80\x04\x95", FileKind("a Python pickle", fix="save it as Parquet or CSV")),
+    (b"\x80\x05\x95", FileKind("a Python pickle", fix="save it as Parquet or CSV")),
+    (b"%PDF-", FileKind("a PDF document", fix=_OTHER_FILE)),
+    (b"\x89PNG", FileKind("a picture (PNG)", fix=_OTHER_FILE)),
+    (b"\xff\xd8\xff", FileKind("a picture (JPEG)", fix=_OTHER_FILE)),
+    (
+        b"version https://git-lfs",
+        FileKind("a pointer of Git LFS in place of the file", fix="fetch it: git lfs pull"),
+    ),
+    (
+        b"# Created by Octave",
+        FileKind("a text file of Octave", fix="save it in Octave with save -v7 FILE.mat"),
+    ),
+)
+# Of text that is no table, whatever its capitals and what stands above it.
+_MARKUP = (
+    (
+        re.compile(rb"\s*(?:<!--.*?-->\s*)?<(?:!doctype html|html|table)\b", re.I | re.S),
+        FileKind(
+            "a web page (HTML)", fix="download the file itself, or save it from Excel as .xlsx"
+        ),
+    ),
+    (re.compile(rb"\s*<\?xml\b", re.I), FileKind("an XML file", fix="export it as CSV")),
 )
 _BY_SUFFIX = {
     ".mat": _MATLAB,
@@ -149,8 +184,12 @@ def kind_by_content(path: Path, file: BinaryIO) -> FileKind | None:
         for signature, kind in _SIGNATURES:
             if head.startswith(signature):
                 return kind
-        if head[512 : 512 + len(_HDF5_HEAD)] == _HDF5_HEAD:
-            return _MATLAB_7_3
+        for before in _USER_BLOCKS:
+            if head.startswith(_HDF5_HEAD, before):
+                return _MATLAB_7_3 if before == _USER_BLOCKS[0] else _HDF5
+        for pattern, kind in _MARKUP:
+            if pattern.match(head.removeprefix(codecs.BOM_UTF8)):
+                return kind
         if head.startswith(b"PK\x03\x04"):
             return _kind_of_archive(path, file)
         return _JSON if _looks_like_json(path, head) else None
@@ -210,8 +249,8 @@ def reject_foreign(path: Path, file: BinaryIO) -> None:
     file.seek(start)
     if is_bundle:
         raise input_error(path, "is a fitted bundle, not a log", "give the path of a log")
-    if kind == GZIP:
-        raise input_error(path, f"is {kind.what}, not a log", "unpack it with gunzip first")
+    if not kind.reader and kind not in (OLD_EXCEL, DAMAGED_ARCHIVE):
+        raise input_error(path, f"is {kind.what}, not a log", kind.fix)
     raise _is_no_log(path, kind.what)
 
 

@@ -20,7 +20,6 @@ from sysid.errors import input_error, shortened
 from sysid.io.bounds import chunks
 from sysid.io.file_kinds import (
     DAMAGED_ARCHIVE,
-    GZIP,
     HEAD_BYTES,
     OLD_EXCEL,
     FileKind,
@@ -178,9 +177,7 @@ def _unread(path: Path, file: BinaryIO, kind: FileKind) -> NoReturn:
         named = kind_by_name(path)
         what = "an Excel workbook" if named is None else named.what
         raise damaged(path, what, "its list of contents cannot be read")
-    raise input_error(
-        path, f"is {kind.what}", f"unpack it{' with gunzip' if kind == GZIP else ''} first"
-    )
+    raise input_error(path, f"is {kind.what}", kind.fix)
 
 
 def _holds(file: BinaryIO, words: bytes) -> bool:

@@ -26,6 +26,8 @@ from sysid.io.foreign.matlab_objects import only_objects, reason
 from sysid.io.foreign.table import ForeignTable, ReadOptions
 
 _OUTSIDE = "save the data in one file (in MATLAB: load, then save)"
+# Attributes of the netCDF conventions for what stands for no value, and for packed values.
+_NO_VALUE, _PACKED = (b"_FillValue", b"missing_value"), (b"scale_factor", b"add_offset")
 # Bytes of MATLAB's attributes, of its names, and of what filters add to a chunk, are fewer.
 _SHORT = 1024
 
@@ -49,13 +51,34 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
             if fields := _fields_of_numbers(node.dtype):
                 _add_fields(table, name, node.fields(fields)[()])
             else:
-                table.add(name, np.asarray(node[()]).T)
+                table.add(name, _unpacked(table, name, node, np.asarray(node[()])).T)
             unit = _attribute(node, b"units") or _attribute(node, b"unit")
             if isinstance(unit, str) and unit.strip():
                 _set_unit(table, name, unit.strip())
     if found.objects and not table.columns:
         raise only_objects(path, found.objects)
     return table
+
+
+def _unpacked(table: ForeignTable, name: str, node: Any, values: NDArray[Any]) -> NDArray[Any]:
+    """Values as the attributes of the netCDF conventions mean them: without those that stand for
+    none, scaled and shifted."""
+    given = {}
+    for key in (*_NO_VALUE, *_PACKED):
+        one = np.asarray(_attribute(node, key))
+        if one.size == 1 and one.dtype.kind in "fiu":
+            given[key] = one.ravel()[0]
+    none = {key: one for key, one in given.items() if key in _NO_VALUE and np.any(values == one)}
+    used = none | {key: given[key] for key in _PACKED if key in given}
+    if not used:
+        return values
+    out = values.astype(np.float64)
+    for one in none.values():
+        out[values == one] = np.nan
+    out = out * float(used.get(_PACKED[0], 1.0)) + float(used.get(_PACKED[1], 0.0))
+    said = ", ".join(f"{key.decode()} {float(one):g}" for key, one in used.items())
+    table.notices.append(f"{table.path}: {name} is read by its attributes: {said}")
+    return out
 
 
 def _fields_of_numbers(dtype: Any) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,8 +16,11 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     table = ForeignTable(path, "Parquet")
     with read_as(path, "Parquet"):
         content = ParquetColumns.of(path, file)
-        table.skipped |= (unread := content.unread())
-        read = content.read([name for name in content.schema.names if name not in unread])
+        unread = content.unread()
+        counts = Counter(content.schema.names)
+        unread |= {name: f"it names {n} columns" for name, n in counts.items() if n > 1}
+        table.skipped |= unread
+        read = content.read([name for name in counts if name not in unread])
         for name, column in zip(read.column_names, read.columns, strict=True):
             table.columns[name] = column.to_pandas().to_numpy()
     return table

@@ -10,6 +10,7 @@ within a few rows has two such steps, in opposite directions, outside all others
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -69,11 +70,11 @@ class _Around:
 
     `back`: after how many steps the position would go back, 0: not at all. `outside`: how far a
     step, and that back in the other direction, lie outside the others; `range`: the others' about
-    their line; `expected`: their mean; `fastest`: their highest speed.
+    their line; `expected`: their mean over a step's `period`; `fastest`: their highest speed.
     """
 
     back: int
-
+    period: FloatArray
     outside: FloatArray
     range: FloatArray
     expected: FloatArray
@@ -141,8 +142,46 @@ def resolution_of(positions: FloatArray, declared: float | None = None) -> Resol
 def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> list[Jump]:
     """The clearest jump of a test, with that back where it goes back; none without any."""
     looks = [around for back in range(_SIDE + 1) if (around := _around(time, position, back))]
+    best = _clearest(position, resolution, looks)
+    return [] if best is None else _jumps_at(time, position, resolution, *best)
+
+
+def over_two_steps(time: FloatArray, position: FloatArray, resolution: Resolution) -> list[Jump]:
+    """Jumps that take two steps of a test's position (n,), as those of a log that was resampled do.
+
+    `without_jumps` leaves them, for a slip may take as long; none where there are more than a few.
+    """
+    found: list[Jump] = []
+    joined = position.copy()
+    while len(found) <= _FEW:
+        around = _around(time, joined, 1, spread=True)
+        best = None if around is None else _clearest(joined, resolution, [around])
+        if best is None:
+            return found
+        around, step = best
+        row, size = step + _SIDE + 1, 0.0
+        for part in (row, row + 1):
+            period = time[part] - time[part - 1]
+            own = (
+                joined[part]
+                - joined[part - 1]
+                - around.expected[step] / around.period[step] * period
+            )
+            joined[part:] -= own
+            size += float(own)
+        speed = abs(
+            float(position[row + 1] - position[row - 1]) / float(time[row + 1] - time[row - 1])
+        )
+        found.append(Jump(row, size, speed, float(around.fastest[step])))
+    return []
+
+
+def _clearest(
+    position: FloatArray, resolution: Resolution, looks: Sequence[_Around]
+) -> tuple[_Around, int] | None:
+    """The clearest jump: its look, and the index of its step in that; None without any."""
     if not any(around.outside.any() for around in looks):
-        return []
+        return None
     count = resolution.step
     noises = _largest_noise(position, count)
     best, clearest, seldom = None, 0.0, 0.0
@@ -159,7 +198,7 @@ def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> 
         ratio = np.where(clear, ratio, 0.0)
         if ratio.max() > clearest:
             best, clearest = (around, int(np.argmax(ratio))), float(ratio.max())
-    return [] if best is None else _jumps_at(time, position, resolution, *best)
+    return best
 
 
 def _jumps_at(
@@ -211,7 +250,10 @@ def _seldom_passed(ratio: FloatArray) -> float:
     return float(seldom + (seldom - usual) * decades)
 
 
-def _around(time: FloatArray, position: FloatArray, back: int) -> _Around | None:
+def _around(
+    time: FloatArray, position: FloatArray, back: int, spread: bool = False
+) -> _Around | None:
+    """The steps with those around them; `spread`: the one after is the rest of the jump."""
     periods, steps = np.diff(time), np.diff(position)
     window = 2 * _SIDE + 1 + back
     if len(steps) < window + 2:
@@ -225,7 +267,11 @@ def _around(time: FloatArray, position: FloatArray, back: int) -> _Around | None
     low, high = others.min(axis=0), others.max(axis=0)
     there, again = (steps[at : at + count] for at in pair)
     most, least = np.maximum(high * short, high * long), np.minimum(low * short, low * long)
-    if back:
+    if spread:
+        up, down = np.minimum(there, again) - most, least - np.maximum(there, again)
+        both = np.where(up > 0.0, there + again - 2.0 * most, 2.0 * least - there - again)
+        outside = np.where((up > 0.0) | (down > 0.0), both, 0.0)
+    elif back:
         outside = np.maximum(
             np.minimum(there - most, least - again), np.minimum(least - there, again - most)
         )
@@ -240,6 +286,7 @@ def _around(time: FloatArray, position: FloatArray, back: int) -> _Around | None
     left = others - _LINES[back] @ others
     return _Around(
         back,
+        lengths[_SIDE],
         outside,
         np.ptp(left, axis=0) * long,
         others.mean(axis=0) * lengths[_SIDE],
@@ -247,4 +294,4 @@ def _around(time: FloatArray, position: FloatArray, back: int) -> _Around | None
     )
 
 
-__all__ = ["Jump", "Resolution", "resolution_of", "without_jumps"]
+__all__ = ["Jump", "Resolution", "over_two_steps", "resolution_of", "without_jumps"]

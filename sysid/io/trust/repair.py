@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, SIDES
 from sysid.io.motion import LINEAR, units_of
-from sysid.io.trust.jumps import Jump, Resolution, resolution_of, without_jumps
+from sysid.io.trust.jumps import (
+    Jump,
+    Resolution,
+    over_two_steps,
+    resolution_of,
+    without_jumps,
+)
 from sysid.io.trust.slow import RESOLVED_STEP, WANTED_ROWS, largest_step, rows_per_reversal
 from sysid.io.trust.stale import Staleness, fresh_readings, staleness
 from sysid.io.trust.wraps import counter_ranges, without_wraps
@@ -25,6 +31,11 @@ from sysid.types import FloatArray
 Rows = NDArray[np.int64] | slice
 """Rows of a file that are one test's."""
 
+_JOINED = "an index pulse or lost counts; what follows is shifted to continue the motion"
+_DOUBTFUL = (
+    "over two rows, as an index pulse or lost counts do in a log that was resampled, or a slip; "
+    "nothing is changed: exclude these rows if nothing slips there"
+)
 # Named one by one in a notice.
 _NAMED = 3
 
@@ -148,9 +159,12 @@ def _join_on(file: RepairedFile, fresh: list[Fresh] | None) -> None:
     parts = file.parts(name)
     resolution = _resolution(file)
     found: list[tuple[int, Jump]] = []
+    doubtful: list[tuple[int, Jump]] = []
     for test, (time, values) in enumerate(zip(file.parts("time_s"), parts, strict=True)):
         if fresh is None:
             parts[test], jumps = without_jumps(time, values, resolution)
+            two = over_two_steps(time, parts[test], resolution)
+            doubtful += [(test, jump) for jump in two]
         else:
             own = fresh[test]
             own.values, jumps = without_jumps(own.time, own.values, resolution)
@@ -158,7 +172,9 @@ def _join_on(file: RepairedFile, fresh: list[Fresh] | None) -> None:
         found += [(test, jump) for jump in jumps]
     if found:
         file.put(name, parts)
-        file.notices.append(_jumps_line(file, found))
+        file.notices.append(_jumps_line(file, found, _JOINED))
+    if doubtful:
+        file.notices.append(_jumps_line(file, doubtful, _DOUBTFUL))
 
 
 def _resolution(file: RepairedFile) -> Resolution:
@@ -167,8 +183,8 @@ def _resolution(file: RepairedFile) -> Resolution:
     return resolution_of(file.samples(file.position), file.declared)
 
 
-def _jumps_line(file: RepairedFile, found: Sequence[tuple[int, Jump]]) -> str:
-    """The notice on all jumps of a file."""
+def _jumps_line(file: RepairedFile, found: Sequence[tuple[int, Jump]], what: str) -> str:
+    """The notice on all jumps of a file; `what` they are taken for."""
     si = units_of(file.position == LINEAR.position_channel).position
     small = f"m{si}"
     lines = []
@@ -180,10 +196,7 @@ def _jumps_line(file: RepairedFile, found: Sequence[tuple[int, Jump]]) -> str:
             f"{jump.speed:.3g} {si}/s, where {verb}{usual}"
         )
     more = f", and {len(found) - _NAMED} more times" if len(found) > _NAMED else ""
-    return (
-        f"{file.position} jumps {'; '.join(lines)}{more}: an index pulse or lost counts; what "
-        "follows is shifted to continue the motion"
-    )
+    return f"{file.position} jumps {'; '.join(lines)}{more}: {what}"
 
 
 def _take_fresh(file: RepairedFile, name: str, how: Staleness, fresh: Sequence[Fresh]) -> None:
