@@ -161,7 +161,7 @@ class _Upload(tornado.web.RequestHandler):
     def _free(self, given: str) -> Path:
         """Where a file of this name goes: its name alone, and none that is there."""
         name = Path(given.replace("\\", "/")).name
-        if not name or name.startswith(".") or not name.isprintable() or len(name) > 200:
+        if not name or name.startswith(".") or not name.isprintable() or len(name.encode()) > 200:
             raise input_error(given[:60] or "a file", "has no usable name", "rename it")
         if Path(name).suffix.lower() in (".toml", ".py"):
             raise input_error(name, "is no recording", "put it into the folder yourself")

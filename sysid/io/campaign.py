@@ -14,7 +14,7 @@ from pydantic import Field
 
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
-from sysid.errors import InputError, input_error
+from sysid.errors import InputError, input_error, shortened
 from sysid.io.declaration import ChoiceKey, NumberKey, TextKey, TomlTable, declared_keys, range_of
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.exclusion import Exclusion, exclusions_of, shared_out
@@ -360,6 +360,7 @@ def read_campaign(path: Path, own: OwnKind | None = None) -> Campaign:
     if not isinstance(rig_file, str) or not rig_file:
         raise input_error(path, "rig is missing", 'add rig = "rig.toml" at the top')
     rig_path = path.parent / rig_file
+    _check_name(path, "rig", rig_path)
     if not rig_path.is_file():
         what = "is a directory" if rig_path.is_dir() else "no such file"
         raise input_error(
@@ -401,9 +402,10 @@ def _entry(
     file = table.get("file")
     if not isinstance(file, str) or not file:
         raise input_error(path, f"{where}: file is missing", 'add file = "..."')
-    where = f"{where} ({file})"
+    where = f"{where} ({shortened(file)})"
     chosen = _choices(path, where, table, own_kind)
     log_path = path.parent / file
+    _check_name(path, where, log_path)
     if log_path.is_dir() and not is_bag(log_path):
         raise input_error(path, f"{where}: is a directory", "name a log in it")
     if not log_path.exists():
@@ -435,6 +437,15 @@ def _entry(
         in_place,
         period,
     )
+
+
+def _check_name(path: Path, where: str, named: Path) -> None:
+    """InputError for a path that no file can have."""
+    try:
+        named.exists()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise input_error(path, f"{where}: {reason}", "give the path of a file") from None
 
 
 def _number(path: Path, where: str, table: Mapping[str, Any], name: str) -> float | None:
