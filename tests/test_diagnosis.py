@@ -104,6 +104,8 @@ STEMS = (
     "motion_pwm",
     "motion_discrete",
 )
+# Two tests of each kind to fit on: enough for an effect of usual size.
+TWO_EACH = Size(2, 0, 2, 0.04, (2, 1), (2, 1), (2, 1), slidings=8)
 SILENT = SensorNoise((np.zeros(1), np.zeros(1), np.zeros(1)), np.zeros(3))
 Tests = list[tuple[str, str, Trial]]
 
@@ -878,7 +880,7 @@ def test_a_model_whose_every_channel_is_far_off_is_not_adequate() -> None:
 
 def test_effects_that_leave_every_channel_far_off_do_not_explain() -> None:
     """As an exhaust that ices was imitated by three effects; without pressures nothing is said."""
-    tests, rig, model = made(("seal-friction", "sum", 1.0))
+    tests, rig, model = made(("seal-friction", "sum", 1.0), size=TWO_EACH)
     evidence = TwinEvidence(loop(tests, rig, model), rig, ())
     errors = [{"theta_rad": 0.21, "pressure_a_pa": 2678.0, "pressure_b_pa": 2508.0}]
     errors += [{"theta_rad": 0.051, "pressure_a_pa": 924.0, "pressure_b_pa": 963.0}]
@@ -965,7 +967,8 @@ def added(campaign: tuple[Tests, Rig, Model], names: Sequence[str], rises: float
 
 def test_a_rival_that_the_balances_do_not_tell_apart_is_found_too() -> None:
     """An offset of the torque is an asymmetry of friction wherever the shaft moves."""
-    campaign = made(("torque-offset", "constant", 1.0), ("pressure-offset", "constant", 1.0))
+    offsets = (("torque-offset", "constant", 1.0), ("pressure-offset", "constant", 1.0))
+    campaign = made(*offsets, size=TWO_EACH)
     names = ["torque-offset", "asymmetric-coulomb-friction", "pressure-offset"]
     effects = [catalogue()[name] for name in names]
     found = close_loop(*campaign, effects, simulated=lambda trial: 0.0)
@@ -1010,7 +1013,7 @@ def test_motion_adds_no_effect_that_the_balances_do_not_show(
 def test_an_effect_is_found_and_named(
     effect: tuple[str, str, float], is_right: Callable[[Any], bool]
 ) -> None:
-    tests, rig, model = made(effect, scatter=0.02)
+    tests, rig, model = made(effect, scatter=0.02, size=TWO_EACH)
     found = loop(tests, rig, model)
     assert len(found.search.steps) == 1
     assert is_right(found.search.steps[0])
@@ -1027,7 +1030,7 @@ def test_an_effect_is_found_and_named(
 def test_a_second_effect_is_added_only_where_there_is_evidence_for_it(
     second: tuple[str, str, float], names: set[str]
 ) -> None:
-    campaign = made(("seal-friction", "sum", 1.0), second)
+    campaign = made(("seal-friction", "sum", 1.0), second, size=TWO_EACH)
     tried = ["seal-friction", "torque-offset", "piston-leakage"]
     assert set(added(campaign, tried, 0.0)) == names
 
@@ -1048,7 +1051,7 @@ def test_what_no_effect_explains_is_said() -> None:
 )
 def test_hum_is_no_resonance(effect: tuple[str, str, float], named: list[str]) -> None:
     """It goes on whatever the motion does; a link rings with it."""
-    tests, rig, model = made(effect, scatter=0.02)
+    tests, rig, model = made(effect, scatter=0.02, size=TWO_EACH)
     link = catalogue()["link-flexibility"]
     found = close_loop(tests, rig, model, [link], simulated=lambda trial: 0.0)
     assert [step.id for step in found.search.steps] == named
@@ -1074,7 +1077,8 @@ def test_what_repeats_is_structure_where_it_is_large(
 
 
 def test_effects_that_the_bundle_holds_stay_in_the_model() -> None:
-    tests, rig, model = made(("seal-friction", "sum", 1.0), ("torque-constant-error", "gain", 1.0))
+    injected = (("seal-friction", "sum", 1.0), ("torque-constant-error", "gain", 1.0))
+    tests, rig, model = made(*injected, size=TWO_EACH)
     given = SealFriction(2e-7)
     effects = [catalogue()[name] for name in ("torque-constant-error", "torque-offset")]
     found = close_loop(tests, rig, model + given, effects, simulated=lambda trial: 0.0)
