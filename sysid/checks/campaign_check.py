@@ -10,7 +10,7 @@ from typing import Any
 from sysid.blocks.tables import Table, table
 from sysid.checks.bench import BENCH_LAWS, bench_identified
 from sysid.checks.friction import Identification, friction_together
-from sysid.checks.identifiability import valves_identified
+from sysid.checks.identifiability import switched_test, valves_identified
 from sysid.checks.log_check import LogCheck, check_campaign, kind_of, listed
 from sysid.io.campaign import (
     BENCH_KINDS,
@@ -199,8 +199,9 @@ def _answers(campaign: Campaign, checks: Sequence[LogCheck]) -> Iterator[Answer]
         # A law is listed by its parameters once tests identify some of them.
         found = [[i for i in own if i.parameter in {*yes, *together}] for own in found]
     has_pwm = campaign.rig.pwm is not None or any("valve-pwm" in c.kinds for _, c in pairs)
+    fitted = has_pwm and campaign.rig.has_pwm_surfaces
     for one in merged(entries, found, together):
-        if "PWM surface" in one.parameter and not (one.identified or has_pwm):
+        if "PWM surface" in one.parameter and not (one.identified or fitted):
             continue
         yield one if one.identified else _asked(one, campaign.rig, {e.kind for e in entries})
 
@@ -230,7 +231,7 @@ def _together(campaign: Campaign, entries: Sequence[CampaignLog]) -> Iterator[Id
         if e.kind in FRICTION_KINDS or (e.kind in MOTION_KINDS and balances(t, rig))
     ]
     yield from friction_together([t for t, _ in moving], [k for _, k in moving], rig)
-    for valve in ("a", "b"):
+    for valve in rig.sides:
         by_kind: dict[str, list[Trial]] = {}
         for entry, trial in rest:
             if entry.valve in (None, valve):
@@ -268,9 +269,7 @@ def _test_for(name: str, rig: Rig) -> tuple[set[str], str]:
         return {*SIMULATED_KINDS}, "a friction-motion test that accelerates and reverses"
     valve = name.removeprefix("valve ")[:1]
     if name.startswith("valve ") and name[8:] in _SWITCHED:
-        steps = "fill on 3 s, both off, bleed on" if rig.bleeds else "on 3 s, off"
-        test = f"a valve-discrete test of valve {valve}: piston held, {steps}"
-        return {"valve-discrete"}, test
+        return {"valve-discrete"}, switched_test(rig, valve)
     if name.startswith("valve ") and "PWM surface" in name:
         ways = "filling and discharging, at least five duties"
         return {"valve-pwm"}, f"valve-pwm tests of valve {valve}, {ways}"

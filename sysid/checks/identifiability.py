@@ -57,6 +57,12 @@ def valves_identified(
         yield from _pwm(by_kind.get("valve-pwm", ()), valve)
 
 
+def switched_test(rig: Rig, valve: str) -> str:
+    """The test that identifies an on/off valve, by its letter, in words."""
+    steps = "fill valve on 3 s, both off, bleed valve on" if rig.bleeds else "on 3 s, off"
+    return f"a valve-discrete test of valve {valve}: piston held, {steps}"
+
+
 def excitation(by_kind: TrialsByKind, rig: Rig) -> Iterator[str]:
     """One line per kind of test: the commands and their range."""
     for kind, trials in by_kind.items():
@@ -75,7 +81,7 @@ def _discrete(trials: Sequence[Trial], rig: Rig, valve: str) -> Iterator[Identif
     fills = f"valve_{rig.filled_by(valve)}"
     used = [t for t in trials if is_active(t, fills) and pressure in t]
     title = f"valve {valve.upper()}"
-    needs = f"needs a valve-discrete test of {title}: piston held, on 3 s, off"
+    needs = f"needs {switched_test(rig, title[-1])}"
     if trials and not any(is_active(t, fills) for t in trials):
         needs = f"{fills} is not logged, or never switched on: {needs}"
     lacking = dict.fromkeys(_FLOW_NAMES, needs)

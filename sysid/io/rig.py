@@ -239,6 +239,11 @@ class Rig(Shown):
         return self.valves is not None and self.valves.arrangement == "fill-and-bleed"
 
     @property
+    def has_pwm_surfaces(self) -> bool:
+        """Whether PWM surfaces are fitted of its valves: 3/2 valves at a supply that fills."""
+        return not self.bleeds and self.supply_way > 0.0
+
+    @property
     def valve_names(self) -> tuple[str, ...]:
         """What its valves' commands are named after: `valve_a`, or `valve_a_fill`, `valve_a_bleed`.
 

@@ -194,8 +194,7 @@ def _valve_models(
             f"with; {lacking}{'' if rig.valves else _ALONE}"
         )
     absent = [name for name in VALVE_MODELS if name not in {m.name for m in found}]
-    by_pulses = rig.bleeds or rig.supply_way < 0.0  # no PWM surfaces are fitted of those
-    if any(e.kind == "motion-pwm" for e in entries) and absent and not by_pulses:
+    if any(e.kind == "motion-pwm" for e in entries) and absent and rig.has_pwm_surfaces:
         notices.append(
             f"{bundle.source}: holds no {' and no '.join(absent)} model of {rig.all_valves}"
         )

@@ -96,7 +96,11 @@ def monitor_design(
     """
     rig = bundle.rig
     if len(rig.sides) < len(SIDES) or rig.is_motor_alone or rig.bleeds:
-        raise NotIdentifiedError(f"{bundle.source}: {_FEW}, each with one 3/2 valve; it has none")
+        own = "a motor alone" if rig.is_motor_alone else "one chamber"
+        raise NotIdentifiedError(
+            f"{bundle.source}: {_FEW}, and the rig has {own}; fit its tests again from time to "
+            "time and give the bundles to `sysid compare`"
+        )
     whole = model_from_bundle(bundle, rig, catalogue)
     if not has_discrete_law(whole.parameters):
         raise NotIdentifiedError(
