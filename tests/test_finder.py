@@ -203,9 +203,9 @@ def test_the_evidence_of_a_set_is_that_of_all_its_numbers(
     columns = some.columns
     assert columns.penalty[form] - columns.chance[form] > 2.0 * math.log(len(OTHERS))
     by_chance = columns.penalty[form] - columns.chance[form]
-    by_chance += finder.bias.gain(some, (form,), weights)
+    by_chance += finder.bias.reduction(some, (form,), weights)
     assert finder.evidence(frozenset({"quadratic-drag"})) == pytest.approx(raw - by_chance)
-    assert finder.bias.gain(some, (form,), weights) >= 0.0
+    assert finder.bias.reduction(some, (form,), weights) >= 0.0
 
 
 def test_a_set_with_an_effect_that_is_absent_is_none(
