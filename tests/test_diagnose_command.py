@@ -186,6 +186,31 @@ def test_a_refinement_that_does_not_hold_is_not_taken(
     assert found.to_json()["refined"] is False
 
 
+@pytest.mark.parametrize(("over_std", "is_taken"), [(0.5, False), (30.0, True)])
+def test_a_refinement_that_would_miss_what_the_balances_found_is_not_taken(
+    ran: Ran, over_std: float, is_taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A strength half a standard error from 0, as that of the balances is, tells nothing of it."""
+    refinement = ran.diagnosed.found.detail.refinement
+    assert refinement is not None
+    strengths = {q.name for q in type(ran.diagnosed.found.detail.effects[0].effect).strengths()}
+
+    def coarse(parameter: Any) -> Any:
+        if parameter.unknown.direction[1] not in strengths:
+            return parameter
+        e = parameter.estimate
+        estimate = Estimate.symmetric(e.value, e.value / over_std, e.unit, math.inf)
+        return replace(parameter, estimate=estimate)
+
+    found = replace(refinement, parameters=tuple(coarse(p) for p in refinement.parameters))
+    monkeypatch.setattr("sysid.refinement.refine.refine", lambda *_, **__: found)
+    before = replace(ran.diagnosed.found.detail, refinement=None)
+    campaign, extended = read_campaign(ran.campaign), read_bundle(ran.extended)
+    after = with_refined_numbers(before, campaign, extended, catalogue(), lambda bundle: {})
+    assert (after.refinement is found) is is_taken
+    assert is_taken or "motion says too little of stribeck-friction" in after.not_refined
+
+
 def _simulated(found: Diagnosis, *after: float) -> Diagnosis:
     """As if a refinement had seen these errors of the tests to fit on; without any, none."""
     return replace(found, simulated=np.array(after) if after else None)

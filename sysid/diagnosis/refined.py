@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,9 +111,14 @@ def _limits(effect: CatalogueEffect) -> list[str]:
     ]
 
 
-def _over_chance(refinement: RefineResult, place: int, kind: type[CatalogueEffect]) -> float:
+def _over_chance(
+    refinement: RefineResult,
+    place: int,
+    kind: type[CatalogueEffect],
+    elsewhere: Mapping[str, float] | None = None,
+) -> float:
     """Wald's statistic of an effect's strengths over what it has to exceed; infinite where no
-    strength is known.
+    strength is known. `elsewhere`: strengths by name to take in place of the estimated ones.
 
     That is its critical value without the effect, and twice the log of how much of the prior the
     motion rules out: where it would show an effect far smaller than usual, it is more likely that
@@ -132,7 +137,11 @@ def _over_chance(refinement: RefineResult, place: int, kind: type[CatalogueEffec
     if not strengths:
         return math.inf
     estimates = [refinement.parameters[i].estimate for i in strengths]
-    z = np.array([estimate.value / estimate.std for estimate in estimates])
+    values = [
+        e.value if elsewhere is None else elsewhere[q.name]
+        for q, e in zip(known, estimates, strict=True)
+    ]
+    z = np.array([v / e.std for v, e in zip(values, estimates, strict=True)])
     prior = np.diag([q.usual_size / e.std for q, e in zip(known, estimates, strict=True)])
     together = [*strengths, *shapes]
     inverse = np.linalg.pinv(refinement.correlation[np.ix_(together, together)])
@@ -141,6 +150,29 @@ def _over_chance(refinement: RefineResult, place: int, kind: type[CatalogueEffec
     ruled_out = float(np.linalg.slogdet(np.eye(len(z)) + prior @ given_shapes @ prior)[1])
     least = max(chi_squared_quantile(len(z), 1.0 - _LEVEL), ruled_out)
     return float(z @ given_shapes @ z / least)
+
+
+def _shown_too_little(
+    balanced: Sequence[FoundEffect], refined: Sequence[FoundEffect], result: RefineResult
+) -> str:
+    """Of which effect motion says too little to judge it, with its refined strengths; else "".
+
+    Its strength may be 0, but so it may be that of the balances, and motion would as likely as not
+    have missed that: its errors are too large, as where friction that falls with speed makes an
+    axis unstable whose controller is not in the model.
+    """
+    first = len(result.bundle.effects) - len(refined) + 1
+    pairs = zip(balanced, refined, strict=True)
+    for place, (before, after) in enumerate(pairs, start=first):
+        kind = type(after.effect)
+        names = [q.name for q in kind.strengths()]
+        by_balances = {q: float(getattr(before.effect, q)) for q in names}
+        by_motion = {q: float(getattr(after.effect, q)) for q in by_balances}
+        moved = {q: by_motion[q] - value for q, value in by_balances.items()}
+        over = [_over_chance(result, place, kind, v) for v in (by_motion, by_balances, moved)]
+        if max(over) < 1.0:
+            return f"motion says too little of {after.id} to judge it ({_sizes(after)})"
+    return ""
 
 
 def _sizes(found: FoundEffect) -> str:
@@ -175,18 +207,21 @@ def with_refined_numbers(
             return _cut_short(diagnosis)
         return _as_it_was(diagnosis, result.reason)
     errors = result.fits["fit"]
+    count = len(diagnosis.effects)
+    own = effects_from_bundle(result.bundle, catalogue)[-count:]
+    refined = zip(diagnosis.effects, result.bundle.effects[-count:], own, strict=True)
+    effects = tuple(_refined(effect, entry, new) for effect, entry, new in refined)  # type: ignore[arg-type]
+    if silent := _shown_too_little(diagnosis.effects, effects, result):
+        return _as_it_was(diagnosis, silent)
     if result.worse:
         why = f"the training tests would be simulated {result.worse}"
         return dataclasses.replace(_as_it_was(diagnosis, why), simulated=errors.before)
     residual, notices = _errors_after(diagnosis, result.bundle, held_out_errors)
     if result.cut_short:
         diagnosis = _cut_short(diagnosis)
-    count = len(diagnosis.effects)
-    own = effects_from_bundle(result.bundle, catalogue)[-count:]
-    refined = zip(diagnosis.effects, result.bundle.effects[-count:], own, strict=True)
     return dataclasses.replace(
         diagnosis,
-        effects=tuple(_refined(effect, entry, new) for effect, entry, new in refined),  # type: ignore[arg-type]
+        effects=effects,
         residual=residual,
         refinement=result,
         simulated=errors.after,
