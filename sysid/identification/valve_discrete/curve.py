@@ -47,6 +47,10 @@ UNITS = {
 MOST_STD = 0.3
 """With a standard error above this share of its size, a flow's number is not identified."""
 CONDUCTANCES = tuple(f"sonic_conductance_{way}" for way in WAYS)
+_MAY_SCATTER = 0.2
+"""Chance of taking a conductance's error from the tests' scatter where they have none. A test as
+strict as one that names a scatter leaves most scatter of the size of the noise out of intervals
+(Bancroft, Biometrics 20, 1964, takes 0.25)."""
 
 
 def thesis_names(way: str) -> tuple[str, str]:
@@ -90,28 +94,35 @@ class CurveFit:
     def estimate(self, name: str) -> tuple[Estimate, bool]:
         """A shared parameter, and whether it differs from test to test beyond its error.
 
-        If so, its error is taken from that scatter: the jackknife over tests, with Student's
-        interval for their number.
+        If so, or if it may (`scattering`), its error is taken from that scatter: the jackknife over
+        tests, with Student's interval for their number.
         """
         plain = self.fit.estimate(name, self.covariance)
         if not plain.identified or name not in self.scattering:
             return plain, False
         i, wide = self.fit.names.index(name), self.jackknife
         std = max(wide.std(i), plain.std)
-        return Estimate.symmetric(plain.value, std, plain.unit, float(wide.dof[i])), True
+        wider = Estimate.symmetric(plain.value, std, plain.unit, float(wide.dof[i]))
+        return wider, self.chances[name] < SIGNIFICANT
 
     @cached_property
     def scattering(self) -> tuple[str, ...]:
-        """The identified shared parameters that differ from test to test beyond their error.
+        """The identified shared parameters that differ from test to test beyond their error, or, of
+        the sonic conductances, may."""
+        levels = {n: _MAY_SCATTER if n in CONDUCTANCES else SIGNIFICANT for n in self.chances}
+        return tuple(name for name, chance in self.chances.items() if chance < levels[name])
+
+    @cached_property
+    def chances(self) -> dict[str, float]:
+        """Of each identified shared parameter, how likely its tests differ so much by noise alone.
 
         What moves one sonic conductance, as the air's temperature, moves the other, whose own error
-        may hide it.
+        may hide it: of both it is the smaller.
         """
         known = [n for n in self.problem.free if self.fit.estimate(n, self.covariance).identified]
-        found = [name for name in known if self._scatters(name)]
-        if any(name in CONDUCTANCES for name in found):
-            found = [name for name in known if name in found or name in CONDUCTANCES]
-        return tuple(found)
+        found = {name: self._chance_of_scatter(name) for name in known}
+        least = min((found[n] for n in CONDUCTANCES if n in found), default=1.0)
+        return {n: least if n in CONDUCTANCES else chance for n, chance in found.items()}
 
     @cached_property
     def jackknife(self) -> Covariance:
@@ -135,8 +146,9 @@ class CurveFit:
         """The factor by which correlated noise raises the variance of a parameter."""
         return float(self.covariance.matrix[column, column] / self.fit.covariance[column, column])
 
-    def _scatters(self, name: str) -> bool:
-        """Cochran's test of each piece's own estimate (one Gauss-Newton step) against their mean.
+    def _chance_of_scatter(self, name: str) -> float:
+        """Cochran's test: how likely the pieces' own estimates (one Gauss-Newton step) are so far
+        from their mean.
 
         Each piece's error is that for white noise, scaled as correlation scales the total error.
         """
@@ -162,11 +174,11 @@ class CurveFit:
             values.append(float(step))
             variances.append(float(variance))
         if len(values) < 2:
-            return False
+            return 1.0
         weights = 1.0 / np.array(variances)
         mean = float(weights @ values / weights.sum())
         statistic = float(weights @ (np.array(values) - mean) ** 2)
-        return bool(chdtrc(len(values) - 1, statistic) < SIGNIFICANT)
+        return float(chdtrc(len(values) - 1, statistic))
 
 
 @dataclass(frozen=True)
