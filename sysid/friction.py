@@ -175,7 +175,7 @@ def fit_friction(
         if not line:
             raise
         raise NotIdentifiedError(f"friction: {line}") from None
-    if found.is_negative or against_motion(found.trials):
+    if found.is_negative or found.impossible or against_motion(found.trials):
         line = _reversed(trials, rig, kind, estimate_inertia, cutoff_hz)
         return replace(found, reversed_sign=line)
     return found

@@ -302,10 +302,21 @@ def test_a_check_holds_a_contradiction_apart(rig: Rig, tmp_path: Path) -> None:
 # --- a reversed sign ----------------------------------------------------------------------
 
 
+def shaken() -> Trial:
+    """A motion whose inertia takes most of the effort."""
+    rng, time = np.random.default_rng(3), 0.005 * np.arange(2000)
+    speed = 3.0 * np.sin(5.0 * time) + 1.5 * np.sin(3.1 * time + 1.0)
+    effort = 0.05 * np.gradient(speed, time) + 0.2 * np.sign(speed) + 0.02 * speed
+    position = 0.005 * np.cumsum(speed)
+    effort += 0.01 * rng.standard_normal(len(time))
+    return Trial("0", time, {"theta_rad": position, "motor_torque_nm": effort}, "shaken")
+
+
 @pytest.mark.parametrize(
     ("tests", "rig"),
     [
         ([swing(), swing(phase=1.0)], BARE),
+        ([shaken()], BARE),
         ([constant(w * n, s) for w in (1, -1) for n in (0.3, 0.4) for s in (0.0, 0.01)], BARE),
         ([ramp(0.333, 0.208, x, 1) for x in (-0.3, 0.0, 0.3)], BARE),
     ],

@@ -84,6 +84,8 @@ def correlated_covariance(
         matrix += part
         changes += change
     dof = left / (1.0 + 0.5 * _relative_variance(model, matrix, changes))
+    # Errors that last as long as the data leave no fraction of one: nothing has a larger quantile.
+    dof = np.maximum(dof, min(left, 1.0))
     if model.long_run_variance < model.variance:
         floor = model.variance * np.sum(influence**2, axis=0)
         raised = np.sqrt(np.maximum(floor / np.maximum(np.diag(matrix), 1e-300), 1.0))

@@ -54,7 +54,11 @@ def regression(rows: WeightedRows, names: Sequence[str]) -> LinearFit:
             "the parameters' regressors: speed or acceleration is mostly the encoder's noise; "
             "lower the cut-off or give faster motion"
         )
-    unscaled = np.asarray(np.linalg.inv(normal - np.diag(rows.noise)), dtype=float)
+    try:
+        unscaled = np.asarray(np.linalg.inv(normal - np.diag(rows.noise)), dtype=float)
+    except np.linalg.LinAlgError:
+        what = "the parameters' regressors depend on each other but for the encoder's noise"
+        raise NotIdentifiedError(f"{what}; give motion at further speeds") from None
     coefficients = unscaled @ (weighted.T @ rows.target)
     return replace(
         fit, coefficients=coefficients, residuals=rows.target - x @ coefficients, unscaled=unscaled
