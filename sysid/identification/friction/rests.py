@@ -34,9 +34,8 @@ CRITERION = (
     f"fitted over {_PERIODS} PWM periods by a trend and the ripple, and read at its last crest; "
     "the median of all rests"
 )
-# Standard deviation of a normal sample over its median absolute deviation, and the standard error
-# of its median over that of its mean.
-_PER_MAD, _PER_MEDIAN = 1.4826, 1.2533
+# Standard deviation of a normal sample over its median absolute deviation.
+_PER_MAD = 1.4826
 
 
 def static_of_rests(
@@ -56,8 +55,8 @@ def static_of_rests(
         )
     middle = float(np.median(found))
     spread = _PER_MAD * float(np.median(np.abs(found - middle)))
-    error = _PER_MEDIAN * spread / math.sqrt(len(found))
-    estimate = Estimate.symmetric(middle, error, units.effort, len(found) - 1)
+    # What a reading is off by, the crest above all, is much the same in all: no mean shrinks it.
+    estimate = Estimate.symmetric(middle, spread, units.effort, len(found) - 1)
     notices.append(
         f"static friction is that of {len(found)} rests of friction-motion tests, at whose ends "
         "the shaft begins to move: the rig file declares no motor that could ramp its effort"
