@@ -32,7 +32,7 @@ from sysid.identification.friction.combinations import (
     mean_friction,
     unidentified,
 )
-from sysid.identification.friction.cross_check import disagreement
+from sysid.identification.friction.cross_check import SLIDING_FIRST, disagreement
 from sysid.identification.friction.effort import (
     TrialUse,
     against_motion,
@@ -668,10 +668,7 @@ def _compare(
     """Add notices of which tests give the value, and where the others disagree."""
     if not cross_check:
         return
-    notices.append(
-        "Coulomb and viscous friction are those of the constant-effort tests; friction from "
-        "motion is reported in addition as a cross-check"
-    )
+    notices.append(SLIDING_FIRST)
     for name, check in cross_check.items():
         said = disagreement(u.key(name), parameters[name], check)
         notices += [] if said is None else about(f"friction.{u.key(name)}", [said])

@@ -673,16 +673,21 @@ def test_what_to_do_next_is_what_advise_predicts(made: Made) -> None:
     assert section is not None
     tests = next(b for b in section.blocks if isinstance(b, Table) and "could run" in b.caption)
     row = [str(cell) for cell in tests.rows[0]]
-    assert row == ["motion-motor: sine 1 Hz, 5 s", "18", "friction.coulomb_nm, by 50 %"]
+    assert row == ["motion-motor: sine 1 Hz, 5 s", "—", "18", "friction.coulomb_nm, by 50 %"]
     plain = {**DIAGNOSIS, "verdict": "effects-found", "unexplained": [], "effects": []}
     assert next_line(made.bundle, plain, advice).startswith(
-        "Run motion-motor: sine 1 Hz, 5 s: standard"
+        "Record motion-motor: sine 1 Hz, 5 s: standard"
     )
     better = {"test": "motion-pwm: duties about 0.2, 10 s", "gain": 0.1, "motion_gain": 0.3,
               "std_after": {}}  # fmt: skip
     both = {**advice, "tests": [{**advice["tests"][0], "motion_gain": 0.05}, better]}
     # Not the test that makes numbers certain which hardly move the motion.
-    assert next_line(made.bundle, plain, both).startswith("Run motion-pwm: duties about 0.2")
+    assert next_line(made.bundle, plain, both).startswith("Record motion-pwm: duties about 0.2")
+    # The table begins with the test that the first screen names.
+    section = next_section(made.bundle, plain, "c.toml", both)
+    assert section is not None
+    tests = next(b for b in section.blocks if isinstance(b, Table) and "could run" in b.caption)
+    assert [str(row[0])[:10] for row in tests.rows] == ["motion-pwm", "motion-mot"]
     assert "distinguish" not in next_line(made.bundle, plain, None)
     assert "two known pressures" in next_line(made.bundle, DIAGNOSIS, advice)
 

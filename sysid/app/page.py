@@ -127,6 +127,7 @@ class Window:
             content = await asyncio.to_thread(screen.read)
             if number != self._filling:
                 return
+            screen.later = []
             panes = screen.draw(content)
         except SysidError as error:
             panes = [parts.html(_lacking(screen, str(error)))]
@@ -137,6 +138,17 @@ class Window:
             panes = [parts.html(parts.note(reason, "error"))]
         screen.panes, screen.stamp = panes, self._stamp
         self.main.objects = panes
+        self._draw_later(number)
+
+    def _draw_later(self, number: int) -> None:
+        """What the current screen left for later, piece by piece: what a person does comes between.
+
+        A screen that was left is drawn to its end when it is shown again.
+        """
+        later = self.screens[self.current].later
+        if number == self._filling and later:
+            later.pop(0)()
+            pn.state.curdoc.add_next_tick_callback(partial(self._draw_later, number))
 
     def wait(self) -> None:
         """Say that the screen is being made."""
@@ -211,6 +223,7 @@ class Window:
             self._filling += 1
             self._stamp = screen.stamp
             self.main.objects = screen.panes
+            self._draw_later(self._filling)
             return
         self.wait()
         await self.fill()

@@ -154,13 +154,22 @@ def block_panes(blocks: Iterable[Block], scheme: Scheme, chosen: Chosen | None =
         if isinstance(block, FigureGroup):
             panes += _group(block, scheme, chosen)
         elif isinstance(block, Fold) and any(isinstance(b, FigureGroup) for b in block.blocks):
-            inner = block_panes(block.blocks, scheme, chosen)
-            panes.append(
-                pn.Card(*inner, title=block.summary, collapsed=True, sizing_mode="stretch_width")
-            )
+            panes.append(_folded(block, scheme, chosen))
         elif not isinstance(block, Plot):
             panes.append(html(block_html(block)))
     return panes
+
+
+def _folded(fold: Fold, scheme: Scheme, chosen: Chosen | None) -> Any:
+    """A fold whose figures are drawn when it is opened first."""
+    card = pn.Card(title=fold.summary, collapsed=True, sizing_mode="stretch_width")
+
+    def opened(event: Any) -> None:
+        if not event.new and not card.objects:
+            card.objects = block_panes(fold.blocks, scheme, chosen)
+
+    card.param.watch(opened, "collapsed")
+    return card
 
 
 def _group(group: FigureGroup, scheme: Scheme, chosen: Chosen | None) -> list[Any]:

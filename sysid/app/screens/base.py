@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, Protocol
 
+from sysid.app import parts
 from sysid.app.jobs import Job
 from sysid.app.workbench import Workbench
 from sysid.blocks.interactive import Scheme
-from sysid.errors import InputError
+from sysid.blocks.sections import Section
+from sysid.errors import Failure, InputError, on_its_own
 
 
 class Host(Protocol):
@@ -35,6 +37,7 @@ class Screen(ABC):
         self.bench = window.bench
         self.panes: list[Any] = []
         self.stamp: tuple[Any, ...] = ()
+        self.later: list[Callable[[], None]] = []
 
     @abstractmethod
     def read(self) -> Any:
@@ -43,6 +46,20 @@ class Screen(ABC):
     @abstractmethod
     def draw(self, content: Any) -> list[Any]:
         """The panes that show it."""
+
+    def section_place(self, section: Section, chosen: parts.Chosen | None = None) -> Any:
+        """A place for a section, which is drawn when the page shows what stands above it."""
+        head = f"<h2>{parts.words(section.title)}</h2>"
+        place = parts.column(parts.html(f"{head}<p class='muted'>is being drawn …</p>"))
+
+        def drawn() -> None:
+            made = on_its_own(lambda: parts.section_panes(section, self.window.scheme, chosen))
+            if isinstance(made, Failure):
+                made = [parts.html(head + parts.note(made.reason, "error"))]
+            place.objects = made
+
+        self.later.append(drawn)
+        return place
 
     async def do(self, what: str, value: Any) -> None:
         """What a person did: the text of the element's `data-do`, and its value."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from sysid.app.traces import Curve, TracePanel, TraceView
 from sysid.blocks.figures import Scale
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Section
+from sysid.diagnosis.tables import short_p
 from sysid.errors import Failure, InputError, on_its_own
 from sysid.io.campaign import Campaign
 from sysid.io.channels import channel_of
@@ -104,7 +104,7 @@ class EffectsScreen(Screen):
         panes = [self.head, pn.FlexBox(left, right, css_classes=["split"],
                                        sizing_mode="stretch_width")]  # fmt: skip
         if content.section is not None:
-            panes += parts.section_panes(content.section, self.window.scheme)
+            panes.append(self.section_place(content.section))
         return panes
 
     def _head(self, content: EffectsContent) -> str:
@@ -119,7 +119,12 @@ class EffectsScreen(Screen):
         """The suspects of the diagnosis by their evidence, then the rest of the catalogue."""
         gains = _gains(content.diagnosis)
         found = {e["id"] for e in (content.diagnosis or {}).get("effects", ())}
-        order = sorted(content.known, key=lambda id: (id not in found, -gains.get(id, -math.inf)))
+
+        def rank(id: str) -> tuple[bool, float, float]:
+            gain, chance = gains.get(id, (-math.inf, 1.0))
+            return id not in found, chance, -gain
+
+        order = sorted(content.known, key=rank)
         lines = []
         for id in order:
             effect = content.known[id]
@@ -128,9 +133,13 @@ class EffectsScreen(Screen):
             named = f">{parts.words(effect.title)}<small>{id}</small></button>"
             show = show.replace("></button>", named)
             mark = "<b>found</b>" if id in found else ""
-            gain = number(gains[id], 3) if id in gains else ""
-            lines.append(["class:on" if on else "class:", show, gain, mark])
-        return parts.rows(("Effect", "Evidence", ""), lines)
+            cells = ["", ""]
+            if id in gains:
+                gain, chance = gains[id]
+                cells = [number(gain, 3), parts.words(short_p(chance))]
+            lines.append(["class:on" if on else "class:", show, *cells, mark])
+        said = "p: how often logs that lack nothing show as much" if gains else ""
+        return parts.rows(("Effect", "Evidence", "p", ""), lines, said)
 
     def _draw_choice(self) -> None:
         content = self.content
@@ -352,19 +361,15 @@ def _reach(quantity: Any) -> tuple[float, float]:
     return low, min(quantity.upper, size)
 
 
-def _gains(diagnosis: dict[str, Any] | None) -> dict[str, float]:
-    """The evidence for each suspect: the largest of all rounds."""
-    found: dict[str, float] = {}
-    for id, gain in _every_gain(diagnosis):
-        found[id] = max(found.get(id, -math.inf), gain)
-    return found
-
-
-def _every_gain(diagnosis: dict[str, Any] | None) -> Iterator[tuple[str, float]]:
+def _gains(diagnosis: dict[str, Any] | None) -> dict[str, tuple[float, float]]:
+    """The evidence for each suspect, the largest of all rounds, with its p-value."""
+    found: dict[str, tuple[float, float]] = {}
     for look in (diagnosis or {}).get("figures", {}).get("looks", ()):
         for suspect in look["suspects"]:
             if isinstance(suspect.get("gain"), int | float):
-                yield suspect["id"], float(suspect["gain"])
+                own = float(suspect["gain"]), float(suspect.get("p_value", 1.0))
+                found[suspect["id"]] = max(found.get(suspect["id"], own), own)
+    return found
 
 
 def _diagnosed(

@@ -20,7 +20,7 @@ from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.files import make_folder
 from sysid.io.kinds import FRICTION_KINDS
 from sysid.parameters import Bundle
-from sysid.pipeline.pages.report import report_parts
+from sysid.pipeline.pages.report import held_parts, report_parts
 from sysid.pipeline.run import RunOptions, expected_seconds
 
 PIPELINES: Mapping[str, tuple[str, tuple[str, ...]]] = {
@@ -75,7 +75,7 @@ class FitScreen(Screen):
             return panes
         panes.append(self.trace)
         for section in content.sections:
-            panes += parts.section_panes(section, self.window.scheme, self._point)
+            panes.append(self.section_place(section, self._point))
         return panes
 
     def _head(self, content: FitContent) -> str:
@@ -98,7 +98,8 @@ class FitScreen(Screen):
             menu = "<p>Shown: " + parts.select("fit-bundle", names, chosen, "Bundle") + "</p>"
         said = ""
         if content.bundle is not None:
-            said = f"<p class='sentence'>{parts.words(content.bundle.headline())}</p>"
+            held = held_parts(content.bundle)
+            said = f"<p class='sentence'>{parts.words(held[:1].upper() + held[1:])}.</p>"
         return f"<h2>Fit</h2><div class='bar2'>{buttons}</div>{menu}{said}"
 
     def _point(self, figure: Figure, cloud: int, index: int) -> None:

@@ -49,7 +49,8 @@ class IdentifyScreen(Screen):
 
     def draw(self, content: IdentifyContent) -> list[Any]:
         check = content.check
-        head = f"<h2>Can it identify?</h2><p class='sentence'>{parts.words(check.answer)}</p>"
+        said = check.answer[:1].upper() + check.answer[1:]
+        head = f"<h2>Can it identify?</h2><p class='sentence'>{parts.words(said)}.</p>"
         if check.contradictions:
             head += parts.card("Contradictions", parts.listed(check.contradictions), "poor")
         missing = "".join(_missing(check.answers))
@@ -77,8 +78,9 @@ class IdentifyScreen(Screen):
         )
         text += parts.button("Ask for advice", "identify-advise", kind="primary")
         text += parts.note(
-            "Or with it a test to play: its commands as a log, within travel, speed and effort. It "
-            "is for all parameters, or for those named here (as in valves.a.c_fill, with spaces)."
+            "Or the commands of such a test as a log that the rig can play, within its travel, "
+            "speed and effort: for all parameters, or for those named here, such as "
+            "valves.a.c_fill (several with spaces between them)."
         )
         aim = parts.entry("identify-for", self.aim, "for", size=28, hint="all parameters")
         play = parts.button("Write a test to play", "identify-play",

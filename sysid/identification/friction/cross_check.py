@@ -7,6 +7,11 @@ import math
 from sysid.estimation.linear import Estimate
 from sysid.estimation.quality import DISAGREE
 
+SLIDING_FIRST = (
+    "Coulomb and viscous friction are those of the constant-effort tests; friction from "
+    "motion is reported in addition as a cross-check"
+)
+
 
 def disagreement(key: str, mine: Estimate, check: Estimate) -> str | None:
     """A notice where two values are more than `DISAGREE` standard errors apart; else None.
@@ -25,4 +30,4 @@ def disagreement(key: str, mine: Estimate, check: Estimate) -> str | None:
     )
 
 
-__all__ = ["disagreement"]
+__all__ = ["SLIDING_FIRST", "disagreement"]

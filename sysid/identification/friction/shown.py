@@ -11,7 +11,7 @@ from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, unit
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Notes, Section
 from sysid.blocks.tables import TableColumn, estimate_table, table
 from sysid.estimation.linear import Estimate
-from sysid.identification.friction.cross_check import disagreement
+from sysid.identification.friction.cross_check import SLIDING_FIRST, disagreement
 from sysid.io.motion import MotionUnits
 from sysid.parameters import Bundle, Friction
 from sysid.parameters.friction import TestUse
@@ -51,7 +51,11 @@ def friction_section(bundle: Bundle) -> Section:
         "friction-motion": "Coulomb and viscous friction come from general motion, by inverse "
         "dynamics.",
     }.get(str(friction.source))
+    if check is not None and friction.source == "friction-sliding":
+        source = f"{SLIDING_FIRST}."
     intro = (source,) if source else ()
+    if bundle.refinement:
+        intro += ("They were estimated again with the motion tests (Refinement on motion).",)
     return Section("friction", "Friction", intro, tuple(blocks))
 
 
@@ -165,7 +169,7 @@ def breakaway_figure(friction: Friction) -> Figure | None:
         f"{number(float(effort.min()))} and {number(float(effort.max()))} {effort_unit}."
     )
     x = Scale("Starting position", units.position, margin=0.12)
-    y = Scale(f"Breakaway {units.word}", units.effort, margin=0.15)
+    y = Scale(f"Breakaway {units.word}", effort_unit, margin=0.15)
     panel = Panel(x, y, tuple(marks), legend="above")
     return Figure("fig-static", "Breakaway by position", description, (panel,))
 

@@ -235,7 +235,10 @@ def _panel(side: str, curve: PressureCurve, what: str, edge: float | None, tag: 
         f"fig-valve-{side}-{tag}",
         f"Valve {side.upper()}: {what}",
         description,
-        (Panel(x, Scale("Pressure", "kPa"), both, 2.4), Panel(x, Scale("Residual", "kPa"), below)),
+        (
+            Panel(x, Scale("Pressure", "kPa"), both, 2.4, legend="above"),
+            Panel(x, Scale("Residual", "kPa"), below),
+        ),
         size=TALL_PANEL,
     )
 

@@ -332,7 +332,8 @@ def _figure_blocks(part: _Measured, is_first: bool) -> tuple[list[Block], list[B
         caption = (
             f"{part.title}: flow over pressure at a few duties (dots: measured, the number is the "
             f"duty), flow by {which}, and the duty that it gives for a flow less the true one. "
-            "Grey: not visited, or outside the domain."
+            "Grey: not visited, or outside the domain. A cell of the map of errors averages its "
+            "flow, and is further off than single samples (table) where the flow jumps within it."
             if is_first
             else f"{part.title}: as above, by {which}."
         )

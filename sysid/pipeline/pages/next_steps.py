@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from sysid.blocks.numbers import number
+from sysid.blocks.numbers import MISSING, number
 from sysid.blocks.sections import Block, Lines, Section
 from sysid.blocks.tables import table
 from sysid.diagnosis.evidence import is_of_actuator
@@ -108,12 +108,18 @@ def next_line(
 
 def _best_test(tests: Sequence[Content]) -> str:
     """The test that lowers the error of simulated motion most, not that of all numbers alike."""
-    best = max(tests, key=lambda test: test.get("motion_gain") or 0.0)
+    best = _best_first(tests)[0]
     if not best.get("motion_gain"):
-        best = tests[0]
-        return f"Run {best['test']}: standard errors {_smaller(best)} % smaller on average."
-    less = 100.0 * (1.0 - math.exp(-best["motion_gain"]))
-    return f"Run {best['test']}: the parameters' errors move the simulation {less:.0f} % less."
+        return f"Record {best['test']}: standard errors {_smaller(best)} % smaller on average."
+    return (
+        f"Record {best['test']}. What the uncertainty of the parameters adds to the simulation's "
+        f"error is then {_smaller(best, 'motion_gain')} % smaller."
+    )
+
+
+def _best_first(tests: Sequence[Content]) -> list[Content]:
+    """By what each does for simulated motion; in their own order where none does anything."""
+    return sorted(tests, key=lambda test: -(test.get("motion_gain") or 0.0))
 
 
 def _most_moved(bundle: Bundle, moves: Mapping[str, float], rmse: float | None) -> str:
@@ -144,7 +150,7 @@ def _advised(advice: Content) -> list[Block]:
     """The tests that say most, and those that would distinguish what is tied."""
     units = {p["name"]: (p["unit"], p["std_now"]) for p in advice["parameters"]}
     rows = []
-    for test in advice["tests"][:_MOST_TESTS]:
+    for test in _best_first(advice["tests"])[:_MOST_TESTS]:
         after = {
             name: std / units[name][1]
             for name, std in test["std_after"].items()
@@ -152,12 +158,17 @@ def _advised(advice: Content) -> list[Block]:
         }
         most = min(after, key=after.__getitem__, default=None)
         helped = "" if most is None else f"{most}, by {100.0 * (1.0 - after[most]):.0f} %"
-        rows.append((test["test"], _smaller(test), helped))
+        moved = _smaller(test, "motion_gain") if test.get("motion_gain") else MISSING
+        rows.append((test["test"], moved, _smaller(test), helped))
     blocks: list[Block] = []
     if rows:
-        columns = ("Test", "Standard errors smaller by, %", "Most")
-        caption = "Tests that the rig could run next, the best first"
-        blocks.append(table(caption, columns, rows, text=(0, 2)))
+        columns = ("Test", "Simulated motion", "All parameters", "Most")
+        caption = (
+            "Tests that the rig could run next, the best for simulated motion first: by how many "
+            "per cent each lowers the errors that the parameters' uncertainty causes in it, the "
+            "standard errors on average, and that of one parameter"
+        )
+        blocks.append(table(caption, columns, rows, text=(0, 3)))
     ties = [
         (*tie["pair"], number(tie["correlation_now"], 2), tie["test"] or "none of these")
         for tie in advice["ties"]
@@ -168,9 +179,9 @@ def _advised(advice: Content) -> list[Block]:
     return blocks
 
 
-def _smaller(test: Content) -> str:
+def _smaller(test: Content, by: str = "gain") -> str:
     """By how much a test would lower the standard errors on average, per cent."""
-    return f"{100.0 * (1.0 - math.exp(-test['gain'])):.0f}"
+    return f"{100.0 * (1.0 - math.exp(-test[by])):.0f}"
 
 
 def open_questions(diagnosis: Content | None, *, is_validated: bool) -> str:

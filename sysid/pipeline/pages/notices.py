@@ -61,13 +61,19 @@ def excluded_lines(campaign: Campaign) -> Iterator[str]:
         yield f"Tests and spans excluded by the campaign, with reasons in Data: {listed}."
 
 
-def with_notices(section: Section, notices: Sequence[str]) -> Section:
-    """The section with the notices that it does not say already, the first of them in sight."""
-    known = set(map(_without_numbers, _said(section.blocks)))
+def with_notices(section: Section, notices: Sequence[str], *, is_first: bool = True) -> Section:
+    """The section with the notices that it does not say already, the first of them in sight.
+
+    `is_first`: the section's numbers are those of this fit, not estimated again since.
+    """
+    known = set(map(_without_numbers, (*section.intro, *_said(section.blocks))))
     new = tuple(line for line in notices if _without_numbers(line) not in known)
     if not new:
         return section
-    shown: list[Block] = [Notes(new[:_MOST])]
+    shown: list[Block] = []
+    if not is_first and section.id == "friction":
+        shown.append(Lines(("Of the fit to these tests alone, before effects and refinement:",)))
+    shown.append(Notes(new[:_MOST]))
     if len(new) > _MOST:
         shown.append(Lines(new[_MOST:], "Further notices of this fit"))
     return replace(section, blocks=(*shown, *section.blocks))

@@ -96,7 +96,10 @@ def render_report(
         parts = report_parts(campaign, bundle, validation, diagnosis, advice, moves)
         sections, left_out = _sections(campaign, bundle, checks, parts, tell)
     said = by_section(notices, campaign, {section.id for section in sections})
-    sections = [with_notices(section, said.get(section.id, ())) for section in sections]
+    is_first = not (bundle.refinement or bundle.effects)
+    sections = [
+        with_notices(section, said.get(section.id, ()), is_first=is_first) for section in sections
+    ]
     tell("assembling the page")
     judged = _judged(bundle, validation, diagnosis)
     off = position_rmse(validation)
@@ -345,7 +348,7 @@ def _fill(
         campaign=campaign.path.name,
         orientation="tank" if rig.is_tank_alone else f"{rig.orientation}, {rig.motion}",
         fitted=_moment(bundle.created),
-        model=_holds(bundle),
+        model=held_parts(bundle),
         verdict=judged,
         picture=None if picture is None else drawn((picture,))[0],
         assumed=_assumed(bundle),
@@ -361,7 +364,7 @@ def _fill(
     )
 
 
-def _holds(bundle: Bundle) -> str:
+def held_parts(bundle: Bundle) -> str:
     """What the model is made of, and from how many logs it was fitted."""
     sides = {} if bundle.valves is None else bundle.valves.sides()
     known = for_rig(catalogue(), bundle.is_linear)
@@ -435,4 +438,4 @@ def _json(item: Mapping[str, Any]) -> str:
     return text
 
 
-__all__ = ["ReportPart", "render_report", "report_parts", "write_report"]
+__all__ = ["ReportPart", "held_parts", "render_report", "report_parts", "write_report"]
