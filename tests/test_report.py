@@ -692,6 +692,15 @@ def test_what_to_do_next_is_what_advise_predicts(made: Made) -> None:
     assert "two known pressures" in next_line(made.bundle, DIAGNOSIS, advice)
 
 
+def test_a_part_is_not_judged_by_a_motion_in_which_errors_add_up() -> None:
+    from sysid.pipeline.pages.concerns import of_diagnosis
+
+    far = {"before": 3.0, "after": 2.0, "noise_floor": 0.1}
+    residual = {"motor_force_n": far, "position_m": {**far, "noise_floor": 1e-9}}
+    found = list(of_diagnosis({"verdict": "adequate", "component": "axis", "residual": residual}))
+    assert [one.name for one in found] == ["the diagnosis", "errors of force 20 times the noise"]
+
+
 def test_the_next_step_is_weighed_by_what_it_does_to_the_motion() -> None:
     from sysid.pipeline.pages.next_steps import next_line
 

@@ -148,7 +148,8 @@ class Window:
         later = self.screens[self.current].later
         if number == self._filling and later:
             later.pop(0)()
-            pn.state.curdoc.add_next_tick_callback(partial(self._draw_later, number))
+            document: Any = pn.state.curdoc
+            document.add_next_tick_callback(partial(self._draw_later, number))
 
     def wait(self) -> None:
         """Say that the screen is being made."""

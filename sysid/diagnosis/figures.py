@@ -119,12 +119,12 @@ def waterfall(
         ("original bundle", 0.0, shown[0], "measured", number(shown[0]))
     ]
     for name, before, after in zip(steps, shown, shown[1:], strict=False):
-        role: Role = "third" if after <= before else "model"
+        role: Role = "third" if after <= before else "fourth"
         sign = MINUS if after <= before else "+"
         change = f"{sign}{number(abs(before - after))}"
         rows.append((drawable(name), min(before, after), max(before, after), role, change))
     if steps:
-        rows.append(("extended model", 0.0, shown[-1], "second", number(shown[-1])))
+        rows.append(("extended model", 0.0, shown[-1], "model", number(shown[-1])))
     rows.append(("correct model", 0.0, low, "muted", number(low)))
     marks: list[Mark] = []
     for place, (name, start, end, role, text) in enumerate(rows):
@@ -184,9 +184,9 @@ def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) 
     """The mean residual over a regressor: before, and after where the model was `extended`."""
     means = [m for part in ("before", "after") for m in content[part]["means"]]
     unit, scale, title = _unit_of(content, is_linear, means)
-    parts: list[tuple[str, Role, Any]] = [("before", "model", content["before"])]
+    parts: list[tuple[str, Role, Any]] = [("before", "second", content["before"])]
     if extended:
-        parts.append(("after", "second", content["after"]))
+        parts.append(("after", "model", content["after"]))
     x, axis = _regressor(content, is_linear)
     if content["fine"]:
         axis = _stretched(axis, x, content["fine"] * float(x[-1]) / float(content["centres"][-1]))

@@ -37,8 +37,8 @@ Content = Mapping[str, Any]
 # Below this share of the signal's variance between bins, their means would hide the signal.
 _LEAST_BETWEEN = 0.6
 _STYLES: Mapping[str, tuple[Role, Dash]] = {
-    "before": ("model", "dashed"),
-    "after": ("second", "solid"),
+    "before": ("second", "dashed"),
+    "after": ("model", "solid"),
 }
 
 
@@ -177,7 +177,7 @@ def _over(
     lines = named if entry["share"] >= _LEAST_BETWEEN else {}
     if not lines:
         fitted = scale * np.array(entry["fitted"])
-        cloud = Points(x, fitted, "second", named["after"], ".", 1.8, is_filled=True, alpha=0.8)
+        cloud = Points(x, fitted, "model", named["after"], ".", 1.8, is_filled=True, alpha=0.8)
         marks.append(cloud)
     for key, label in lines.items():
         role, dash = _STYLES[key]

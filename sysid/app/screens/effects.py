@@ -17,7 +17,6 @@ from sysid.app.traces import Curve, TracePanel, TraceView
 from sysid.blocks.figures import Scale
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Section
-from sysid.diagnosis.tables import short_p
 from sysid.errors import Failure, InputError, on_its_own
 from sysid.io.campaign import Campaign
 from sysid.io.channels import channel_of
@@ -136,7 +135,7 @@ class EffectsScreen(Screen):
             cells = ["", ""]
             if id in gains:
                 gain, chance = gains[id]
-                cells = [number(gain, 3), parts.words(short_p(chance))]
+                cells = [number(gain, 3), _rounded(chance)]
             lines.append(["class:on" if on else "class:", show, *cells, mark])
         said = "p: how often logs that lack nothing show as much" if gains else ""
         return parts.rows(("Effect", "Evidence", "p", ""), lines, said)
@@ -359,6 +358,11 @@ def _reach(quantity: Any) -> tuple[float, float]:
     size = _REACH * abs(quantity.typical or max(map(abs, quantity.grid), default=1.0))
     low = max(quantity.lower, -size) if quantity.lower < 0.0 else max(quantity.lower, 0.0)
     return low, min(quantity.upper, size)
+
+
+def _rounded(p: float) -> str:
+    """A p-value; what extrapolates from a few twins is not written out."""
+    return number(p, 2) if p >= 1e-3 else "below 0.001"
 
 
 def _gains(diagnosis: dict[str, Any] | None) -> dict[str, tuple[float, float]]:

@@ -53,7 +53,7 @@ def friction_section(bundle: Bundle) -> Section:
     }.get(str(friction.source))
     if check is not None and friction.source == "friction-sliding":
         source = f"{SLIDING_FIRST}."
-    intro = (source,) if source else ()
+    intro: tuple[str, ...] = (source,) if source else ()
     if bundle.refinement:
         intro += ("They were estimated again with the motion tests (Refinement on motion).",)
     return Section("friction", "Friction", intro, tuple(blocks))

@@ -10,6 +10,7 @@ from sysid.blocks.quality import quality_name
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.lack_of_fit import MISFIT
 from sysid.identification.valve_pwm.choice import not_recommended
+from sysid.io.channels import channel_of
 from sysid.parameters import Bundle
 
 LEVELS = ("good", "fair", "poor")
@@ -17,6 +18,7 @@ LEVELS = ("good", "fair", "poor")
 WELL, ROUGHLY = 90.0, 70.0
 """Least fit percentages over whole open-loop tests of a good and of a fair level."""
 _MOST_NAMED = 5
+_MOTION = ("theta_rad", "position_m")
 
 
 @dataclass(frozen=True)
@@ -71,10 +73,14 @@ def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:
         yield Concern("good", "the diagnosis")
     if not is_of_actuator(diagnosis):
         # The floor of a part is what no law could explain; in a motion small errors add up.
-        for errors in diagnosis.get("residual", {}).values():
+        for name, errors in diagnosis.get("residual", {}).items():
+            if name in _MOTION:
+                continue
             if errors["noise_floor"] > 0.0 and errors["after"] > MISFIT * errors["noise_floor"]:
                 times = errors["after"] / errors["noise_floor"]
-                yield Concern("fair", f"errors {times:.0f} times the noise")
+                title = channel_of(name).title
+                said = f"errors of {title[:1].lower()}{title[1:]} {times:.0f} times the noise"
+                yield Concern("fair", said)
 
 
 def sentence(level: str, concerns: Sequence[Concern], own: str) -> str:

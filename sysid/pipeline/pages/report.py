@@ -377,7 +377,8 @@ def held_parts(bundle: Bundle) -> str:
     ]
     logs = bundle.provenance.logs
     training = sum(log.use != "holdout" for log in logs)
-    return f"{', '.join(parts) or 'none'}; from {training} logs, {len(logs) - training} held out"
+    of = f"{training} log{'s' * (training != 1)}"
+    return f"{', '.join(parts) or 'none'}; from {of}, {len(logs) - training} held out"
 
 
 def _assumed(bundle: Bundle) -> Table | None:
