@@ -207,15 +207,15 @@ def with_refined_numbers(
             return _cut_short(diagnosis)
         return _as_it_was(diagnosis, result.reason)
     errors = result.fits["fit"]
+    if result.worse:
+        why = f"the training tests would be simulated {result.worse}"
+        return dataclasses.replace(_as_it_was(diagnosis, why), simulated=errors.before)
     count = len(diagnosis.effects)
     own = effects_from_bundle(result.bundle, catalogue)[-count:]
     refined = zip(diagnosis.effects, result.bundle.effects[-count:], own, strict=True)
     effects = tuple(_refined(effect, entry, new) for effect, entry, new in refined)  # type: ignore[arg-type]
     if silent := _shown_too_little(diagnosis.effects, effects, result):
         return _as_it_was(diagnosis, silent)
-    if result.worse:
-        why = f"the training tests would be simulated {result.worse}"
-        return dataclasses.replace(_as_it_was(diagnosis, why), simulated=errors.before)
     residual, notices = _errors_after(diagnosis, result.bundle, held_out_errors)
     if result.cut_short:
         diagnosis = _cut_short(diagnosis)
