@@ -34,7 +34,7 @@ EFFECTS = (
     "position-dependent-friction",
     "stribeck-friction",
     "asymmetric-coulomb-friction",
-    "power-law-friction",
+    "load-dependent-friction",
     "quadratic-drag",
     "torque-offset",
     "mounting-tilt",
