@@ -70,14 +70,13 @@ class _Around:
 
     `back`: after how many steps the position would go back, 0: not at all. `outside`: how far a
     step, and that back in the other direction, lie outside the others; `range`: the others' about
-    their line; `expected`: their mean over a step's `period`; `fastest`: their highest speed.
+    their line; `mean` and `fastest`: their mean and their highest speed.
     """
 
     back: int
-    period: FloatArray
     outside: FloatArray
     range: FloatArray
-    expected: FloatArray
+    mean: FloatArray
     fastest: FloatArray
 
 
@@ -162,11 +161,7 @@ def over_two_steps(time: FloatArray, position: FloatArray, resolution: Resolutio
         row, size = step + _SIDE + 1, 0.0
         for part in (row, row + 1):
             period = time[part] - time[part - 1]
-            own = (
-                joined[part]
-                - joined[part - 1]
-                - around.expected[step] / around.period[step] * period
-            )
+            own = joined[part] - joined[part - 1] - around.mean[step] * period
             joined[part:] -= own
             size += float(own)
         speed = abs(
@@ -205,7 +200,8 @@ def _jumps_at(
     time: FloatArray, position: FloatArray, resolution: Resolution, around: _Around, step: int
 ) -> list[Jump]:
     """The jump of a step (index into `around`), and that back by as much where it goes back."""
-    size = float(np.diff(position)[step + _SIDE] - around.expected[step])
+    period, moved = (np.diff(values)[step + _SIDE] for values in (time, position))
+    size = float(moved - around.mean[step] * period)
     if resolution.is_whole:
         size = resolution.step * round(size / resolution.step)
     jumps: list[Jump] = []
@@ -286,10 +282,9 @@ def _around(
     left = others - _LINES[back] @ others
     return _Around(
         back,
-        lengths[_SIDE],
         outside,
         np.ptp(left, axis=0) * long,
-        others.mean(axis=0) * lengths[_SIDE],
+        others.mean(axis=0),
         np.abs(others).max(axis=0),
     )
 
