@@ -124,14 +124,19 @@ def left_over(
     table, judged = _table(component, law), None
     if outside is not None:
         own = len(table)
-        table = table.next_to(_table(outside, law))
+        # What the stretches of one recording share, as its own friction, is no structure.
+        are_whole = len(component.recordings) == len(component.tests)
+        table = table.next_to(_table(outside, law, by_recording=are_whole))
         judged = np.arange(len(table)) >= own
     found = dependences(table)
     return remainder(table, found, noise, component.channel, component.unit, judged)
 
 
-def _table(component: Component, law: Law) -> ResidualTable:
-    """Over what does not hold the residual; of the channel itself the law's own prediction."""
+def _table(component: Component, law: Law, by_recording: bool = False) -> ResidualTable:
+    """Over what does not hold the residual; of the channel itself the law's own prediction.
+
+    `by_recording`: the stretches of a recording are one test.
+    """
     every = range(len(component.tests))
     parts = component.residuals(law, every)
     left = np.concatenate(parts)
@@ -143,6 +148,8 @@ def _table(component: Component, law: Law) -> ResidualTable:
         for name in _PLACES & columns.keys():
             columns[name + PER_DIRECTION] = per_direction(columns[name], direction)
     test = np.arange(len(parts))
+    for number, places in enumerate(component.recordings.values() if by_recording else ()):
+        test[places] = number
     if len(left) < 2 * len(parts):
         # Readings that are tests of their own: those that are left out together.
         for number, fold in enumerate(folds_of(component)):
