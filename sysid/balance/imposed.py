@@ -48,7 +48,7 @@ class ImposedMotion:
     def recording(self) -> Recording:
         return self.seen.recording
 
-    def beside_turns(self, left: FloatArray) -> FloatArray:
+    def without_turns(self, left: FloatArray) -> FloatArray:
         """A residual (rows,) less what the motion's turns put into it, as the filter spreads it.
 
         Whether the shaft rests where it turns, with friction anywhere up to static friction, no

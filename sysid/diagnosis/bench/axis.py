@@ -6,7 +6,7 @@ The law is the effort balance of thesis 3.4.1 and 3.4.2,
 
 taken along the measured motion, which is imposed: effects act on it through the model's
 ports. Both sides go through the same zero-phase filter; what it makes of the turns of the motion,
-at which the shaft may rest, counts for nothing (`ImposedMotion.beside_turns`).
+at which the shaft may rest, counts for nothing (`ImposedMotion.without_turns`).
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ class Axis(Component):
             if id(case.point) not in whole:
                 whole[id(case.point)] = self._residual(case, law)
         cases = [self.cases[i] for i in tests]
-        return [case.beside_turns(whole[id(case.point)][case.rows]) for case in cases]
+        return [case.without_turns(whole[id(case.point)][case.rows]) for case in cases]
 
     def measured(self, tests: Sequence[int]) -> list[FloatArray]:
         """What friction, and an inertia that is not declared, balance."""
