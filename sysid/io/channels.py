@@ -45,8 +45,8 @@ class Channel:
 
     @property
     def name(self) -> str:
-        """The title within a sentence."""
-        return self.title[:1].lower() + self.title[1:]
+        """The title within a sentence; a column of a user's own as it is."""
+        return self.title if self.title == self.key else self.title[:1].lower() + self.title[1:]
 
     def residual(self, value: float | None) -> float | None:
         """A value of the residual, in its shown unit."""

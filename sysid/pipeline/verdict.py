@@ -58,9 +58,8 @@ def _fits(validation: Validation | None) -> list[tuple[str, _Log, str, float]]:
         seen.add((key, log.use))
         for name, channel in log.channels.items():
             if channel.fit_percent is not None:
-                title = channel_of(name).title
-                title = title if title == name else title[:1].lower() + title[1:]
-                found.append((log.use, key, title, float(channel.fit_percent)))
+                fit = float(channel.fit_percent)
+                found.append((log.use, key, channel_of(name).name, fit))
     return found
 
 

@@ -10,7 +10,7 @@ from sysid.blocks.quality import quality_name
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.lack_of_fit import MISFIT
 from sysid.identification.valve_pwm.choice import not_recommended
-from sysid.io.channels import channel_of
+from sysid.io.channels import VELOCITY_CHANNELS, channel_of
 from sysid.parameters import Bundle
 
 LEVELS = ("good", "fair", "poor")
@@ -18,7 +18,6 @@ LEVELS = ("good", "fair", "poor")
 WELL, ROUGHLY = 90.0, 70.0
 """Least fit percentages over whole open-loop tests of a good and of a fair level."""
 _MOST_NAMED = 5
-_MOTION = ("theta_rad", "position_m")
 
 
 @dataclass(frozen=True)
@@ -74,13 +73,13 @@ def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:
     if not is_of_actuator(diagnosis):
         # The floor of a part is what no law could explain; in a motion small errors add up.
         for name, errors in diagnosis.get("residual", {}).items():
-            if name in _MOTION:
+            if name in VELOCITY_CHANNELS:
                 continue
             if errors["noise_floor"] > 0.0 and errors["after"] > MISFIT * errors["noise_floor"]:
                 times = errors["after"] / errors["noise_floor"]
-                title = channel_of(name).title
-                said = f"errors of {title[:1].lower()}{title[1:]} {times:.0f} times the noise"
-                yield Concern("fair", said)
+                yield Concern(
+                    "fair", f"errors of {channel_of(name).name} {times:.0f} times the noise"
+                )
 
 
 def sentence(level: str, concerns: Sequence[Concern], own: str) -> str:
