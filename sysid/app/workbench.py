@@ -21,7 +21,7 @@ from sysid.app.jobs import Job
 from sysid.app.journal import FileChange, Journal
 from sysid.errors import InputError, input_error
 from sysid.io.campaign import Campaign, CampaignLog
-from sysid.io.files import write_atomic
+from sysid.io.files import stamp_of, write_atomic
 from sysid.io.rig import Rig
 from sysid.io.samples import Log
 from sysid.pipeline.explore import ExploredTest, explore, motion_tests
@@ -304,20 +304,9 @@ class Workbench:
             self.job.cancel()
 
 
-def stamp_of(path: Path | None) -> tuple[str, int, int] | None:
-    """What changes when a file does; None where there is none."""
-    if path is None:
-        return None
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return str(path), found.st_mtime_ns, found.st_size
-
-
 def command_line(words: Sequence[str]) -> str:
     """A command as it is typed."""
     return shlex.join(["sysid", *words])
 
 
-__all__ = ["Workbench", "command_line", "stamp_of"]
+__all__ = ["Workbench", "command_line"]

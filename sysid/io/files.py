@@ -24,6 +24,17 @@ _DESCRIPTORS = Path("/proc/self/fd")
 _inputs: dict[Path, bool] | None = None
 
 
+def stamp_of(path: Path | None) -> tuple[str, int, int, int] | None:
+    """What changes when a file does, or another is put in its place; None where there is none."""
+    if path is None:
+        return None
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return str(path), found.st_mtime_ns, found.st_size, found.st_ino
+
+
 @contextlib.contextmanager
 def inputs_kept() -> Generator[None, None, None]:
     """No file that is read as an input in the block is written over in it: for a command.

@@ -13,7 +13,7 @@ from sysid.errors import Notice, SysidError, input_error
 from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import FRICTION_POINTS, Campaign, CampaignLog
 from sysid.io.channels import CHAMBER_PRESSURES
-from sysid.io.files import check_each_once
+from sysid.io.files import check_each_once, stamp_of
 from sysid.io.logs import Log, exclusions_for, read_log
 from sysid.io.rig import Rig, find_rig_file, read_rig
 from sysid.io.source import Source
@@ -95,13 +95,6 @@ class FitFiles(Reported):
             return None
         return self.report or self._default(kind, "report.html", sources)
 
-    def state_of_into(self) -> tuple[int, ...]:
-        """What changes where another command writes the bundle to add to; () without one."""
-        if self.into is None or not self.into.exists():
-            return ()
-        found = self.into.stat()
-        return found.st_ino, found.st_size, found.st_mtime_ns
-
     def _default(self, kind: str, suffix: str, sources: Sequence[Source]) -> Path:
         """A file of the first log's name in this folder, which is not another fit's."""
         path = Path(f"{self.logs[0].stem}.{kind}.{suffix}")
@@ -115,7 +108,7 @@ def fit_logs(options: PartOptions, files: FitFiles) -> Fitted:
     Raises InputError for files that cannot be used or are in the way, NotIdentifiedError where
     nothing is identified.
     """
-    before = files.state_of_into()
+    before = stamp_of(files.into)
     existing = None if files.into is None else read_bundle(files.into)
     kind, chosen = options.part, options.recorded()
     readings = kind == "friction" and chosen["kind"] in (None, "points")
@@ -143,7 +136,7 @@ def fit_logs(options: PartOptions, files: FitFiles) -> Fitted:
         if given.is_bare:  # its rig is the bundle's own, of which this log may show more
             existing = existing.replaced(rig_content=rig.content)
         bundle = existing.merged(bundle)
-    if files.state_of_into() != before:
+    if stamp_of(files.into) != before:
         raise input_error(
             str(files.into), "another command has changed it meanwhile", "run this fit again"
         )

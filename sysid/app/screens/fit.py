@@ -12,12 +12,11 @@ from sysid.app.parts import pn
 from sysid.app.screens.base import Screen
 from sysid.app.screens.look import LookScreen, TestRow, test_rows
 from sysid.app.traces import TraceView
-from sysid.app.workbench import stamp_of
 from sysid.blocks.figures import Figure, Points
 from sysid.blocks.sections import Section
 from sysid.errors import Failure, InputError, on_its_own
 from sysid.io.campaign import Campaign, CampaignLog
-from sysid.io.files import make_folder
+from sysid.io.files import make_folder, stamp_of
 from sysid.io.kinds import FRICTION_KINDS
 from sysid.parameters import Bundle
 from sysid.pipeline.pages.report import held_parts, report_parts

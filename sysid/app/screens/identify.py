@@ -12,9 +12,8 @@ from urllib.parse import quote
 from sysid.app import parts
 from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
-from sysid.app.workbench import stamp_of
 from sysid.blocks.html import block_html
-from sysid.io.files import make_folder
+from sysid.io.files import make_folder, stamp_of
 from sysid.pipeline.check import check_campaign
 
 # A matrix of more logs than these is read as a list.
