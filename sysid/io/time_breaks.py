@@ -33,7 +33,7 @@ _PARTS = (
     (1.0, "the fraction of a second"),
 )
 # Counts beyond these bits are not exact in a double.
-_MOST_BITS = 53
+_MOST_BITS = np.finfo(float).nmant + 1
 _FEWEST_BITS = 8
 # Share of the median step: decimals of seconds are rounded.
 _ROUNDED = 0.5

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sysid.errors import NotIdentifiedError
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import NORMAL_QUARTILE, Estimate
 from sysid.identification.friction.static import (
     AVERAGE_S,
     Onset,
@@ -34,8 +34,6 @@ CRITERION = (
     f"fitted over {_PERIODS} PWM periods by a trend and the ripple, and read at its last crest; "
     "the median of all rests"
 )
-# Standard deviation of a normal sample over its median absolute deviation.
-_PER_MAD = 1.4826
 
 
 def static_of_rests(
@@ -54,7 +52,7 @@ def static_of_rests(
             "changes of the pressure, to and fro, with the piston at rest in between"
         )
     middle = float(np.median(found))
-    spread = _PER_MAD * float(np.median(np.abs(found - middle)))
+    spread = float(np.median(np.abs(found - middle))) / NORMAL_QUARTILE
     # What a reading is off by, the crest above all, is much the same in all: no mean shrinks it.
     estimate = Estimate.symmetric(middle, spread, units.effort, len(found) - 1)
     notices.append(

@@ -24,10 +24,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from statistics import NormalDist
 
 import numpy as np
 
+from sysid.estimation.linear import NORMAL_QUARTILE
 from sysid.io.rig import Air, Rig
 from sysid.plant.base import CRITICAL_RATIO, flow_from_pressure_rate
 from sysid.types import BoolArray, FloatArray, IntArray
@@ -44,7 +44,6 @@ _FUNDAMENTAL_SHOWS = 4.0
 # Length of the mean of the tests' pulse starts as unit vectors: 0 where they are anywhere, and this
 # where they scatter by a twentieth of a period.
 _TOGETHER = 0.95
-_NORMAL_QUARTILE = NormalDist().inv_cdf(0.75)
 
 
 @dataclass(frozen=True)
@@ -274,7 +273,7 @@ class _PulseMean:
         if b > 1:
             shifted = self.values[b // 2 :: b]
             third = np.concatenate((third, np.diff(shifted, 3)))
-        return float(np.median(np.abs(third))) / _NORMAL_QUARTILE * math.sqrt(b / 20.0)
+        return float(np.median(np.abs(third))) / NORMAL_QUARTILE * math.sqrt(b / 20.0)
 
     def phases(self, pwm_period: float) -> int:
         """How many places of the PWM period the samples of a mean are at."""
