@@ -6,14 +6,13 @@ Texts are escaped here.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
 from importlib import import_module
 from typing import Any
 
-from sysid.blocks.figures import Figure, Picture
-from sysid.blocks.html import block_html
+from sysid.blocks.figures import PANEL, Figure, Picture
+from sysid.blocks.html import block_html, coded
 from sysid.blocks.interactive import Scheme, draw
 from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Section
 
@@ -22,7 +21,8 @@ pn: Any = import_module("panel")
 Chosen = Callable[[Figure, int, int], None]
 """Called with a figure, the number of its cloud of points, and the point that was clicked."""
 _WIDE_PLOTS = 3
-_BACKTICKS, _CODE = re.compile("`([^`]+)`"), r"<code>\1</code>"
+# A figure wider than this, in panels, has a row of its own.
+_WIDE = 1.5
 
 
 def html(markup: str, **options: Any) -> Any:
@@ -101,7 +101,7 @@ def rows(headings: Sequence[str], lines: Iterable[Sequence[str]], caption: str =
 
 def listed(lines: Iterable[str]) -> str:
     """Lines as a list, what is in backticks as code; nothing without any."""
-    inner = "".join(f"<li>{_BACKTICKS.sub(_CODE, words(line))}</li>" for line in lines)
+    inner = "".join(f"<li>{coded(line)}</li>" for line in lines)
     return f"<ul>{inner}</ul>" if inner else ""
 
 
@@ -134,7 +134,12 @@ def figure_pane(figure: Figure, scheme: Scheme, chosen: Chosen | None = None) ->
             plot.add_tools(TapTool())
         for number, source in enumerate(drawn.points):
             source.selected.on_change("indices", _told(figure, number, chosen))
-    pane = pn.pane.Bokeh(drawn.layout, sizing_mode="stretch_width", margin=(0, 12, 8, 0))
+    pane = pn.pane.Bokeh(
+        drawn.layout,
+        sizing_mode="stretch_width",
+        margin=(0, 12, 8, 0),
+        css_classes=["whole-row"] if figure.size[0] > _WIDE * PANEL[0] else [],
+    )
     pane.min_width = 300
     return pane
 
@@ -162,7 +167,14 @@ def block_panes(blocks: Iterable[Block], scheme: Scheme, chosen: Chosen | None =
 
 def _folded(fold: Fold, scheme: Scheme, chosen: Chosen | None) -> Any:
     """A fold whose figures are drawn when it is opened first."""
-    card = pn.Card(title=fold.summary, collapsed=True, sizing_mode="stretch_width")
+    card = pn.Card(
+        title=fold.summary,
+        collapsed=True,
+        sizing_mode="stretch_width",
+        css_classes=["unfold"],
+        header_css_classes=["card-header", "unfold-head"],
+        title_css_classes=["unfold-title"],
+    )
 
     def opened(event: Any) -> None:
         if not event.new and not card.objects:
@@ -195,7 +207,7 @@ def grid(panes: Sequence[Any], columns: int = _WIDE_PLOTS) -> Any:
 
 def section_panes(section: Section, scheme: Scheme, chosen: Chosen | None = None) -> list[Any]:
     """A section of the report: its heading, its first paragraphs and its blocks."""
-    head = f"<h2>{words(section.title)}</h2>" + "".join(f"<p>{words(p)}</p>" for p in section.intro)
+    head = f"<h2>{words(section.title)}</h2>" + "".join(f"<p>{coded(p)}</p>" for p in section.intro)
     return [html(head), *block_panes(section.blocks, scheme, chosen)]
 
 

@@ -40,12 +40,16 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class TracePanel:
-    """Curves over one axis; `bands` are stripes along x: (from, to, role)."""
+    """Curves over one axis; `bands` are stripes along x: (from, to, role).
+
+    `height` is relative to that of the view's panels.
+    """
 
     y: Scale
     curves: tuple[Curve, ...]
     bands: tuple[tuple[float, float, Role], ...] = ()
     noise: float = 0.0
+    height: float = 1.0
 
 
 Selected = Callable[[float, float], None]
@@ -99,7 +103,7 @@ class TraceView:
         parts = bokeh("models")
         x = self.x if is_last else Scale()
         plot = empty_plot(
-            x, panel.y, self.scheme, height + (34 if is_last else 0),
+            x, panel.y, self.scheme, int(height * panel.height) + (34 if is_last else 0),
             x_range=self.range, min_border_left=72, window_axis="x",
         )  # fmt: skip
         plot.xaxis.visible = is_last

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sysid import __version__
-from sysid.blocks.numbers import MINUS, number
+from sysid.blocks.numbers import MINUS, number, unit
 from sysid.blocks.sections import Block
 from sysid.blocks.standing import drawn
 from sysid.errors import escaped
@@ -75,11 +75,25 @@ def _readable(value: Any) -> Any:
 
 # A number as messages have it: with a power of ten, or below zero after a space or a bracket.
 _ASCII = re.compile(r"(?<![\w.+-])-?\d+(?:\.\d+)?e[+-]\d+\b|(?<=[\s(])-(?=\d)")
+_TORQUE = re.compile(r"(?<=\d )Nm\b(?: s/rad)?")
+_BACKTICKS = re.compile("`([^`]+)`")
 
 
 def typeset(line: str) -> str:
-    """A message with the minus and multiplication signs that a page has."""
+    """A message with the signs that a page has: minus, times, and those of a torque's unit."""
+    line = _TORQUE.sub(lambda m: unit(m[0]), line)
     return _ASCII.sub(lambda m: MINUS if m[0] == "-" else _power_of_ten(m[0]), line)
+
+
+def coded(line: str) -> Any:
+    """A text as markup, what is in backticks as code."""
+    from markupsafe import Markup, escape
+
+    return Markup(_BACKTICKS.sub(r"<code>\1</code>", str(escape(escaped(line, keep="\n\t")))))
+
+
+def _in_text(line: str) -> Any:
+    return coded(typeset(line))
 
 
 def _power_of_ten(text: str) -> str:
@@ -113,7 +127,7 @@ def _environment(folder: Path | None = None) -> Any:
         undefined=jinja2.StrictUndefined,
         finalize=lambda value: value if isinstance(value, Markup) else _readable(value),
     )
-    environment.filters["typeset"] = typeset
+    environment.filters["typeset"] = _in_text
     return environment
 
 
@@ -121,4 +135,13 @@ def _source(name: str) -> str | None:
     return template_text(name) if (_TEMPLATES / name).is_file() else None
 
 
-__all__ = ["block_html", "fill", "moment", "origin_of", "origin_text", "template_text", "typeset"]
+__all__ = [
+    "block_html",
+    "coded",
+    "fill",
+    "moment",
+    "origin_of",
+    "origin_text",
+    "template_text",
+    "typeset",
+]

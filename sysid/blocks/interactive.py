@@ -6,6 +6,7 @@ take: its objects are left untyped here.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -43,6 +44,11 @@ _DASHES: Mapping[str, Any] = {
 }
 _MARKERS = {"o": "circle", "s": "square", "D": "diamond", "x": "x", "_": "dash", ".": "circle"}
 _PIXELS_PER_INCH = 96
+# Pixels of a figure with several panels: left of them, of the x axis, of the title and the legend;
+# the lowest panel in which an axis's name has room; from one tick to the next.
+_LEFT, _AXIS, _TITLE, _LEAST, _PER_TICK = 62, 46, 40, 92, 30
+# Pixels of a legend in the narrowest place of a figure; of a letter, and of a line's sample.
+_LEGEND, _LETTER, _SAMPLE = 300, 5.6, 30
 # Values of a line in a figure: two a pixel of a wide page.
 _BUCKETS = 2000
 
@@ -105,10 +111,19 @@ def draw(figure: Figure, scheme: Scheme = "light", height: int | None = None) ->
     shares = sum(panel.height for panel in figure.panels)
     plots: list[BokehModel] = []
     sources: list[BokehModel] = []
+    several = {"min_border_left": _LEFT} if len(figure.panels) > 1 else {}
     for panel in map(_on_even_axis, figure.panels):
         shared = {"x_range": plots[0].x_range} if plots else {}
-        own = max(int(whole * panel.height / shares), 90)
-        plots.append(_panel(panel, scheme, own, shared, sources))
+        inner = max(int((whole - _AXIS - _TITLE) * panel.height / shares), _LEAST)
+        plot = _panel(panel, scheme, inner, {**several, **shared}, sources)
+        if panel.y.ticks is None:
+            plot.yaxis.ticker.desired_num_ticks = max(inner // _PER_TICK, 3)
+        plots.append(plot)
+    # One time axis below, a title above; the panels' own areas keep their shares of the height.
+    for plot in plots[:-1]:
+        plot.xaxis.visible = False
+    plots[-1].height += _AXIS
+    plots[0].height += _TITLE
     plots[0].title = bokeh("models").Title(
         text=figure.heading or figure.title,
         text_font_size="13px",
@@ -205,6 +220,13 @@ def _legend(plot: BokehModel, panel: Panel, scheme: Scheme) -> None:
         legend.visible = False
         return
     style_legend(plot, scheme)
+    columns = len(legend.items)
+    widths = [_LETTER * len(item.label["value"]) + _SAMPLE for item in legend.items]
+    if sum(widths) > _LEGEND:
+        columns = max(int(_LEGEND / max(widths)), 1)
+        legend.spacing = 8
+        plot.height += 22 * (math.ceil(len(widths) / columns) - 1)
+    legend.ncols = columns
 
 
 def style_legend(plot: BokehModel, scheme: Scheme) -> None:
@@ -314,9 +336,9 @@ def _span(plot: Any, mark: figures.Span, colours: Mapping[str, str], _: Panel) -
 
 def _map(plot: Any, mark: figures.ColourMap, colours: Mapping[str, str], _: Panel) -> Any:
     parts, palettes = bokeh("models"), bokeh("palettes")
-    palette = palettes.diverging_palette(
-        palettes.Blues256, palettes.Oranges256, 256
-    ) if mark.is_signed else palettes.Viridis256  # fmt: skip
+    signed = palettes.interp_palette(tuple(reversed(palettes.PuOr11)), 256)
+    palette = signed if mark.is_signed else palettes.Viridis256
+    plot.background_fill_color = colours["grid"]  # where a value is missing
     low, high = mark.limits
     mapper = parts.LinearColorMapper(
         palette=palette, low=low, high=high, nan_color="rgba(0, 0, 0, 0)"

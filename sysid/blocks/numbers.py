@@ -12,20 +12,15 @@ from sysid.estimation.linear import Estimate, finite_or_none
 MINUS = "\N{MINUS SIGN}"
 MISSING = "\N{EM DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "\N{SUPERSCRIPT MINUS}⁰¹²³⁴⁵⁶⁷⁸⁹")
-_UNITS = {
-    "Nm": "N·m",
-    "Nm s/rad": "N·m·s/rad",
-    "N s/m": "N·s/m",
-    "kg m2": "kg·m²",
-    "kg/(s Pa^0.5)": "kg/(s·Pa⁰·⁵)",
-    "kg/(s Pa)": "kg/(s·Pa)",
-    "m3/(s Pa)": "m³/(s·Pa)",
-    "-": "",
-}
+_UNIT_SIGNS = {"Nm": "N·m", "^0.5": "⁰·⁵"}
+_TIMES = re.compile(r" (?=(?:s|m|Pa|K|rad|kg)[23]?\b)")
+_POWER = re.compile(r"(?<=[A-Za-z])[23]\b")
 # Times below this are shown in ms.
 _SHORT_S = 0.1
 # Powers of ten that are written out.
 _PLAIN = range(-2, 6)
+# The error's power of ten down to which a value that is smaller than it is written out.
+_LEAST_PLAIN = -4
 # Digits of a parameter in a terminal; the most that are used to make an interval's ends differ.
 _FOUR, _MOST_DIGITS = ".4g", 9
 
@@ -40,8 +35,13 @@ def known(content: Any) -> Any:
 
 
 def unit(text: str) -> str:
-    """A bundle's unit as it is printed."""
-    return _UNITS.get(text, text)
+    """A bundle's unit as it is printed: `Nm s/rad` as `N·m·s/rad`."""
+    if text in ("-", "1"):
+        return ""
+    text = _TIMES.sub("·", text)
+    for plain, sign in _UNIT_SIGNS.items():
+        text = text.replace(plain, sign)
+    return _POWER.sub(lambda m: m[0].translate(_SUPERSCRIPT), text)
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -92,9 +92,11 @@ def estimate_cells(estimate: Estimate) -> tuple[str, str, str, str]:
         std, low, high = (None if x is None else 1e3 * x for x in (std, low, high))
     places = _decimals(value, std)
     exponent = _exponent(max(abs(value), std or 0.0) or 1.0, 4)
-    power = "" if exponent in _PLAIN else _power(exponent)
-    scale = 1.0 if exponent in _PLAIN else 10.0**exponent
-    decimals = places if exponent in _PLAIN else max(places + exponent, 0)
+    # A value close to 0 against its error is as long as the error alone.
+    is_plain = exponent in _PLAIN or (abs(value) < (std or 0.0) and exponent >= _LEAST_PLAIN)
+    power = "" if is_plain else _power(exponent)
+    scale = 1.0 if is_plain else 10.0**exponent
+    decimals = places if is_plain else max(places + exponent, 0)
 
     def shown(x: float | None, missing: str) -> str:
         return missing if x is None else fixed(x / scale, decimals)

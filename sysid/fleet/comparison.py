@@ -170,16 +170,19 @@ class Comparison(Shown):
             "Parameters with 95 % intervals; * moved significantly against the first",
             ("part", "parameter", *self.names, "unit"),
             tuple(self._row(part, key) for part, key in self._keys()),
+            text=(1, 2 + len(self.names)),
         )
         yield table(
             "What moved, most significant first",
             ("bundle", "part", "parameter", "change", "in std. errors", "p, adjusted"),
             tuple(self._moved_row(m) for m in sorted(self.moved, key=lambda m: m.p_value)),
+            text=(1, 2),
         )
         yield table(
             "Effects against the first",
             ("bundle", "effect", "change"),
             tuple((e.bundle, e.effect, e.state) for e in self.effects if e.state != "same"),
+            text=(1, 2),
         )
         if self.responses is not None:
             yield from self.responses.tables()

@@ -20,6 +20,8 @@ from sysid.pipeline.compare import compare
 from sysid.pipeline.explore import ExploredTest
 
 _MOST = 5
+# Height of the panel of the residuals, which shows what the curves above hide.
+_BELOW = 0.65
 _USUAL = ("fitted.json", "bundle.json")
 
 
@@ -114,10 +116,16 @@ class CompareScreen(Screen):
         for channel in map(channel_of, first.simulated):
             curves = [Curve(time, first.trial[channel.key] * channel.scale, "measured", "measured",
                             width=2.4)]  # fmt: skip
+            off = []
             for place, (name, tests) in enumerate(zip(names, content.tests, strict=True)):
-                values = tests[self.test].simulated[channel.key] * channel.scale
-                curves.append(Curve(time, values, name, overlay_role(place)))
+                test, role = tests[self.test], overlay_role(place)
+                values = test.simulated[channel.key] * channel.scale
+                curves.append(Curve(time, values, name, role))
+                residual = test.residual(channel.key) * channel.residual_scale
+                off.append(Curve(time, residual, "", role, width=1.0))
+            below = Scale("Residual", channel.residual_unit)
             panels.append(TracePanel(Scale(channel.title, channel.unit), tuple(curves)))
+            panels.append(TracePanel(below, tuple(off), height=_BELOW))
         titles = [(str(i), t.trial.title) for i, t in enumerate(content.tests[0])]
         head = parts.select("cmp-test", titles, str(self.test), "Test")
         view = TraceView(panels, self.window.scheme, height=170)

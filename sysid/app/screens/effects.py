@@ -362,7 +362,7 @@ def _reach(quantity: Any) -> tuple[float, float]:
 
 def _rounded(p: float) -> str:
     """A p-value; what extrapolates from a few twins is not written out."""
-    return number(p, 2) if p >= 1e-3 else "below 0.001"
+    return number(p, 2) if p >= 1e-3 else "< 0.001"
 
 
 def _gains(diagnosis: dict[str, Any] | None) -> dict[str, tuple[float, float]]:

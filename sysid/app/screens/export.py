@@ -33,10 +33,13 @@ _PURPOSES = {
     ".mat": "for MATLAB",
     ".fmu": "for co-simulation",
 }
+_EXPORTS = "export"
 
 
 def _what(path: Path) -> str:
     """What a file is for, in a few words."""
+    if path.suffix == ".json" and path.parent.name == _EXPORTS:
+        return "the numbers alone, for other programs"
     return _PURPOSES.get(path.name, _PURPOSES.get(path.suffix, ""))
 
 
@@ -123,7 +126,7 @@ class ExportScreen(Screen):
     def _export(self, kind: str) -> None:
         bench, source = self.bench, self._source()
         suffix = next(s for s, k in SUFFIXES.items() if k == kind)
-        folder = bench.results / "export"
+        folder = bench.results / _EXPORTS
         make_folder(folder)
         output = folder / f"{source.stem}{suffix}"
         words = ["export", bench.named(source), "--format", kind, "-o", bench.named(output)]

@@ -12,6 +12,7 @@ from sysid.app import edits, parts
 from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
 from sysid.app.screens.mapping import Mapping, guessed_kind, plausibility
+from sysid.blocks import numbers
 from sysid.errors import InputError
 from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import Campaign
@@ -197,7 +198,7 @@ class FilesScreen(Screen):
         if isinstance(declared, NumberKey):
             limits = declared.range
             reach = f"{limits.lower:g} to {limits.upper:g}"
-            unit = f'<small title="{reach}">{parts.words(limits.unit)}</small>'
+            unit = f'<small title="{reach}">{parts.words(numbers.unit(limits.unit))}</small>'
         assumed = f"{section}.{key}" in content.get("assumed", ())
         mark = ' <small class="warn">assumed</small>' if assumed else ""
         name = f'<span title="{parts.words(declared.description)}">{parts.words(key)}</span>{mark}'

@@ -20,7 +20,7 @@ from sysid.blocks.figures import (
     Scale,
     Words,
 )
-from sysid.blocks.numbers import MISSING, estimate_cells, number
+from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number
 from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section
 from sysid.blocks.tables import Table, estimate_table, table
 from sysid.identification.valve_pwm import choice as choices
@@ -49,6 +49,8 @@ _STYLES: tuple[tuple[Role, Dash], ...] = (
     ("second", "dashed"),
     ("third", "dotted"),
 )
+# Room for a duty's name beyond the curves of a figure, as a share of the pressures' range.
+_NAME_ROOM = 0.16
 _LAW_NAMES = {
     "choked_flow_fill_kg_s": "Choked flow, filling",
     "choked_flow_dis_kg_s": "Choked flow, discharging",
@@ -514,7 +516,10 @@ def flow_figure(title: str, tag: str, levels: LevelFlows, surfaces: Mapping[str,
     marks += _duties_named(levels, chosen)
     duties = ", ".join(number(float(levels.duty[r]), 2) for r in chosen)
     description = f"{title}: measured and fitted flow over pressure at duties of {duties}."
-    x, y = Scale("Pressure", "kPa", margin=0.12), Scale("Flow", "g/s")
+    seen = levels.pressure[(levels.count[chosen] > 0).any(axis=0)] / 1e3
+    room = _NAME_ROOM * float(np.ptp(levels.pressure)) / 1e3
+    ends = (float(seen.min()) - room, float(seen.max()) + room) if len(seen) else (None, None)
+    x, y = Scale("Pressure", "kPa", ends), Scale("Flow", "g/s", margin=0.1)
     panel = Panel(x, y, tuple(marks), legend="above")
     heading = "Flow at a few duties"
     return Figure(f"fig-{tag}-cuts", f"{title}. {heading}", description, (panel,), heading)
@@ -541,7 +546,7 @@ def _duties_named(levels: LevelFlows, rows: Sequence[int]) -> list[Words]:
         is_first = abs(levels.flow[row, first]) >= abs(levels.flow[row, last])
         at = first if is_first else last
         x = float(levels.pressure[at]) / 1e3 + (-0.08 if is_first else 0.08) * reach
-        y, text = 1e3 * float(levels.flow[row, at]), number(float(levels.duty[row]), 2)
+        y, text = 1e3 * float(levels.flow[row, at]), fixed(float(levels.duty[row]), 2)
         if all(abs(x - m.x) > 0.15 * reach or abs(y - m.y) > 0.09 * span for m in marks):
             marks.append(Words(x, y, text, is_small=True))
     return marks
