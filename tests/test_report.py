@@ -626,6 +626,11 @@ def test_notices_stand_where_their_numbers_stand() -> None:
     first, folded, _ = many.blocks
     assert isinstance(first, Notes) and coulomb in first.lines and len(first.lines) == 4
     assert isinstance(folded, Lines) and folded.summary and len(folded.lines) == 3
+    why = "excluded: the pressure stays within 1 % of its start"
+    both = [f"b.csv, tests 44, 45, 46: {why}", "other: said", f"a.csv, tests 1, 2, 4: {why}"]
+    shown = with_notices(section, both).blocks[0]
+    assert isinstance(shown, Notes)
+    assert shown.lines == (f"b.csv, tests 44 to 46; a.csv, tests 1, 2, 4: {why}", "other: said")
 
 
 TRACE: dict[str, Any] = {
@@ -725,9 +730,12 @@ def test_messages_have_a_page_s_signs() -> None:
     from sysid.blocks.html import typeset
 
     line = "filling -5.53e+03 Pa (an offset of -0.0029 Nm); --law iso6358, 2026-11-27, run-2 1e3x"
-    assert typeset(line) == line.replace("-5.53e+03", "\N{MINUS SIGN}5530").replace(
-        "of -", "of \N{MINUS SIGN}"
-    )
+    signs = {"-5.53e+03": "\N{MINUS SIGN}5530", "of -": "of \N{MINUS SIGN}", "Nm": "N·m"}
+    shown = line
+    for plain, sign in signs.items():
+        shown = shown.replace(plain, sign)
+    assert typeset(line) == shown
+    assert typeset("keys such as coulomb_nm, 3 Nmax") == "keys such as coulomb_nm, 3 Nmax"
 
 
 def test_unidentified_parameters_are_named(made: Made) -> None:

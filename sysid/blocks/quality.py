@@ -9,7 +9,7 @@ from sysid.blocks.numbers import MISSING, number, unit
 from sysid.blocks.tables import NotedCell, Table, table
 from sysid.estimation.quality import lack_of_fit_text
 
-_COLUMNS = ("Fit", "RMSE", "Unit", "Of the spread, %", "R2", "Lack of fit", "Verdict")
+_COLUMNS = ("Fit", "RMSE", "Unit", "Of the spread, %", "R²", "Lack of fit", "Verdict")
 _WORDS = {
     "valves": "",
     "a": "valve A",

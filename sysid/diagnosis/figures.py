@@ -188,7 +188,7 @@ def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) 
     if extended:
         parts.append(("after", "model", content["after"]))
     x, axis = _regressor(content, is_linear)
-    if content["fine"]:
+    if is_stretched(content):
         axis = _stretched(axis, x, content["fine"] * float(x[-1]) / float(content["centres"][-1]))
     marks = [mark for label, role, part in parts for mark in _means(x, part, scale, role, label)]
     told = "; ".join(
@@ -264,6 +264,12 @@ def _residual_unit(residual: str, is_linear: bool, means: Sequence[float]) -> tu
     if residual == "effort" and not is_linear and max(abs(m) for m in means) >= _LARGE_NM:
         return "N·m", 1.0
     return _UNITS[residual][is_linear]
+
+
+def is_stretched(content: Mapping[str, Any]) -> bool:
+    """Whether the axis of a curve is stretched about 0: where it has means there."""
+    fine = content["fine"]
+    return bool(fine) and min(map(abs, content["centres"])) < fine
 
 
 def _stretched(axis: Scale, x: FloatArray, width: float) -> Scale:
@@ -359,6 +365,7 @@ __all__ = [
     "curve",
     "drawable",
     "influence",
+    "is_stretched",
     "leftover",
     "regressor_axis",
     "residual_title",

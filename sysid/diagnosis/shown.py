@@ -142,7 +142,7 @@ def _residuals(content: Content, is_linear: bool) -> list[Block]:
     which = (
         "the original bundle (before) and the extended model (after)" if extended else "the bundle"
     )
-    is_stretched = any(entry["fine"] for entry in curves)
+    is_stretched = any(map(figures.is_stretched, curves))
     along = "along which the effects change it most" if extended else "on which it depends most"
     caption = (
         f"Residuals on the training tests under {which}: means in bins with their "

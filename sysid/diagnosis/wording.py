@@ -12,7 +12,7 @@ from typing import Any
 from sysid.blocks.numbers import number, percent
 from sysid.diagnosis.search_record import QUICK, stage_text
 from sysid.estimation.linear import Estimate
-from sysid.io.channels import CHAMBER_PRESSURES, SIDES, VELOCITY_CHANNELS, channel_of
+from sysid.io.channels import CHAMBER_PRESSURES, SIDES, VELOCITY_CHANNELS, Channel, channel_of
 
 Content = Mapping[str, Any]
 
@@ -84,16 +84,16 @@ def _verdict(content: Content, titles: Mapping[str, str]) -> str:
     if content["verdict"] == "incomplete":
         so_far = f"effects so far: {joined(ids)}" if ids else "no effect found so far"
         return f"Incomplete: the budget ended before the search did; {so_far}{change}."
-    helped = f"; {joined(ids)} {_help(content, len(ids) > 1)}" if ids else ""
-    return f"Unexplained: {joined(list(_remaining(content)))}{helped}{change}."
+    helped = f"; {_help(content)}: {joined(ids)}" if ids else ""
+    return f"Unexplained: {_remaining(content)}{helped}{change}."
 
 
-def _help(content: Content, are_many: bool) -> str:
+def _help(content: Content) -> str:
     """Whether the effects help, to a tenth, on the held-out tests, where there are any."""
     errors = content["residual"].values()
     if errors and not any(e["after"] < _GROWN * e["before"] for e in errors):
-        return f"{'fit' if are_many else 'fits'} the training tests alone"
-    return "help" if are_many else "helps"
+        return "of help on the training tests alone"
+    return "of help"
 
 
 def _error_change(content: Content) -> str:
@@ -113,43 +113,56 @@ def _error_change(content: Content) -> str:
         named += [name for name, fall in falls.items() if fall < _GROWN and name not in named]
     said = []
     for name in named:
-        channel = channel_of(name)
-        before, after, floor = (
-            number(channel.residual(errors[name][k])) for k in ("before", "after", "noise_floor")
-        )
-        change = f"from {before} to {after}" if content["effects"] else before
-        correct = f"(a correct model: {floor})"
-        sizes = " ".join(filter(None, (change, channel.residual_unit, correct)))
-        said.append(f"{channel.name} {sizes}")
+        sizes = _sizes(channel_of(name), errors[name], is_changed=bool(content["effects"]))
+        said.append(f"{channel_of(name).name} {sizes}")
     return f"errors on held-out tests: {joined(said)}"
+
+
+def _sizes(channel: Channel, errors: Mapping[str, float | None], *, is_changed: bool) -> str:
+    """A channel's errors with their unit: "from 107 to 15.1 mrad (a correct model: 10.2)"."""
+    before, after, floor = (channel.residual(errors[k]) for k in ("before", "after", "noise_floor"))
+    unit = channel.residual_unit
+    if unit == "kPa" and all(e is None or abs(e) < 1.0 for e in (before, after, floor)):
+        unit = "Pa"
+        before, after, floor = (None if e is None else 1e3 * e for e in (before, after, floor))
+    change = f"from {number(before)} to {number(after)}" if is_changed else number(before)
+    if floor is not None and after is not None and 0.0 < floor < _LEAST_SHOWN * after:
+        correct = f"(a correct model: less than {number(_LEAST_SHOWN * after, 1)})"
+    else:
+        correct = f"(a correct model: {number(floor)})"
+    return " ".join(filter(None, (change, unit, correct)))
 
 
 _LEAST_SHOWN = 1e-3
 # Before over after, below which an error has grown by a tenth; after over before, has fallen.
 _GROWN = 1.0 / 1.1
 _NO_STRUCTURE = {
-    "held-out errors": "no balance shows why the held-out tests are simulated so badly",
+    "held-out errors": (
+        "the errors on held-out tests are far above those of a correct model, and no residual of "
+        "the training tests shows why"
+    ),
     "unfinished search": "what failed in the search may be missing",
     "one recording": "one recording cannot tell what the law lacks",
 }
 
 
-def _remaining(content: Content) -> Iterator[str]:
-    """The remaining structure by balance; if none counts, the reason comes first."""
+def _remaining(content: Content) -> str:
+    """The remaining structure by balance; if none counts, the reason, and what is largest."""
     other = _NO_STRUCTURE.get(content.get("because") or "")
     said = (
         "the residual of {0} depends most on {1} ({2} of its variance)"
         if other
         else "structure remains in {0}, strongest over {1} ({2} of the residual's variance)"
     )
-    if other:
-        yield other
+    found = []
     for entry in content["unexplained"]:
         share = entry["share"]
-        if share is None:
+        if share is None or (other and share < _LEAST_SHOWN):
             continue
         part = f"{number(100.0 * share, 2)} %" if share >= _LEAST_SHOWN else "less than 0.1 %"
-        yield said.format(balance_of(entry["channel"]), regressor_name(entry["regressor"]), part)
+        over = balance_of(entry["channel"]), regressor_name(entry["regressor"])
+        found.append(said.format(*over, part))
+    return "; ".join(filter(None, (other, joined(found))))
 
 
 def remainder_lines(content: Content) -> tuple[str, ...]:
@@ -204,6 +217,12 @@ def advice_on_rest(content: Content) -> tuple[str, ...]:
         lines.append(
             "Record the test again from at least two other conditions (pressures, levels): what "
             "repeats in all of them is the law's, and each is predicted by the others."
+        )
+    elif content.get("because") == "held-out errors":
+        lines.append(
+            "Check for a held-out log that is not like the training logs: chambers exchanged, a "
+            "sign, a unit, another rig, or a condition (pressure, level, speed) that no training "
+            "test has. Then train on it, hold out another, and diagnose again."
         )
     elif content["unexplained"] and not _NO_STRUCTURE.get(content.get("because") or ""):
         lines.append(

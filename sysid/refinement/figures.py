@@ -115,9 +115,9 @@ def correlation(values: Sequence[RefinedValue], matrix: Sequence[Sequence[float]
     if count <= 16:
         for i, j in np.argwhere(~own & (np.abs(found) >= LEAST_WRITTEN)):
             size = float(found[i, j])
-            marks.append(
-                Words(j + 1.0, i + 1.0, number(size, 1 if abs(size) < 0.95 else 2), is_small=True)
-            )
+            # Without its zero, as it is usual: a square has room for three signs.
+            text = number(size, 1 if abs(size) < 0.95 else 2).replace("0.", ".")
+            marks.append(Words(j + 1.0, i + 1.0, text, is_small=True))
     ticks = tuple((float(p), str(p)) for p in range(1, count + 1, 1 + count // 24))
     x = Scale("Parameter", "number in the table", (0.5, count + 0.5), ticks=ticks)
     y = Scale(limits=(count + 0.5, 0.5), ticks=ticks)

@@ -192,7 +192,8 @@ def _pictures(refinement: Refinement, values: list[RefinedValue]) -> list[Block]
         drawn.append(figures.correlation(values, matrix))
         caption += (
             "Correlation of the parameters' errors after; rows and columns have the table's "
-            f"numbers, sizes from {figures.LEAST_WRITTEN} are written."
+            f"numbers; blue: both err the same way, orange: opposite ways; sizes from "
+            f"{figures.LEAST_WRITTEN} are written."
         )
         caption += _tied(values, matrix)
     return [FigureGroup(caption, tuple(drawn))] if drawn else []

@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.blocks.figures import SMALL_PANEL, Band, Figure, Line, Panel, Points, Rule, Scale
 from sysid.blocks.numbers import number
-from sysid.blocks.sections import FigureGroup, Section
+from sysid.blocks.sections import Block, FigureGroup, Fold, Section
 from sysid.io.channels import Channel, channel_of
 from sysid.types import FloatArray
 from sysid.validation.shown_tests import (
@@ -40,7 +40,7 @@ def residuals_section(validation: ValidationResult) -> Section:
     """Residuals of the held-out tests (of all tests without held-out ones) over regressors."""
     tests = tests_of(validation)
     held = [t for t in tests if t.use == "holdout"] or tests
-    blocks = []
+    blocks: list[Block] = []
     for channel in shown_channels(validation):
         usable = [t for t in held if channel.key in t.first.measured]
         if usable:
@@ -57,16 +57,24 @@ def residuals_section(validation: ValidationResult) -> Section:
     return Section("residuals", "Residuals", intro, tuple(blocks))
 
 
-def _group(tests: Sequence[ShownTest], channel: Channel) -> FigureGroup:
+def _group(tests: Sequence[ShownTest], channel: Channel) -> Block:
+    """A channel's residual over each regressor; folded where no median leaves the noise's band."""
     figures = []
+    is_noise = True
     for regressor in _regressors(tests[0], channel):
         parts = [_values(t, channel, regressor.key) for t in tests]
         known = [p for p in parts if p is not None]
         if known:
             x, y = (np.concatenate(c) for c in zip(*known, strict=True))
             noise = float(np.median([t.first.channels[channel.key].noise_floor for t in tests]))
-            figures.append(_panel(channel, regressor, x, y, noise * channel.residual_scale))
-    return FigureGroup(f"{channel.title}: residual over possible regressors.", tuple(figures))
+            noise *= channel.residual_scale
+            means = binned(x, y)
+            figures.append(_panel(channel, regressor, x, y, means, noise))
+            is_noise = is_noise and bool(np.all(np.abs(means[2]) <= NOISE_BAND * noise))
+    group = FigureGroup(f"{channel.title}: residual over possible regressors.", tuple(figures))
+    if not is_noise:
+        return group
+    return Fold(f"{channel.title}: no median leaves the band of the sensor noise", (group,))
 
 
 def _regressors(test: ShownTest, channel: Channel) -> list[_Regressor]:
@@ -101,11 +109,16 @@ def _values(
 
 
 def _panel(
-    channel: Channel, regressor: _Regressor, x: FloatArray, y: FloatArray, noise: float
+    channel: Channel,
+    regressor: _Regressor,
+    x: FloatArray,
+    y: FloatArray,
+    means: tuple[FloatArray, ...],
+    noise: float,
 ) -> Figure:
     heading = f"{channel.title} over {regressor.title}"
     shown = np.random.default_rng(0).permutation(len(x))[:3000]
-    centre, low, middle, high = binned(x, y)
+    centre, low, middle, high = means
     marks = (
         Points(x[shown], y[shown], "measured", marker=".", size=1.6, alpha=0.35, is_cloud=True),
         Band(centre, low, high, "second"),

@@ -17,7 +17,7 @@ import numpy as np
 from sysid.blocks.drawing import plot_panels
 from sysid.blocks.figures import Dash, Figure, Line, Mark, Panel, Role, Rule, Scale
 from sysid.blocks.numbers import estimate_cells, number
-from sysid.blocks.sections import Block, FigureGroup
+from sysid.blocks.sections import Block, FigureGroup, Fold
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
 from sysid.estimation.linear import Estimate
@@ -107,7 +107,7 @@ class Responses(Shown):
             for r in self.responses
             if r.way == way
         ]
-        columns = ("valve", "direction", *(f"{100 * s:.0f} % of the way (ms)" for s in _SHARES))
+        columns = ("Valve", "Direction", *(f"{100 * s:.0f} % of the way (ms)" for s in _SHARES))
         caption = f"Responses from the command on: {self._chamber()}"
         yield table(caption, columns, rows, text=(1, *range(2, 2 + len(_SHARES))))
 
@@ -145,7 +145,8 @@ class Responses(Shown):
     def blocks(self) -> tuple[Block, ...]:
         """The figures with their caption, and the times, for a page."""
         caption = f"Responses over one another, as fitted: {self._chamber()}."
-        return (FigureGroup(caption, self.figures()), *self.tables())
+        times = Fold("Times of the responses", tuple(self.tables()))
+        return (FigureGroup(caption, self.figures()), times)
 
     def _chamber(self) -> str:
         kpa = (number(1e-3 * p) for p in (self.supply_pa, self.atmosphere_pa))

@@ -132,7 +132,7 @@ def _curves(
         if named not in (None, side):
             continue
         for trial in log.trials:
-            command = trial.channels.get(f"valve_{side}")
+            command = trial.channels.get(f"valve_{rig.filled_by(side)}")
             if command is None or not np.any(command > 0.5):
                 continue
             curves += [_curve(piece, valve, others) for piece in screen(trial, side, rig).pieces]

@@ -30,6 +30,9 @@ _WIDE = 0.25
 # Share of the held-out squares from which a number's error is worth a test.
 _MATTERS = 0.1
 _MOST_TESTS = 5
+# Correlation from which two errors are called hard to distinguish. A rival effect below it has its
+# test in the table of rivals.
+_TIED = 0.5
 _MORE = "more tests like those it was read from"
 
 
@@ -65,14 +68,14 @@ def next_section(
     )
     if advice is not None:
         intro.append(
-            f"Predicted for this rig by sysid advise. sysid advise {campaign} --bundle bundle.json "
-            "-o next.csv writes such a test as a file that the rig can play."
+            "Predicted for this rig. To write such a test as a file that the rig can play: "
+            f"`sysid advise {campaign} --bundle bundle.json -o next.csv`."
         )
     elif is_advised:
         intro.append(
-            f"sysid advise {campaign} --bundle bundle.json predicts for this rig what each of a "
+            f"`sysid advise {campaign} --bundle bundle.json` predicts for this rig what each of a "
             "list of further tests would add, and the smallest size of every effect that they "
-            "would show; sysid run --advise puts it here."
+            "would show; `sysid run --advise` puts it here."
         )
     return Section("next", "What to do next", tuple(intro), tuple(blocks))
 
@@ -157,7 +160,7 @@ def _advised(advice: Content) -> list[Block]:
             if std is not None and units[name][1]
         }
         most = min(after, key=after.__getitem__, default=None)
-        helped = "" if most is None else f"{most}, by {100.0 * (1.0 - after[most]):.0f} %"
+        helped = "" if most is None else f"{most}, by {_share(1.0 - after[most])} %"
         moved = _smaller(test, "motion_gain") if test.get("motion_gain") else MISSING
         rows.append((test["test"], moved, _smaller(test), helped))
     blocks: list[Block] = []
@@ -172,16 +175,23 @@ def _advised(advice: Content) -> list[Block]:
     ties = [
         (*tie["pair"], number(tie["correlation_now"], 2), tie["test"] or "none of these")
         for tie in advice["ties"]
+        if abs(tie["correlation_now"]) >= _TIED
     ]
     if ties:
         heads = ("One", "Other", "Correlation", "Test that lowers it most")
-        blocks.append(table("Hard to distinguish", heads, ties, text=(1, 3), code=(0,)))
+        caption = "Hard to distinguish in these tests, by the correlation of their errors"
+        blocks.append(table(caption, heads, ties, text=(1, 3), code=(0,)))
     return blocks
 
 
 def _smaller(test: Content, by: str = "gain") -> str:
     """By how much a test would lower the standard errors on average, per cent."""
-    return f"{100.0 * (1.0 - math.exp(-test[by])):.0f}"
+    return _share(1.0 - math.exp(-test[by]))
+
+
+def _share(part: float) -> str:
+    """A share in per cent that is never all of it."""
+    return f"{100.0 * part:.0f}" if part < 0.995 else "over 99"
 
 
 def open_questions(diagnosis: Content | None, *, is_validated: bool) -> str:

@@ -24,6 +24,7 @@ _SECTIONS = {
     **{f"valves.{side}.pwm": "surfaces" for side in SIDES},
 }
 _MOST = 4
+_OF_TESTS = re.compile(r"([^:,]+), tests (\d+(?:, \d+)+): (.+)")
 
 
 def by_section(
@@ -73,10 +74,36 @@ def with_notices(section: Section, notices: Sequence[str], *, is_first: bool = T
     shown: list[Block] = []
     if not is_first and section.id == "friction":
         shown.append(Lines(("Of the fit to these tests alone, before effects and refinement:",)))
+    new = _together(new)
     shown.append(Notes(new[:_MOST]))
     if len(new) > _MOST:
         shown.append(Lines(new[_MOST:], "Further notices of this fit"))
     return replace(section, blocks=(*shown, *section.blocks))
+
+
+def _together(lines: Sequence[str]) -> tuple[str, ...]:
+    """What is said of tests of several logs as one line, at the place of the first."""
+    found: dict[str, list[str]] = {}
+    for line in lines:
+        of_tests = _OF_TESTS.match(line)
+        if of_tests is None:
+            found[line] = []
+            continue
+        log, tests, said = of_tests.groups()
+        found.setdefault(said, []).append(f"{log}, tests {_runs(tests.split(', '))}")
+    return tuple(f"{'; '.join(own)}: {said}" if own else said for said, own in found.items())
+
+
+def _runs(labels: Sequence[str]) -> str:
+    """Tests by their numbers, runs of at least three as "45 to 50"."""
+    found: list[list[int]] = []
+    for number in map(int, labels):
+        if found and number == found[-1][-1] + 1:
+            found[-1].append(number)
+        else:
+            found.append([number])
+    parts = ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else list(map(str, run)) for run in found)
+    return ", ".join(part for own in parts for part in own)
 
 
 def _without_numbers(line: str) -> str:

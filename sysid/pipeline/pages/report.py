@@ -366,7 +366,7 @@ def _fill(
 
 def held_parts(bundle: Bundle) -> str:
     """What the model is made of, and from how many logs it was fitted."""
-    sides = {} if bundle.valves is None else bundle.valves.sides()
+    sides = {} if bundle.valves is None else dict(sorted(bundle.valves.sides().items()))
     known = for_rig(catalogue(), bundle.is_linear)
     parts = [
         *(["friction"] if bundle.friction is not None else []),
@@ -377,8 +377,10 @@ def held_parts(bundle: Bundle) -> str:
     ]
     logs = bundle.provenance.logs
     training = sum(log.use != "holdout" for log in logs)
-    of = f"{training} log{'s' * (training != 1)}"
-    return f"{', '.join(parts) or 'none'}; from {of}, {len(logs) - training} held out"
+    of = f"fitted to {training} log{'s' * (training != 1)}"
+    held = len(logs) - training
+    judged = f"{held} more {'is' if held == 1 else 'are'} held out" if held else "none is held out"
+    return f"{', '.join(parts) or 'none'}; {of}, {judged}"
 
 
 def _assumed(bundle: Bundle) -> Table | None:
