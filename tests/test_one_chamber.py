@@ -500,7 +500,8 @@ def test_a_test_to_play_of_two_valves(
     monkeypatch.setattr(design, "_POOL", 8)
     monkeypatch.setattr(design, "_ROUNDS", 0)
     monkeypatch.setattr(proposal, "_TRIED", 6)
-    monkeypatch.setattr(proposal, "_CHECKED", 8)
+    monkeypatch.setattr(proposal, "_FRESH", 4)
+    monkeypatch.setattr(proposal, "_LAST", 8)
     entry = '[[log]]\nkind = "valve-discrete"\nfile = "valve_discrete_a.csv"\nvalve = "a"\n'
     (place / "bench.toml").write_text(f'rig = "rig.toml"\n{entry}')
     campaign = read_campaign(place / "bench.toml")
@@ -509,7 +510,7 @@ def test_a_test_to_play_of_two_valves(
     (expected,) = found.expected
     assert expected.after < 0.9 * expected.now
     log = read_log(found.write(tmp_path / "next.csv"), campaign.rig)
-    (trial,) = log.trials
+    trial = log.trials[0]
     stem = "duty" if found.kind == "motion-pwm" else "valve"
     fill, bleed = trial[f"{stem}_a_fill"], trial[f"{stem}_a_bleed"]
     assert fill.any() and fill[-1] == 0.0 and bleed[-1] == 1.0

@@ -155,8 +155,8 @@ def test_an_exchange_finds_the_best_pair() -> None:
     options = [np.outer(v, v) for v in rng.standard_normal((9, 3))]
     now = 1e-3 * np.eye(3)
 
-    def criterion(m: np.ndarray) -> float:
-        return float(np.trace(np.linalg.inv(m)))
+    def criterion(m: np.ndarray) -> np.ndarray:
+        return np.asarray(np.trace(np.linalg.inv(m), axis1=-2, axis2=-1))
 
     best = min(
         (criterion(now + options[i] + options[j] + options[k]), i, j, k)
@@ -205,7 +205,8 @@ def test_the_file_is_simulated_and_recognised(
     assert set(found.kinds) == {played.kind}
     assert any("designed for valves.a.c_fill" in line for line in found.notices)
     assert not found.contradicts
-    wrong = check_log(read_log(back, rig), rig, "motion-pwm")
+    (other,) = {"motion-pwm", "motion-discrete"} - {played.kind}
+    wrong = check_log(read_log(back, rig), rig, other)
     assert any(f'give kind = "{played.kind}"' in line for line in wrong.contradicts)
     # Without them, by its content.
     back.write_text(frame.to_csv(index=False))

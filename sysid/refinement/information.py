@@ -107,11 +107,15 @@ def _enlargement(problem: ProbedProblem, columns: int) -> FloatArray:
 
 
 def covariance(information: FloatArray) -> FloatArray:
-    """The inverse of information (k, k); a direction without any is very uncertain, not certain."""
-    scale = np.sqrt(np.maximum(np.diag(information), _NOTHING))
-    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    inverse = (vectors / np.maximum(values, _NOTHING)) @ vectors.T
-    return np.asarray(inverse / np.outer(scale, scale))
+    """The inverse of information (..., k, k); a direction without any is very uncertain, not
+    certain.
+    """
+    diagonal = np.diagonal(information, axis1=-2, axis2=-1)
+    scale = np.sqrt(np.maximum(diagonal, _NOTHING))
+    outer = scale[..., :, None] * scale[..., None, :]
+    values, vectors = np.linalg.eigh(information / outer)
+    inverse = (vectors / np.maximum(values, _NOTHING)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    return np.asarray(inverse / outer)
 
 
 __all__ = [

@@ -37,10 +37,13 @@ from sysid.refinement.refine import SEGMENT_S
 from sysid.refinement.runs import runs_of
 from sysid.types import FloatArray, Progress
 
-# Drives drawn of each kind, and by how much those that break a limit are made smaller, how often.
-_POOL, _SMALLER, _TIMES = 60, 0.75, 7
-# Rounds in which the best tests are varied, and neighbours of each.
-_ROUNDS, _NEIGHBOURS = 6, 8
+# Drives drawn of each kind, and the size below which one that breaks a limit is given up.
+_POOL, _SMALLEST = 100, 0.15
+# Plants on which drives are tried before they are on all.
+_STAGES = (1, 5)
+# Rounds in which the best tests are varied, neighbours of each, and the rounds that end the search:
+# those that lower log(standard error) by less.
+_ROUNDS, _NEIGHBOURS, _PATIENCE, _WORTH = 24, 8, 3, 0.02
 _SEED = 20
 
 
@@ -51,10 +54,13 @@ class Aim:
     names: tuple[str, ...]
     columns: tuple[int, ...]
 
-    def log_std(self, information: FloatArray) -> float:
-        """Mean over what is asked of log(standard error), of one, or of several as a volume."""
-        own = covariance(information)[np.ix_(self.columns, self.columns)]
-        return 0.5 * float(np.linalg.slogdet(own)[1]) / len(self.columns)
+    def log_std(self, information: FloatArray) -> FloatArray:
+        """Mean over what is asked of log(standard error), of one, or of several as a volume.
+
+        (...) of information (..., k, k).
+        """
+        own = covariance(information)[..., np.array(self.columns)[:, None], list(self.columns)]
+        return np.asarray(0.5 * np.linalg.slogdet(own)[1] / len(self.columns))
 
     def std(self, information: FloatArray) -> FloatArray:
         """Standard errors of what is asked, in the unknowns' coordinates."""
@@ -63,21 +69,23 @@ class Aim:
 
 @dataclass(frozen=True)
 class DesignStage:
-    """Where tests are designed: the setting, the plants they must be safe on, their lengths.
+    """Where tests are designed: the setting, the plants they must be safe on, how many `pieces`.
 
     `problem` without runs gives unknowns and model; `plants` include the model; `fresh` are others,
-    on which the result is checked; `joined` as the refinement of the logs had its segments.
+    on which the best are checked, `last` those on which the result is.
     """
 
     setting: AdviceSetting
     problem: ProbedProblem
     rig: Actuators
+    pieces: int
     limits: MotionLimits
     plants: Sequence[Model]
     fresh: Sequence[Model]
+    last: Sequence[Model]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Designed:
     """A short test that is safe, and its information (k, k)."""
 
@@ -94,18 +102,24 @@ class DesignedSet:
     motions: tuple[CandidateMotion, ...]
     information: FloatArray
 
+    @classmethod
+    def of(cls, kind: str, pieces: Sequence[_Designed]) -> DesignedSet:
+        """Those of the pieces."""
+        total = np.sum([p.information for p in pieces], axis=0)
+        return cls(kind, tuple(p.motion for p in pieces), total)
+
 
 def designed(
-    stage: DesignStage, aim: Aim, now: FloatArray, pieces: int, progress: Progress
+    stages: Sequence[DesignStage], aim: Aim, now: FloatArray, progress: Progress
 ) -> DesignedSet:
-    """The set of `pieces` short tests that is best in addition to `now` (k, k).
+    """The set of short tests that is best in addition to `now` (k, k), of one kind and one stage.
 
     Raises NotIdentifiedError where the rig can play none within its limits.
     """
     best: DesignedSet | None = None
-    for kind in stage.rig.kinds:
-        progress(f"designing tests: {kind}")
-        found = _of_kind(stage, aim, now, pieces, kind)
+    for stage, kind in itertools.product(stages, stages[0].rig.kinds):
+        progress(f"designing tests: {kind}, {stage.pieces} of {stage.rig.seconds:.2g} s")
+        found = _of_kind(stage, aim, now, kind)
         if found is not None and (
             best is None
             or aim.log_std(now + found.information) < aim.log_std(now + best.information)
@@ -119,97 +133,111 @@ def designed(
     return best
 
 
-def _of_kind(
-    stage: DesignStage, aim: Aim, now: FloatArray, count: int, kind: str
-) -> DesignedSet | None:
+def _of_kind(stage: DesignStage, aim: Aim, now: FloatArray, kind: str) -> DesignedSet | None:
     rng = np.random.default_rng([_SEED, stage.rig.kinds.index(kind)])
-    pool = _informed(stage, _safe(stage, drawn_drives(kind, _POOL, stage.rig, rng)))
-    if not pool:
-        return None
-    kept = exchanged([p.information for p in pool], now, count, aim.log_std)
+    choose = functools.partial(exchanged, now=now, count=stage.pieces, criterion=aim.log_std)
+    pool = _Pool(stage, choose)
+    pool.add(drawn_drives(kind, _POOL, stage.rig, rng))
+    nothing = least = float(aim.log_std(now))
+    idle = 0
     for _ in range(_ROUNDS):
-        chosen = [pool[i] for i in dict.fromkeys(kept)]
-        near = [p.drive.changed(rng, stage.rig) for p in chosen for _ in range(_NEIGHBOURS)]
-        pool = [*pool, *_informed(stage, _safe(stage, near))]
-        kept = exchanged([p.information for p in pool], now, count, aim.log_std)
-    chosen = _checked(
-        stage, pool, kept, functools.partial(exchanged, now=now, count=count, criterion=aim.log_std)
-    )
-    if not chosen:
-        return None
-    total = sum((piece.information for piece in chosen), np.zeros_like(now))
-    return DesignedSet(kind, tuple(piece.motion for piece in chosen), total)
+        chosen = pool.chosen()
+        said = float(aim.log_std(now + DesignedSet.of(kind, chosen).information))
+        idle = 0 if said < least - _WORTH else idle + 1
+        least = min(said, least)
+        # Nothing that is drawn says anything, or varying it says no more.
+        if not chosen or least > nothing - _WORTH or idle == _PATIENCE:
+            break
+        varied = [p.drive for p in dict.fromkeys(chosen) for _ in range(_NEIGHBOURS)]
+        pool.add([drive.changed(rng, stage.rig) for drive in varied])
+    pool.check_on(stage.last)
+    chosen = pool.chosen()
+    return DesignedSet.of(kind, chosen) if chosen else None
 
 
 def exchanged(
     options: Sequence[FloatArray],
     now: FloatArray,
     count: int,
-    criterion: Callable[[FloatArray], float],
+    criterion: Callable[[FloatArray], FloatArray],
 ) -> list[int]:
     """The numbers of `count` options (k, k), repeats allowed, that minimise a criterion of the sum.
 
-    Greedy, then one is exchanged for another as long as that helps.
+    Greedy, then one is exchanged for another as long as that helps. `criterion` takes sums
+    (options, k, k) and gives (options,).
     """
     if not options:
         return []
+    all_ = np.array(options)
     kept: list[int] = []
     for _ in range(count):
-        here = now + sum((options[i] for i in kept), np.zeros_like(now))
-        kept.append(min(range(len(options)), key=lambda i, h=here: criterion(h + options[i])))  # type: ignore[misc]
+        kept.append(int(np.argmin(criterion(now + all_[kept].sum(axis=0) + all_))))
+    least = float(np.min(criterion(now + all_[kept].sum(axis=0))))
     while True:
-        whole = now + sum((options[i] for i in kept), np.zeros_like(now))
-        tried = [
-            (criterion(whole - options[kept[place]] + options[i]), place, i)
-            for place, i in itertools.product(range(count), range(len(options)))
-        ]
-        least, place, i = min(tried)
-        if least >= criterion(whole) - 1e-9:
+        whole = now + all_[kept].sum(axis=0)
+        # Of those that are kept more than once, one.
+        places = [kept.index(i) for i in dict.fromkeys(kept)]
+        tried = np.array([criterion(whole - all_[kept[place]] + all_) for place in places])
+        row, best = np.unravel_index(np.argmin(tried), tried.shape)
+        if tried[row, best] >= least - 1e-9:
             return sorted(kept)
-        kept[place] = i
+        kept[places[row]], least = int(best), float(tried[row, best])
 
 
 def _safe(stage: DesignStage, drives: Sequence[Drive]) -> list[Drive]:
     """The drives, each as large as is safe; those that never are, are dropped."""
     limits = stage.limits.scaled(MARGIN)
     open_, found = list(drives), []
-    for _ in range(_TIMES):
-        # Few leave the model's limits and stay within those of all plants: the model goes first.
-        held = inside(open_, stage.rig, stage.plants[:1], limits, _SEED)
-        likely = [d for d, ok in zip(open_, held, strict=True) if ok]
-        held[held] = inside(likely, stage.rig, stage.plants, limits, _SEED)
+    while open_:
+        held = np.ones(len(open_), dtype=bool)
+        # Most that leave the limits of all plants leave those of a few: these go first.
+        for few in itertools.pairwise((0, *_STAGES, len(stage.plants))):
+            likely = [d for d, ok in zip(open_, held, strict=True) if ok]
+            held[held] = inside(likely, stage.rig, stage.plants[slice(*few)], limits, _SEED)
         found += [d for d, ok in zip(open_, held, strict=True) if ok]
         broken = [d for d, ok in zip(open_, held, strict=True) if not ok]
-        open_ = [dataclasses.replace(d, size=_SMALLER * d.size) for d in broken]
-        if not open_:
-            break
+        open_ = [d.smaller() for d in broken if d.size > _SMALLEST]
     return found
 
 
-def _checked(
-    stage: DesignStage,
-    pool: list[_Designed],
-    kept: list[int],
-    choose: Callable[[list[FloatArray]], list[int]],
-) -> list[_Designed]:
-    """The chosen pieces of a pool, all safe on plants that they were not designed on.
+class _Pool:
+    """Safe short tests, of which a set is chosen."""
 
-    One that is not is replaced in the pool by a smaller one, and the choice made anew.
-    """
-    safe: set[Drive] = set()
-    while kept:
-        tried = [pool[i] for i in dict.fromkeys(kept) if pool[i].drive not in safe]
-        drives = [p.drive for p in tried]
-        held = inside(drives, stage.rig, stage.fresh, stage.limits, _SEED + 1, at_rest_too=True)
-        safe |= {p.drive for p, ok in zip(tried, held, strict=True) if ok}
-        if held.all():
-            return [pool[i] for i in kept]
-        broken = {p.drive for p, ok in zip(tried, held, strict=True) if not ok}
-        smaller = [dataclasses.replace(d, size=_SMALLER * d.size) for d in broken]
-        pool = [p for p in pool if p.drive not in broken]
-        pool += _informed(stage, [d for d in smaller if d.size > _SMALLER**_TIMES])
-        kept = choose([p.information for p in pool])
-    return []
+    def __init__(
+        self, stage: DesignStage, choose: Callable[[Sequence[FloatArray]], list[int]]
+    ) -> None:
+        self._stage, self._choose = stage, choose
+        self._pieces: list[_Designed] = []
+        self._plants = stage.fresh
+        self._checked: set[_Designed] = set()
+
+    def check_on(self, plants: Sequence[Model]) -> None:
+        """Have those that are chosen from now on checked on these plants too."""
+        self._plants, self._checked = [*self._plants, *plants], set()
+
+    def add(self, drives: Sequence[Drive]) -> None:
+        """More of them, each as large as is safe."""
+        self._pieces += _informed(self._stage, _safe(self._stage, drives))
+
+    def chosen(self) -> list[_Designed]:
+        """The chosen ones, all safe also on plants that they were not designed on.
+
+        One that is not is replaced by a smaller one, and the choice made anew.
+        """
+        stage = self._stage
+        while True:
+            kept = [self._pieces[i] for i in self._choose([p.information for p in self._pieces])]
+            tried = [p for p in dict.fromkeys(kept) if p not in self._checked]
+            drives = [p.drive for p in tried]
+            held = inside(
+                drives, stage.rig, self._plants, stage.limits, _SEED + 1, at_rest_too=True
+            )
+            self._checked.update(p for p, ok in zip(tried, held, strict=True) if ok)
+            if held.all():
+                return kept
+            broken = [p for p, ok in zip(tried, held, strict=True) if not ok]
+            self._pieces = [p for p in self._pieces if p not in broken]
+            self.add([p.drive.smaller() for p in broken if p.drive.size > _SMALLEST])
 
 
 def _informed(stage: DesignStage, drives: Sequence[Drive]) -> list[_Designed]:

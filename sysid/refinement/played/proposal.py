@@ -29,8 +29,11 @@ from sysid.types import FloatArray, Progress, no_progress
 
 # A short test is cut as a refinement cuts motion: into a segment, which may start a little later.
 _PIECE_S = 1.25 * SEGMENT_S
-# Plants on which a test is designed, and others on which it is checked.
-_TRIED, _CHECKED = 24, 64
+# Open loop, a plant off the model drifts: of shorter tests, so many as many, each may do more.
+_MORE = 2
+# Plants on which a test is designed, others on which the best are checked as the search goes, and
+# those on which the result is.
+_TRIED, _FRESH, _LAST = 24, 64, 128
 # Of half the travel, and of the motor's limit; the rest is for the controller that plays it.
 _TRAVEL, _EFFORT = 0.9, 0.95
 
@@ -71,11 +74,15 @@ def played_test(
     problem, now = _known(began, probes)
     row = rig.sampling.period_s if rig.sampling is not None else MAX_STEP
     limits = _limits(began, request)
-    actuators = Actuators.of(rig, row, request.duration / pieces, _largest_effort(began, limits))
-    off = off_plants(began.bundle, rig, setting.model, _TRIED + _CHECKED, _SEED)
+    effort = _largest_effort(began, limits)
+    off = off_plants(began.bundle, rig, setting.model, _TRIED + _FRESH + _LAST, _SEED)
     plants = [setting.model, *off[:_TRIED]]
-    stage = DesignStage(setting, problem, actuators, limits, plants, off[_TRIED:])
-    found = designed(stage, aim, now, pieces, progress)
+    fresh, last = off[_TRIED:-_LAST], off[-_LAST:]
+    stages = []
+    for number in (pieces, _MORE * pieces):
+        actuators = Actuators.of(rig, row, request.duration / number, effort)
+        stages.append(DesignStage(setting, problem, actuators, number, limits, plants, fresh, last))
+    found = designed(stages, aim, now, progress)
     expected = _expected(aim, problem, now, found)
     if not any(e.after < e.now for e in expected):
         raise NotIdentifiedError(

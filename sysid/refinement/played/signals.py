@@ -18,13 +18,16 @@ from sysid.types import FloatArray
 
 # Shares of a test: at rest with all commands at zero, and each of its ramps.
 _REST, _RAMP = 0.04, 0.08
+# Of a test: the shortest time until nothing is commanded any more, a rest and two ramps and more.
+_SHORTEST = 0.3
 _SINES, _MOST_STEPS = 4, 6
 # Rows in the shortest period of a sine: at the sampling theorem's two nothing of it is seen.
 _ROWS_A_PERIOD = 20
 # Standard deviations of a change: log frequency and weight, phase in rad, level.
 _CHANGE = (0.15, 0.4, 0.15)
+_SMALLER = 0.75
 # Range of a duty's middle, and of a switched wave's threshold, at full size.
-_MIDDLE, _THRESHOLD = (0.03, 0.45), (-0.1, 0.7)
+_MIDDLE, _THRESHOLD = (0.03, 0.9), (-0.1, 0.7)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,10 +108,15 @@ class Actuators:
         rows = max(math.ceil(hold / row_s), 1)
         return cls(time, effort, pwm, rows, len(rig.valve_names), rig.bleeds)
 
+    @property
+    def seconds(self) -> float:
+        """Duration of a test, s."""
+        return len(self.time) * float(self.time[1] - self.time[0])
+
     def band(self, rows: int) -> tuple[float, float]:
         """The frequencies that a command can have which changes every so many rows, Hz."""
         row_s = float(self.time[1] - self.time[0])
-        lowest = 1.0 / (len(self.time) * row_s)
+        lowest = 1.0 / self.seconds
         return lowest, max(1.0 / (_ROWS_A_PERIOD * rows * row_s), 2.0 * lowest)
 
     @property
@@ -117,11 +125,11 @@ class Actuators:
         motor = ("motion-motor",) if self.effort > 0.0 else ()
         return (*motor, *(("motion-pwm",) if self.pwm_rows else ()), "motion-discrete")
 
-    @property
-    def window(self) -> FloatArray:
-        """(n,) 0 at rest, 1 within, cosine ramps between."""
+    def window(self, until: float) -> FloatArray:
+        """(n,) 0 at rest, 1 within, cosine ramps between; at rest again from `until` on, a share of
+        the test."""
         share = self.time / self.time[-1]
-        side = np.clip((np.minimum(share, 1.0 - share) - _REST) / _RAMP, 0.0, 1.0)
+        side = np.clip((np.minimum(share, until - share) - _REST) / _RAMP, 0.0, 1.0)
         return np.asarray(0.5 * (1.0 - np.cos(math.pi * side)))
 
 
@@ -131,6 +139,8 @@ class Drive:
 
     `motor` None: not driven. `valves`: of each; `middle` (valves,) of the duties, or the
     threshold above which a valve is on; `span` of the duties. `size` 0 to 1 scales all of it.
+    `until`: share of the test after which nothing is commanded any more: open loop, a plant off
+    the model drifts away the farther the longer it is driven.
     """
 
     kind: str
@@ -139,6 +149,7 @@ class Drive:
     middle: FloatArray
     span: float
     share: float
+    until: float = 1.0
     size: float = 1.0
 
     @classmethod
@@ -152,8 +163,9 @@ class Drive:
         with_motor = kind == "motion-motor" or (rig.effort > 0.0 and rng.random() < 0.5)
         motor = Wave.drawn(rng, motor_band) if with_motor else None
         share, span = float(rng.uniform(0.3, 1.0)), float(rng.uniform(0.3, 1.0))
+        until = float(rng.uniform(_SHORTEST, 1.0))
         if kind == "motion-motor":
-            return cls(kind, motor, None, np.zeros(rig.valves), span, share)
+            return cls(kind, motor, None, np.zeros(rig.valves), span, share, until)
         one = Wave.drawn(rng, valve_band)
         opposed = replace(one, phase=one.phase + math.pi, levels=-one.levels)
         other = (opposed, one, Wave.drawn(rng, valve_band))[int(rng.integers(3))]
@@ -161,7 +173,7 @@ class Drive:
             other = other.changed(rng, valve_band)
         low, high = _MIDDLE if kind == "motion-pwm" else _THRESHOLD
         middle = rng.uniform(low, high) * (1.0 + 0.2 * rng.uniform(-1.0, 1.0, rig.valves))
-        return cls(kind, motor, (one, other)[: rig.valves], middle, span, share)
+        return cls(kind, motor, (one, other)[: rig.valves], middle, span, share, until)
 
     def changed(self, rng: np.random.Generator, rig: Actuators) -> Drive:
         """A neighbour of it, as large as it may be."""
@@ -175,15 +187,22 @@ class Drive:
             middle=self.middle * np.exp(step * rng.standard_normal(len(self.middle))),
             span=float(np.clip(self.span + step * rng.standard_normal(), 0.1, 1.0)),
             share=float(np.clip(self.share + step * rng.standard_normal(), 0.05, 1.0)),
-            size=min(1.0, self.size / 0.75),
+            until=float(np.clip(self.until + step * rng.standard_normal(), _SHORTEST, 1.0)),
+            size=min(1.0, self.size / _SMALLER),
         )
+
+    def smaller(self) -> Drive:
+        """One that moves less: shorter, or weaker, whichever is left to be lessened more."""
+        if self.until > max(self.size, _SHORTEST):
+            return replace(self, until=max(_SMALLER * self.until, _SHORTEST))
+        return replace(self, size=_SMALLER * self.size)
 
     def commands(self, rig: Actuators) -> tuple[FloatArray, FloatArray | None]:
         """Motor (n,) Nm or N, and valves (valves, n): duties, or 0 and 1; None: all off.
 
         A chamber that stays shut without a command is emptied at the end, where tests end at rest.
         """
-        window, n = rig.window, len(rig.time)
+        window, n = rig.window(self.until), len(rig.time)
         motor = np.zeros(n)
         if self.motor is not None:
             motor = np.clip(self.share * self.motor.values(rig.time), -1.0, 1.0)
