@@ -89,7 +89,12 @@ from sysid.plant.effects.friction import QuadraticDrag, SealFriction, StribeckFr
 from sysid.plant.effects.linkage import InertiaMismatch, LinkFlexibility
 from sysid.plant.effects.motor import AmplifierLag, TorqueConstantError, TorqueOffset
 from sysid.plant.effects.sensor import PressureLag, PressureOffset, TimeSkew
-from sysid.plant.effects.supply import ExhaustBackPressure, SupplyDroop, SupplyPulsation
+from sysid.plant.effects.supply import (
+    ExhaustBackPressure,
+    SupplyDroop,
+    SupplyPulsation,
+    times_the_usual_flow,
+)
 from sysid.plant.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import prepare_all
@@ -1146,6 +1151,27 @@ def test_what_may_move_a_choked_boundary_leaves_out_what_is_between(
     sound = twin_of(model, moving, rig)
     bare = projected(build_frame(sound, model, noise_of(sound, model), 0.0), model)
     assert moving_boundaries(bare, forms) == ()
+
+
+def test_what_is_tried_of_a_back_pressure_follows_the_rigs_flow(
+    healthy: tuple[Tests, Rig, Model],
+) -> None:
+    """Per flow or its square: a rig with ten times the flow has as much at a tenth, a hundredth."""
+    own = healthy[2].parameters
+
+    def tried(times: float) -> FloatArray:
+        grown = {
+            n: times * getattr(own, n) for s in "ab" for n in (f"choked_dis_{s}", f"c_dis_{s}")
+        }
+        flows = times_the_usual_flow(replace(own, **grown))
+        assert flows == pytest.approx(times * times_the_usual_flow(own))
+        forms = candidates([ExhaustBackPressure], flows=flows)
+        return np.unique([step for form in forms for _, step in form.steps])
+
+    usual = tried(1.0)
+    assert 1.0 / 1.5 < times_the_usual_flow(own) < 1.5 and len(usual) == 3
+    times = 10.0 * times_the_usual_flow(own)
+    assert tried(10.0) == pytest.approx(np.sort(np.concatenate([usual / times, usual / times**2])))
 
 
 def test_a_wave_may_move_a_choked_boundary_to_either_side_at_any_time(

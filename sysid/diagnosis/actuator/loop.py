@@ -39,6 +39,7 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parallel import attempt, limited
 from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.supply import times_the_usual_flow
 from sysid.plant.ports import Model
 from sysid.recording.simulation import NOT_FINITE
 
@@ -132,7 +133,8 @@ def begin(
         traces = prepare(tests, rig, model)
         model = with_sliding_friction(traces, model)
         own = [effect for effect in catalogue if not effect.averaged_only]
-        forms = candidates(own, traces.travel, rig.sides)
+        flows = times_the_usual_flow(model.parameters)
+        forms = candidates(own, traces.travel, rig.sides, flows)
         if recorder.quick:
             forms = one_form_each(forms)
             recorder.left_out(SearchStage.FORMS, decides=True)

@@ -62,9 +62,10 @@ def candidates(
     catalogue: Iterable[type[CatalogueEffect]],
     travel: float = math.inf,
     sides: Sequence[str] = SIDES,
+    flows: float = 1.0,
 ) -> list[Candidate]:
     """Every form of every effect that screening tries, on logs that visit so much of the position
-    (rad or m), of a rig with the chambers `sides`.
+    (rad or m), of a rig with the chambers `sides` and so many times the reference rig's `flows`.
     """
     found = []
     choices = SIDE_CHOICES if len(sides) > 1 else tuple(sides)
@@ -79,7 +80,8 @@ def candidates(
             values = quantity.grid or (quantity.typical,)
             axes.append([(quantity.name, value) for value in values])
         strengths = [
-            [(q.name, s) for s in (q.grid or (_PROBE * q.typical,))] for q in effect.strengths()
+            [(q.name, s) for s in (q.at_flows(flows).grid or (_PROBE * q.typical,))]
+            for q in effect.strengths()
         ]
         found += [
             Candidate(effect, shape, steps)

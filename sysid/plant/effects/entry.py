@@ -15,7 +15,10 @@ from sysid.plant.ports import Effect
 Subsystem = Literal["friction", "mechanics", "motor", "chamber", "valve", "supply", "sensor"]
 SIDE_CHOICES = ("a", "b", "both")
 SPEEDS = ("rad/s", "m/s")
+PER_FLOW = "Pa s/kg"
 _SIZED = {"N", "Nm", "kg", "W"}
+# What is tried of a strength is a factor of 3 apart: a rig is like another to within half of it.
+_LIKE = math.sqrt(3.0)
 _UNIT_WORDS = re.compile(r"[A-Za-z]+")
 # Shares of a rig's fastest speed that are tried of a speed, and its least.
 _SPEED_SHARES, _SLOWEST = (0.05, 0.1, 0.2, 0.4), 0.01
@@ -111,6 +114,16 @@ class Quantity:
             upper=max(self.upper, fastest),
             grid=tuple(sorted((*self.grid, *beyond))),
         )
+
+    def at_flows(self, times: float) -> Quantity:
+        """It on a rig whose valves let through so many `times` the reference rig's flow: of a
+        strength per flow that an effect is not proportional to, what is tried is such as does there
+        what the usual ones do here, in proportion to the flow or to its square."""
+        is_usual = 1.0 / _LIKE < times < _LIKE
+        if not (self.is_strength and self.grid and self.unit == PER_FLOW) or is_usual:
+            return self
+        tried = {min(v / times**power, self.upper) for v in self.grid for power in (1, 2)}
+        return replace(self, grid=tuple(sorted(tried)))
 
     @property
     def usual_size(self) -> float:

@@ -267,6 +267,18 @@ class SupplyDroop(CatalogueEffect):
         )
 
 
+def times_the_usual_flow(parameters: base.Parameters) -> float:
+    """How many times `REFERENCE_FLOW_KG_PER_S` a rig's valves exhaust at the supply's pressure."""
+    p, supply = parameters, float(parameters.supply)
+    found = (
+        abs(float(backed_exhaust_flow(supply, p.atmosphere, p.valve(s), 0.0, 0.0, p.temperature)))
+        for s in SIDES
+    )
+    return max((f for f in found if f > 0.0), default=REFERENCE_FLOW_KG_PER_S) / (
+        REFERENCE_FLOW_KG_PER_S
+    )
+
+
 @dataclass(frozen=True)
 class ExhaustBackPressure(CatalogueEffect):
     """The valves exhaust through a resistance, such as a silencer: P0 + d flow, or its square.
