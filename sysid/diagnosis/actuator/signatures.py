@@ -68,13 +68,14 @@ def candidates(
     (rad or m), of a rig with the chambers `sides` and so many times the reference rig's `flows`.
     """
     found = []
-    choices = SIDE_CHOICES if len(sides) > 1 else tuple(sides)
+    chambers = SIDE_CHOICES if len(sides) > 1 else tuple(sides)
     for effect in catalogue:
         quantities = effect.within(travel)
         if quantities is None or not effect.is_of(sides):
             continue
         axes: list[list[tuple[str, Any]]] = []
         if effect.has_side():
+            choices = SIDE_CHOICES if effect.is_of_an_end else chambers
             axes.append([("side", side) for side in choices])
         for quantity in (q for q in quantities if not q.is_strength):
             values = quantity.grid or (quantity.typical,)

@@ -159,6 +159,9 @@ class CatalogueEffect(Effect):
     needs_chamber_b: ClassVar[bool] = False
     """Is of chamber B, or between the two: not of a rig with one chamber."""
 
+    is_of_an_end: ClassVar[bool] = False
+    """Its side is an end of the stroke, of which a rig with one chamber has two as well."""
+
     @classmethod
     def is_of(cls, sides: Collection[str]) -> bool:
         """Whether a rig with the chambers `sides` can have it."""

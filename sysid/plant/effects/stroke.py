@@ -161,6 +161,7 @@ class EndCushion(CatalogueEffect):
     signature = "torque against angle near an end, towards the middle, at rest too"
     rivals = ("cable-spring", "mounting-tilt")
     tie_breaker = "breakaway in both directions at several angles, some close to the end"
+    is_of_an_end = True
     source = "Hunt, Crossley, ASME Journal of Applied Mechanics 42(2), 1975"
 
     def external_effort(self, effort: Array, point: Point) -> Array:
