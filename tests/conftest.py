@@ -84,6 +84,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.write_line(f"skipped for want of ../shared/{folder}: {count}")
 
 
+def pytest_collection_finish() -> None:
+    """What was imported and collected stays: it is left out of every collection of garbage."""
+    gc.freeze()
+
+
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
     """Between files, what jax has compiled is let go of where it has grown large.
 

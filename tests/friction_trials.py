@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 
 from sysid.io.logs import Trial
 from sysid.io.rig import Cylinder, Inertia, Rig
@@ -54,10 +55,25 @@ def simulated(
     Beyond the angle `cushion`, above it or, where it is negative, below, a spring of 2 Nm/rad
     pushes back.
     """
+    net = np.asarray(effort - offset, dtype=float)
+    numbers = (float(n) for n in (static, coulomb, viscous, start, cushion))
+    theta: FloatArray = _stepped(net, *numbers)
+    return theta
+
+
+@njit(cache=True)
+def _stepped(
+    effort: FloatArray,
+    static: float,
+    coulomb: float,
+    viscous: float,
+    start: float,
+    cushion: float,
+) -> FloatArray:
     theta = np.empty(len(effort))
     x, w, h = start, 0.0, PERIOD / 10
     side = math.copysign(1.0, cushion)
-    for k, torque in enumerate(effort - offset):
+    for k, torque in enumerate(effort):
         theta[k] = x
         for _ in range(10):
             net = torque - 2.0 * math.copysign(max(side * x - abs(cushion), 0.0), side)

@@ -39,10 +39,10 @@ delimiter = ";"
 RIG = '[rig]\nname = "axis"\norientation = "horizontal"\nmotion = "linear"\n'
 
 
-def _axis(seed: int) -> str:
+def _axis(seed: int, period: float) -> str:
     """Time [ms], position [mm], half the force [N], as a lab might write them."""
     rng = np.random.default_rng(seed)
-    time = np.arange(0.0, SECONDS, PERIOD)
+    time = np.arange(0.0, SECONDS, period)
     position, velocity, acceleration = np.zeros((3, len(time)))
     for amplitude, frequency in zip((0.06, 0.02, 0.008), rng.uniform(0.2, 1.2, 3), strict=True):
         w, phase = 2.0 * np.pi * frequency, rng.uniform(0.0, 2.0 * np.pi)
@@ -67,13 +67,13 @@ def _campaign(fitted: list[int], held_out: int) -> str:
     return f'rig = "rig.toml"\n{logs}'
 
 
-def make_set(root: Path, name: str = "axis") -> Path:
-    """The set's folder `root`/sets/`name`; its data lie in `root`/data/axis."""
+def make_set(root: Path, name: str = "axis", period: float = PERIOD) -> Path:
+    """The set's folder `root`/sets/`name`; its data lie in `root`/data/axis, a row a `period`."""
     folder, data = root / "sets" / name, root / "data" / "axis"
     folder.mkdir(parents=True)
     data.mkdir(parents=True, exist_ok=True)
     for k in range(4):
-        (data / f"run{k}.txt").write_text(_axis(k))
+        (data / f"run{k}.txt").write_text(_axis(k, period))
     converts = "".join(
         f'[[convert]]\nsource = "run{k}.txt"\nrecipe = "recipe.toml"\nlog = "axis_{k}.csv"\n'
         for k in range(4)

@@ -26,7 +26,7 @@ from sysid.plant.effects.catalogue import catalogue
 from sysid.refinement import advice as advice_module
 from sysid.refinement.advice import advise
 from sysid.refinement.advice_result import AdviceResult
-from sysid.refinement.candidates import candidate_motions
+from sysid.refinement.candidates import CandidateMotion, candidate_motions
 from sysid.refinement.information import covariance
 
 SEED = 3
@@ -79,6 +79,19 @@ SOME = ("quadratic-drag", "torque-saturation", "pressure-offset", "inertia-misma
 def advice(campaign: Campaign, bundle: Bundle) -> AdviceResult:
     effects = {name: catalogue()[name] for name in SOME}
     return advise(campaign, bundle, threshold=4.0, catalogue=effects)
+
+
+@pytest.fixture(scope="module")
+def motions(campaign: Campaign, bundle: Bundle) -> list[CandidateMotion]:
+    """The motions that the rig can do."""
+    return candidate_motions(campaign.rig, bundle.model(campaign.rig))
+
+
+@pytest.fixture
+def few(motions: list[CandidateMotion], monkeypatch: pytest.MonkeyPatch) -> None:
+    """One candidate of each kind: for what does not depend on their number."""
+    one_of_each = list({motion.kind: motion for motion in motions}.values())
+    monkeypatch.setattr(advice_module, "candidate_motions", lambda *_: one_of_each)
 
 
 # --- standard errors -------------------------------------------------------------------
@@ -162,10 +175,9 @@ def test_what_nothing_informs_is_not_certain() -> None:
 
 
 def test_candidates_stay_off_the_stops_and_within_the_motor(
-    campaign: Campaign, bundle: Bundle
+    campaign: Campaign, bundle: Bundle, motions: list[CandidateMotion]
 ) -> None:
-    rig = campaign.rig
-    found = candidate_motions(rig, bundle.model(rig))
+    rig, found = campaign.rig, motions
     assert {m.kind for m in found} == set(MOTION_KINDS)
     assert rig.travel is not None and rig.max_effort is not None
     for motion in found:
@@ -188,7 +200,7 @@ def test_an_indistinguishable_effect_is_told_apart_best_by_a_named_test(
     entry = entry_of(offset).replaced(ambiguous_with=["asymmetric-coulomb-friction"])
     own = bundle.replaced(effects=[entry])
     known = {n: catalogue()[n] for n in ("torque-offset", "asymmetric-coulomb-friction")}
-    found = advise(campaign, own, threshold=4.0, catalogue=known)
+    found = advise(campaign, own, threshold=4.0, catalogue=known, sizes=False)
     (tie,) = [t for t in found.ties if t.one == "torque-offset"]
     assert tie.other == "asymmetric-coulomb-friction" and abs(tie.now) <= 1.0
     assert tie.test is None or abs(tie.after) < abs(tie.now)
@@ -238,6 +250,7 @@ def test_without_motion_logs_the_rig_file_must_declare_the_noise(
         advise(bare, bundle, threshold=4.0)
 
 
+@pytest.mark.usefixtures("few")
 def test_a_refined_bundle_knows_its_effects(campaign: Campaign, folder: Path) -> None:
     """Its motion logs are not counted again: what they said of an effect is in its error."""
     content = json.loads((folder / "bundle.json").read_text("utf-8"))
@@ -247,11 +260,12 @@ def test_a_refined_bundle_knows_its_effects(campaign: Campaign, folder: Path) ->
     path.write_text(json.dumps(content), "utf-8")
     refined = read_bundle(path).replaced(refinement=Refinement(converged=True))
     effects = {"torque-offset": catalogue()["torque-offset"]}
-    found = advise(campaign, refined, threshold=4.0, catalogue=effects)
+    found = advise(campaign, refined, threshold=4.0, catalogue=effects, sizes=False)
     names = [parameter.name for parameter in found.parameters]
     assert found.now[names.index("torque-offset.offset_nm")] == pytest.approx(5e-4, rel=1e-3)
 
 
+@pytest.mark.usefixtures("few")
 def test_friction_from_the_counted_logs_is_no_prior(campaign: Campaign, bundle: Bundle) -> None:
     assert bundle.friction is not None
     moving = bundle.replaced(friction=bundle.friction.replaced(source="friction-motion"))
@@ -260,6 +274,7 @@ def test_friction_from_the_counted_logs_is_no_prior(campaign: Campaign, bundle: 
     assert not has_prior["friction.coulomb_nm"] and has_prior["friction.static_nm"]
 
 
+@pytest.mark.usefixtures("few")
 def test_a_refined_bundle_counts_its_motion_logs_once(
     campaign: Campaign, bundle: Bundle, advice: AdviceResult
 ) -> None:
@@ -270,6 +285,7 @@ def test_a_refined_bundle_counts_its_motion_logs_once(
     np.testing.assert_allclose(found.now, [p.std for p in found.parameters], rtol=1e-6)
 
 
+@pytest.mark.usefixtures("few")
 def test_a_bundle_as_refine_writes_it_tells_the_sizes_of_effects(
     campaign: Campaign, bundle: Bundle, advice: AdviceResult
 ) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 
@@ -63,19 +64,24 @@ KINDS: tuple[Callable[[tuple[float, ...], int], list[Trial]], ...] = (
 )
 
 
-def logs() -> Iterator[tuple[str, list[Trial]]]:
-    for kind, (name, ways), speeds in product(KINDS, WAYS.items(), (1, 2)):
-        yield f"{kind.__name__}, {name}, {speeds} speeds", kind(ways, speeds)
-    yield "swing", [swing()]
-    yield "held", [Trial("held", PERIOD * np.arange(900), held_channels(), "held")]
-    yield "one stalled trial", [constant(0.15, 0.0, "stalled", kick_s=0.01)]
+LOGS: dict[str, Callable[[], list[Trial]]] = {
+    **{
+        f"{kind.__name__}, {name}, {speeds} speeds": partial(kind, ways, speeds)
+        for kind, (name, ways), speeds in product(KINDS, WAYS.items(), (1, 2))
+    },
+    "swing": lambda: [swing()],
+    "held": lambda: [Trial("held", PERIOD * np.arange(900), held_channels(), "held")],
+    "one stalled trial": lambda: [constant(0.15, 0.0, "stalled", kick_s=0.01)],
+}
+
+
+@cache
+def log_of(name: str) -> list[Trial]:
+    return LOGS[name]()
 
 
 def held_channels() -> dict[str, np.ndarray]:
     return {"theta_rad": np.zeros(900), "motor_torque_nm": np.full(900, 0.05)}
-
-
-LOGS = dict(logs())
 
 
 def write(path: Path, trials: list[Trial], valves: bool) -> None:
@@ -113,7 +119,7 @@ def test_check_and_fit_agree(
     inertia = "\n[inertia]\nequivalent_kg_m2 = 0.024\n" if rig == "no valves" else ""
     (tmp_path / "rig.toml").write_text(rig_text if rig == "valves" else ARM + inertia)
     log = tmp_path / "run.csv"
-    write(log, LOGS[name], rig == "valves")
+    write(log, log_of(name), rig == "valves")
     assert main(["check", str(log), "--json"]) == 0
     checked = json.loads(capsys.readouterr().out)["logs"][0]["identifies"]
     said = {NAMES[i["parameter"]]: i for i in checked if i["parameter"] in NAMES}

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ast
 import functools
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -56,18 +55,21 @@ def room_of(module: str) -> str:
     return module.split(".")[1]
 
 
-def imported(path: Path) -> Iterator[tuple[str, str]]:
+@functools.cache
+def imported(path: Path) -> tuple[tuple[str, str], ...]:
     """(module, name) of every import from the package, those inside functions among them."""
+    found = []
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "sysid":
             assert node.level == 0 and node.module is not None
             for alias in node.names:
                 whole = f"{node.module}.{alias.name}"
-                yield (whole, "") if whole in MODULES else (node.module, alias.name)
+                found.append((whole, "") if whole in MODULES else (node.module, alias.name))
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 if alias.name.split(".")[0] == "sysid":
-                    yield alias.name, ""
+                    found.append((alias.name, ""))
+    return tuple(found)
 
 
 INSIDE = [module for module in MODULES if module not in FACE]
@@ -95,24 +97,27 @@ def test_imports_go_downwards(module: str) -> None:
         assert room == own or FLOOR_OF[room] < FLOOR_OF[own], f"{module} imports {target}"
 
 
-ARROWS_FOUND = {
-    (room_of(module), room_of(target))
-    for module in INSIDE
-    for target, _ in imported(MODULES[module])
-    if target != "sysid" and room_of(target) != room_of(module)
-}
+@functools.cache
+def arrows_found() -> set[tuple[str, str]]:
+    return {
+        (room_of(module), room_of(target))
+        for module in INSIDE
+        for target, _ in imported(MODULES[module])
+        if target != "sysid" and room_of(target) != room_of(module)
+    }
 
 
 @functools.cache
 def height(room: str) -> int:
     """Rooms of the longest way down from a room, itself among them."""
-    return 1 + max((height(other) for own, other in ARROWS_FOUND if own == room), default=0)
+    return 1 + max((height(other) for own, other in arrows_found() if own == room), default=0)
 
 
 def test_entries_floors_and_arrows_do_not_grow() -> None:
     assert len(FLOOR_OF) <= ENTRIES
     assert max(map(height, FLOOR_OF)) <= HEIGHT
-    assert len(ARROWS_FOUND) <= ARROWS, f"one of these is new: {sorted(ARROWS_FOUND)}"
+    found = arrows_found()
+    assert len(found) <= ARROWS, f"one of these is new: {sorted(found)}"
 
 
 @pytest.mark.parametrize("module", MODULES)

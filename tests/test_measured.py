@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
 import subprocess
 import sys
+import threading
+from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import own_components
 import pytest
 from measured_samples import (
     COULOMB,
     DROP,
     MASS,
+    PERIOD,
     RECIPE,
     SPEED,
     campaign,
@@ -47,6 +53,25 @@ from sysid.parameters.files import bundle_from_json
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 # --- running --------------------------------------------------------------------------------
+
+
+_ONE_AT_A_TIME = threading.Lock()
+
+
+def _in_this_process(
+    words: Sequence[str], *, cwd: Path, **_: Any
+) -> subprocess.CompletedProcess[str]:
+    """What `python -m sysid ...` would print and return; conversions ask for it from threads."""
+    assert list(words[:3]) == [sys.executable, "-m", "sysid"]
+    with _ONE_AT_A_TIME, contextlib.chdir(cwd):
+        found = own_components.run(*words[3:])
+    return subprocess.CompletedProcess(list(words), found.code, found.out, found.err)
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands are not started anew, for what does not depend on it."""
+    monkeypatch.setattr(run, "subprocess", SimpleNamespace(run=_in_this_process))
 
 
 def test_a_set_is_converted_fitted_and_diagnosed(
@@ -92,9 +117,10 @@ def test_a_set_is_converted_fitted_and_diagnosed(
         assert str(tmp_path) not in text and "stribeck-friction" in text
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_set_through_the_ordinary_commands(tmp_path: Path) -> None:
     """Nothing canned: the friction that the test put in is found, and predicts what is held out."""
-    make_set(tmp_path)
+    make_set(tmp_path, period=2.0 * PERIOD)
     results = run_sets([tmp_path / "sets" / "axis"], tmp_path / "data", tmp_path / "work")
     assert not failed(results), [c["problem"] for c in results["sets"][0]["campaigns"]]
     for found in results["sets"][0]["campaigns"]:
@@ -126,6 +152,7 @@ def test_the_data_folder_is_absent(tmp_path: Path) -> None:
     assert "--data" in done.stderr and not output.exists() and not done.stdout
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_set_that_fails_says_so_and_the_others_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
