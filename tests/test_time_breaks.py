@@ -35,6 +35,16 @@ def test_a_counter_is_unwrapped(tmp_path: Path, bits: int, signed: bool) -> None
     assert report.tests == ()
 
 
+@pytest.mark.parametrize(("size", "step"), [(2.0**12, 20.0), (2.0**20, 1000.0)])
+def test_a_counter_that_began_near_nothing(size: float, step: float) -> None:
+    true = 3.0 + step * np.arange(5 * size // step)
+    wraps = wraps_of(true % size)
+    assert wraps is not None
+    np.testing.assert_array_equal(np.diff(wraps.unwrapped(true % size)), step)
+    # Recordings that end where the counter would, and start again where the first one did.
+    assert wraps_of(np.tile(3.0 + step * np.arange(size // step), 3)) is None
+
+
 def test_a_counter_wraps_more_than_once(tmp_path: Path) -> None:
     counts = (60_000 + 9_000 * STEPS) % 65536
     convert(recorded(tmp_path, counts), tmp_path / "o.csv", maps=("time_s=t:ms", "theta_rad=q"))

@@ -37,6 +37,8 @@ _MOST_BITS = np.finfo(float).nmant + 1
 _FEWEST_BITS = 8
 # Share of the median step: decimals of seconds are rounded.
 _ROUNDED = 0.5
+# The same of steps that are all alike.
+_EXACT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def wraps_of(values: FloatArray) -> TimeWraps | None:
         least = -size / 2 if low < 0 else 0.0
         if low >= least and high < least + size:
             rows = _over(values, size, 0.0)
-            if rows.size and (bits in COUNTER_BITS or not _begin_alike(values, rows)):
+            if rows.size and (bits in COUNTER_BITS or not _begin_alike(values, size, rows)):
                 return TimeWraps(size, f"a {bits}-bit counter", rows)
     return None
 
@@ -80,17 +82,27 @@ def wraps_of_seconds(time: FloatArray) -> TimeWraps | None:
         if np.ptp(time) < size:
             rows = _over(time, size, _ROUNDED)
             is_part = (size, clock) in _PARTS
-            if rows.size and not (is_part and _begin_alike(time, rows)):
+            if rows.size and not (is_part and _begin_alike(time, size, rows)):
                 return TimeWraps(size, clock, rows)
     return None
 
 
-def _begin_alike(values: FloatArray, rows: IntArray) -> bool:
+def _begin_alike(values: FloatArray, size: float, rows: IntArray) -> bool:
     """Whether what follows a step back begins where the first value does, as recordings of one
-    length do that start again: 60 s, or 1024 samples."""
+    length do that start again: 60 s, or 1024 samples.
+
+    A counter may do so too, where it began near nothing; but each step over a wrap is then as the
+    others are, within their scatter, and what follows lies elsewhere by more than that.
+    """
     steps = np.diff(values)
-    usual = float(np.median(steps[steps > 0.0]))
-    return bool(np.any(np.abs(values[rows] - values[0]) <= usual))
+    forward = steps[steps > 0.0]
+    usual = float(np.median(forward))
+    scatter = float(np.percentile(np.abs(forward - usual), 95.0)) + _EXACT * usual
+    apart = np.abs(values[rows] - values[0])
+    goes_on = np.all(np.abs(steps[rows - 1] + size - usual) <= scatter)
+    if goes_on and np.any(apart > scatter):
+        return False
+    return bool(np.any(apart <= usual))
 
 
 def _over(values: FloatArray, size: float, slack: float) -> IntArray:
