@@ -8,6 +8,7 @@ estimated from its samples: the quantum (resolution) and the noise floor.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal, overload
@@ -34,6 +35,12 @@ SAMPLE_MISSING = 1.5
 PAUSE = 3.0
 # Fewest samples with which noise can be distinguished from motion.
 FEWEST_FOR_NOISE = 16
+MEDIAN_OF_SQUARES = 0.455
+"""The median of a squared normal deviate, over its mean."""
+# Of the variance by means: where that by medians is less, jumps make up most of the means. Of
+# noise with heavy tails (Laplace, Student's of 3 degrees) it is above one half.
+_JUMPS = 0.25
+_Mean = Callable[..., Any]
 
 
 def lowpass(values: FloatArray, period: float, cutoff_hz: float = DEFAULT_CUTOFF_HZ) -> FloatArray:
@@ -282,7 +289,13 @@ class NoiseFloor:
         return math.sqrt(power * self.noise**2 + of_converter * self.quantum**2 / 12.0)
 
 
-def noise_floor(values: FloatArray, resolution: float | None = None, stride: int = 1) -> NoiseFloor:
+def noise_floor(
+    values: FloatArray,
+    resolution: float | None = None,
+    stride: int = 1,
+    *,
+    between_jumps: bool = False,
+) -> NoiseFloor:
     """Noise of a uniformly sampled channel, from the channel itself.
 
     Differences of order 2 to 6 remove motion that is slow compared with the sampling (Gasser,
@@ -306,7 +319,9 @@ def noise_floor(values: FloatArray, resolution: float | None = None, stride: int
 
     `values` (n,), n >= `FEWEST_FOR_NOISE`; `resolution` overrides the quantum found in the data.
     Of samples interpolated between measured ones only each `stride`-th is taken: those next to one
-    another hold the same errors, and their differences hardly any.
+    another hold the same errors, and their differences hardly any. `between_jumps`: of a channel
+    that may jump in every block, as an effort does at reversals of friction and at cogs, by medians
+    of the squares; where it finds no noise so, or less than a count, that of all differences.
     """
     x = np.asarray(values, dtype=float)
     x = x[::stride] if len(x) >= FEWEST_FOR_NOISE * stride else x
@@ -314,6 +329,9 @@ def noise_floor(values: FloatArray, resolution: float | None = None, stride: int
     variance = _noise_variance(x, 1)
     if variance > step**2:
         variance = _settled_variance(x, variance)
+    if between_jumps and (calm := _noise_variance(x, 1, _by_median)) > step**2:
+        calm = _settled_variance(x, calm, _by_median)
+        variance = calm if calm < _JUMPS * variance else variance
     if step * step == 0.0:  # none, or one whose square is below the smallest number
         return NoiseFloor(math.sqrt(variance), 0.0)
     return NoiseFloor(step * _noise_in_counts(variance / step**2), step)
@@ -333,13 +351,18 @@ def position_floor(values: FloatArray, stride: int = 1) -> NoiseFloor:
     return NoiseFloor(0.0, float(steps.min())) if steps.size else found
 
 
-def _settled_variance(x: FloatArray, variance: float) -> float:
+def _by_median(squares: FloatArray, axis: int | None = None) -> Any:
+    """The mean of squared normal deviates, by their median."""
+    return np.median(squares, axis=axis) / MEDIAN_OF_SQUARES
+
+
+def _settled_variance(x: FloatArray, variance: float, mean: _Mean = np.mean) -> float:
     """Variance of coloured noise: over the lag at which it has settled, before motion shows."""
     found = [variance]
     for lag in (2, 4, 8, 16, 32):
         if len(x) < FEWEST_FOR_NOISE * lag:
             break
-        found.append(_noise_variance(x, lag))
+        found.append(_noise_variance(x, lag, mean))
     settled = variance
     for i in range(1, len(found) - 1):
         # Motion grows at least sixteenfold with a doubled lag, coloured noise by a few times.
@@ -350,13 +373,16 @@ def _settled_variance(x: FloatArray, variance: float) -> float:
     return settled
 
 
-def _noise_variance(x: FloatArray, lag: int) -> float:
-    """Smallest variance (of one sample) among the differences of all orders over this lag."""
+def _noise_variance(x: FloatArray, lag: int, mean: _Mean = np.mean) -> float:
+    """Smallest variance (of one sample) among the differences of all orders over this lag.
+
+    `mean` of the squared differences of a block.
+    """
     orders = [k for k in (2, 3, 4, 5, 6) if len(x) >= 8 + k * lag]
-    return min((_difference_variance(x, k, lag) for k in orders), default=0.0)
+    return min((_difference_variance(x, k, lag, mean) for k in orders), default=0.0)
 
 
-def _difference_variance(x: FloatArray, order: int, lag: int) -> float:
+def _difference_variance(x: FloatArray, order: int, lag: int, mean: _Mean) -> float:
     """Variance of noise in `x` from its differences of one order, median over blocks."""
     for _ in range(order):
         x = x[lag:] - x[:-lag]
@@ -364,11 +390,11 @@ def _difference_variance(x: FloatArray, order: int, lag: int) -> float:
     # At most 16 blocks, of at least 64 samples.
     count = min(16, len(squares) // 64)
     if count < 3:
-        return float(squares.mean())
+        return float(mean(squares))
     each, over = divmod(len(squares), count)
     longer = over * (each + 1)  # as `np.array_split`: the first blocks hold the rows that are over
     means = [
-        part.reshape(-1, size).mean(axis=1)
+        mean(part.reshape(-1, size), axis=1)
         for part, size in ((squares[:longer], each + 1), (squares[longer:], each))
     ]
     return float(np.median(np.concatenate(means)))

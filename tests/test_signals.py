@@ -120,6 +120,26 @@ def test_a_position_at_rest_is_known_to_its_least_change() -> None:
     assert signals.position_floor(np.full(300, 0.5)).total == 0.0
 
 
+@pytest.mark.parametrize("rows", [10, 18, 40])
+def test_noise_between_jumps_in_every_block(rows: int) -> None:
+    """An effort that a cog or a reversal moves up and down, a few rows apart."""
+    rng = np.random.default_rng(rows)
+    jumps = 5.0 * np.sign(np.sin(np.pi * (np.arange(3000) + 0.3) / rows))
+    noise = 0.1 * rng.standard_normal(3000)
+    assert signals.noise_floor(jumps + noise).total > 0.5
+    assert signals.noise_floor(jumps + noise, between_jumps=True).total == pytest.approx(
+        0.1, rel=0.35
+    )
+
+
+def test_noise_between_jumps_is_noise_as_it_is_where_there_are_none() -> None:
+    rng = np.random.default_rng(1)
+    white, tails = rng.standard_normal(2000), rng.standard_t(3, 2000)
+    coloured = signal.lfilter([0.2], [1.0, -0.8], white)
+    for values in (white, tails, coloured, np.round(white), np.repeat(white, 5)):
+        assert signals.noise_floor(values, between_jumps=True) == signals.noise_floor(values)
+
+
 def test_noise_floor_is_not_fooled_by_motion() -> None:
     rng = np.random.default_rng(4)
     t = np.arange(6000) * PERIOD

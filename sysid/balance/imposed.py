@@ -139,7 +139,7 @@ def effort_noise(motion: ImposedMotion, model: Model) -> float:
     ]
     if own.has_motor:
         stride = own.trial.stride_of(own.rig.effort_channel)
-        floor = signals.noise_floor(own.commanded, stride=stride)
+        floor = signals.noise_floor(own.commanded, stride=stride, between_jumps=True)
         parts.append(floor.after(balanced.noise_power))
     cylinder = own.rig.cylinder
     if cylinder is not None:

@@ -27,6 +27,7 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import effects_from_bundle
 from sysid.plant.effects.entry import Catalogue, CatalogueEffect
+from sysid.signals import MEDIAN_OF_SQUARES
 from sysid.types import FloatArray
 
 _LEFT_OUT = "errors before and after are those of tests left out of the fit in turn"
@@ -35,8 +36,6 @@ _ONE_RECORDING = (
     "one recording cannot tell which effects the law lacks, as nothing is left to predict: none "
     "was tried; record the test at least twice more, from other conditions"
 )
-# The median of a squared normal deviate, over its mean.
-_MEDIAN_OF_SQUARES = 0.455
 # Rounds of reweighted least squares; of the largest residual: below it all count alike.
 _ROUNDS, _LEAST_WEIGHED = 20, 1e-6
 _FAR_OFF_NOTICE = (
@@ -236,7 +235,7 @@ def _typical(component: Component, outside: Component | None, fitted: FittedLaw)
     tests = range(len(shown.tests))
     pairs = zip(shown.residuals(law, tests), shown.of_each_test(law, tests), strict=True)
     left = np.concatenate([_less_its_own(*pair) for pair in pairs])
-    return math.sqrt(float(np.median(left**2)) / _MEDIAN_OF_SQUARES)
+    return math.sqrt(float(np.median(left**2)) / MEDIAN_OF_SQUARES)
 
 
 def _less_its_own(left: FloatArray, own: FloatArray) -> FloatArray:
