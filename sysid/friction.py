@@ -47,6 +47,7 @@ from sysid.identification.friction.motion import (
     common_cutoff,
     effort_rmse,
     fit_motion,
+    moving_samples,
     usable_motion,
     usual_cutoff,
 )
@@ -473,17 +474,19 @@ def _as_motion(fit: _Fit, inertia: float | None, before: int) -> MotionFriction 
     is changed."""
     trials = [*fit.by_kind[MOTION], *fit.by_kind[SLIDING]]
     said: list[str] = []
-    cutoff = common_cutoff(trials, fit.cutoff_hz)
 
-    def whole() -> tuple[MotionFriction, list[TrialUse]]:
-        samples, uses = usable_motion(trials, cutoff, said)
-        return fit_motion(samples, inertia, fit.units), uses
+    def whole() -> tuple[MotionFriction, list[TrialUse], float]:
+        usual = common_cutoff(trials, fit.cutoff_hz)
+        samples, uses, cutoff = moving_samples(trials, usual, inertia, said)
+        return fit_motion(samples, inertia, fit.units), uses, cutoff
 
     found = on_its_own(whole)
     if isinstance(found, Failure):
         return None
-    result, uses = found
-    if not result.viscous.identified:
+    result, uses, cutoff = found
+    # Under a constant effort all that changes the speed is the inertia.
+    inert = result.inertia is None or result.inertia.identified
+    if not (result.viscous.identified and inert):
         return None
     fit.cutoff_hz, fit.sums = cutoff, Sums()
     fit.by_kind[MOTION], fit.by_kind[SLIDING] = trials, []
@@ -499,7 +502,9 @@ def _as_motion(fit: _Fit, inertia: float | None, before: int) -> MotionFriction 
 
 
 def _motion(fit: _Fit, inertia: float | None) -> MotionFriction | None:
-    samples, uses = usable_motion(fit.by_kind[MOTION], fit.cutoff_hz, fit.notices)
+    samples, uses, fit.cutoff_hz = moving_samples(
+        fit.by_kind[MOTION], fit.cutoff_hz, inertia, fit.notices
+    )
     fit.uses += uses
     if not samples:
         others = [use for use in uses if use.reason != HARDLY_MOVES]

@@ -267,6 +267,47 @@ def test_a_trial_that_comes_to_rest_counts_for_its_steady_stretch() -> None:
     assert result["viscous_nm_s_per_rad"].value == pytest.approx(0.0488, rel=0.03)
 
 
+def runs_up(levels: tuple[float, ...], each_s: float, count: float, label: str) -> Trial:
+    """From rest through levels of the effort of one sign, exactly, at 100 Hz and in counts."""
+    period, lag, theta, speed = 0.01, INERTIA / 0.0488, 0.0, 0.0
+    since = period * np.arange(round(each_s / period) + 1)
+    parts = []
+    for level in levels:
+        last = (level - math.copysign(0.208, level)) / 0.0488
+        decay = np.exp(-since / lag)
+        moved = theta + last * since + (speed - last) * lag * (1.0 - decay)
+        parts.append(moved[:-1])
+        theta, speed = float(moved[-1]), last + (speed - last) * float(decay[-1])
+    read = np.round(np.concatenate(parts) / count) * count
+    effort = np.repeat(levels, len(since) - 1)
+    time = period * np.arange(len(read))
+    return Trial(label, time, {"motor_torque_nm": effort, "theta_rad": read}, f"log: {label}")
+
+
+def test_a_coarse_encoder_makes_no_stall() -> None:
+    """A count takes longer than a block of 50 ms in which nothing seems to move."""
+    levels = (0.23, 0.24, -0.23, -0.24)
+    trials = [runs_up((u,), 4.0, 0.03, f"{u:g}") for u in levels]
+    result = fit_friction(trials, BARE, kind="sliding")
+    assert all(use.used for use in result.trials)
+    assert result["coulomb_nm"].value == pytest.approx(0.208, rel=0.02)
+
+
+@pytest.mark.parametrize("count", [0.005, 0.03])
+def test_an_inertia_that_the_encoders_noise_hides_is_not_neglected(count: float) -> None:
+    """At the filter's usual cut-off the acceleration is all noise of a coarse encoder."""
+    trials = [
+        runs_up((way * one, way * other), 8.0, count, f"{way:g} {one}")
+        for way in (1.0, -1.0)
+        for one, other in ((0.23, 0.26), (0.24, 0.28))
+    ]
+    result = fit_friction(trials, BARE, kind="motion")
+    assert result["inertia_kg_m2"].holds(INERTIA)
+    assert result["coulomb_nm"].value == pytest.approx(0.208, rel=0.003)
+    assert result["viscous_nm_s_per_rad"].value == pytest.approx(0.0488, rel=0.01)
+    assert any("so that the inertia is identified" in notice for notice in result.notices)
+
+
 def slowing(level: float, share: float) -> Trial:
     """A kick to a speed that the effort does not keep: unsteady all the way."""
     effort = np.full(500, level)

@@ -65,9 +65,16 @@ from sysid.types import FloatArray
 
 # A trial's variance inflation beyond which its parameters cannot be distinguished in practice.
 _MOST_INFLATION = 100.0
+# Share of the acceleration's squares up to which its noise, known to some tens of per cent as
+# counts are not white, is no error of an inertia that matters.
+_CLEAR = 0.1
 HARDLY_MOVES = "it hardly moves"
 _BINS = 10
 _LATE = "an effort that acts late in the log shows as one: check the channels' times"
+_LOWERED = (
+    "friction from motion: the filter's cut-off is {:.3g} Hz, at which the acceleration exceeds "
+    "the position's noise, so that the inertia is identified"
+)
 _NAMES = ("Coulomb friction", "viscous friction", "offset", "inertia")
 
 
@@ -144,6 +151,36 @@ def usual_cutoff(tests: Sequence[Recording], notices: list[str]) -> float:
             "motion is lost in the noise or the sampling of the position"
         )
     return cutoff
+
+
+def moving_samples(
+    trials: Sequence[Recording], cutoff_hz: float, inertia: float | None, notices: list[str]
+) -> tuple[list[MotionSamples], list[TrialUse], float]:
+    """`usable_motion` at a cut-off, Hz, at which an inertia that is not given shows; and that.
+
+    What the inertia takes of an effort is not nothing because the encoder's noise hides the
+    acceleration: a longer filter leaves less of the noise, at the price of fewer samples. As given
+    where none shows it, or where it would cost a test.
+    """
+    said: list[str] = []
+    samples, uses = usable_motion(trials, cutoff_hz, said)
+    found, cutoff = samples, cutoff_hz
+    while inertia is None and found and not _accelerates(found, _CLEAR):
+        cutoff *= 0.5
+        lower: list[str] = []
+        found, others = usable_motion(trials, cutoff, lower)
+        if len(found) < len(samples):
+            break
+        if _accelerates(found, _CLEAR):
+            notices += [*lower, _LOWERED.format(cutoff)]
+            return found, others, cutoff
+    notices += said
+    return samples, uses, cutoff_hz
+
+
+def _accelerates(samples: Sequence[MotionSamples], most: float = MOST_NOISE) -> bool:
+    """Whether of the squares of the trials' acceleration at most this share is noise."""
+    return _shows([s.regressors[:, INERTIA] for s in samples], samples, INERTIA, most)
 
 
 def _why_few(trial: Recording, chosen: MotionSamples, cutoff_hz: float) -> str:
@@ -254,8 +291,7 @@ class _Model:
         columns = (COULOMB,) + (VISCOUS,) * deviates + (OFFSET,) * shape.both
         if inertia is not None:
             return _Model(shape, columns, inertia, slope=slope)
-        accelerations = [s.regressors[:, INERTIA] for s in samples]
-        if _shows(accelerations, samples, INERTIA):
+        if _accelerates(samples):
             return _Model(shape, (*columns, INERTIA), None, slope=slope)
         return _Model(shape, columns, None, unmoved=True, slope=slope)
 
@@ -378,11 +414,16 @@ def _deviations(samples: Sequence[MotionSamples], slope: tuple[float, float]) ->
     return [s.speed - s.regressors[:, [COULOMB, OFFSET]] @ np.array(slope) for s in samples]
 
 
-def _shows(values: Sequence[FloatArray], samples: Sequence[MotionSamples], column: int) -> bool:
+def _shows(
+    values: Sequence[FloatArray],
+    samples: Sequence[MotionSamples],
+    column: int,
+    most: float = MOST_NOISE,
+) -> bool:
     """Whether values (n,) of each trial are more than the encoder's noise in a regressor."""
     squares = sum(float(np.sum(own**2)) for own in values)
     noise = sum(s.noise[column] * len(s.effort) for s in samples)
-    return bool(squares > 0.0 and noise <= MOST_NOISE * squares)
+    return bool(squares > 0.0 and noise <= most * squares)
 
 
 def _finished(

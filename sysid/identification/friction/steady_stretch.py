@@ -25,6 +25,7 @@ STALL = 0.02  # of the fastest block: slower is a stall
 COAST = 0.2  # of the fastest block: a trial that comes to rest counts while it is faster
 MIN_STRETCH_S = 4.0 * BLOCK_S
 SETTLE_S = 2.0 * BLOCK_S
+_FEWEST_BLOCKS = 8
 STALLED = "it stalls: the shaft comes to rest under the constant effort"
 
 
@@ -43,7 +44,8 @@ def find_stretch(trial: Recording) -> SteadyStretch | str:
 
     Starts after the kick, once all later blocks of 50 ms stay within 5 % of the median speed
     of the later half; where they never do, 0.1 s after the kick, as an unsteady interval.
-    Ends before the end stop. A trial that comes to rest counts for the stretch before.
+    Ends before the end stop. A trial that comes to rest counts for the stretch before. Blocks are
+    longer where a coarse encoder needs that to tell motion from rest.
     """
     start, stop = constant_run(trial.motor)
     outside = np.flatnonzero(~trial.inside[start:stop])
@@ -58,19 +60,34 @@ def find_stretch(trial: Recording) -> SteadyStretch | str:
     block = max(2, round(BLOCK_S / trial.period))
     if (stop - start) * trial.period < MIN_STRETCH_S or stop - start < 4 * block:
         return "its effort is constant for less than 0.2 s away from the end stops"
-    x = trial.position[start:stop]
-    blocks = (len(x) - 1) // block
-    # Blocks are counted from the end, so that the last one ends with the interval.
-    marks = len(x) - 1 - block * np.arange(blocks, -1, -1)
-    covered = np.diff(x[marks])
-    direction = 1.0 if x[-1] > x[0] else -1.0
-    speed = direction * covered / (block * trial.period)
-    noise = 3.0 * trial.mean_speed_noise(block)
+    marks, speed = _blocks(trial, start, stop, block)
+    while _noise(trial, marks) > COAST * np.max(speed) and len(speed) >= 2 * _FEWEST_BLOCKS:
+        block *= 2
+        marks, speed = _blocks(trial, start, stop, block)
+    noise = _noise(trial, marks)
     if float(np.max(speed)) <= 3.0 * noise:
         return STALLED
     if not _stalls(speed, noise):
-        return _settled(trial, speed, start + marks, noise, stop)
-    return _before_rest(trial, speed, start + marks, noise)
+        return _settled(trial, speed, marks, noise, stop)
+    return _before_rest(trial, speed, marks, noise)
+
+
+def _blocks(
+    trial: Recording, start: int, stop: int, block: int
+) -> tuple[NDArray[np.intp], FloatArray]:
+    """Bounds (n + 1,) of the blocks of rows [start, stop), and the mean speed (n,) in each.
+
+    Counted from the end, so that the last one ends with the interval; along the motion.
+    """
+    x = trial.position[start:stop]
+    marks = len(x) - 1 - block * np.arange((len(x) - 1) // block, -1, -1)
+    direction = 1.0 if x[-1] > x[0] else -1.0
+    return start + marks, direction * np.diff(x[marks]) / (block * trial.period)
+
+
+def _noise(trial: Recording, marks: NDArray[np.intp]) -> float:
+    """What the position's noise makes at most of the mean speed in a block."""
+    return 3.0 * trial.mean_speed_noise(int(marks[1] - marks[0]))
 
 
 def _stalls(speed: FloatArray, noise: float) -> bool:
@@ -104,7 +121,7 @@ def _before_rest(
     Its longest steady stretch while it is fast, since what stops it may not be in the model;
     without one (an arm that swings uphill), all of its motion while it is fast.
     """
-    least = math.ceil(MIN_STRETCH_S / (trial.period * (marks[1] - marks[0])))
+    least = max(2, math.ceil(MIN_STRETCH_S / (trial.period * (marks[1] - marks[0]))))
     first, last = signals.longest_run(speed >= max(COAST * float(np.max(speed)), noise))
     if last - first < least:
         return STALLED
