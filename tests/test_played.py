@@ -25,6 +25,7 @@ from sysid.parameters.friction import Friction
 from sysid.parameters.valves import FittedValves
 from sysid.plant.trials import simulate_trials
 from sysid.refinement.advice import Beginning, begin
+from sysid.refinement.information import covariance, log_volume
 from sysid.refinement.played import design
 from sysid.refinement.played.design import exchanged
 from sysid.refinement.played.limits import MotionLimits, extremes, inside, off_plants
@@ -172,6 +173,15 @@ def test_an_exchange_finds_the_best_pair() -> None:
         for i in range(9):
             other = [*kept[:place], i, *kept[place + 1 :]]
             assert criterion(now + sum(options[j] for j in other)) >= reached - 1e-9
+
+
+def test_the_volume_of_errors_is_that_of_their_covariance() -> None:
+    """Of a stack; also where a parameter is hardly known, and one not at all."""
+    rng = np.random.default_rng(6)
+    stack = np.array([a.T @ a for a in rng.standard_normal((5, 9, 4)) * [1.0, 1e3, 1e-2, 0.0]])
+    for columns in ([0], [1, 2], [3]):
+        own = [covariance(one)[np.ix_(columns, columns)] for one in stack]
+        assert log_volume(stack, columns) == pytest.approx(np.linalg.slogdet(own)[1], abs=1e-6)
 
 
 def test_what_cannot_be_asked_is_one_line(began: Beginning) -> None:

@@ -107,15 +107,32 @@ def _enlargement(problem: ProbedProblem, columns: int) -> FloatArray:
 
 
 def covariance(information: FloatArray) -> FloatArray:
-    """The inverse of information (..., k, k); a direction without any is very uncertain, not
-    certain.
-    """
-    diagonal = np.diagonal(information, axis1=-2, axis2=-1)
-    scale = np.sqrt(np.maximum(diagonal, _NOTHING))
-    outer = scale[..., :, None] * scale[..., None, :]
+    """The inverse of information (k, k); a direction without any is very uncertain, not certain."""
+    _, outer = _scales(information)
     values, vectors = np.linalg.eigh(information / outer)
-    inverse = (vectors / np.maximum(values, _NOTHING)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    inverse = (vectors / np.maximum(values, _NOTHING)) @ vectors.T
     return np.asarray(inverse / outer)
+
+
+def log_volume(information: FloatArray, columns: Sequence[int]) -> FloatArray:
+    """Log determinant (...) of the covariance of some columns, of information (..., k, k).
+
+    As `covariance` has it, but for directions that are hardly known: a little information is added
+    to each, which costs a tenth of the time.
+    """
+    scale, outer = _scales(information)
+    sides = np.zeros((information.shape[-1], len(columns)))
+    sides[list(columns), np.arange(len(columns))] = 1.0
+    some = information / outer + _NOTHING * np.eye(len(sides))
+    own = np.linalg.solve(some, sides)[..., list(columns), :]
+    size = 2.0 * np.sum(np.log(scale[..., list(columns)]), axis=-1)
+    return np.asarray(np.linalg.slogdet(own)[1] - size)
+
+
+def _scales(information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Roots of the diagonal (..., k), and their products (..., k, k)."""
+    scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), _NOTHING))
+    return scale, scale[..., :, None] * scale[..., None, :]
 
 
 __all__ = [
@@ -123,5 +140,6 @@ __all__ = [
     "SensorProbe",
     "covariance",
     "information_of",
+    "log_volume",
     "prior_information",
 ]

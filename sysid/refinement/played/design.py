@@ -23,7 +23,12 @@ from sysid.plant.ports import Model
 from sysid.plant.sensors import measured_channels
 from sysid.recording.motion_tests import prepare
 from sysid.refinement.candidates import CandidateMotion, inputs_of_commands
-from sysid.refinement.information import ProbedProblem, covariance, information_of
+from sysid.refinement.information import (
+    ProbedProblem,
+    covariance,
+    information_of,
+    log_volume,
+)
 from sysid.refinement.lengthening import joined_runs
 from sysid.refinement.options import AdviceSetting
 from sysid.refinement.played.limits import (
@@ -59,8 +64,7 @@ class Aim:
 
         (...) of information (..., k, k).
         """
-        own = covariance(information)[..., np.array(self.columns)[:, None], list(self.columns)]
-        return np.asarray(0.5 * np.linalg.slogdet(own)[1] / len(self.columns))
+        return 0.5 * log_volume(information, self.columns) / len(self.columns)
 
     def std(self, information: FloatArray) -> FloatArray:
         """Standard errors of what is asked, in the unknowns' coordinates."""
