@@ -23,6 +23,8 @@ from datasets.generator.one_chamber import (
 from datasets.generator.rigs import GeneratedRig
 from sysid.balance.motion import default_cutoff
 from sysid.balance.samples import motion_samples
+from sysid.blocks.figures import Figure, Line
+from sysid.blocks.sections import FigureGroup
 from sysid.commands.app import main
 from sysid.controllers.design_model import design_from_bundle
 from sysid.diagnosis.actuator.signatures import candidates
@@ -33,12 +35,14 @@ from sysid.exporters.base_laws import mechanics
 from sysid.exporters.c_header import render
 from sysid.exporters.flat import flatten
 from sysid.friction import fit_friction
+from sysid.identification.valve_discrete.shown import discrete_section
 from sysid.io.campaign import read_campaign
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
 from sysid.io.rig_sections import Motor
 from sysid.io.samples import with_channels
 from sysid.parameters import Bundle, Parts, write_bundle
+from sysid.parameters.effects import EffectEntry
 from sysid.parameters.friction import Friction
 from sysid.parameters.valves import FittedValves
 from sysid.plant import base, plant
@@ -299,7 +303,8 @@ def test_a_valve_that_evacuates(evacuated: tuple[GeneratedCampaign, Path]) -> No
     made, place = evacuated
     log, law, delays = log_of(place, "valve_discrete_a"), made.rig.truth.valve_a, made.rig.content
     assert log.rig is not None and not log.contradictions
-    found = fit_valve_discrete(log.trials, log.rig, find_ratio=False)["a"].estimates
+    fit = fit_valve_discrete(log.trials, log.rig, find_ratio=False)
+    found = fit["a"].estimates
     for key, true in (
         ("c_fill", law.c_fill),
         ("c_dis", law.c_dis),
@@ -378,12 +383,24 @@ def test_a_fill_and_a_bleed_valve(shut: tuple[GeneratedCampaign, Path]) -> None:
     made, place = shut
     log, law = log_of(place, "valve_discrete_a"), made.rig.truth.valve_a
     assert log.rig is not None and not log.contradictions
-    found = fit_valve_discrete(log.trials, log.rig, find_ratio=False)["a"].estimates
+    fit = fit_valve_discrete(log.trials, log.rig, find_ratio=False)
+    found = fit["a"].estimates
     for key, true in dataclasses.asdict(law).items():
         assert abs(found[key].value - true) < 4.0 * found[key].std, key
     delay = made.rig.content["valves"]["on_delay_s"]
     assert abs(found["on_delay_s"].value - delay) < 4.0 * found["on_delay_s"].std
     assert not found["off_delay_s"].identified
+    # The report draws the curve, and says where its law has an effect that it does not draw.
+    for effects, said in ((), "fitted"), ((EffectEntry(id="supply-droop", parameters={}),), "law"):
+        parts = dataclasses.replace(fit.part(), effects=effects)
+        section = discrete_section(Bundle.new(log.rig, parts, []), [("a", log)], log.rig)
+        assert section is not None
+        (group,) = (b for b in section.blocks if isinstance(b, FigureGroup) and len(b.figures) > 2)
+        first = group.figures[0]
+        assert isinstance(first, Figure)
+        lines = [m for m in first.panels[0].marks if isinstance(m, Line)]
+        assert lines[1].label.startswith(said)
+        assert ("together with the effect" in group.caption) is bool(effects)
 
 
 def test_a_shut_chamber_is_the_generators(shut: tuple[GeneratedCampaign, Path]) -> None:

@@ -33,6 +33,8 @@ from benchmarks import figures
 
 _LOGGER = logging.getLogger(__name__)
 _WIDTH = 96
+# What lines begin with that are sentences, not rows of tables.
+_SENTENCES = ("sysid: ", "Model: ", "Diagnosis: ", "Next: ")
 _LIMIT_S = 300
 _LANGUAGES = {".py": "python", ".toml": "toml", ".c": "c", ".m": "matlab", ".csv": "text"}
 
@@ -51,8 +53,8 @@ def environment(root: Path) -> dict[str, str]:
 
 
 def _as_in_a_terminal(line: str) -> list[str]:
-    """A long line, such as a notice, folded as a terminal of this width folds it."""
-    if len(line) <= _WIDTH or not line.startswith("sysid: "):
+    """A long line, such as a notice or a verdict, folded as a terminal of this width folds it."""
+    if len(line) <= _WIDTH or not line.startswith(_SENTENCES):
         return [line]
     return textwrap.wrap(line, _WIDTH, break_on_hyphens=False)
 

@@ -175,12 +175,21 @@ def breakaway_figure(friction: Friction) -> Figure | None:
 
 
 def parameters_figure(estimates: Mapping[str, Estimate]) -> Figure:
-    """The identified parameters with their 95 % intervals, side by side."""
-    known = {name: e for name, e in estimates.items() if e.identified}
-    rows = [(i, e.value, *e.interval) for i, e in enumerate(known.values())]
-    ticks = tuple((float(i), f"{name}\n({e.unit})") for i, (name, e) in enumerate(known.items()))
+    """The identified parameters' 95 % intervals side by side, as shares of their values.
+
+    Their units differ: each value is in its name.
+    """
+    known = {name: e for name, e in estimates.items() if e.identified and e.value != 0.0}
+    rows = [
+        (i, 0.0, *sorted(100.0 * (end / e.value - 1.0) for end in e.interval))
+        for i, e in enumerate(known.values())
+    ]
+    ticks = tuple(
+        (float(i), f"{name}\n{estimate_cells(e)[0]} {unit(e.unit)}")
+        for i, (name, e) in enumerate(known.items())
+    )
     marks = (Intervals(*np.array(rows, dtype=float).reshape(-1, 4).T),)
-    panel = Panel(Scale(ticks=ticks), Scale(), marks)
+    panel = Panel(Scale(ticks=ticks), Scale("95 % interval", "% of the value"), marks)
     return Figure("fig-friction", "Friction parameters", "", (panel,))
 
 

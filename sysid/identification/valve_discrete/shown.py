@@ -39,9 +39,12 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle, DiscreteLaw
 from sysid.parameters.base import read_number
 from sysid.parameters.valves import ISO6358, SERIES, THESIS, VALVE_ALONE, LawDecision
+from sysid.plant.effects.catalogue import catalogue
 from sysid.types import FloatArray
 
 _STYLES: tuple[tuple[Role, Dash], ...] = (("second", "dashed"), ("third", "dotted"))
+# Subsystems whose effects change the pressure of a held chamber.
+_ON_PRESSURE = ("valve", "supply", "chamber", "sensor")
 _LAW_NAMES = {THESIS: "the thesis' law", ISO6358: "ISO 6358", SERIES: "a flow control in series"}
 
 
@@ -85,7 +88,7 @@ def discrete_section(
             blocks.append(Lines((_decision_line(side, decision),)))
         curves = _curves(side, law, logs, rig)
         if curves:
-            blocks.append(_figures(side, curves))
+            blocks.append(_figures(side, curves, _effects_on_flow(bundle)))
     both = valve_responses([(f"valve {side.upper()}", bundle, side) for side in fitted])
     if both is not None:
         blocks += both.blocks()
@@ -97,6 +100,16 @@ def discrete_section(
         "a tank of constant volume empties through the valve or port.",
     )
     return Section("valves", "On/off valves", intro, tuple(blocks))
+
+
+def _effects_on_flow(bundle: Bundle) -> tuple[str, ...]:
+    """The effects of a bundle, by title, that change the pressure of a held chamber.
+
+    The law's numbers were estimated together with them: without them it is another curve.
+    """
+    known = catalogue()
+    found = (known[entry.id] for entry in bundle.effects if entry.id in known)
+    return tuple(effect.title for effect in found if effect.subsystem in _ON_PRESSURE)
 
 
 def _decision_line(side: str, decision: LawDecision) -> str:
@@ -175,14 +188,20 @@ def _curve(
     )
 
 
-def _figures(side: str, curves: Sequence[PressureCurve]) -> FigureGroup:
-    """The test with the worst fit: whole, and close-ups of one filling and one discharge."""
+def _figures(
+    side: str, curves: Sequence[PressureCurve], effects: Sequence[str] = ()
+) -> FigureGroup:
+    """The test with the worst fit: whole, and close-ups of one filling and one discharge.
+
+    `effects`: those that belong to the law's numbers, and are not simulated here.
+    """
+    named = "law alone" if effects else "fitted"
     # Of tests without the flow control there is no law to compare with.
     worst = max([c for c in curves if c.rejected] or curves, key=lambda c: c.rmse)
-    figures = [_panel(side, worst, "whole test", None, "whole")]
+    figures = [_panel(side, worst, "whole test", None, "whole", named)]
     for edges, name in ((worst.opens, "filling"), (worst.closes, "discharge")):
         if edges.size:
-            figures.append(_panel(side, worst, name, float(edges[0]), name))
+            figures.append(_panel(side, worst, name, float(edges[0]), name, named))
     shown = f"test {worst.test}" if worst.test else "the test"
     caption = (
         f"Valve {side.upper()}, measured and fitted pressure, residual below. "
@@ -192,10 +211,18 @@ def _figures(side: str, curves: Sequence[PressureCurve]) -> FigureGroup:
     )
     if worst.rejected:
         caption += f" Broken lines: the law that was not chosen ({' and '.join(worst.rejected)})."
+    if effects:
+        caption += (
+            f" The law's numbers were estimated together with the effect {'; '.join(effects)}, "
+            "which acts on this pressure and is not drawn: the law alone does not show how well "
+            "both fit."
+        )
     return FigureGroup(caption, tuple(figures))
 
 
-def _panel(side: str, curve: PressureCurve, what: str, edge: float | None, tag: str) -> Figure:
+def _panel(
+    side: str, curve: PressureCurve, what: str, edge: float | None, tag: str, named: str
+) -> Figure:
     rows = slice(None)
     if edge is not None:
         first, last = (edge + d for d in (-0.02, 0.6))
@@ -205,7 +232,7 @@ def _panel(side: str, curve: PressureCurve, what: str, edge: float | None, tag: 
     residual = measured - fitted
     both: tuple[Mark, ...] = (
         Line(time, 1e-3 * measured, "measured", "measured", width=2.4),
-        Line(time, 1e-3 * fitted, "model", "fitted", width=1.0),
+        Line(time, 1e-3 * fitted, "model", named, width=1.0),
     )
     both += tuple(
         Line(time, 1e-3 * other[rows], role, f"not chosen: {name}", dash, 0.9)
@@ -224,7 +251,7 @@ def _panel(side: str, curve: PressureCurve, what: str, edge: float | None, tag: 
     description = (
         f"Chamber {side.upper()} between {number(float(time[0]))} and {number(float(time[-1]))} s: "
         f"measured pressure from {number(1e-3 * float(measured.min()))} to "
-        f"{number(1e-3 * float(measured.max()))} kPa; the fitted curve is off by {number(rmse)} Pa "
+        f"{number(1e-3 * float(measured.max()))} kPa; the model is off by {number(rmse)} Pa "
         f"rms, at most {number(float(np.abs(residual).max()))} Pa."
     ) + "".join(
         f" By the law that was not chosen, {name}, it is off by "
