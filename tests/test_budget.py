@@ -327,7 +327,6 @@ def lagging(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.usefixtures("two_processes")
 @pytest.mark.parametrize("budget", ["0.1", pytest.param("5", marks=pytest.mark.slow)])
 def test_a_rig_with_a_lag_gets_a_verdict(budget: str, lagging: Path, capsys: Any) -> None:
     printed = diagnosed(lagging / "campaign.toml", lagging, budget, capsys)

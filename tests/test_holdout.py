@@ -185,8 +185,9 @@ def assert_same(
 
 def test_of_an_axis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A motor alone: its effect is found, and its numbers refined by simulation, in each."""
-    monkeypatch.setattr(motor_axis_tests, "_DURATION_S", 5.0)
+    monkeypatch.setattr(motor_axis_tests, "_DURATION_S", 4.0)
     rig = motor_axis(SEED, "rotary", drawn_effects(SEED, [("quadratic-drag", "quadratic", 3.0)]))
+    rig.content["sampling"]["period_s"] = 0.004
     tests = axis_tests(rig, SEED, 3, 0.01) + axis_tests(rig, SEED + 500, 1)
     (tmp_path / "given").mkdir()
     campaign = write_axis_campaign(tmp_path / "given", rig, tests)
