@@ -77,7 +77,8 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_set_is_converted_fitted_and_diagnosed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Real conversions and fits; what diagnose prints is canned, its arguments are checked."""
+    """Real conversions and fits, these started as a user starts them; what diagnose prints is
+    canned, its arguments are checked."""
     file = make_set(tmp_path) / "set.toml"
     file.write_text(file.read_text().replace('"axis_3.csv"\n', '"axis_3.csv"\nrows = "0:4000"\n'))
     real, asked = run._sysid, []
@@ -89,6 +90,11 @@ def test_a_set_is_converted_fitted_and_diagnosed(
         assert (folder / arguments[arguments.index("--bundle") + 1]).is_file()
         return {**diagnosis(effect("stribeck-friction")), "written": [str(tmp_path)]}
 
+    def begun(words: Sequence[str], **options: Any) -> subprocess.CompletedProcess[str]:
+        begin = _in_this_process if words[3] == "convert" else subprocess.run
+        return begin(words, **options)
+
+    monkeypatch.setattr(run, "subprocess", SimpleNamespace(run=begun))
     monkeypatch.setattr(run, "_sysid", sysid)
     output, readme = tmp_path / "out" / "measured.html", tmp_path / "README.md"
     readme.write_text(f"# x\n{BEGIN}\n{END}\nend\n")
