@@ -85,10 +85,8 @@ class Workbench:
     def campaign(self) -> Campaign:
         """The campaign as it stands. Raises InputError."""
         path = self.campaign_file
-        if path is None:
-            raise InputError("no campaign yet; make one on the screen Files")
-        if not path.is_file():
-            raise input_error(path, "no such file", "make one on the screen Files")
+        if path is None or not path.is_file():
+            raise InputError("no campaign yet; add a recording on the screen Files")
         if self.component is not None:
             self.check_allowed(self.component)
         files = [path, self._rig_path, *sorted(path.parent.glob("*.toml"))]

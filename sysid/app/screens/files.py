@@ -131,6 +131,10 @@ class FilesScreen(Screen):
         content = self.content
         assert content is not None
         if content.campaign is None:
+            path = self.bench.campaign_file
+            if path is None or not path.is_file():
+                said = "No campaign yet. Drop or choose a recording: the first one begins it."
+                return "<h2>Campaign</h2>" + parts.note(said)
             return "<h2>Campaign</h2>" + parts.note(content.why, "warn")
         lines = []
         for number, entry in enumerate(content.campaign.logs):

@@ -30,6 +30,11 @@ PIPELINES: Mapping[str, tuple[str, tuple[str, ...]]] = {
 # The sections of the report that are of a fit; the others have screens of their own.
 _SECTIONS = ("friction", "valves", "surfaces", "component", "part", "refinement")
 
+_NOTHING = (
+    "Nothing was fitted yet. A part takes seconds; everything, with checks, diagnosis, validation "
+    "and report, minutes."
+)
+
 
 @dataclass(frozen=True)
 class FitContent:
@@ -70,7 +75,7 @@ class FitScreen(Screen):
         self.trace.objects = []
         panes = [parts.html(self._head(content))]
         if content.bundle is None:
-            panes.append(parts.html(parts.note("Nothing was fitted yet.")))
+            panes.append(parts.html(parts.note(_NOTHING)))
             return panes
         panes.append(self.trace)
         for section in content.sections:

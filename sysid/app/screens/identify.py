@@ -48,7 +48,10 @@ class IdentifyScreen(Screen):
 
     def draw(self, content: IdentifyContent) -> list[Any]:
         check = content.check
+        lacking = [one for one in check.answers if not one.identified]
         said = check.answer[:1].upper() + check.answer[1:]
+        if lacking:  # each with the test that would identify it, in a card
+            said = f"{len(lacking)} of {len(check.answers)} quantities are not identified"
         head = f"<h2>Can it identify?</h2><p class='sentence'>{parts.words(said)}.</p>"
         if check.contradictions:
             head += parts.card("Contradictions", parts.listed(check.contradictions), "poor")
@@ -141,7 +144,7 @@ def _missing(answers: Iterable[Any]) -> Iterator[str]:
         if not one.identified:
             lacking.setdefault(one.needs or one.reason, []).append(one)
     for needs, own in lacking.items():
-        names = ", ".join(one.parameter for one in own)
+        names = "; ".join(one.parameter for one in own)
         why = next((one.reason for one in own if one.reason and one.reason != needs), "")
         inner = f"<p>{parts.words(needs)}</p>" + (parts.note(why) if why else "")
         yield parts.card(f"Not identified: {names}", inner, "fair")
