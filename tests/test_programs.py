@@ -79,6 +79,15 @@ def test_normal_equations_say_what_the_equations_do_or_these_are_taken(scale: fl
         np.testing.assert_allclose(own, other, rtol=1e-7)
 
 
+def test_a_column_that_is_a_sum_of_others_needs_no_rows() -> None:
+    rows, of = rows_of(1.0), np.array([0.0, 0.3, -2.0, 0.0, 0.0, 0.0])
+    rows[:, 3] = rows @ of
+    asked = lambda: pytest.fail("asked for the rows")  # noqa: E731
+    factor = triangular_of_squares(rows.T @ rows, asked, (3, of))
+    assert not factor[3].any()
+    np.testing.assert_allclose(factor.T @ factor, rows.T @ rows, rtol=1e-9, atol=1e-9)
+
+
 def test_a_column_of_nothing_has_no_factor_of_its_own() -> None:
     rows = rows_of(1.0)
     rows[:, 2] = 0.0

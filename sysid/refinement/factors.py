@@ -19,14 +19,19 @@ def triangular(rows: Sequence[FloatArray]) -> FloatArray:
 
 
 def triangular_of_squares(
-    squares: FloatArray, rows: Callable[[], Sequence[FloatArray]]
+    squares: FloatArray,
+    rows: Callable[[], Sequence[FloatArray]],
+    summed: tuple[int, FloatArray] | None = None,
 ) -> FloatArray:
     """The triangular factor (k, k) of rows with these normal equations (k, k) (Cholesky).
 
-    From the `rows` themselves (`triangular`) where their columns are too near to dependent.
+    `summed`: a column that is a sum of others, and how much of each (k,), which has no pivot of its
+    own. From the `rows` themselves (`triangular`) where columns are too near to dependent.
     """
     size = np.sqrt(np.diag(squares))
     known = np.flatnonzero(size)
+    if summed is not None:
+        known = known[known != summed[0]]
     own = np.ix_(known, known)
     try:
         lower = np.linalg.cholesky(squares[own] / np.outer(size[known], size[known]))
@@ -36,6 +41,8 @@ def triangular_of_squares(
         return triangular(rows())
     factor = np.zeros_like(squares)
     factor[own] = lower.T * size[known]
+    if summed is not None:
+        factor[:, summed[0]] = factor @ summed[1]
     return factor
 
 

@@ -68,7 +68,8 @@ class ProbedProblem(Problem):
             changed: CatalogueEffect = dataclasses.replace(probe.effect, **step)  # type: ignore[type-var]
             moved = Model(model.parameters, (*model.effects, changed))
             slopes.append((self._shown(run, found.states, moved) - here) / _SENSOR_STEP)
-        return RunErrors(own.residual, np.concatenate([own.slopes, slopes])).kept(run)
+        of = None if own.sliding is None else np.pad(own.sliding, (0, len(slopes)))
+        return RunErrors(own.residual, np.concatenate([own.slopes, slopes]), of).kept(run)
 
 
 def prior_information(problem: Problem, columns: int) -> FloatArray:

@@ -7,7 +7,7 @@ import functools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -66,14 +66,18 @@ class RunErrors:
     """A run at a point: `residual` (3, n), simulated less measured; `slopes` (k, 3, n).
 
     The slopes' order: start, friction of the run's test, shared unknowns; in their coordinates.
+    `sliding` (k,): how much of the others the test's sliding friction is; None where it is no sum
+    of them.
     """
 
     residual: FloatArray
     slopes: FloatArray
+    sliding: FloatArray | None = None
 
     def kept(self, run: Run) -> RunErrors:
         """These residuals; large and with zero slopes if the simulation did not stay finite."""
-        logged = ~np.isnan(run.measured).any(axis=1)
+        logged: Any = ~np.isnan(run.measured).any(axis=1)
+        logged = slice(None) if logged.all() else logged  # nothing is copied then
         if np.isfinite(self.residual[logged]).all() and np.isfinite(self.slopes[:, logged]).all():
             return self
         far = np.where(np.isnan(run.measured), np.nan, _FAR * run.noise[:, None])
@@ -190,7 +194,7 @@ class Problem:
             spend()
             residuals = self._residuals(inputs, models)
             errors = [
-                RunErrors(residual, known.errors.slopes).kept(run)
+                dataclasses.replace(known.errors, residual=residual).kept(run)
                 for run, residual, known in zip(self.runs, residuals, slopes_of, strict=True)
             ]
             return self.equations(errors, point, slopes_of)
@@ -209,7 +213,7 @@ class Problem:
             # Slopes cost many times a simulation and need not be as exact.
             exact = self._measured(inputs, models)
             errors = [
-                RunErrors(shown - run.measured, own.slopes).kept(run)
+                dataclasses.replace(own, residual=shown - run.measured).kept(run)
                 for run, own, shown in zip(self.runs, errors, exact, strict=True)
             ]
         return self.equations(errors, point)
@@ -304,17 +308,20 @@ class Problem:
         static = by[0, "static_effort"] * p.static_effort
         local = [*(slopes[:first] * run.start_std[:, None, None])]
         local += [sliding * self.scatter[0], static * self.scatter[1]]
-        shared = []
-        for unknown, c in zip(self.unknowns, point.shared, strict=True):
+        shared, parts = [], dict.fromkeys(SLIDING, np.zeros(0))
+        for number, (unknown, c) in enumerate(zip(self.unknowns, point.shared, strict=True)):
             part, name = unknown.direction
-            own = 1.0
+            own = unknown.model_slope(float(c))
             if part == 0 and name in SLIDING:
                 # A test's own friction multiplies the model's.
-                own = math.exp(float(point.friction[run.test, 0]) * self.scatter[0])
+                own *= math.exp(float(point.friction[run.test, 0]) * self.scatter[0])
+                parts[name] = np.zeros(LOCAL + len(self.unknowns))
+                parts[name][LOCAL + number] = getattr(p, name) * self.scatter[0] / own
             elif (part, name) == _STATIC:
                 own = 0.0  # each test has its own; the model's is their centre
-            shared.append(by[unknown.direction] * (unknown.model_slope(float(c)) * own))
-        return RunErrors(states - run.measured, np.array([*local, *shared])).kept(run)
+            shared.append(by[unknown.direction] * own)
+        of = np.sum(list(parts.values()), axis=0) if all(map(len, parts.values())) else None
+        return RunErrors(states - run.measured, np.array([*local, *shared]), of).kept(run)
 
     def shown(
         self, run: Run, found: Tangents, model: Model, directions: Sequence[Direction]
@@ -371,8 +378,11 @@ class Problem:
             squares[count, count] += weight * total
             weighted.append((own.columns, left, math.sqrt(weight)))
         squares[count:, :count] = squares[:count, count:].T
+        of = errors.sliding
         factor = triangular_of_squares(
-            squares, lambda: [prior, *(np.hstack([s, r]) * weight for s, r, weight in weighted)]
+            squares,
+            lambda: [prior, *(np.hstack([s, r]) * weight for s, r, weight in weighted)],
+            None if of is None else (len(STATES), np.append(of, 0.0)),
         )
         cost = float(factor[:, -1] @ factor[:, -1]) + saturated
         return Linearised(factor, cost, saturated, errors, slopes)
