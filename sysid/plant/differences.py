@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs
-from sysid.plant.simulator import MAX_STEP, STATE, Trajectory, simulate
+from sysid.plant.simulator import MAX_STEP, STATE, simulate_states
 from sysid.plant.tangents import Direction, Tangents, with_step
 from sysid.types import FloatArray
 
@@ -67,7 +67,7 @@ def _differences(
     near = _neighbours(starts, directions, steps)
     lanes = [lane for pair, own in zip(starts, near, strict=True) for lane in (pair, *own)]
     width = 1 + len(steps)
-    states = [run.states for run in _simulated(lanes, max_step)]
+    states = _simulated(lanes, max_step)
     found, jumps = [], []
     for i, (one, _) in enumerate(starts):
         here, *moved = states[i * width : (i + 1) * width]
@@ -76,20 +76,19 @@ def _differences(
         slopes /= steps[:, None, None]
         if one.velocity == 0.0:
             slopes[1] = 0.0  # as a tangent: a small velocity at rest is braked at once
-        found.append(Tangents(here, slopes))
+        found.append(Tangents(np.array(here), slopes))  # not the block that it is a part of
         jumps += [(i, j) for j in np.flatnonzero(_jumps(slopes, steps))]
     if jumps:
         behind = _neighbours([starts[i] for i, _ in jumps], directions, -steps)
         other = [own[j] for own, (_, j) in zip(behind, jumps, strict=True)]
-        for (i, j), run in zip(jumps, _simulated(other, max_step), strict=True):
-            slope = (run.states - found[i].states) / -steps[j]
+        for (i, j), there in zip(jumps, _simulated(other, max_step), strict=True):
+            slope = (there - found[i].states) / -steps[j]
             found[i].slopes[j] = 0.0 if _jumps(slope[None], steps[[j]])[0] else slope
     return found
 
 
-def _simulated(lanes: Sequence[tuple[Inputs, Model]], max_step: float) -> list[Trajectory]:
-    inputs, models = [one for one, _ in lanes], [model for _, model in lanes]
-    return simulate(inputs, models, max_step=max_step, nan_if_endless=True, rows_alone=True)
+def _simulated(lanes: Sequence[tuple[Inputs, Model]], max_step: float) -> list[FloatArray]:
+    return simulate_states([one for one, _ in lanes], [model for _, model in lanes], max_step)
 
 
 def _jumps(slopes: FloatArray, steps: FloatArray) -> FloatArray:

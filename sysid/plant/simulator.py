@@ -349,7 +349,6 @@ def simulate(
     max_step: float = MAX_STEP,
     *,
     nan_if_endless: bool = False,
-    rows_alone: bool = False,
 ) -> list[Trajectory]:
     """Simulate every run open loop, each with its own model, all at once.
 
@@ -360,7 +359,6 @@ def simulate(
     law) or a `span` (open less closed flow, kg/s) too, a period's flow begins when its pulse can,
     and the pressures ripple with the pulses (`pulse_means`). Runs may differ in length and
     sampling. The result at the rows of `inputs` does not depend on which runs share a batch.
-    `rows_alone`: also where a sensor remembers, which else sees what is between them.
 
     Raises NotIdentifiedError for a parameter that is NaN, ValueError for malformed inputs,
     SimulationError where a run switches without end at one instant: it is NaN from there on, and
@@ -370,13 +368,23 @@ def simulate(
         return []
     check_known(models, bool(surfaces))
     models = carrying(inputs, models)
-    if not (surfaces or rows_alone) and models[0].has_remembering_sensor:
+    if not surfaces and models[0].has_remembering_sensor:
         return _simulated_between(inputs, models, max_step, nan_if_endless)
     found = _simulated(inputs, models, surfaces, max_step, nan_if_endless)
     return [
         Trajectory(np.asarray(one.time), *own, extra=extra)
         for one, (own, extra) in zip(inputs, found, strict=True)
     ]
+
+
+def simulate_states(
+    inputs: Sequence[Inputs], models: Sequence[Model], max_step: float
+) -> list[FloatArray]:
+    """The states (4, n) of every run at its rows alone, NaN from where it switches without end:
+    `simulate` where nothing else is asked."""
+    check_known(models, averaged=False)
+    found = _simulated(inputs, carrying(inputs, models), (), max_step, nan_if_endless=True)
+    return [own for own, _ in found]
 
 
 def remembered_after(
@@ -473,4 +481,5 @@ __all__ = [
     "open_intervals",
     "remembered_after",
     "simulate",
+    "simulate_states",
 ]
