@@ -119,19 +119,11 @@ def recursion(factors: FloatArray, inputs: FloatArray) -> FloatArray: ...
 @overload
 def recursion(factors: ComplexArray, inputs: ComplexArray) -> ComplexArray: ...
 def recursion(factors: Any, inputs: Any) -> Any:
-    """x (n,) with x[0] = inputs[0] and x[k] = factors[k] x[k-1] + inputs[k], real or complex.
-
-    Factors that differ by rounding only, as those of an even grid do, count as one: a filter.
-    """
-    spread = max(np.ptp(factors.real), np.ptp(factors.imag)) if len(factors) else np.inf
-    # Between 0 and 1 they are equal within this: time stamps are rounded.
-    if spread <= 1e-9:
-        from scipy.signal import lfilter
-
-        return np.asarray(lfilter([1.0], [1.0, -np.mean(factors)], inputs))
+    """x (n,) with x[0] = inputs[0] and x[k] = factors[k] x[k-1] + inputs[k], real or complex."""
     from scipy.linalg.lapack import dtbtrs, ztbtrs
 
-    # A triangular system of two diagonals, which is solved one sample after the other.
+    # A triangular system of two diagonals, which is solved one sample after the other. A filter
+    # takes as long, and to import `scipy.signal` takes as long as hundreds.
     bands = np.ones((2, len(inputs)), dtype=factors.dtype)
     bands[1, :-1] = -factors[1:]
     solve = ztbtrs if np.iscomplexobj(factors) else dtbtrs
