@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -51,6 +52,8 @@ class Limit:
         return Limit(self.evaluations - self.made, self.until, is_stopped=self.is_stopped)
 
 
+# Threads of `in_threads` count on one limit.
+_COUNTING = threading.Lock()
 _LIMIT: ContextVar[Limit | None] = ContextVar("limit", default=None)
 
 
@@ -91,7 +94,8 @@ def spend(evaluations: int = 1) -> None:
     limit = limit_in_force()
     if limit.is_over:
         raise OutOfBudgetError
-    limit.made += evaluations
+    with _COUNTING:
+        limit.made += evaluations
 
 
 def attempt(job: Callable[[], Result]) -> Result | Failure:

@@ -37,7 +37,7 @@ from sysid.diagnosis.search_record import Recorder, SearchRecord, SearchStage
 from sysid.errors import Failure, SimulationError, some_of
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.parallel import attempt, limited
+from sysid.parallel import attempt, in_threads, limited
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.effects.supply import times_the_usual_flow
 from sysid.plant.ports import Model
@@ -147,7 +147,7 @@ def begin(
             bare = projected(build_frame(traces, model, colour, 0.0, moving), model)
         spread = min(friction_scatter(bare.frame, bare.rest), MOST_SCATTER)
         logged = replace(bare.frame, scatter=spread)
-        sensors = _sensor_squares(logged, model, colour)
+        sensors = _sensor_squares(logged)
     scatter = Scatter(spread, spread)
     progress(f"friction scatters by {100 * spread:.1f} % from test to test")
 
@@ -163,9 +163,12 @@ def begin(
         left = min(scatter_beside(base.frame, base.model), spread)
         own = Scatter(left, left)
         found = simulate_twins(traces, base.model, noise, own, CORRECTION_TWINS, seed + 4, rig)
-        of_twins = (frame_of(twin) for twin in found if twin.is_finite())
-        frames = [replace(frame, scatter=base.frame.scatter) for frame in of_twins]
-        return [projected(f, base.model, own_columns(f, base.model)) for f in frames]
+
+        def of_twin(twin: Traces) -> Projected:
+            frame = replace(frame_of(twin), scatter=base.frame.scatter)
+            return projected(frame, base.model, own_columns(frame, base.model))
+
+        return in_threads(of_twin, [twin for twin in found if twin.is_finite()])
 
     count = _QUICK_TWINS if recorder.quick else TWINS
     if recorder.quick:
@@ -175,8 +178,8 @@ def begin(
     judged: list[Projected] = []
 
     def judge() -> None:
-        for twin in simulate_twins(traces, model, noise, scatter, count, seed, rig, set()):
-            judged.append(twin_frame(twin))
+        twins = simulate_twins(traces, model, noise, scatter, count, seed, rig, set())
+        judged.extend(in_threads(twin_frame, list(twins)))
 
     with limited():
         ended = attempt(judge)
@@ -250,10 +253,9 @@ def close_loop(
     )
 
 
-def _sensor_squares(frame: Frame, model: Model, colour: ResidualNoise) -> dict[str, float]:
+def _sensor_squares(frame: Frame) -> dict[str, float]:
     """Mean whitened square of the sensors' noise along the logs' own motion, by balance."""
-    own = colour.of_sensors(frame.traces, model, frame.windows)
-    squares = {name: frame.whitened(name, values) ** 2 for name, values in own.items()}
+    squares = {name: frame.whitened(name, values) ** 2 for name, values in frame.sensors.items()}
     return {name: float(np.mean(rows)) for name, rows in squares.items() if len(rows)}
 
 
@@ -292,7 +294,7 @@ def _corrected(
             start.traces, found.model, start.noise, Scatter(), CORRECTION_TWINS, seed, rig
         )
         scatter = found.first.frame.scatter
-        frames = [start.frame(twin) for twin in twins if twin.is_finite()]
+        frames = in_threads(start.frame, [twin for twin in twins if twin.is_finite()])
         other = corrected(found, [replace(frame, scatter=scatter) for frame in frames])
         return min(found, other, key=lambda s: simulated(s.model))
     except SimulationError:

@@ -186,7 +186,9 @@ def selected(traces: Traces, rows: Rows) -> Traces:
 def selection(traces: Traces, rows: Rows) -> Traces:
     """These rows alone, of no test in particular."""
     names = [f.name for f in fields(traces) if f.name != "runs"]
-    return replace(traces, runs=(), **{n: getattr(traces, n)[rows.index] for n in names})
+    return replace(
+        traces, runs=(), **{n: getattr(traces, n).take(rows.index, axis=0) for n in names}
+    )
 
 
 def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> Traces:
@@ -296,22 +298,37 @@ def _derived(
 def _of_position(runs: tuple[TestRun, ...], position: FloatArray) -> dict[str, Any]:
     """A smoothed position and its derivatives, test by test."""
     velocity = smooth(runs, _slope(runs, position), VELOCITY_CUTOFF_HZ)
-    curvature = np.zeros(len(position))
-    for run in runs:
-        curvature[run.rows] = signals.second_derivative(position[run.rows], run.period)
     return {
         "position": position,
         "velocity": velocity,
-        "acceleration": curvature,
+        "acceleration": _curvature(runs, position),
         "direction": directions(runs, velocity),
     }
 
 
 def _slope(runs: Sequence[TestRun], values: FloatArray) -> FloatArray:
+    """`np.gradient` of each test, of all in one go: (n,)."""
+    period, first, last = _ends(runs)
     found = np.empty(len(values))
-    for run in runs:
-        found[run.rows] = np.gradient(values[run.rows], run.period)
+    found[1:-1] = (values[2:] - values[:-2]) / (2.0 * period[1:-1])
+    found[first] = (values[first + 1] - values[first]) / period[first]
+    found[last] = (values[last] - values[last - 1]) / period[last]
     return found
+
+
+def _curvature(runs: Sequence[TestRun], values: FloatArray) -> FloatArray:
+    """`signals.second_derivative` of each test, of all in one go: (n,)."""
+    period, first, last = _ends(runs)
+    found = np.empty(len(values))
+    found[1:-1] = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / period[1:-1] ** 2
+    found[first], found[last] = found[first + 1], found[last - 1]
+    return found
+
+
+def _ends(runs: Sequence[TestRun]) -> tuple[FloatArray, IntArray, IntArray]:
+    """Each sample's period (n,) s, and the tests' first and last samples."""
+    first, stop = np.array([(run.rows.start, run.rows.stop) for run in runs]).T
+    return np.repeat([run.period for run in runs], stop - first), first, stop - 1
 
 
 def directions(runs: Sequence[TestRun], slow_velocity: FloatArray) -> FloatArray:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,12 +16,12 @@ from sysid.diagnosis.actuator.misfit import ResidualChannel, weights_of
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures
-from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.search_record import Recorder
-from sysid.parallel import attempt_in_threads, spend
+from sysid.parallel import attempt_in_threads, in_threads, spend
 from sysid.plant.effects.entry import CatalogueEffect
-from sysid.plant.ports import Model
 from sysid.types import FloatArray
+
+_Made = TypeVar("_Made")
 
 # Below this remaining share of its length a column is one that the base parameters imitate.
 _OWN_SHARE = 1e-3
@@ -95,12 +96,13 @@ def screened(
     """
     signed = {} if known is None else known
     names = list(dict.fromkeys(form.id for form in forms))
-    signed |= _signatures(base, [form for form in forms if form.id not in signed], recorder)
-    found = {name: _projections(base, signed[name]) for name in names if name in signed}
-    kept = tuple(form for name in found for form in found[name].forms)
-    parts = list(found.values())
+    new = [form for form in forms if form.id not in signed]
+    signed |= _of_each([base], new, recorder, _signed)[0]
+    names = [name for name in names if name in signed]
+    parts = in_threads(lambda name: _projections(base, signed[name]), names)
+    kept = tuple(form for part in parts for form in part.forms)
     size = sum(part.gradient.shape[1] for part in parts)
-    recorder.screened += list(found)
+    recorder.screened += names
     squares = channel_squares(base, base.rest)
     gram, gradient = np.zeros((len(CHANNELS), size, size)), np.zeros((len(CHANNELS), size))
     for place, name in enumerate(CHANNELS):
@@ -137,41 +139,45 @@ class _Projections:
     length: FloatArray
 
 
-def _gradients(
-    base: Projected, forms: Sequence[Candidate], recorder: Recorder
-) -> dict[str, _Projections]:
-    signed = _signatures(base, forms, recorder)
-    return {name: _projections(base, own) for name, own in signed.items()}
+def _of_each(
+    bases: Sequence[Projected],
+    forms: Sequence[Candidate],
+    recorder: Recorder,
+    job: Callable[[Projected, FloatArray, Sequence[Candidate]], _Made],
+) -> list[dict[str, _Made]]:
+    """By residual, job(residual, its errors in the bare frame, forms) of the forms of each effect.
 
-
-def _signatures(
-    base: Projected, forms: Sequence[Candidate], recorder: Recorder
-) -> dict[str, Signed]:
-    if not forms:
-        return {}
+    All at once: no core waits for the last effect of a residual. Raises OutOfBudgetError.
+    """
     # The forms of one effect stay together: those on both sides build on those on either.
     groups = [list(group) for _, group in itertools.groupby(forms, key=lambda f: f.id)]
-    # What takes long begins first, so that no core waits for the last of them.
+    if not groups:
+        return [{} for _ in bases]
+    # What takes long begins first.
     order = sorted(range(len(groups)), key=lambda i: -_duration(groups[i]))
-    bare = base.frame.bare
-    residual = bare.residual(base.model)
-    done = attempt_in_threads(
-        partial(_signed, bare, base.model, residual, groups[i]) for i in order
-    )
-    tried = [one for _, one in sorted(zip(order, done, strict=True), key=lambda pair: pair[0])]
-    found = recorder.results([group[0].id for group in groups], tried)
+    errors = in_threads(lambda base: base.frame.bare.residual(base.model), bases)
+    pairs = zip(bases, errors, strict=True)
+    done = attempt_in_threads(partial(job, *pair, groups[i]) for pair in pairs for i in order)
+    names, found = [group[0].id for group in groups], []
+    for first in range(0, len(done), len(order)):
+        tried = dict(zip(order, done[first : first + len(order)], strict=True))
+        found.append(dict(recorder.results(names, [tried[i] for i in range(len(order))])))
     spend(0)
-    return dict(found)
+    return found
 
 
 def _duration(forms: Sequence[Candidate]) -> int:
     return len(forms) * (_OF_A_STATE if forms[0].effect.states else 1)
 
 
-def _signed(frame: Frame, model: Model, residual: FloatArray, forms: Sequence[Candidate]) -> Signed:
-    signatures = Signatures(frame, model, residual)
+def _signed(base: Projected, errors: FloatArray, forms: Sequence[Candidate]) -> Signed:
+    signatures = Signatures(base.frame.bare, base.model, errors)
     columns = [signatures(form) / _steps_in_usual_sizes(form) for form in forms]
     return Signed(tuple(forms), np.hstack(columns).astype(np.float32))
+
+
+def _screened(base: Projected, errors: FloatArray, forms: Sequence[Candidate]) -> _Projections:
+    return _projections(base, _signed(base, errors, forms))
 
 
 def _projections(base: Projected, signed: Signed) -> _Projections:
@@ -230,7 +236,7 @@ class Bias:
     def ask(self, names: Collection[str], forms: Sequence[Candidate], recorder: Recorder) -> None:
         """Screen the twins for these effects. Raises OutOfBudgetError."""
         own = [f for f in forms if f.id in names]
-        parts = [_gradients(twin, own, recorder) for twin in self._twins]
+        parts = _of_each(self._twins, own, recorder, _screened)
         for name in names:
             if all(name in part for part in parts):
                 # A twin's column is as long as it moves.

@@ -89,7 +89,8 @@ class Frame:
 
     `friction`, by channel (its rows,): each test's friction as the fitted model has it, sliding or
     static, whitened; `scatter` its relative spread from test to test. `late` (breakaways,): what
-    their readings show too much, Nm or N.
+    their readings show too much, Nm or N. `sensors`, by balance: what their noise does to each
+    window, where it is known.
     """
 
     traces: Traces
@@ -98,6 +99,7 @@ class Frame:
     friction: dict[str, FloatArray]
     scatter: float
     late: FloatArray
+    sensors: dict[str, FloatArray]
 
     @property
     def rows_used(self) -> dict[str, Rows]:
@@ -282,7 +284,7 @@ def build_frame(
     }
     white = {name: np.asarray(whitening[name] @ values) for name, values in shown.items()}
     late = _of_tests(noise.late, views[BREAKAWAY])
-    return Frame(traces, views, whitening, white, scatter, late)
+    return Frame(traces, views, whitening, white, scatter, late, own)
 
 
 def _autocovariance(values: FloatArray, view: Windows) -> FloatArray:
