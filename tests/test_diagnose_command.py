@@ -44,9 +44,7 @@ from sysid.plant.effects.friction import StictionAfterRest
 
 SEED = 5
 SIZE = Size(2, 0, 2, 0.04, (2, 1), (1, 1), (1, 1), slidings=8)
-KINDS = (
-    "friction-static", "friction-sliding", "valve-discrete", "motion-motor", "motion-discrete",
-)  # fmt: skip
+KINDS = ("friction-static", "friction-sliding", "valve-discrete", "motion-discrete")
 LARGEST_BYTES = 6_000_000
 
 
