@@ -35,15 +35,18 @@ def friction_section(bundle: Bundle) -> Section:
         blocks.append(Fold(caption, (check.shown(caption),)))
         # Of a refined or extended bundle the numbers are no longer those of the tests alone.
         blocks += [] if bundle.refinement or bundle.effects else _disagreements(friction)
-    figures = (speed_figure(friction), breakaway_figure(friction))
-    drawn = tuple(figure for figure in figures if figure is not None)
+    figures = {
+        "friction over speed, one point per constant-effort test, with the law of these "
+        "parameters and the 95 % band of their errors": speed_figure(friction),
+        "breakaway by starting position, with each position's mean and its 95 % interval": (
+            breakaway_figure(friction)
+        ),
+    }
+    drawn = {said: figure for said, figure in figures.items() if figure is not None}
     if drawn:
-        caption = (
-            "Friction over speed, one point per constant-effort test, with the law of these "
-            "parameters and the 95 % band of their errors; breakaway by starting position, with "
-            "each position's mean and its 95 % interval."
-        )
-        blocks.append(FigureGroup(caption, drawn))
+        caption = "; ".join(drawn)
+        whole = f"{caption[:1].upper()}{caption[1:]}."
+        blocks.append(FigureGroup(whole, tuple(drawn.values())))
     blocks += _position_table(friction, units)
     blocks += _excluded(friction)
     source = {

@@ -134,8 +134,8 @@ def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVer
             if k in bundle.given()
         ]
         said = (
-            f"Parameters of {' and '.join(parts) or 'nothing'} were identified; whether the model "
-            "follows the rig's motion was not tested (run sysid validate)."
+            f"Parameters of {' and '.join(parts) or 'nothing'} were identified{_own_fits(bundle)}; "
+            "whether the model follows the rig's motion was not tested (run sysid validate)."
         )
         return ReportVerdict("none", said, None, notes)
     held = validation.select("holdout")
@@ -155,6 +155,12 @@ def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVer
     said_of_others, found = _other_models(held or validation.logs, logs, best)
     notes = (*said_of_others, *notes)
     return ReportVerdict(level, said, _table(pooled, models, bundle), notes, concerns=found)
+
+
+def _own_fits(bundle: Bundle) -> str:
+    """How well the laws follow their own tests, in a few words."""
+    said = dict.fromkeys(one.verdict.partition(":")[0] for one in bundle.qualities().values())
+    return f", their fits to their own tests are {' or '.join(said)}" if said else ""
 
 
 def _primary(logs: Sequence[LogResult]) -> list[LogResult]:
