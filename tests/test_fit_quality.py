@@ -207,7 +207,7 @@ def test_the_report_opens_with_what_is_poor(bundle: Bundle, campaign: Campaign) 
     friction = bundle.friction.replaced(quality={"friction-motion": wrong})
     html = render_report(campaign=campaign, bundle=bundle.replaced(friction=friction))
     top = html[: html.index('id="data"')]
-    assert "Friction, motion: impossible: it is \N{MINUS SIGN}3 Nm" in top
+    assert "Friction, motion: impossible: it is \N{MINUS SIGN}3 N·m" in top
 
 
 def test_an_old_bundle_has_a_report_without_the_section(bundle: Bundle, campaign: Campaign) -> None:
