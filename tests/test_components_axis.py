@@ -279,26 +279,6 @@ def test_one_speed_each_way_tells_no_law_over_speed() -> None:
     assert part.law_of(bundle).values == held
 
 
-def trapezoid(size: float) -> Trial:
-    """A speed that ramps for a tenth of the time and else is one, with a force of 0.2 N noise."""
-    time = np.arange(0.0, 12.0, 0.005)
-    speed = 0.05 * size * np.clip(6.0 * np.sin(2.0 * np.pi * 0.25 * time + size), -1.0, 1.0)
-    position = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 0.005)])
-    force = MASS * np.gradient(speed, time) + plain(speed) + OFFSET
-    force = force + 0.2 * np.random.default_rng(int(100 * size)).normal(size=len(time))
-    channels = {"position_m": position, "motor_force_n": force}
-    return Trial(f"{size:g}", time, channels, f"run {size:g}")
-
-
-def test_the_ramps_of_trapezoids_tell_a_law_over_speed() -> None:
-    """Nine tenths of the samples are at speeds that lie within a fifth."""
-    result = fit_friction([trapezoid(size) for size in (1.0, 1.1, 1.2)], RIG)
-    for name, truth in (("coulomb_n", COULOMB), ("viscous_n_s_per_m", VISCOUS), ("mass_kg", MASS)):
-        assert result[name].identified, name
-        assert result[name].value == pytest.approx(truth, rel=0.05), name
-        assert result[name].holds(truth), name
-
-
 def test_seal_friction_and_a_wrong_area_are_told_apart() -> None:
     found = select(screw(1e-5), CATALOGUE)
     assert found.additions[0].id == "seal-friction"

@@ -21,9 +21,8 @@ from sysid.signals import MIN_SAMPLES
 from sysid.types import FloatArray
 
 COULOMB, VISCOUS, OFFSET, INERTIA = range(4)
-# Of a direction, the speed below which 95 % of the samples are over that below which 5 % are, from
-# which a law over speed is identified. The ramps of a trapezoid are a few of its samples.
-_LEAST_SPAN = 2.1
+# A direction's upper over lower quartile of speed from which a law over speed is identified.
+_LEAST_SPAN = 1.5
 # Correlation of speed and load beyond which the two cannot be distinguished.
 _TIED = 0.6
 # Share of the samples of one direction beyond those of the other.
@@ -150,7 +149,7 @@ def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
         pushed = load[way * speed > 0.0]
         if len(own) < MIN_SAMPLES:
             continue
-        spans = np.quantile(own, 0.95) > _LEAST_SPAN * np.quantile(own, 0.05)
+        spans = np.quantile(own, 0.75) > _LEAST_SPAN * np.quantile(own, 0.25)
         steady = np.ptp(pushed) == 0.0 or np.ptp(own) == 0.0
         tied = not (steady or resists) and abs(float(np.corrcoef(own, pushed)[0, 1])) > _TIED
         if spans and not tied:
