@@ -269,12 +269,19 @@ def found_text(diagnosis: Content) -> str:
 
 
 def remains_text(diagnosis: Content) -> str:
-    """The unexplained structure, with its share of the residual's variance."""
+    """The unexplained structure, with its share of the residual's variance where there is any."""
     said = [
         f"{e['channel']} over {e['regressor']} ({number(100.0 * e['share'], 2)} %)"
         for e in diagnosis["unexplained"]
+        if (e["share"] or 0.0) >= _LEAST_SHARE
     ]
+    if not said and diagnosis["unexplained"]:
+        return "held-out errors, over nothing that was looked at"
     return "; ".join(said) or "no structure found"
+
+
+# Of a residual's variance: less is no structure, but the largest of what there is.
+_LEAST_SHARE = 1e-3
 
 
 def overview(results: Content) -> list[tuple[str, ...]]:
