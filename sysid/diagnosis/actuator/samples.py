@@ -309,18 +309,16 @@ def _of_position(runs: tuple[TestRun, ...], position: FloatArray) -> dict[str, A
 def _slope(runs: Sequence[TestRun], values: FloatArray) -> FloatArray:
     """`np.gradient` of each test, of all in one go: (n,)."""
     period, first, last = _ends(runs)
-    found = np.empty(len(values))
-    found[1:-1] = (values[2:] - values[:-2]) / (2.0 * period[1:-1])
+    found = np.gradient(values) / period
     found[first] = (values[first + 1] - values[first]) / period[first]
     found[last] = (values[last] - values[last - 1]) / period[last]
-    return found
+    return np.asarray(found)
 
 
 def _curvature(runs: Sequence[TestRun], values: FloatArray) -> FloatArray:
     """`signals.second_derivative` of each test, of all in one go: (n,)."""
     period, first, last = _ends(runs)
-    found = np.empty(len(values))
-    found[1:-1] = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / period[1:-1] ** 2
+    found = signals.second_derivative(values, 1.0) / period**2
     found[first], found[last] = found[first + 1], found[last - 1]
     return found
 
