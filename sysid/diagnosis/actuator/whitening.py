@@ -40,6 +40,7 @@ from sysid.parallel import spend
 from sysid.plant.base import sliding_friction
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
+from sysid.signals import MEDIAN_OF_SQUARES
 from sysid.types import BoolArray, FloatArray, IntArray
 
 ORDER = 6
@@ -370,5 +371,4 @@ def friction_scatter(frame: Frame, rest: FloatArray) -> float:
             found.append((float(f @ own) / power) ** 2 - 1.0 / power)
     if len(found) < _LEAST_TESTS:
         return 0.0
-    # The median of a squared normal deviate is 0.455 of its mean.
-    return float(np.sqrt(max(float(np.median(found)), 0.0) / 0.455))
+    return float(np.sqrt(max(float(np.median(found)), 0.0) / MEDIAN_OF_SQUARES))
