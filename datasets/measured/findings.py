@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sysid.blocks.numbers import MISSING, number, percent
-from sysid.diagnosis.wording import joined
+from sysid.diagnosis.wording import LEAST_SHOWN, joined
 from sysid.errors import input_error
 from sysid.io.files import write_atomic
 
@@ -273,15 +273,11 @@ def remains_text(diagnosis: Content) -> str:
     said = [
         f"{e['channel']} over {e['regressor']} ({number(100.0 * e['share'], 2)} %)"
         for e in diagnosis["unexplained"]
-        if (e["share"] or 0.0) >= _LEAST_SHARE
+        if (e["share"] or 0.0) >= LEAST_SHOWN
     ]
     if not said and diagnosis["unexplained"]:
         return "held-out errors, over nothing that was looked at"
     return "; ".join(said) or "no structure found"
-
-
-# Of a residual's variance: less is no structure, but the largest of what there is.
-_LEAST_SHARE = 1e-3
 
 
 def overview(results: Content) -> list[tuple[str, ...]]:

@@ -126,14 +126,15 @@ def _sizes(channel: Channel, errors: Mapping[str, float | None], *, is_changed: 
         unit = "Pa"
         before, after, floor = (None if e is None else 1e3 * e for e in (before, after, floor))
     change = f"from {number(before)} to {number(after)}" if is_changed else number(before)
-    if floor is not None and after is not None and 0.0 < floor < _LEAST_SHOWN * after:
-        correct = f"(a correct model: less than {number(_LEAST_SHOWN * after, 1)})"
+    if floor is not None and after is not None and 0.0 < floor < LEAST_SHOWN * after:
+        correct = f"(a correct model: less than {number(LEAST_SHOWN * after, 1)})"
     else:
         correct = f"(a correct model: {number(floor)})"
     return " ".join(filter(None, (change, unit, correct)))
 
 
-_LEAST_SHOWN = 1e-3
+LEAST_SHOWN = 1e-3
+"""The share of a residual's variance, or of an error, below which a number of it is not shown."""
 # Before over after, below which an error has grown by a tenth; after over before, has fallen.
 _GROWN = 1.0 / 1.1
 _NO_STRUCTURE = {
@@ -157,9 +158,9 @@ def _remaining(content: Content) -> str:
     found = []
     for entry in content["unexplained"]:
         share = entry["share"]
-        if share is None or (other and share < _LEAST_SHOWN):
+        if share is None or (other and share < LEAST_SHOWN):
             continue
-        part = f"{number(100.0 * share, 2)} %" if share >= _LEAST_SHOWN else "less than 0.1 %"
+        part = f"{number(100.0 * share, 2)} %" if share >= LEAST_SHOWN else "less than 0.1 %"
         over = balance_of(entry["channel"]), regressor_name(entry["regressor"])
         found.append(said.format(*over, part))
     return "; ".join(filter(None, (other, joined(found))))
@@ -327,6 +328,7 @@ def is_refined(content: Content) -> bool:
 
 __all__ = [
     "CORRECT_MODEL",
+    "LEAST_SHOWN",
     "SMALLEST_P",
     "advice",
     "advice_on_rest",
