@@ -25,8 +25,8 @@ from sysid.diagnosis.actuator.oscillation import steady_oscillation
 from sysid.diagnosis.actuator.projection import (
     Projected,
     channel_squares,
+    friction_scatter_of,
     projected,
-    scatter_beside,
 )
 from sysid.diagnosis.actuator.refit import own_columns
 from sysid.diagnosis.actuator.screened import Bias, Screening, Signed, noise_channels, screened
@@ -237,7 +237,7 @@ class Finder:
         effects = self.sets[names].effects if names else ()
         return Model(given.parameters, (*given.effects, *effects))
 
-    def _beside(self, names: frozenset[str]) -> Projected:
+    def _residual_given(self, names: frozenset[str]) -> Projected:
         """The residual that a set leaves, its numbers projected out. Raises OutOfBudgetError."""
         forget()
         if not names:
@@ -264,7 +264,7 @@ class Finder:
         if not names or self.recorder.quick or frame.scatter < _MUCH_SCATTER:
             return
         with limited():
-            left = scatter_beside(frame, self.model(names))
+            left = friction_scatter_of(frame, self.model(names))
             if left > _FAR_LESS * frame.scatter:
                 return
             self.progress(f"friction scatters by {100 * left:.1f} % with the effects")
@@ -281,7 +281,7 @@ class Finder:
 
         Raises OutOfBudgetError.
         """
-        base = self._beside(names)
+        base = self._residual_given(names)
         some = self._screened.get(names)
         if some is None:
             states = {state for e in base.model.effects for state in e.states}

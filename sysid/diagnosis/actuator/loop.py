@@ -13,7 +13,7 @@ from sysid.diagnosis.actuator.equation_error import EquationError, equation_erro
 from sysid.diagnosis.actuator.finder import Finder
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
-from sysid.diagnosis.actuator.projection import Projected, projected, scatter_beside
+from sysid.diagnosis.actuator.projection import Projected, friction_scatter_of, projected
 from sysid.diagnosis.actuator.refit import own_columns, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, prepare
 from sysid.diagnosis.actuator.search import Search, Simulated, search
@@ -157,10 +157,10 @@ def begin(
     def twin_frame(twin: Traces) -> Projected:
         return projected(frame_of(twin), model)
 
-    def twins_beside(base: Projected) -> list[Projected]:
+    def twins_given(base: Projected) -> list[Projected]:
         """Twins of the model of a residual, with as much scatter of friction as that leaves; in
         the same frame as the logs."""
-        left = min(scatter_beside(base.frame, base.model), spread)
+        left = min(friction_scatter_of(base.frame, base.model), spread)
         own = Scatter(left, left)
         found = simulate_twins(traces, base.model, noise, own, CORRECTION_TWINS, seed + 4, rig)
 
@@ -188,7 +188,7 @@ def begin(
         null = Null(
             judged or [twin_frame(pilot)],
             sensors,
-            twins_beside,
+            twins_given,
             is_of_twins=bool(judged) or pilot is not traces,
         )
     return Start(logged, model, noise, scatter, colour, forms, moving, null)
@@ -241,7 +241,7 @@ def close_loop(
             found = better
     with limited():
         after = build_frame(traces, found.model, start.colour, 0.0, start.moving)
-        left = min(scatter_beside(after, found.model), start.scatter.sliding)
+        left = min(friction_scatter_of(after, found.model), start.scatter.sliding)
     return Loop(
         traces,
         start.noise,

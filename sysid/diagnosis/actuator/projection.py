@@ -30,7 +30,7 @@ class Projected:
     extra: FloatArray
     reach: FloatArray
 
-    def beside_extra(self, values: FloatArray) -> FloatArray:
+    def without_extra(self, values: FloatArray) -> FloatArray:
         """`values` (rows,) or (rows, k) with `extra` projected out."""
         return values - self.extra @ (self.extra.T @ values)
 
@@ -53,7 +53,7 @@ def projected(frame: Frame, model: Model, extra: FloatArray | None = None) -> Pr
     return Projected(frame, model, residual, basis, rest, own, reach)
 
 
-def scatter_beside(frame: Frame, model: Model) -> float:
+def friction_scatter_of(frame: Frame, model: Model) -> float:
     """Relative spread of friction from test to test that a model leaves, one standard deviation."""
     plain = replace(frame, scatter=0.0)
     return friction_scatter(plain, projected(plain, model).rest)
@@ -74,4 +74,4 @@ def channel_squares(base: Projected, rest: FloatArray) -> FloatArray:
     return np.array([float(np.sum(rest[base.frame.rows(name)] ** 2)) for name in CHANNELS])
 
 
-__all__ = ["Projected", "channel_squares", "projected", "scatter_beside"]
+__all__ = ["Projected", "channel_squares", "friction_scatter_of", "projected"]

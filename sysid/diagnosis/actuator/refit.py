@@ -162,7 +162,7 @@ class _Equations:
         """The errors of a point, whitened and next to the extra columns, kept for its slopes."""
         if self._last is None or not np.array_equal(self._last[0], values):
             here = self._whitened(values, self._channels)
-            errors = self._base.beside_extra(np.where(self._touched, here, self._base.rest))
+            errors = self._base.without_extra(np.where(self._touched, here, self._base.rest))
             self._last = (values.copy(), here, errors)
         return self._last[1:]
 
@@ -181,7 +181,7 @@ class _Equations:
             change = self._whitened(moved, channels) - here
             change = np.where(self._base.frame.belongs(channels), change, 0.0)
             columns.append(change / (moved[i] - values[i]))
-        return self._base.beside_extra(np.column_stack(columns))
+        return self._base.without_extra(np.column_stack(columns))
 
     def _whitened(self, values: FloatArray, channels: tuple[str, ...]) -> FloatArray:
         given = self._base.model
