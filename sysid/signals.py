@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from statistics import NormalDist
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -35,7 +36,9 @@ SAMPLE_MISSING = 1.5
 PAUSE = 3.0
 # Fewest samples with which noise can be distinguished from motion.
 FEWEST_FOR_NOISE = 16
-MEDIAN_OF_SQUARES = 0.455
+# The median of a normal deviate's size, in its standard deviation.
+_MEDIAN_DEVIATION = NormalDist().inv_cdf(0.75)
+MEDIAN_OF_SQUARES = _MEDIAN_DEVIATION**2
 """The median of a squared normal deviate, over its mean."""
 # Of the variance by means: where that by medians is less, jumps make up most of the means. Of
 # noise with heavy tails (Laplace, Student's of 3 degrees) it is above one half.
@@ -341,6 +344,14 @@ def position_floor(values: FloatArray, stride: int = 1) -> NoiseFloor:
     # One unit in the last place of a double is rounding, not a change.
     steps = steps[steps > 1e-12 * np.abs(values).max(initial=0.0)]
     return NoiseFloor(0.0, float(steps.min())) if steps.size else found
+
+
+def deviation_by_median(values: FloatArray, about: float = 0.0) -> float:
+    """Standard deviation of normal `values` (n,), n > 0, by the median of their distances.
+
+    In their unit; a few far ones hardly move it.
+    """
+    return float(np.median(np.abs(values - about))) / _MEDIAN_DEVIATION
 
 
 def _by_median(squares: FloatArray, axis: int | None = None) -> Any:

@@ -24,8 +24,6 @@ from sysid.types import FloatArray
 LEVEL = 0.95
 NORMAL = NormalDist().inv_cdf(0.5 * (1.0 + LEVEL))
 """Standard errors to each side of a 95 % interval of a normal estimate."""
-NORMAL_QUARTILE = NormalDist().inv_cdf(0.75)
-"""Median absolute deviation of a normal sample, in its standard deviation."""
 # Singular values below this share of the largest are linear dependence between columns: of any
 # columns, and of columns of equal length, whose dependence is not a matter of units.
 RANK_TOLERANCE = 1e-9

@@ -10,6 +10,7 @@ import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import BALANCES, CHANNELS
 from sysid.diagnosis.actuator.projection import Projected
+from sysid.signals import deviation_by_median
 from sysid.types import FloatArray
 
 # Real noise may be this much stronger than the twins' before it counts as structure.
@@ -109,7 +110,7 @@ class Null:
         rows = base.frame.rows(channel)
         count = rows.stop - rows.start
         sums = self.sums[channel]
-        relative = 1.48 * float(np.median(np.abs(sums - np.median(sums))))
+        relative = deviation_by_median(sums, float(np.median(sums)))
         return float(count) * max(relative, math.sqrt(2.0 / max(count, 1)))
 
 

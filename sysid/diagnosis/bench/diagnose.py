@@ -27,7 +27,7 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import effects_from_bundle
 from sysid.plant.effects.entry import Catalogue, CatalogueEffect
-from sysid.signals import MEDIAN_OF_SQUARES
+from sysid.signals import deviation_by_median
 from sysid.types import FloatArray
 
 _LEFT_OUT = "errors before and after are those of tests left out of the fit in turn"
@@ -235,7 +235,7 @@ def _typical(component: Component, outside: Component | None, fitted: FittedLaw)
     tests = range(len(shown.tests))
     pairs = zip(shown.residuals(law, tests), shown.of_each_test(law, tests), strict=True)
     left = np.concatenate([_less_its_own(*pair) for pair in pairs])
-    return math.sqrt(float(np.median(left**2)) / MEDIAN_OF_SQUARES)
+    return deviation_by_median(left)
 
 
 def _less_its_own(left: FloatArray, own: FloatArray) -> FloatArray:

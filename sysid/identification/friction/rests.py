@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sysid.errors import NotIdentifiedError
-from sysid.estimation.linear import NORMAL_QUARTILE, Estimate
+from sysid.estimation.linear import Estimate
 from sysid.identification.friction.static import (
     AVERAGE_S,
     Onset,
@@ -23,6 +23,7 @@ from sysid.identification.friction.static import (
 )
 from sysid.io.motion import MotionUnits
 from sysid.recording.recording import Recording
+from sysid.signals import deviation_by_median
 from sysid.types import FloatArray
 
 # Of PWM before the onset, in periods: enough for the ripple, few for a trend's curvature.
@@ -52,7 +53,7 @@ def static_of_rests(
             "changes of the pressure, to and fro, with the piston at rest in between"
         )
     middle = float(np.median(found))
-    spread = float(np.median(np.abs(found - middle))) / NORMAL_QUARTILE
+    spread = deviation_by_median(found, middle)
     # What a reading is off by, the crest above all, is much the same in all: no mean shrinks it.
     estimate = Estimate.symmetric(middle, spread, units.effort, len(found) - 1)
     notices.append(

@@ -27,9 +27,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from sysid.estimation.linear import NORMAL_QUARTILE
 from sysid.io.rig import Air, Rig
 from sysid.plant.base import CRITICAL_RATIO, flow_from_pressure_rate
+from sysid.signals import deviation_by_median
 from sysid.types import BoolArray, FloatArray, IntArray
 
 TRAVEL_SHARE = 0.03
@@ -273,7 +273,7 @@ class _PulseMean:
         if b > 1:
             shifted = self.values[b // 2 :: b]
             third = np.concatenate((third, np.diff(shifted, 3)))
-        return float(np.median(np.abs(third))) / NORMAL_QUARTILE * math.sqrt(b / 20.0)
+        return deviation_by_median(third) * math.sqrt(b / 20.0)
 
     def phases(self, pwm_period: float) -> int:
         """How many places of the PWM period the samples of a mean are at."""

@@ -204,7 +204,7 @@ def _without_clipped(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> li
 def _sample_noise(pressure: FloatArray, block: int) -> float:
     """Noise of a sample, Pa, from third differences over whole PWM periods."""
     third = np.diff(pressure[::block], 3)
-    return float(np.median(np.abs(third))) / 0.6745 / math.sqrt(20.0) if len(third) else 0.0
+    return signals.deviation_by_median(third) / math.sqrt(20.0) if len(third) else 0.0
 
 
 def _pwm_period(rig: Rig) -> float:

@@ -12,6 +12,7 @@ from sysid.estimation.quality import DISAGREE, FEWEST_REPEATS
 from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.samples import PwmTest, open_share
 from sysid.io.rig import Rig
+from sysid.signals import deviation_by_median
 from sysid.surfaces.domain import SAME_SUPPLY
 from sysid.types import FloatArray
 
@@ -215,7 +216,7 @@ def _rest_shift(test: PwmTest, rig: Rig) -> float | None:
 def _sensor_noise(tests: Sequence[PwmTest]) -> float:
     """Noise of one row, Pa: that of the test whose pulses disturb it least."""
     found = [np.diff(t.pressure, 2) for t in tests if len(t.pressure) > 2]
-    noise = [1.4826 * float(np.median(np.abs(d))) / math.sqrt(6.0) for d in found]
+    noise = [deviation_by_median(d) / math.sqrt(6.0) for d in found]
     return min(noise, default=0.0)
 
 
@@ -256,7 +257,7 @@ def _beyond_noise(differences: FloatArray) -> float:
     if len(differences) < FEWEST_REPEATS:
         return 0.0
     middle = float(np.median(differences))
-    scatter = 1.4826 * float(np.median(np.abs(differences - middle)))
+    scatter = deviation_by_median(differences, middle)
     error = math.sqrt(0.5 * math.pi / len(differences)) * scatter
     return middle if abs(middle) > DISAGREE * error else 0.0
 
