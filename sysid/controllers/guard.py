@@ -8,7 +8,6 @@ what it did before, and counts the tick. An arm in the vertical falls then.
 from __future__ import annotations
 
 import dataclasses
-import math
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -28,15 +27,18 @@ def known(value: Array) -> Array:
 
 def all_finite(values: Iterable[Array]) -> Array:
     """Whether all values are finite, by lane: each a number, (lanes,) or (any, lanes)."""
-    by_shape: dict[tuple[int, ...], Array] = {}
-    for value in values:
-        is_number = isinstance(value, float | int)
-        flags = math.isfinite(value) if is_number else array_namespace(value).isfinite(value)
-        shape = np.shape(flags)
-        by_shape[shape] = by_shape.get(shape, True) & flags
+    sums: dict[tuple[int, ...], Array] = {}
     found: Array = True
-    for shape, flags in by_shape.items():  # one reduction for all of a shape
-        found = found & (flags.all(axis=0) if len(shape) > 1 else flags)
+    with np.errstate(invalid="ignore"):
+        for value in values:
+            shape = np.shape(value)
+            sums[shape] = sums.get(shape, 0.0) + 0.0 * value
+        for shape, total in sums.items():
+            xp = array_namespace(total)
+            # The compiler works a sum, or a chain of flags, out anew wherever it is used, and a
+            # root once: without it the program of a loop is twice as long.
+            flags = xp.isfinite(xp.sqrt(total))
+            found = found & (flags.all(axis=0) if len(shape) > 1 else flags)
     return found
 
 
