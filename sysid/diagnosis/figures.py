@@ -29,7 +29,7 @@ from sysid.blocks.figures import (
     Words,
     grouped_bars,
 )
-from sysid.blocks.numbers import MINUS, number
+from sysid.blocks.numbers import MINUS, fixed, number
 from sysid.diagnosis.wording import errors_by_step, regressor_name, steps
 from sysid.estimation.linear import LEVEL, t_quantile
 from sysid.io.channels import Channel, channel_of
@@ -121,7 +121,11 @@ def waterfall(
     for name, before, after in zip(steps, shown, shown[1:], strict=False):
         role: Role = "third" if after <= before else "fourth"
         sign = MINUS if after <= before else "+"
-        change = f"{sign}{number(abs(before - after))}"
+        # To the last digit that the errors are written with.
+        _, point, decimals = number(before).partition(".")
+        is_short = not point or decimals.isdigit()
+        size = fixed(abs(before - after), len(decimals)) if is_short else number(before - after)
+        change = f"{sign}{size.lstrip(MINUS)}"
         rows.append((drawable(name), min(before, after), max(before, after), role, change))
     if steps:
         rows.append(("extended model", 0.0, shown[-1], "model", number(shown[-1])))
