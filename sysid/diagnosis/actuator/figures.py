@@ -11,7 +11,6 @@ import numpy as np
 from sysid.diagnosis.actuator.equation_error import (
     BALANCES,
     BREAKAWAY,
-    CHANNELS,
     channels_of,
     equation_error,
 )
@@ -138,7 +137,8 @@ def _bins(x: FloatArray) -> tuple[IntArray, float | None] | None:
 def influences(search: Search) -> list[dict[str, Any]]:
     """What each effect adds to the balance that it changes most (`influence.strongest`).
 
-    Along the training logs, at its estimated size, with all others; `channel` is the balance.
+    Along the training logs, at its estimated size, with all others; `channel` is the balance, one
+    of those by which the effect is judged.
     """
     model, frame = search.last.model, search.first.frame
     added = model.effects[len(search.first.model.effects) :]
@@ -148,7 +148,7 @@ def influences(search: Search) -> list[dict[str, Any]]:
         others = tuple(e for e in model.effects if e is not effect)
         error = equation_error(frame.traces, replace(model, effects=others))
         ranked: list[tuple[float, str, FloatArray]] = []
-        for channel in CHANNELS:
+        for channel in channels_of(effect, others):
             view = frame.windows[channel]
             if not len(view):
                 continue
