@@ -120,7 +120,7 @@ def rig_section(
         nothing = (Lines(("No parameter of this rig can be tracked.",)),)
         return Section(f"rig-{place}", rig, (), nothing)
     signs = [f"{sign.sentence()}." for sign in leaks if sign.rig == rig]
-    said = (*signs, *(f"{t.sentence(title_of(t.name))}." for t in own if t.is_change))
+    said = (*signs, *(f"{_sentence(t)}." for t in own if t.is_change))
     figures = tuple(trend_figure(t, f"fig-{place}-{i}") for i, t in enumerate(own))
     caption = (
         "Estimates with 95 % intervals over the dates of the campaigns; line: the course of what "
@@ -128,8 +128,12 @@ def rig_section(
     )
     group: Block = FigureGroup(caption, figures)
     if not said:
-        group = Fold(f"No change: {len(own)} trends", (group,))
+        group = Fold(f"No change in {len(own)} trend{'s' * (len(own) > 1)}", (group,))
     return Section(f"rig-{place}", rig, said, (group,))
+
+
+def _sentence(trend: Trend) -> str:
+    return trend.sentence(title_of(trend.name), shown_unit(trend.unit))
 
 
 def trend_figure(trend: Trend, id: str) -> Figure:
@@ -145,7 +149,7 @@ def trend_figure(trend: Trend, id: str) -> Figure:
         marks.append(Line(x, course, role, width=0.8, is_step=is_step))
         marks.append(Rule(_day(trend.since), dash="dotted", is_upright=True))
     title = title_of(trend.name)
-    said = trend.sentence(title) if trend.is_change else f"no change over {len(x)} dates"
+    said = _sentence(trend) if trend.is_change else f"no change over {len(x)} dates"
     if trend.change is None:
         said = f"{len(x)} dates, too few for a test"
     low, high = (number(float(f(values))) for f in (np.min, np.max))

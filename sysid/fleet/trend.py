@@ -48,12 +48,13 @@ class Trend:
         """Whether the level before the change is not 0 within its error."""
         return self.change is not None and abs(self.change.before) > float(np.median(self.std))
 
-    def sentence(self, title: str = "") -> str:
-        """The change in words, of a number called `title`."""
+    def sentence(self, title: str = "", shown: tuple[float, str] | None = None) -> str:
+        """The change in words, of a number called `title`; `shown`: its scale and unit there."""
         title = title or self.name
         if self.change is None or not self.is_change:
             return f"{title} does not change"
-        c, size = self.change, f"{number(abs(self.change.size))} {unit(self.unit)}"
+        scale, name = shown or (1.0, unit(self.unit))
+        c, size = self.change, f"{number(scale * abs(self.change.size))} {name}"
         course = "at once" if c.shape == "step" else "growing with time"
         what = f"appears with {size}"
         if self.has_level:
