@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.blocks.numbers import number
+from sysid.blocks.numbers import number, unit
 from sysid.blocks.tables import Table, table
 from sysid.controllers.backstepping import BacksteppingController, WantedState
 from sysid.controllers.cases import PERIOD_S, Case, ClosedLoopRun
@@ -97,13 +97,19 @@ class Stability:
     def tables(self) -> Iterable[Table]:
         """The conditions; the errors and what they allow."""
         rows = [
-            (c.name, c.equation, f"{number(c.value)} {c.unit}", number(c.least), _word(c.holds))
+            (
+                c.name,
+                c.equation,
+                f"{number(c.value)} {unit(c.unit)}",
+                number(c.least),
+                _word(c.holds),
+            )
             for c in self.conditions
         ]
         head = ("Condition", "Equation", "Value", "Exceeds", "Holds")
         yield table(f"Stability of {self.controller}", head, rows)
         b = self.budget
-        found = [(f"Effort: {name}", f"{number(size)} N m", "", "") for name, size in b.sources]
+        found = [(f"Effort: {name}", f"{number(size)} N·m", "", "") for name, size in b.sources]
         found += [
             (
                 f"Flow of valve {c.side.upper()}",
@@ -117,7 +123,7 @@ class Stability:
         found.append(
             (
                 "Effort: together",
-                f"{number(b.together)} N m",
+                f"{number(b.together)} N·m",
                 all_of_it,
                 f"{number(1e3 * b.largest)} mrad",
             )

@@ -34,6 +34,8 @@ def write_control_page(
         None if stability is None else _stability(stability),
     )
     faults = loop.run.faults
+    # What limits the proof is with the proof.
+    notices = [line for line in notices if stability is None or line not in stability.notes()]
     said = f"The loop reports {len(faults)} fault{'s' if len(faults) > 1 else ''}."
     page = fill(
         "control.html",
