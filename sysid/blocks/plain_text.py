@@ -29,7 +29,7 @@ def table_text(table: Table) -> str:
 def result_text(headline: str, tables: Iterable[Table], footnotes: Iterable[str]) -> str:
     """A result as `print` shows it; a table without rows is omitted."""
     shown = [table_text(table) for table in tables if table.rows]
-    blocks = (ascii_text(headline), *shown, "\n".join(footnotes))
+    blocks = (ascii_text(headline), *shown, "\n".join(map(ascii_text, footnotes)))
     return "\n\n".join(block for block in blocks if block)
 
 
