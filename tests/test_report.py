@@ -627,10 +627,10 @@ def test_notices_stand_where_their_numbers_stand() -> None:
     assert isinstance(first, Notes) and coulomb in first.lines and len(first.lines) == 4
     assert isinstance(folded, Lines) and folded.summary and len(folded.lines) == 3
     why = "excluded: the pressure stays within 1 % of its start"
-    both = [f"b.csv, tests 44, 45, 46: {why}", "other: said", f"a.csv, tests 1, 2, 4: {why}"]
+    both = [f"b.csv, tests 44, 45, 46: {why}", "B: said", f"a.csv, tests 1, 2, 4: {why}", "A: said"]
     shown = with_notices(section, both).blocks[0]
     assert isinstance(shown, Notes)
-    assert shown.lines == (f"b.csv, tests 44 to 46; a.csv, tests 1, 2, 4: {why}", "other: said")
+    assert shown.lines == (f"a.csv, tests 1, 2, 4; b.csv, tests 44 to 46: {why}", "A; B: said")
 
 
 TRACE: dict[str, Any] = {

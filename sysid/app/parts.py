@@ -191,7 +191,8 @@ def _group(group: FigureGroup, scheme: Scheme, chosen: Chosen | None) -> list[An
         else figure_pane(f, scheme, chosen)
         for f in group.figures
     ]
-    return [grid(drawn), html(f"<p class='muted'>{words(group.caption)}</p>")]
+    caption = [html(f"<p class='muted'>{words(group.caption)}</p>")] if group.caption else []
+    return [grid(drawn), *caption]
 
 
 def grid(panes: Sequence[Any], columns: int = _WIDE_PLOTS) -> Any:

@@ -37,7 +37,8 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
     if content["effects"]:
         blocks += _effects(content, is_linear)
     if content["residual"]:
-        blocks += [tables.errors_table(content), _errors(content)]
+        numbers = Fold("These errors as a table", (tables.errors_table(content),))
+        blocks += [_errors(content), numbers]
     blocks += _residuals(content, is_linear)
     blocks += _remaining(content, is_linear)
     blocks += _remainder(content, is_linear)
@@ -51,7 +52,8 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
         else ""
     )
     how = _HOW_TWINS if is_of_actuator(content) else _HOW_LEFT_OUT
-    intro = (sentence(content, content["figures"]["titles"]), f"{how}{refined}")
+    blocks.append(Lines((f"{how}{refined}",), "How effects are found"))
+    intro = (sentence(content, content["figures"]["titles"]),)
     return Section("diagnosis", "Diagnosis", intro, tuple(blocks))
 
 

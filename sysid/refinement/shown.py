@@ -45,7 +45,7 @@ def refinement_section(refinement: Refinement, rig: Rig) -> Section | None:
     blocks += _pictures(refinement, values)
     blocks += _profiles(refinement)
     if refinement.errors():
-        blocks += [Heading("refinement-errors", "Open-loop errors"), errors_table(refinement)]
+        blocks.append(errors_table(refinement))
     if refinement.effort_errors():
         blocks.append(effort_table(refinement))
     return Section("refinement", "Refinement on motion", _intro(refinement, values), tuple(blocks))
@@ -183,17 +183,15 @@ def _pictures(refinement: Refinement, values: list[RefinedValue]) -> list[Block]
     if any(value.movement is not None for value in values):
         drawn.append(figures.movement(values))
         caption = (
-            "Movement of each parameter from bench to motion, in standard errors of the value "
-            "before: diamonds with the 95 % interval after, over that before (shaded); grey "
-            "where the motion tests add nothing. "
+            "Movement from bench to motion: diamonds with the 95 % interval after, over that "
+            "before (shaded); grey where the motion tests add nothing. "
         )
     matrix = refinement.correlations()
     if len(matrix) > 1:
         drawn.append(figures.correlation(values, matrix))
         caption += (
-            "Correlation of the parameters' errors after; rows and columns have the table's "
-            f"numbers; blue: both err the same way, orange: opposite ways; sizes from "
-            f"{figures.LEAST_WRITTEN} are written."
+            "Correlation of the errors after, by the table's numbers: blue the same way, orange "
+            f"opposite ways; sizes from {figures.LEAST_WRITTEN} are written."
         )
         caption += _tied(values, matrix)
     return [FigureGroup(caption, tuple(drawn))] if drawn else []

@@ -1,6 +1,7 @@
 "use strict";
 (() => {
   const scheme = window.matchMedia("(prefers-color-scheme: dark)");
+  const phone = window.matchMedia("screen and (max-width: 44rem)");
   const shown = new Map();
   window.sysidPlots = shown;
 
@@ -55,6 +56,8 @@
                             min_interval: last / 2000 };
       } else if (channel && node.name === "BoxAnnotation") {
         Object.assign(node.attributes, { bottom: -channel.noise, top: channel.noise });
+      } else if (node.name === "Figure" && phone.matches) {
+        node.attributes.height = Math.round(0.75 * node.attributes.height);
       } else if (channel && node.name === "ColumnDataSource") {
         node.attributes.data = { type: "map", entries: Object.entries(columns(channel)) };
         return;

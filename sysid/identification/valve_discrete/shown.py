@@ -80,15 +80,14 @@ def discrete_section(
     held = {side: law for side, law in fitted.items() if isinstance(law.tests, list) and law.tests}
     blocks: list[Block] = [_fit_table(held)] if held else []
     parts = bundle.parameters.parts()
-    for side, law in fitted.items():
-        part = parts[f"valves.{side}.discrete"]
-        blocks.append(part.shown(f"Valve {side.upper()}"))
-        decision = law.choice if isinstance(law.choice, LawDecision) else None
-        if decision is not None:
-            blocks.append(Lines((_decision_line(side, decision),)))
-        curves = _curves(side, law, logs, rig)
-        if curves:
-            blocks.append(_figures(side, curves, _effects_on_flow(bundle)))
+    blocks += [parts[f"valves.{s}.discrete"].shown(f"Valve {s.upper()}") for s in fitted]
+    decided = {s: law.choice for s, law in fitted.items() if isinstance(law.choice, LawDecision)}
+    if decided:
+        blocks.append(Lines(tuple(_decision_line(*one) for one in decided.items())))
+    drawn = {side: _curves(side, law, logs, rig) for side, law in fitted.items()}
+    curves = {side: own for side, own in drawn.items() if own}
+    if curves:
+        blocks.append(_figures(curves, _effects_on_flow(bundle)))
     both = valve_responses([(f"valve {side.upper()}", bundle, side) for side in fitted])
     if both is not None:
         blocks += both.blocks()
@@ -189,28 +188,29 @@ def _curve(
 
 
 def _figures(
-    side: str, curves: Sequence[PressureCurve], effects: Sequence[str] = ()
+    curves: Mapping[str, Sequence[PressureCurve]], effects: Sequence[str] = ()
 ) -> FigureGroup:
-    """The test with the worst fit: whole, and close-ups of one filling and one discharge.
+    """Of each valve the test with the worst fit: whole, one filling and one discharge close up.
 
     `effects`: those that belong to the law's numbers, and are not simulated here.
     """
     named = "law alone" if effects else "fitted"
-    # Of tests without the flow control there is no law to compare with.
-    worst = max([c for c in curves if c.rejected] or curves, key=lambda c: c.rmse)
-    figures = [_panel(side, worst, "whole test", None, "whole", named)]
-    for edges, name in ((worst.opens, "filling"), (worst.closes, "discharge")):
-        if edges.size:
-            figures.append(_panel(side, worst, name, float(edges[0]), name, named))
-    shown = f"test {worst.test}" if worst.test else "the test"
-    caption = (
-        f"Valve {side.upper()}, measured and fitted pressure, residual below. "
-        f"Of {len(curves)} tests the one with the worst fit is shown: {shown}."
-        if len(curves) > 1
-        else f"Valve {side.upper()}, measured and fitted pressure, residual below."
-    )
-    if worst.rejected:
-        caption += f" Broken lines: the law that was not chosen ({' and '.join(worst.rejected)})."
+    figures, chosen, rejected = [], [], dict[str, None]()
+    for side, own in curves.items():
+        # Of tests without the flow control there is no law to compare with.
+        worst = max([c for c in own if c.rejected] or own, key=lambda c: c.rmse)
+        figures.append(_panel(side, worst, "whole test", None, "whole", named))
+        for edges, name in ((worst.opens, "filling"), (worst.closes, "discharge")):
+            if edges.size:
+                figures.append(_panel(side, worst, name, float(edges[0]), name, named))
+        if len(own) > 1:
+            shown = f"test {worst.test}" if worst.test else "one"
+            chosen.append(f"valve {side.upper()}, {shown} of {len(own)}")
+        rejected |= dict.fromkeys(worst.rejected)
+    caption = "Measured and fitted pressure, residual below"
+    caption += f"; the test with the worst fit: {'; '.join(chosen)}." if chosen else "."
+    if rejected:
+        caption += f" Broken lines: the law that was not chosen ({' and '.join(rejected)})."
     if effects:
         caption += (
             f" The law's numbers were estimated together with the effect {'; '.join(effects)}, "

@@ -146,16 +146,25 @@ def surfaces_section(
     if not parts:
         return None
     blocks = _compared(parts)
+    folded: list[Block] = []
     for part in parts:
-        blocks += _part_blocks(part, is_first=part is parts[0])
+        heading = Heading(f"surface-{part.tag}", part.title)
+        drawn, more = _part_blocks(part, is_first=part is parts[0])
+        blocks += [heading, *drawn] if drawn else []
+        folded += [replace(heading, id=f"{heading.id}-more"), *more] if more else []
     laws = tuple(_laws(parts))
     blocks += [Fold("Numbers of the averaged law", laws)] if laws else []
+    if folded:
+        kinds = {k: _NAMES[k].lower() for p in parts for k in p.surfaces if k != p.best}
+        rivals = f"{' and '.join(kinds.values())}, where not recommended; " if kinds else ""
+        summary = f"{rivals}coefficients and weights"
+        blocks.append(Fold(summary[0].upper() + summary[1:], tuple(folded)))
     intro = (
         "Mean mass flow of a pulsed valve over duty and chamber pressure, from constant-duty "
         "tests with the piston held. Errors are in duty, the quantity that a controller needs: in "
-        "points (hundredths), and relative to the duty, where small duties weigh "
-        "most. The averaged law is the on/off law over a period, here fitted to these tests alone; "
-        "a simulation takes that of the on/off tests where there are any.",
+        "points (hundredths), and relative to the duty. The averaged law is the on/off law over a "
+        "period, here fitted to these tests alone; a simulation takes that of the on/off tests "
+        "where there are any.",
     )
     return Section("surfaces", "PWM surfaces", (*intro, *_obedience(parts)), tuple(blocks))
 
@@ -176,7 +185,9 @@ def _obedience(parts: Sequence[_Measured]) -> Iterator[str]:
             f"{number(_points(law.rmse))} points of duty on held-out tests, the network's "
             f"{number(_points(network.rmse))}: use the network there."
         )
-    if obeyed:
+    if len(obeyed) == len(parts) > 1:
+        yield "Every valve obeys the averaged law, filling and discharging."
+    elif obeyed:
         yield f"The averaged law is obeyed by {'; '.join(obeyed)}."
 
 
@@ -288,8 +299,8 @@ def _comparison(parts: Sequence[_Measured]) -> Table:
         "Largest", "Largest relative (%)", "Noise alone", "",
     )  # fmt: skip
     caption = (
-        "Surfaces compared: errors of the duty that each gives for a wanted flow, in duty points; "
-        "noise alone is the error that the scatter of the measured flow causes"
+        "Surfaces compared: errors of the duty for a wanted flow, in duty points; noise alone: "
+        "what the scatter of the measured flow causes"
     )
     return table(caption, (*columns[:-1], "Choice"), rows, text=(8,))
 
@@ -303,9 +314,9 @@ def _points(duty: float | None) -> float | None:
     return None if duty is None else 100.0 * duty
 
 
-def _part_blocks(part: _Measured, *, is_first: bool) -> list[Block]:
-    drawn, folded = _figure_blocks(part, is_first)
-    blocks: list[Block] = [Heading(f"surface-{part.tag}", part.title), *drawn]
+def _part_blocks(part: _Measured, *, is_first: bool) -> tuple[list[Block], list[Block]]:
+    """What is shown of a direction, and what is folded."""
+    blocks, folded = _figure_blocks(part, is_first)
     if "bipolynomial" in part.surfaces:
         folded.append(_coefficients(part))
     if "ann" in part.surfaces:
@@ -317,11 +328,7 @@ def _part_blocks(part: _Measured, *, is_first: bool) -> list[Block]:
         said = Lines((f"Of the two surfaces: {part.choice.reason}.",))
         # Where neither is recommended it is of use only to who wants one nevertheless.
         (folded if part.best == AVERAGED else blocks).append(said)
-    if folded:
-        rivals = [_NAMES[kind].lower() for kind in part.surfaces if kind != part.best]
-        more = f"{' and '.join(rivals)}, not recommended; " if rivals else ""
-        blocks.append(Fold(f"{part.title}: {more}coefficients and weights", tuple(folded)))
-    return blocks
+    return blocks, folded
 
 
 def _figure_blocks(part: _Measured, is_first: bool) -> tuple[list[Block], list[Block]]:
@@ -329,19 +336,18 @@ def _figure_blocks(part: _Measured, is_first: bool) -> tuple[list[Block], list[B
     blocks: list[Block] = []
     folded: list[Block] = []
     figures, others = _figures(part)
-    which = "the fitted laws" if part.best is None else f"the {_NAMES[part.best].lower()}"
     if figures:
         caption = (
-            f"{part.title}: flow over pressure at a few duties (dots: measured, the number is the "
-            f"duty), flow by {which}, and the duty that it gives for a flow less the true one. "
+            "Flow over pressure at a few duties (dots: measured, the number is the duty), flow by "
+            "the law, and the duty that it gives for a flow less the true one. "
             "Grey: not visited, or outside the domain. A cell of the map of errors averages its "
             "flow, and is further off than single samples (table) where the flow jumps within it."
             if is_first
-            else f"{part.title}: as above, by {which}."
+            else ""
         )
         blocks.append(FigureGroup(caption, tuple(figures)))
     if others:
-        caption = f"{part.title}: the same of what is not recommended, and the measured flow."
+        caption = "The same of what is not recommended, and the measured flow."
         folded.append(FigureGroup(caption, tuple(others)))
     return blocks, folded
 

@@ -12,7 +12,7 @@ from sysid.blocks.figures import TALL_PANEL, Dash, Figure, Line, Mark, Panel, Ro
 from sysid.blocks.numbers import MISSING, number, percent
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Plot, Section
 from sysid.blocks.tables import Table, table
-from sysid.diagnosis.wording import own_friction
+from sysid.diagnosis.wording import joined, own_friction
 from sysid.io.channels import Channel
 from sysid.pipeline.pages.interactive import overlay_document, overlay_samples
 from sysid.validation.shown_tests import (
@@ -76,9 +76,15 @@ def validation_section(
 
 
 def _tables(validation: ValidationResult, models: Sequence[str]) -> list[Block]:
-    """The errors of the held-out logs under these models; of the training logs without any."""
+    """The errors of the held-out logs under these models; of the training logs without any.
+
+    Those of the pressures are folded: the verdict's table has them for all logs.
+    """
     logs = [log for log in validation.select("holdout") or validation.logs if log.model in models]
-    return [_table(logs, c) for c in shown_channels(validation)]
+    channels = shown_channels(validation)
+    shown: list[Block] = [_table(logs, c) for c in channels]
+    names = joined([channel.name for channel in channels[1:]])
+    return [*shown[:1], *([Fold(f"Errors of {names}", tuple(shown[1:]))] if names else [])]
 
 
 def _folded(

@@ -82,16 +82,20 @@ def with_notices(section: Section, notices: Sequence[str], *, is_first: bool = T
 
 
 def _together(lines: Sequence[str]) -> tuple[str, ...]:
-    """What is said of tests of several logs as one line, at the place of the first."""
+    """What is said of several valves, or of tests of several logs, as one line, at the place of
+    the first."""
     found: dict[str, list[str]] = {}
     for line in lines:
         of_tests = _OF_TESTS.match(line)
         if of_tests is None:
-            found[line] = []
-            continue
-        log, tests, said = of_tests.groups()
-        found.setdefault(said, []).append(f"{log}, tests {_runs(tests.split(', '))}")
-    return tuple(f"{'; '.join(own)}: {said}" if own else said for said, own in found.items())
+            subject, said = line.split(": ", 1) if ": " in line else ("", line)
+        else:
+            log, tests, said = of_tests.groups()
+            subject = f"{log}, tests {_runs(tests.split(', '))}"
+        found.setdefault(said, []).append(subject)
+    return tuple(
+        f"{'; '.join(sorted(own))}: {said}" if any(own) else said for said, own in found.items()
+    )
 
 
 def _runs(labels: Sequence[str]) -> str:
