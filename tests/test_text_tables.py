@@ -14,6 +14,7 @@ from foreign_files import log_of, refused
 from sysid.errors import InputError
 from sysid.io.conversion import ConversionReport, convert
 from sysid.io.foreign import ForeignTable, ReadOptions, read_foreign
+from sysid.io.listing import channels_of
 
 ROWS = 40
 TIME = np.arange(ROWS) / 1000.0
@@ -206,6 +207,9 @@ def test_settings_over_no_column_of_the_rows(tmp_path: Path) -> None:
     for how in ({}, {"period_s": 0.001}):
         read(tmp_path, text, *BY_NAME[1:], **how)
         expect(tmp_path)
+    (listing,) = channels_of([tmp_path / "rec.csv"])
+    told = [(channel.name, channel.unit, channel.period_s) for channel in listing.channels]
+    assert told == [("X", None, 0.001), ("pos", "Volt", 0.001), ("u", "Volt", 0.001)]
 
 
 YOKOGAWA = (

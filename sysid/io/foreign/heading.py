@@ -345,10 +345,9 @@ class _HeadingSearch:
         if not above:
             return self._commented(first)
         index = above[-1]
+        if len(above) == 2 and self._is_over_units(*above):
+            index = above[0]
         if self._names_columns(index):
-            upper = above[0] if len(above) == 2 else index
-            if upper != index and are_units(self.cells(index)) and self._names_columns(upper):
-                index = upper
             return self.heading(index)
         commented = self._commented(first)
         cells = self.cells(index)
@@ -360,6 +359,16 @@ class _HeadingSearch:
         if self.options.header and commented is None:
             return self.heading(index) if self.width_of(index) else None
         return commented
+
+    def _is_over_units(self, index: int, below: int) -> bool:
+        """Whether a line names the columns and the next one holds their units.
+
+        A scope's row of units has its settings' numbers too: "Sequence,Volt,-1.2E-3,4.0E-6".
+        """
+        cells = self.cells(below)
+        settings = self.has_numbers(cells) and not self.has_numbers(self.cells(index))
+        units = are_units(cells) or (settings and _is_of_words(cells, self.layout))
+        return units and self._names_columns(index)
 
     def _names_columns(self, index: int) -> bool:
         """Whether a line has words where the columns hold numbers, and a cell for each."""
