@@ -75,6 +75,13 @@ def test_reference_of_a_pressure(unit: str, gauge: bool | None) -> None:
     assert one(f"pressure_a_pa=p:{unit}").gauge is gauge
 
 
+def test_a_coils_voltage_is_on_or_off() -> None:
+    noisy = [-0.2, 0.4, 23.1, 24.3, np.nan]
+    on = to_si(noisy, one("valve_a=coil:0..24 -> 0..1"))
+    assert on.tolist()[:4] == [0.0, 0.0, 1.0, 1.0] and np.isnan(on[4])
+    assert to_si(noisy, one("valve_a=coil:24..0 -> 0..1")).tolist()[:4] == [1.0, 1.0, 0.0, 0.0]
+
+
 def test_absolute_pressure_is_left_without_the_atmosphere() -> None:
     assert to_si([2.0], one("pressure_a_pa=p:bar(a)"), 98000.0)[0] == 200000.0
 

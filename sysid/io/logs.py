@@ -478,7 +478,8 @@ def _check_values(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> No
                 raise input_error(
                     f"{where}, {reading.table.place(int(bad[0]))}",
                     f"{name} = {columns[name][bad[0]]:g} is neither 0 nor 1",
-                    f"write 0 (off) or 1 (on), a measured coil voltage too; a duty belongs in "
+                    f"write 0 (off) or 1 (on), map a measured coil voltage by its range "
+                    f'(--map "{name}=COLUMN:0..24 -> 0..1"); a duty belongs in '
                     f"duty_{name.removeprefix('valve_')}",
                 )
         else:

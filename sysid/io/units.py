@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sysid.errors import InputError, input_error, some_of
-from sysid.io.channels import LOG_COLUMNS
+from sysid.io.channels import LOG_COLUMNS, SWITCHES
 from sysid.io.sensor_range import SensorRange, ends_of, is_range, parse_range, range_text
 from sysid.io.unit_text import (
     LARGEST,
@@ -335,6 +335,7 @@ def to_si(
 ) -> NDArray[np.float64]:
     """Readings (any shape) in SI; a gauge pressure gets `atmosphere_pa` (Pa) added.
 
+    A valve that is on or off is, of a coil's voltage, what the nearer end of its range says.
     `stamped`: they come from time stamps, already in seconds. Raises InputError for these
     with a unit, and for a gauge pressure without an atmosphere.
     """
@@ -354,6 +355,9 @@ def to_si(
                 "give --atmosphere PA, or [air] atmospheric_pressure_pa in a rig.toml next to it",
             )
         offset += atmosphere_pa
+    if column_map.sensor is not None and column_map.target in SWITCHES:
+        opened = readings * factor + offset
+        return np.where(np.isnan(opened), opened, opened > 0.5)
     # 273 ms is 0.273 s to the last digit if divided by 1000, not if multiplied by 0.001.
     inverse = round(1.0 / factor) if 1e-15 < abs(factor) < 1.0 else 0
     with np.errstate(over="ignore"):  # `check_size` finds it
