@@ -216,9 +216,11 @@ def _completed(
     if "encoder_counts" not in present:
         dropped.add("sensors")  # readings in SI say their own resolution
     if not {*PRESSURES, *VALVE_COMMANDS} & set(present):
-        dropped |= {"air", "cylinder", "pwm", "valves"}  # a motor alone, as far as the logs say
+        # A motor alone, as far as the logs say: its inertia follows from its motion.
+        dropped |= {"air", "cylinder", "pwm", "valves", "inertia"}
     limit = max(made.get("motor", {}).values(), default=math.inf)
-    if in_volts or (shown.largest_effort or 0.0) > limit:
+    is_driven = bool({"motor_torque_nm", "motor_force_n"} & set(present))
+    if not is_driven or (shown.largest_effort or 0.0) > limit:
         dropped.add("motor")
     for section in dropped:
         if all(f"{section}.{key}" in free for key in made.get(section, ())):
