@@ -1,13 +1,14 @@
 """Commands of the workbench cancelled, and its server killed, at random moments; and the files
 that it writes next to those of the command line.
 
-    python benchmarks/app_interruption.py [--count 50] [--seed 0]
+    python benchmarks/app_interruption.py [--count 50] [--seed 0] [--quick]
 
 A small campaign (an axis, `benchmarks.interruption`) is run by the workbench: so many times
 *Cancel* is pressed, so many times the server is killed (SIGKILL), at a moment drawn evenly over the
-run's own length. After it every file must be complete, no process may be alive 10 s later, and no
-temporary file may outlast the next call. Before, one run by the workbench and one by the command
-line have to give the same files, but for times and paths.
+run's own processor time, on which the machine's other work does not bear. After it every file must
+be complete, no process may be alive 10 s later, and no temporary file may outlast the next call.
+Before, one run by the workbench and one by the command line have to give the same files, but for
+times and paths. `--quick`: without diagnosis and refinement, which write one file each.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import os
 import random
 import re
@@ -25,13 +27,25 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.interruption import _MARK, Found, check, doing, last_line, outlived, write_axis
+from benchmarks.interruption import (
+    _MARK,
+    Found,
+    alive,
+    check,
+    doing,
+    last_line,
+    outlived,
+    write_axis,
+)
 from sysid.app.jobs import Job
 
-_WORDS = ("run", "campaign.toml", "-o", "results")
+_WORDS = ("run", "campaign.toml", "-o", "results", "--jobs", "1")
+_QUICK = ("--no-diagnose", "--no-refine")
+_TICKS_S = os.sysconf("SC_CLK_TCK")
 # A server with a command at work, as a window starts it.
 _SERVER = """\
 import sys
@@ -94,11 +108,26 @@ def differences(one: Path, other: Path) -> list[str]:
     return found
 
 
-def run_by_job(folder: Path) -> Job:
+def run_by_job(folder: Path, words: Sequence[str]) -> Job:
     """The campaign run as a window of the workbench does."""
-    job = Job("running", _WORDS, folder, {})
+    job = Job("running", tuple(words), folder, {})
     job.start()
     return job
+
+
+def spent(process: int) -> float:
+    """Processor time (s) of a process and of its children that have ended; inf once it has."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return math.inf
+    return math.inf if fields[0] == "Z" else sum(map(int, fields[11:15])) / _TICKS_S
+
+
+def wait_for(process: int, after_s: float) -> None:
+    """Until a process has spent so much processor time, or has ended."""
+    while spent(process) < after_s:
+        time.sleep(0.02)
 
 
 def wait(job: Job) -> None:
@@ -107,14 +136,12 @@ def wait(job: Job) -> None:
         time.sleep(0.05)
 
 
-def cancel_once(folder: Path, after_s: float, found: Found) -> bool:
-    """One run cancelled after so many seconds; False where it had already ended."""
+def cancel_once(folder: Path, words: Sequence[str], after_s: float, found: Found) -> bool:
+    """One run cancelled after so much work; False where it had already ended."""
     mark = secrets.token_hex(8)
     os.environ[_MARK] = mark
-    job = run_by_job(folder)
-    until = time.monotonic() + after_s
-    while not job.is_done and time.monotonic() < until:
-        time.sleep(0.01)
+    job = run_by_job(folder, words)
+    wait_for(job._process.pid, after_s)
     was_done = job.is_done
     job.cancel()
     del os.environ[_MARK]
@@ -126,18 +153,22 @@ def cancel_once(folder: Path, after_s: float, found: Found) -> bool:
     return True
 
 
-def kill_once(folder: Path, after_s: float, found: Found) -> bool:
-    """A server killed so many seconds after it began a run."""
+def kill_once(folder: Path, words: Sequence[str], after_s: float, found: Found) -> bool:
+    """A server killed once the run that it began has done so much work; False as before."""
     mark = secrets.token_hex(8)
-    words = [sys.executable, "-c", _SERVER, str(folder), *_WORDS]
+    command = [sys.executable, "-c", _SERVER, str(folder), *words]
     environment = {**os.environ, _MARK: mark}
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment) as server:
-        assert server.stdout is not None and server.stdout.readline().startswith("http")
-        time.sleep(after_s)
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment) as server:
+        # The first process that the server starts; it may not listen yet.
+        while not (runs := [pid for pid in alive(mark) if pid != server.pid]):
+            time.sleep(0.05)
+        wait_for(runs[0], after_s)
+        was_done = spent(runs[0]) == math.inf
         server.send_signal(signal.SIGKILL)
     found.outlived += len(outlived(mark))
-    found.stages["server killed"] += 1
-    return True
+    found.finished_first += was_done
+    found.stages["server killed"] += not was_done
+    return not was_done
 
 
 def main() -> None:
@@ -145,19 +176,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=50, help="of each kind")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--quick", action="store_true", help="a run without its longest stages")
     options = parser.parse_args()
+    words = (*_WORDS, *(_QUICK if options.quick else ()))
     draw, found = random.Random(options.seed), Found()
     with tempfile.TemporaryDirectory() as folder:
         own, other = Path(folder) / "app", Path(folder) / "line"
         for place in (own, other):
             place.mkdir()
             write_axis(place)
-        begin = time.perf_counter()
-        job = run_by_job(own)
+        begin = sum(os.times()[2:4])
+        job = run_by_job(own, words)
         wait(job)
-        length = time.perf_counter() - begin
+        length = sum(os.times()[2:4]) - begin
         assert job.code == 0, job.lines
-        command = [sys.executable, "-m", "sysid", *_WORDS]
+        command = [sys.executable, "-m", "sysid", *words]
         subprocess.run(command, cwd=other, check=True, capture_output=True)
         apart = differences(own, other)
         print(f"files that differ between workbench and command line: {apart}", flush=True)
@@ -169,9 +202,10 @@ def main() -> None:
             while done < options.count:
                 if draw.random() < 0.5:
                     shutil.rmtree(results, ignore_errors=True)
-                done += once(own, draw.uniform(0.0, length), found)
+                done += once(own, words, draw.uniform(0.0, length), found)
                 check(results, endings, found)
-            print(f"{once.__name__}: {done} times over {length:.0f} s: {found}", flush=True)
+                if done % 10 == 0:
+                    print(f"{once.__name__}: {done} over {length:.1f} s: {found}", flush=True)
         subprocess.run(command, cwd=own, check=True, capture_output=True)
         left = sum(p.name.startswith(".sysid-") for p in results.rglob("*"))
     print(
