@@ -415,7 +415,7 @@ def test_a_change_that_cannot_be_read_is_not_made(tmp_path: Path) -> None:
     assert rig is not None
     before = rig.read_text("utf-8")
     with pytest.raises(InputError, match=r"rig.toml: \[air\] temperature_k = 25"):
-        bench.change(rig, "degrees", edits.constant_set("air", "temperature_k", 25.0))
+        bench.change(rig, "degrees", edits.constants_set({"air:temperature_k": 25.0}))
     assert rig.read_text("utf-8") == before
     assert not list(tmp_path.glob(".sysid-*"))
 

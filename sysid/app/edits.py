@@ -123,23 +123,33 @@ def included(number: int, file: str, place: int) -> Edit:
     return edit
 
 
-def constant_set(section: str, key: str, value: float | str | None) -> Edit:
-    """A constant of the rig file; None removes it. What was assumed of it is no longer."""
+def constants_set(values: Mapping[str, float | str | None]) -> Edit:
+    """Constants of the rig file by "section:key"; None removes one, and a section without any.
+
+    What was assumed of them is no longer.
+    """
 
     def edit(text: str) -> str:
         document = tomlkit.parse(text)
-        if section not in document:
-            document[section] = tomlkit.table()
-        table: Any = document[section]
-        if value is None:
-            table.pop(key, None)
-        else:
-            table[key] = value
-        assumed: Any = document.get("assumed")
-        if assumed is not None and f"{section}.{key}" in assumed:
-            assumed.remove(f"{section}.{key}")
-            if not assumed:
-                del document["assumed"]
+        assumed: Any = document.get("assumed", [])
+        for name, value in values.items():
+            section, _, key = name.partition(":")
+            if section not in document:
+                document[section] = tomlkit.table()
+            table: Any = document[section]
+            if value is None:
+                table.pop(key, None)
+            else:
+                table[key] = value
+            if f"{section}.{key}" in assumed:
+                assumed.remove(f"{section}.{key}")
+                if value is not None:
+                    trivia = table[key].trivia
+                    trivia.comment = trivia.comment.replace("ASSUMED; ", "")
+            if not table:
+                del document[section]
+        if "assumed" in document and not assumed:
+            del document["assumed"]
         return tomlkit.dumps(document)
 
     return edit
@@ -154,7 +164,7 @@ def changed_lines(before: str, after: str) -> str:
 __all__ = [
     "Edit",
     "changed_lines",
-    "constant_set",
+    "constants_set",
     "excluded",
     "included",
     "log_added",

@@ -22,7 +22,7 @@ from sysid.app.screens import SCREENS, Screen
 from sysid.app.server import template_text
 from sysid.app.workbench import Workbench, command_line
 from sysid.blocks.interactive import Scheme
-from sysid.errors import Failure, InputError, SysidError, one_line
+from sysid.errors import Failure, InputError, SysidError, one_line, some_of
 
 _LOOK_MS = 700
 _MOST_LINES = 14
@@ -206,9 +206,11 @@ class Window:
         elif what == "upload-refused":
             raise InputError(str(value))
         elif what == "uploaded":
-            self.tell(f"{value} is in the folder")
+            names = [str(name) for name in value]
+            self.tell(f"{some_of(names, 8)} {'is' if len(names) == 1 else 'are'} in the folder")
+            bench.changes += 1
             await self.show("files")
-            await self.screens["files"].do("file", value)
+            await self.screens["files"].do("file", names[0])
         else:
             self.message = ""
             await self.screens[self.current].do(what, value)

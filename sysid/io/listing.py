@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ FIRST = 3
 @dataclass(frozen=True)
 class ListedChannel:
     """A channel: its name and others for the same values, its unit as the file states it, the
-    median period of its own clock (s), how many values it has, and the first of them."""
+    median period of its own clock (s), how many values it has, the first of them, and all of them
+    (n,)."""
 
     name: str
     also: tuple[str, ...]
@@ -29,11 +30,13 @@ class ListedChannel:
     period_s: float | None
     rows: int
     first: tuple[float | str | None, ...]
+    values: Any = field(repr=False, compare=False)
 
     def to_json(self) -> dict[str, Any]:
-        """The channel as JSON types; `rate_hz` is the period's inverse."""
+        """The channel as JSON types, of its values the first; `rate_hz` is the period's inverse."""
         rate = None if self.period_s is None else 1.0 / self.period_s
-        return {**vars(self), "also": list(self.also), "first": list(self.first), "rate_hz": rate}
+        own = {key: value for key, value in vars(self).items() if key != "values"}
+        return {**own, "also": list(self.also), "first": list(self.first), "rate_hz": rate}
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,8 @@ def _listing(path: Path, table: ForeignTable) -> Listing:
             period = periods[id(clock)]
         first = tuple(_value(value) for value in values[:FIRST])
         unit = table.units.get(name)
-        channels.append(ListedChannel(name, tuple(others[:-1]), unit, period, len(values), first))
+        also = tuple(others[:-1])
+        channels.append(ListedChannel(name, also, unit, period, len(values), first, values))
     return Listing(
         str(path), table.format, tuple(channels), dict(table.skipped), tuple(table.notices)
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +12,13 @@ from typing import Any
 from sysid.app import edits, parts
 from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
-from sysid.app.screens.mapping import Mapping, guessed_kind, plausibility
+from sysid.app.screens.mapping import HOW, Mapping, guessed_kind, plausibility
 from sysid.blocks import numbers
 from sysid.errors import InputError
 from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import Campaign
 from sysid.io.declaration import ChoiceKey, Key, NumberKey, declared_keys
+from sysid.io.files import stamp_of
 from sysid.io.kinds import KINDS
 from sysid.io.listing import channels_of
 from sysid.io.rig import constant_in, read_toml
@@ -25,6 +27,8 @@ from sysid.io.rig_template import rig_text
 
 _HIDDEN = (".toml", ".py", ".md", ".html", ".h", ".png", ".txt~")
 _MOST_FILES = 200
+# What was chosen for a file's channels, by their names: another one's with the same are the same.
+_MAPPINGS = "channels of files"
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,7 @@ class FilesContent:
     files: tuple[str, ...]
     rig: dict[str, Any] | None
     rig_why: str
+    converted: frozenset[str]
 
 
 class FilesScreen(Screen):
@@ -48,6 +53,8 @@ class FilesScreen(Screen):
         self.mapping: Mapping | None = None
         self.pending: Mapping | None = None
         self.shown: dict[str, Any] = {}
+        self.needs = ""
+        self.refused: dict[str, float | str | None] = {}
         self.content: FilesContent | None = None
         self.add = parts.html("")
         self.form = parts.html("")
@@ -71,7 +78,9 @@ class FilesScreen(Screen):
                 rig = read_toml(path, "a rig file")
             except InputError as error:
                 rig_why = str(error)
-        return FilesContent(campaign, why, tuple(self._files(campaign)), rig, rig_why)
+        logs = [log.path for log in campaign.logs if log.path.suffix == ".csv"] if campaign else []
+        converted = frozenset(name for log in logs for name in _sources(log))
+        return FilesContent(campaign, why, tuple(self._files(campaign)), rig, rig_why, converted)
 
     def _files(self, campaign: Campaign | None) -> Iterator[str]:
         """Files of the folder that may be recordings and are no logs of the campaign yet."""
@@ -96,7 +105,10 @@ class FilesScreen(Screen):
         content = self.content
         assert content is not None
         chosen = self.mapping.path.name if self.mapping else ""
-        files = [("", "choose a file of the folder"), *((f, f) for f in content.files)]
+        taken = self._converted
+        files = [("", f"choose one of the folder's {len(content.files)} files")]
+        files += sorted(((f, f"{f} (converted)" if f in taken else f) for f in content.files),
+                        key=lambda pair: pair[0] in taken)  # fmt: skip
         menu = parts.select("file", files, chosen, "A file of the folder")
         pick = parts.button("Choose files …", "choose-file", kind="primary")
         return (
@@ -105,8 +117,15 @@ class FilesScreen(Screen):
             f"They are copied into the campaign's folder. {pick} or {menu}</div>"
         )
 
+    @property
+    def _converted(self) -> frozenset[str]:
+        """The files of which the campaign's logs were made."""
+        return frozenset() if self.content is None else self.content.converted
+
     def _draw_mapping(self) -> None:
         mapping = self.mapping
+        if self.content is not None:
+            self.add.object = self._add()
         self.form.object = "" if mapping is None else mapping.form()
         self.adding.object = "" if mapping is None else self._adding(mapping)
         if mapping is None:
@@ -117,8 +136,12 @@ class FilesScreen(Screen):
         uses = [("fit", "training"), ("holdout", "held out")]
         valves = [("", "no valve"), ("a", "valve A"), ("b", "valve B")]
         text = "Add to the campaign" if mapping.is_in_format else "Convert and add to the campaign"
+        files = "".join(parts.tick(f"also:{i}", name, name in mapping.further)
+                        for i, name in enumerate(mapping.alike))  # fmt: skip
+        also = f"<p>Further tests of this log, from files with the same channels: {files}</p>"
         return (
-            '<div class="bar2">'
+            (also if mapping.alike else "")
+            + '<div class="bar2">'
             + parts.select("add-kind", kinds, mapping.kind, "Kind of test")
             + parts.select("add-use", uses, mapping.use, "Use")
             + parts.select("add-valve", valves, mapping.valve, "Valve")
@@ -166,8 +189,8 @@ class FilesScreen(Screen):
             why = content.rig_why or "no rig file yet; it is made with the first log"
             return "<h2>Rig</h2>" + parts.note(why, "warn")
         ask = parts.button("What do the logs show?", "rig-shown")
-        given = [name for name in RIG_TABLES if name in content.rig]
-        rest = [name for name in RIG_TABLES if name not in content.rig]
+        given = [n for n in RIG_TABLES if n in content.rig or f"[{n}]" in self.needs]
+        rest = [name for name in RIG_TABLES if name not in given]
         cards = "".join(self._section(name, content.rig) for name in given)
         folds = "".join(self._section(name, content.rig) for name in rest)
         return (
@@ -186,12 +209,18 @@ class FilesScreen(Screen):
             lines.append(self._field(name, key, declared, content))
         shown = "the logs show" if any(k.startswith(f"{name}.") for k in self.shown) else ""
         inner = parts.rows(("", "", "", shown), lines)
-        if name not in content:
+        if name not in content and f"[{name}]" not in self.needs:
             return parts.fold(f"[{name}]: not given", inner)
         return parts.card(f"[{name}]", inner)
 
     def _field(self, section: str, key: str, declared: Key, content: dict[str, Any]) -> list[str]:
         value = content.get(section, {}).get(key, "")
+        assumed = f"{section}.{key}" in content.get("assumed", ())
+        mark = parts.button("assumed", f"keep:{section}:{key}", kind="small",
+                            title="It is right: no longer assumed") if assumed else ""  # fmt: skip
+        if f"{section}:{key}" in self.refused:
+            value = self.refused[f"{section}:{key}"] or ""
+            mark = '<small class="error">not taken</small>'
         what, label = f"rig:{section}:{key}", f"[{section}] {key}"
         unit = ""
         if isinstance(declared, ChoiceKey):
@@ -203,9 +232,7 @@ class FilesScreen(Screen):
             limits = declared.range
             reach = f"{limits.lower:g} to {limits.upper:g}"
             unit = f'<small title="{reach}">{parts.words(numbers.unit(limits.unit))}</small>'
-        assumed = f"{section}.{key}" in content.get("assumed", ())
-        mark = ' <small class="warn">assumed</small>' if assumed else ""
-        name = f'<span title="{parts.words(declared.description)}">{parts.words(key)}</span>{mark}'
+        name = f'<span title="{parts.words(declared.description)}">{parts.words(key)}</span> {mark}'
         shown = self.shown.get(f"{section}.{key}")
         take = "" if shown is None else parts.button(
             f"{shown:.6g}" if isinstance(shown, float) else str(shown), f"take:{section}:{key}",
@@ -224,6 +251,11 @@ class FilesScreen(Screen):
         elif act in ("add-kind", "add-use", "add-valve") and self.mapping is not None:
             setattr(self.mapping, act.removeprefix("add-"), str(value))
             self.adding.object = self._adding(self.mapping)
+        elif act == "also" and self.mapping is not None:
+            name = self.mapping.alike[int(rest)]
+            others = [one for one in self.mapping.further if one != name]
+            self.mapping.further = sorted([*others, name] if value else others)
+            await self._check()
         elif act == "add" and self.mapping is not None:
             self._add_log(self.mapping)
         elif act == "close-file":
@@ -233,10 +265,12 @@ class FilesScreen(Screen):
             self._change_log(act, int(rest), value)
         elif act == "rig-shown":
             await self._show_what_logs_show()
-        elif act in ("rig", "take"):
-            self._change_rig(
-                rest, self.shown.get(rest.replace(":", ".")) if act == "take" else value
-            )
+        elif act in ("rig", "take", "keep"):
+            key = rest.replace(":", ".")
+            if act != "rig":
+                rig = self.content.rig if self.content is not None else None
+                value = self.shown.get(key) if act == "take" else constant_in(rig or {}, key)
+            self._change_rig(rest, value)
 
     async def _open(self, name: str) -> None:
         if not name:
@@ -246,8 +280,29 @@ class FilesScreen(Screen):
         self._draw_mapping()
         listings = await asyncio.to_thread(channels_of, [path])
         self.mapping = Mapping(path, listings[0])
+        known = self.bench.journal.kept.get(_MAPPINGS, {})
+        self.mapping.follow(known.get(json.dumps(self.mapping.names), {}))
+        self.mapping.alike = await asyncio.to_thread(self._alike, self.mapping)
         self._draw_mapping()
         await self._check()
+
+    def _alike(self, mapping: Mapping) -> tuple[str, ...]:
+        """Other files of the folder, in no log yet, that have the same channels."""
+        files = self.content.files if self.content is not None else ()
+        found = []
+        for name in files:
+            path = self.bench.folder / name
+            if (
+                path.suffix != mapping.path.suffix
+                or path == mapping.path
+                or name in self._converted
+            ):
+                continue
+            key = ("channels", stamp_of(path))
+            names = self.bench.kept(key, lambda path=path: _names_of(path))
+            if names == mapping.names:
+                found.append(name)
+        return tuple(found)
 
     async def _map(self, act: str, rest: str, value: Any) -> None:
         assert self.mapping is not None
@@ -268,13 +323,20 @@ class FilesScreen(Screen):
         if number != self._asked or mapping is not self.mapping:
             return
         self.plausible.object = parts.card("What this log would be", text)
+        if not mapping.is_asked and HOW in text:
+            mapping.is_asked = True
+            self.form.object = mapping.form()
         if not mapping.kind:
             mapping.kind = guessed_kind(text, KINDS)
         self.adding.object = self._adding(mapping)
 
     def _add_log(self, mapping: Mapping) -> None:
+        journal = self.bench.journal
+        own = {json.dumps(mapping.names): mapping.choices()}
+        journal.keep(_MAPPINGS, {**journal.kept.get(_MAPPINGS, {}), **own})
         if mapping.is_in_format:
-            self._enter(mapping, mapping.path.name)
+            for path in mapping.paths:
+                self._enter(mapping, path.name)
             return
         output = f"{mapping.path.stem}.csv"
         number = 2
@@ -286,7 +348,7 @@ class FilesScreen(Screen):
     async def finished(self, job: Job) -> None:
         mapping, self.pending = self.pending, None
         if mapping is not None and job.words[0] == "convert" and job.code == 0:
-            self._enter(mapping, job.words[3])
+            self._enter(mapping, job.words[job.words.index("-o") + 1])
 
     def _enter(self, mapping: Mapping, file: str) -> None:
         """A converted file into the campaign, which is made where there is none."""
@@ -296,6 +358,9 @@ class FilesScreen(Screen):
             log = bench.folder / file
             bare = read_bare_logs([log], {})
             text = rig_text(bare.rig.content, log.name)
+            atmosphere = mapping.options().get("atmosphere_pa")
+            if atmosphere is not None:  # as the log was converted with it
+                text = edits.constants_set({"air:atmospheric_pressure_pa": atmosphere})(text)
             bench.change(
                 bench.folder / "rig.toml", "a rig file of what the log shows", lambda _: text
             )
@@ -307,6 +372,11 @@ class FilesScreen(Screen):
         bench.change(bench.campaign_file, f"{file} added", with_rig)
         self.mapping = None
         self._draw_mapping()
+        try:
+            bench.log(bench.campaign().logs[-1])
+        except InputError as error:  # a constant that no log shows
+            self.needs = str(error)
+            self.window.tell(self.needs, is_error=True)
 
     def _change_log(self, act: str, number: int, value: Any) -> None:
         bench = self.bench
@@ -344,10 +414,41 @@ class FilesScreen(Screen):
                 given = float(str(given).replace(",", "."))
             except ValueError:
                 raise InputError(f"[{section}] {key}: {value!r} is no number; give one") from None
-        said = "taken out" if given is None else f"= {given}"
-        self.bench.change(
-            path, f"[{section}] {key} {said}", edits.constant_set(section, key, given)
-        )
+        # A length that does not fit another one that is still to be given waits for it.
+        together, why = {**self.refused, rest: given}, InputError("")
+        for one in (together, {rest: given}):
+            said = ", ".join(
+                f"[{name.replace(':', '] ')} {'taken out' if v is None else f'= {v}'}"
+                for name, v in one.items()
+            )
+            try:
+                self.bench.change(path, said, edits.constants_set(one))
+            except InputError as error:
+                self.refused, why = together, error
+                continue
+            self.refused = {n: v for n, v in self.refused.items() if n not in one}
+            return
+        self.rig.object = self._rig()
+        raise why
+
+
+def _names_of(path: Path) -> tuple[str, ...]:
+    """The channels of a file; none where it cannot be read."""
+    try:
+        return tuple(channel.name for channel in channels_of([path])[0].channels)
+    except InputError:
+        return ()
+
+
+def _sources(log: Path) -> Iterator[str]:
+    """The files that a converted log was made of, as the lines above its table say."""
+    with log.open("rb") as file:
+        for line in file:
+            if not line.startswith(b"#"):
+                return
+            said, _, name = line.decode("utf-8", "replace").partition(": ")
+            if said == "# source":
+                yield name.rpartition(" (")[0]
 
 
 __all__ = ["FilesScreen"]

@@ -8,9 +8,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sysid.app import parts
+from sysid.app.traces import sparkline
 from sysid.blocks.html import block_html
 from sysid.errors import InputError
+from sysid.io.channels import LOG_COLUMNS, Channel
 from sysid.io.conversion import convert
 from sysid.io.listing import ListedChannel, Listing
 from sysid.io.units import CANONICAL_UNITS
@@ -19,6 +23,7 @@ from sysid.pipeline.check import check_file
 _PRESSURE = "_pa"
 # More channels than these are not all shown; those that are mapped are.
 _MOST_CHANNELS = 60
+HOW = "How the file is read"
 # What `convert` is told besides, as it is written on the command line, and its name there.
 _MORE = (
     ("period_s", "--period", "Sampling period, s, if no column holds the time"),
@@ -30,8 +35,13 @@ _MORE = (
     ("trim", "--trim", "Seconds of each test to keep, FROM:TO"),
     ("resample_s", "--resample", "Even sampling period of the log, s"),
     ("atmosphere_pa", "--atmosphere", "Atmospheric pressure, Pa, for gauge pressures"),
+    ("constants", "--set", "What no column holds, such as position_m=0.1"),
 )
-_NUMBERS = {"period_s": float, "skip_rows": int, "resample_s": float, "atmosphere_pa": float}
+_READ: dict[str, Any] = {
+    **dict.fromkeys(("period_s", "resample_s", "atmosphere_pa"), float),
+    "skip_rows": int,
+    "constants": str.split,
+}
 
 
 @dataclass(frozen=True)
@@ -70,7 +80,11 @@ class Assigned:
 
 @dataclass
 class Mapping:
-    """A file's listing, and what was chosen for each of its channels."""
+    """A file's listing, and what was chosen for each of its channels.
+
+    `alike` are further files of the folder with the same channels, `further` those of them that
+    become tests of the same log; `is_asked`: how the file is read has to be said.
+    """
 
     path: Path
     listing: Listing
@@ -79,12 +93,41 @@ class Mapping:
     kind: str = ""
     use: str = "fit"
     valve: str = ""
+    alike: tuple[str, ...] = ()
+    further: list[str] = field(default_factory=list)
+    is_asked: bool = False
 
     def __post_init__(self) -> None:
+        clock = _clock(self.listing.channels)
         for channel in self.listing.channels:
             names = (channel.name, *channel.also)
             own = next((name for name in names if name in CANONICAL_UNITS), "")
             self.assigned[channel.name] = Assigned(own)
+        if clock and not any(one.target == "time_s" for one in self.assigned.values()):
+            self.assigned[clock] = Assigned("time_s")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The channels' names."""
+        return tuple(channel.name for channel in self.listing.channels)
+
+    @property
+    def paths(self) -> list[Path]:
+        """The file and the further ones."""
+        return [self.path, *(self.path.with_name(name) for name in self.further)]
+
+    def choices(self) -> dict[str, Any]:
+        """What was chosen, as plain values."""
+        assigned = {name: vars(one) for name, one in self.assigned.items()}
+        return {"assigned": assigned, "more": self.more, "kind": self.kind, "valve": self.valve}
+
+    def follow(self, choices: dict[str, Any]) -> None:
+        """Take what was chosen for another file of the same channels; {}: nothing was."""
+        for name, one in choices.get("assigned", {}).items():
+            pairs = {key: tuple(one[key]) for key in ("readings", "values")}
+            self.assigned[name] = Assigned(**{**one, **pairs})
+        self.more.update(choices.get("more", {}))
+        self.kind, self.valve = choices.get("kind", ""), choices.get("valve", "")
 
     @property
     def is_in_format(self) -> bool:
@@ -105,19 +148,20 @@ class Mapping:
             if not text:
                 continue
             try:
-                found[name] = _NUMBERS.get(name, str)(text)
+                found[name] = _READ.get(name, str)(text)
             except ValueError:
                 raise InputError(f"{option}: {text!r} is no number; give one, or nothing") from None
         return found
 
     def words(self, output: str) -> list[str]:
         """The command that converts the file."""
-        words = ["convert", self.path.name, "-o", output]
+        words = ["convert", *(path.name for path in self.paths), "-o", output]
         for one in self.entries():
             words += ["--map", one]
         for name, option, _ in _MORE:
-            if self.more.get(name, "").strip():
-                words += [option, self.more[name].strip()]
+            text = self.more.get(name, "").strip()
+            for one in text.split() if name == "constants" else [text] if text else []:
+                words += [option, one]
         return words
 
     def chosen(self, place: int, key: str, value: Any) -> None:
@@ -133,19 +177,24 @@ class Mapping:
         given: dict[str, Any] = {key: text}
         self.assigned[name] = replace(one, **given)
 
+    def _is_empty(self, channel: ListedChannel) -> bool:
+        values = np.asarray(channel.values)
+        return values.dtype.kind == "f" and not np.isfinite(values).any()
+
     # --- as it is shown -------------------------------------------------------------------
 
     def form(self) -> str:
         """The channels, each with a menu of what it is."""
         shown = self.listing.channels[:_MOST_CHANNELS]
-        lines = [self._line(i, channel) for i, channel in enumerate(shown)]
-        head = ("Channel", "Unit", "Rate", "First values", "is", "in", "gauge", "reversed",
+        empty = {channel.name: "holds no value" for channel in shown if self._is_empty(channel)}
+        lines = [self._line(i, c) for i, c in enumerate(shown) if c.name not in empty]
+        head = ("Channel", "Unit", "Rate", "First values", "", "is", "in", "gauge", "reversed",
                 "two-point range (reading → value)")  # fmt: skip
         hidden = len(self.listing.channels) - len(shown)
         said = parts.note(f"{hidden} more channels are not shown") if hidden > 0 else ""
         skipped = "".join(
             f"<li>{parts.words(n)}: {parts.words(why)}</li>"
-            for n, why in self.listing.skipped.items()
+            for n, why in {**self.listing.skipped, **empty}.items()
         )
         listed = parts.fold("not channels", f"<ul>{skipped}</ul>") if skipped else ""
         more = "".join(
@@ -156,12 +205,12 @@ class Mapping:
         caption = f"{self.path.name}: {self.listing.format}, {len(self.listing.channels)} channels"
         return (
             parts.rows(head, lines, caption) + said + listed
-            + parts.fold("How the file is read", f'<div class="fields">{more}</div>')
+            + parts.fold(HOW, f'<div class="fields">{more}</div>', is_open=self.is_asked)
         )  # fmt: skip
 
     def _line(self, place: int, channel: ListedChannel) -> list[str]:
         one = self.assigned[channel.name]
-        targets = [("", "—"), *((name, name) for name in CANONICAL_UNITS)]
+        targets = [("", "—"), *((c.key, _named_target(c)) for c in LOG_COLUMNS.values())]
         first = ", ".join("" if v is None else _short(v) for v in channel.first)
         rate = "" if channel.period_s is None else f"{1.0 / channel.period_s:.4g} Hz"
         what = f"map:{place}:"
@@ -176,7 +225,8 @@ class Mapping:
         return [
             "class:on" if one.target else "class:",
             f"<b>{parts.words(channel.name)}</b>", parts.words(channel.unit or ""),
-            rate, parts.words(first),
+            f"<nobr>{rate}</nobr>", f"<nobr>{parts.words(first)}</nobr>",
+            sparkline(channel.values) if np.asarray(channel.values).dtype.kind in "fiu" else "",
             parts.select(f"{what}target", targets, one.target, f"{channel.name} is"),
             parts.entry(f"{what}unit", one.unit, f"{channel.name}, unit", size=5,
                         hint=channel.unit or CANONICAL_UNITS.get(one.target) or ""),
@@ -190,17 +240,21 @@ def plausibility(chosen: Mapping, rig: Path | None) -> str:
     """What the log would be: converted into a folder that is thrown away, and checked."""
     try:
         entries = chosen.entries()
-        if not entries:
-            return parts.note("Say for each channel that you need what it is: time_s first.")
+        if not any(one.target not in ("", "time_s") for one in chosen.assigned.values()):
+            return parts.note(
+                "Say what each channel is that you need: the time, what was measured."
+            )
         with tempfile.TemporaryDirectory(prefix="sysid-app-") as folder:
             output = Path(folder) / f"{chosen.path.stem}.parquet"
             given = chosen.options()
-            made = convert(chosen.path, output, maps=entries, **given)
+            made = convert(chosen.paths, output, maps=entries, **given)
             found, said = check_file(output, rig, {}, ())
     except InputError as error:
-        return parts.note(str(error), "error")
+        said = [text for _, option, text in _MORE if option in str(error)]
+        here = "; ".join(f"here: “{text}”, under “{HOW}”" for text in said)
+        return parts.note(str(error), "error") + (parts.note(here) if here else "")
     lines = (*found.contradicts, *made.notices, *said, *found.notices)
-    listed = parts.listed(_named(line, chosen) for line in dict.fromkeys(lines))
+    listed = parts.listed(dict.fromkeys(lines))
     tables = "".join(block_html(table) for table in found.tables() if table.rows)
     kinds = ", ".join(f"{count} × {kind}" for kind, count in found.kinds.items())
     head = (
@@ -208,16 +262,35 @@ def plausibility(chosen: Mapping, rig: Path | None) -> str:
         f"{found.gaps or 'no'} gaps"
     )
     bad = "warn" if found.contradicts else ""
-    return (
+    text = (
         f'<p class="{bad}"><b>{parts.words(found.answer)}</b></p><p>{parts.words(head)}</p>'
         f"{listed}{tables}"
     )
+    # The log was thrown away: what it says is said of the file.
+    for name in (str(output), output.name, str(chosen.path)):
+        text = text.replace(parts.words(name), parts.words(chosen.path.name))
+    return text
 
 
-def _named(line: str, chosen: Mapping) -> str:
-    """A notice that names the file, not the one that was thrown away."""
-    parts_of = line.split(f"{chosen.path.stem}.parquet")
-    return line if len(parts_of) == 1 else f"{chosen.path.name}{parts_of[-1]}"
+def _named_target(channel: Channel) -> str:
+    """A column of the log format in a menu: its name, and what it is."""
+    said = channel.meaning.partition(",")[0].partition(";")[0]
+    return f"{channel.key}: {said}" if said else channel.key
+
+
+def _clock(channels: Sequence[ListedChannel]) -> str:
+    """The channel that holds the time: it grows from row to row, and is no count of the rows.
+
+    Of several that with a unit; none where the file states its period.
+    """
+    found = []
+    for channel in channels:
+        values = np.asarray(channel.values)
+        if channel.period_s is None and values.dtype.kind in "fiu" and len(values) > 1:
+            steps = np.diff(values)
+            if bool((steps > 0.0).all()) and bool((steps != 1.0).any()):
+                found.append(channel)
+    return next((c.name for c in sorted(found, key=lambda c: c.unit is None)), "")
 
 
 def guessed_kind(text: str, kinds: Sequence[str]) -> str:
@@ -235,7 +308,7 @@ def _kinds_in(text: str, kinds: Sequence[str]) -> Iterator[str]:
 
 
 def _short(value: float | str) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)[:24]
+    return f"{value:.4g}" if isinstance(value, float) else str(value)[:24]
 
 
-__all__ = ["Assigned", "Mapping", "guessed_kind", "plausibility"]
+__all__ = ["HOW", "Assigned", "Mapping", "guessed_kind", "plausibility"]

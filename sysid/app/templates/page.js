@@ -101,6 +101,7 @@ setInterval(() => {
 }, 400);
 // --- files
 async function upload(files) {
+  const written = [];
   for (const file of files) {
     send("upload-began", file.name);
     let text = "";
@@ -114,9 +115,11 @@ async function upload(files) {
     } catch (error) {
       text = file.name + ": was refused while it was sent; is it too long?";
     }
-    send(ok ? "uploaded" : "upload-refused", text);
+    if (ok) written.push(text);
+    else send("upload-refused", text);
     await new Promise((resolve) => setTimeout(resolve, 150));
   }
+  if (written.length) send("uploaded", written);
 }
 function pick() {
   const input = document.createElement("input");
