@@ -6,13 +6,14 @@ import asyncio
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from sysid.app import edits, parts
 from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
-from sysid.app.screens.mapping import HOW, Mapping, guessed_kind, plausibility
+from sysid.app.screens.mapping import HOW, Mapping, plausibility
 from sysid.blocks import numbers
 from sysid.errors import InputError
 from sysid.io.bare_rig import read_bare_logs
@@ -298,8 +299,7 @@ class FilesScreen(Screen):
                 or name in self._converted
             ):
                 continue
-            key = ("channels", stamp_of(path))
-            names = self.bench.kept(key, lambda path=path: _names_of(path))
+            names = self.bench.kept(("channels", stamp_of(path)), partial(_names_of, path))
             if names == mapping.names:
                 found.append(name)
         return tuple(found)
@@ -319,15 +319,15 @@ class FilesScreen(Screen):
         assert mapping is not None
         self._asked += 1
         number = self._asked
-        text = await asyncio.to_thread(plausibility, mapping, self.bench.rig_file)
+        found = await asyncio.to_thread(plausibility, mapping, self.bench.rig_file)
         if number != self._asked or mapping is not self.mapping:
             return
-        self.plausible.object = parts.card("What this log would be", text)
-        if not mapping.is_asked and HOW in text:
+        self.plausible.object = parts.card("What this log would be", found.text)
+        if not mapping.is_asked and HOW in found.text:
             mapping.is_asked = True
             self.form.object = mapping.form()
         if not mapping.kind:
-            mapping.kind = guessed_kind(text, KINDS)
+            mapping.kind, mapping.valve = found.kind, found.valve
         self.adding.object = self._adding(mapping)
 
     def _add_log(self, mapping: Mapping) -> None:

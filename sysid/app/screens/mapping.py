@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,9 @@ from sysid.app import parts
 from sysid.app.traces import sparkline
 from sysid.blocks.html import block_html
 from sysid.errors import InputError
-from sysid.io.channels import LOG_COLUMNS, Channel
+from sysid.io.channels import LOG_COLUMNS, SIDES, Channel
 from sysid.io.conversion import convert
+from sysid.io.kinds import KINDS, TEST_KINDS
 from sysid.io.listing import ListedChannel, Listing
 from sysid.io.units import CANONICAL_UNITS
 from sysid.pipeline.check import check_file
@@ -119,7 +120,7 @@ class Mapping:
     def choices(self) -> dict[str, Any]:
         """What was chosen, as plain values."""
         assigned = {name: vars(one) for name, one in self.assigned.items()}
-        return {"assigned": assigned, "more": self.more, "kind": self.kind, "valve": self.valve}
+        return {"assigned": assigned, "more": self.more}
 
     def follow(self, choices: dict[str, Any]) -> None:
         """Take what was chosen for another file of the same channels; {}: nothing was."""
@@ -127,7 +128,6 @@ class Mapping:
             pairs = {key: tuple(one[key]) for key in ("readings", "values")}
             self.assigned[name] = Assigned(**{**one, **pairs})
         self.more.update(choices.get("more", {}))
-        self.kind, self.valve = choices.get("kind", ""), choices.get("valve", "")
 
     @property
     def is_in_format(self) -> bool:
@@ -236,24 +236,32 @@ class Mapping:
         ]  # fmt: skip
 
 
-def plausibility(chosen: Mapping, rig: Path | None) -> str:
+@dataclass(frozen=True)
+class Plausible:
+    """What a log would be, as markup; the kind of test, and the valve, that it seems to be of."""
+
+    text: str
+    kind: str = ""
+    valve: str = ""
+
+
+def plausibility(chosen: Mapping, rig: Path | None) -> Plausible:
     """What the log would be: converted into a folder that is thrown away, and checked."""
     try:
         entries = chosen.entries()
         if not any(one.target not in ("", "time_s") for one in chosen.assigned.values()):
-            return parts.note(
-                "Say what each channel is that you need: the time, what was measured."
-            )
+            said = "Say what each channel is that you need: the time, what was measured."
+            return Plausible(parts.note(said))
         with tempfile.TemporaryDirectory(prefix="sysid-app-") as folder:
             output = Path(folder) / f"{chosen.path.stem}.parquet"
             given = chosen.options()
             made = convert(chosen.paths, output, maps=entries, **given)
-            found, said = check_file(output, rig, {}, ())
+            found, assumed = check_file(output, rig, {}, ())
     except InputError as error:
-        said = [text for _, option, text in _MORE if option in str(error)]
-        here = "; ".join(f"here: “{text}”, under “{HOW}”" for text in said)
-        return parts.note(str(error), "error") + (parts.note(here) if here else "")
-    lines = (*found.contradicts, *made.notices, *said, *found.notices)
+        asked = (text for _, option, text in _MORE if option in str(error))
+        here = "; ".join(f"here: “{text}”, under “{HOW}”" for text in asked)
+        return Plausible(parts.note(str(error), "error") + (parts.note(here) if here else ""))
+    lines = (*found.contradicts, *made.notices, *assumed, *found.notices)
     listed = parts.listed(dict.fromkeys(lines))
     tables = "".join(block_html(table) for table in found.tables() if table.rows)
     kinds = ", ".join(f"{count} × {kind}" for kind, count in found.kinds.items())
@@ -269,7 +277,11 @@ def plausibility(chosen: Mapping, rig: Path | None) -> str:
     # The log was thrown away: what it says is said of the file.
     for name in (str(output), output.name, str(chosen.path)):
         text = text.replace(parts.words(name), parts.words(chosen.path.name))
-    return text
+    kind = next((kind for kind in found.kinds if kind in KINDS), "")
+    of_valve = any(one.of_a_valve for one in TEST_KINDS if one.name == kind)
+    shown = [item.parameter for item in found.identifies if item.identified and of_valve]
+    sides = (side for side in SIDES if any(f"valve {side.upper()}" in name for name in shown))
+    return Plausible(text, kind, next(sides, ""))
 
 
 def _named_target(channel: Channel) -> str:
@@ -293,22 +305,8 @@ def _clock(channels: Sequence[ListedChannel]) -> str:
     return next((c.name for c in sorted(found, key=lambda c: c.unit is None)), "")
 
 
-def guessed_kind(text: str, kinds: Sequence[str]) -> str:
-    """The kind of test that a check found most of; empty for none that a campaign has."""
-    found = list(_kinds_in(text, kinds))
-    return found[0] if found else ""
-
-
-def _kinds_in(text: str, kinds: Sequence[str]) -> Iterator[str]:
-    head = text.partition("</p><p>")[2].partition(";")[0]
-    for part in head.split(", "):
-        kind = part.partition(" × ")[2]
-        if kind in kinds:
-            yield kind
-
-
 def _short(value: float | str) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)[:24]
 
 
-__all__ = ["HOW", "Assigned", "Mapping", "guessed_kind", "plausibility"]
+__all__ = ["HOW", "Assigned", "Mapping", "Plausible", "plausibility"]
