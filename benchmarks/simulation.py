@@ -52,7 +52,7 @@ SEED = 1
 BATCH, SECONDS = 64, 10.0
 SEGMENTS = 320
 # As `simulate` does it: runs of a block, rows of a piece.
-BLOCK, ROWS = 16, 1280
+BLOCK, ROWS = 16, 10240
 
 
 def rms(values: Any) -> float:

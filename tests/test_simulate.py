@@ -269,20 +269,20 @@ def test_no_number_depends_on_how_many_cores_there_were(
         np.testing.assert_array_equal(other, found[0])
 
 
-def test_rows_far_apart_take_as_many_calls_as_they_need(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulator, "MOST_CALLS", 1)
+def test_rows_far_apart_take_as_many_steps_as_they_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulator, "MOST_EVENTS", 1)
     time = np.array([0.0, 10.0])
     run = one(Inputs(time=time, motor=np.zeros(2), pressure_a=2e5), held())
     assert run.pressure_a[-1] == pytest.approx(1e5, rel=1e-3)
 
 
 def test_a_run_without_an_end_is_not_known_from_there_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It takes more calls than a table may; the run beside it is as it is alone."""
+    """It takes more steps than a table may; the run beside it is as it is alone."""
     slow = Inputs(time=np.array([0.0, 10.0]), motor=np.zeros(2), pressure_a=2e5)
     quick = Inputs(time=seconds(0.05), motor=np.zeros(51), pressure_a=2e5)
     alone = one(quick, held())
     models = [Model(held())] * 2
-    monkeypatch.setattr(simulator, "MOST_CALLS", -3)
+    monkeypatch.setattr(simulator, "MOST_EVENTS", -9000)
     with pytest.raises(SimulationError, match="switches endlessly"):
         simulate([slow, quick], models)
     endless, beside = simulate([slow, quick], models, nan_if_endless=True)
@@ -290,12 +290,11 @@ def test_a_run_without_an_end_is_not_known_from_there_on(monkeypatch: pytest.Mon
     np.testing.assert_array_equal(beside.states, alone.states)
 
 
-def test_a_run_in_pieces_with_many_edges_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_in_pieces_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     inputs, models = random_runs(seed=2, count=2, seconds=0.5)
     inputs[1] = dataclasses.replace(inputs[1], time=inputs[1].time + 1e3)
     whole = simulate(inputs, models)
     monkeypatch.setattr(simulator, "_ROWS", 48)
-    monkeypatch.setattr(tables, "_EDGES", 4)
     for run, other in zip(simulate(inputs, models), whole, strict=True):
         position, pressure = errors(run, states(other))
         assert position < 1e-9

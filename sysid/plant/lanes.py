@@ -63,28 +63,19 @@ class EventTable(NamedTuple):
     """Sub-steps of every run, arrays (runs, sub-steps); `count` (runs,) of them are real.
 
     `motor` in Nm or N, `open_a` and `open_b` 1 or 0 (averaged valve model: duty),
-    `ends_sample` whether a row of the log lies at the sub-step's end. `ripple`, of mean flows
-    that know of the pulses: for A, then B, its start, end and mean in shares of a period.
+    `row` (runs, sub-steps + 1) the row of the log, since the table's first, in which the sub-step
+    lies. `ripple`, of mean flows that know of the pulses: for A, then B, its start, end and mean
+    in shares of a period. `most`: sub-steps that a run takes, at most, but for events.
     """
 
     duration: Array
     motor: Array
     open_a: Array
     open_b: Array
-    ends_sample: Array
+    row: Array
     count: Array
     ripple: Rates = ()
-
-    @property
-    def room(self) -> int:
-        """Steps that a call has room for."""
-        # For the steps that end at events; a call that needs more is continued.
-        return int(self.duration.shape[1]) + 512
-
-    @property
-    def calls(self) -> int:
-        """Calls that the table takes, at most, where no event ends a step."""
-        return 1
+    most: Array = 0
 
     @property
     def timing(self) -> Rates:
@@ -114,10 +105,9 @@ class EventTable(NamedTuple):
             "elapsed": jnp.where(cut, lanes.elapsed + gone, 0.0),
         }
 
-    def reached(self, before: Lanes, after: Lanes) -> Array:
-        """Whether the step between the two reached a row of the log, (runs,)."""
-        at = jnp.minimum(before.index, self.duration.shape[1] - 1)
-        return (after.index > before.index) & _look_up(self.ends_sample, at)
+    def rows(self, lanes: Lanes) -> Array:
+        """How many rows of the table lie behind each lane, (runs,)."""
+        return _look_up(self.row, lanes.index)
 
 
 class SwitchedTable(NamedTuple):
@@ -128,6 +118,7 @@ class SwitchedTable(NamedTuple):
     on; each turns its valve, which is `open_a`, `open_b` (1 or 0) at the first row. No sub-step
     exceeds `max_step` s. Times closer than `together` s count as one (none do if it is negative:
     each edge then ends a separate sub-step, possibly of length 0, so that each has its derivative).
+    `most`: sub-steps that a run takes, at most, but for events.
     """
 
     time: Array
@@ -139,17 +130,7 @@ class SwitchedTable(NamedTuple):
     count: Array
     max_step: Array
     together: Array
-
-    @property
-    def room(self) -> int:
-        """Steps that a call has room for: as many as rows and edges at usual PWM, and events."""
-        return 7 * int(self.motor.shape[1]) // 4 + 64
-
-    @property
-    def calls(self) -> int:
-        """Calls that the table takes, at most, where no event ends a step."""
-        ends = self.motor.shape[1] + 2 * self.edges_a.shape[1]
-        return 1 + int(ends + float(self.time.max()) / float(self.max_step)) // self.room
+    most: Array
 
     @property
     def timing(self) -> Rates:
@@ -201,9 +182,9 @@ class SwitchedTable(NamedTuple):
             ),
         }
 
-    def reached(self, before: Lanes, after: Lanes) -> Array:
-        """Whether the step between the two reached a row of the log, (runs,)."""
-        return after.index > before.index
+    def rows(self, lanes: Lanes) -> Array:
+        """How many rows of the table lie behind each lane, (runs,)."""
+        return lanes.index
 
 
 Table = EventTable | SwitchedTable

@@ -144,7 +144,7 @@ def advance_period(
             motor=motor[:, None],
             open_a=edges[0].is_open(since)[:, None],
             open_b=edges[1].is_open(since)[:, None],
-            ends_sample=jnp.zeros((len(motor), 1), dtype=bool),
+            row=jnp.zeros((len(motor), 2), dtype=int),
             count=jnp.where(since < end - TIME_TOLERANCE, 1, 0),
         )
         lanes = advance(lanes._replace(index=jnp.zeros_like(lanes.index)), table, model, ())

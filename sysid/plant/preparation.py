@@ -18,8 +18,6 @@ from sysid.types import FloatArray, IntArray
 
 _T = TypeVar("_T")
 _Key = tuple[Any, ...]
-# Commands whose edges are worked out in one go: arrays of more leave a core's cache.
-_TOGETHER = 8
 
 
 @dataclass(frozen=True)
@@ -193,6 +191,8 @@ def _edges(asked: Sequence[_Asked], shared: Shared) -> list[FloatArray]:
     keys: list[_Key | None] = []
     waiting: dict[_Key, tuple[_Command, tuple[float, float]]] = {}
     commands: dict[_Key, _Command] = {}
+    changes = {id(model): model for _, _, model, _ in asked}
+    changing = {key for key, model in changes.items() if _changes_edges(model)}
     for i, (inputs, side, model, delays) in enumerate(asked):
         values, key = inputs.valve(side), None
         if values is None:
@@ -200,7 +200,7 @@ def _edges(asked: Sequence[_Asked], shared: Shared) -> list[FloatArray]:
         else:
             numbers, time = _numbers(values, model), shared.like(inputs.time)
             command = _Command((time, values.values), numbers)
-            if _changes_edges(model):
+            if id(model) in changing:
                 found[i] = _changed(command, asked[i], shared)
             else:
                 key = shared.key(command.arrays, (*numbers, *delays))
@@ -210,13 +210,9 @@ def _edges(asked: Sequence[_Asked], shared: Shared) -> list[FloatArray]:
         keys.append(key)
     if waiting:
         new = [c for key, c in commands.items() if key not in shared]
-        for i in range(0, len(new), _TOGETHER):
-            some = new[i : i + _TOGETHER]
-            for command, intervals in zip(some, _commanded(some, shared), strict=True):
-                shared.keep(*command, intervals)
-        left = list(waiting.values())
-        for i in range(0, len(left), _TOGETHER):
-            _delay(left[i : i + _TOGETHER], shared)
+        for command, intervals in zip(new, _commanded(new, shared), strict=True):
+            shared.keep(*command, intervals)
+        _delay(list(waiting.values()), shared)
     return [found[i] if key is None else shared[key] for i, key in enumerate(keys)]
 
 
@@ -337,11 +333,9 @@ def prepare(
     known = shared or Shared()
     asked = [(i, side, m, _delays(side, m)) for i, m in pairs for side in SIDES]
     edges = _edges(asked, known)
-    # What runs have in common is read from the cache.
-    columns = [[known.like(np.asarray(c, dtype=float)) for c in (i.time, i.motor)] for i in inputs]
     return [
-        SwitchedRun(time, motor, (a, b))
-        for (time, motor), a, b in zip(columns, edges[0::2], edges[1::2], strict=True)
+        SwitchedRun(known.like(np.asarray(one.time, dtype=float)), np.asarray(one.motor), (a, b))
+        for one, a, b in zip(inputs, edges[0::2], edges[1::2], strict=True)
     ]
 
 

@@ -20,23 +20,25 @@ class Programs:
     """A function compiled for each structure and shape that it meets; the last `most` are kept.
 
     Its keywords are the structure, which decides what is compiled; its other arguments are arrays,
-    or nests of them. `options` are the compiler's.
+    or nests of them. `options` are the compiler's. Arguments that are `given_up`, by their places,
+    lend their memory to the results, and are gone after the call.
     """
 
     def __init__(
-        self, function: Callable[..., Any], most: int, options: dict[str, Any] | None = None
+        self,
+        function: Callable[..., Any],
+        most: int,
+        options: dict[str, Any] | None = None,
+        given_up: tuple[int, ...] = (),
     ) -> None:
-        self._function, self._most, self._options = function, most, options
+        self._function, self._most = function, most
+        self._options, self._given_up = options, given_up
         self._kept: OrderedDict[Hashable, Any] = OrderedDict()
         self._lock = threading.Lock()
         self.__doc__ = function.__doc__
 
     def __call__(self, *arrays: Any, **structure: Hashable) -> Any:
-        """The function's result."""
-        return self.compiled(*arrays, **structure)(*arrays)
-
-    def compiled(self, *arrays: Any, **structure: Hashable) -> Callable[..., Any]:
-        """The function of a structure, for arrays of these shapes: for one who calls it often."""
+        """The function's result: of its program for the structure and arrays of these shapes."""
         shapes = (np.shape(leaf) for leaf in jax.tree.leaves(arrays))
         key = (*structure.values(), *shapes)
         with self._lock:
@@ -46,7 +48,7 @@ class Programs:
             dropped = self._kept.popitem(last=False)[1] if len(self) > self._most else None
         if dropped is not None:
             dropped.clear_cache()  # jax would keep what is compiled
-        return program  # type: ignore[no-any-return]
+        return program(*arrays)
 
     def __len__(self) -> int:
         return len(self._kept)
@@ -56,12 +58,14 @@ class Programs:
             return self._function(*arrays, **structure)
 
         one.__name__ = self._function.__name__
-        return jax.jit(one, compiler_options=self._options)
+        return jax.jit(one, compiler_options=self._options, donate_argnums=self._given_up)
 
 
-def kept(most: int, options: dict[str, Any] | None = None) -> Callable[..., Programs]:
+def kept(
+    most: int, options: dict[str, Any] | None = None, given_up: tuple[int, ...] = ()
+) -> Callable[..., Programs]:
     """A decorator that makes a function `Programs`."""
-    return lambda function: Programs(function, most, options)
+    return lambda function: Programs(function, most, options, given_up)
 
 
 __all__ = ["Programs", "kept"]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError, SimulationError
 from sysid.io.channels import SIDES
@@ -36,15 +37,15 @@ from sysid.types import FloatArray, IntArray
 # padded with idle runs, so that few shapes are ever compiled.
 _WIDTHS = (1, 16)
 # Rows (mean flows: sub-steps) in one compiled call: the compiled shapes do not depend on a
-# log's length. The record of this many stays in a core's cache.
-_ROWS = 1280
+# log's length. Of a shorter one the rest is never touched.
+_ROWS = 10240
 # Half the compile time of the default level, and no slower; vectors as wide as the processor's,
 # where the compiler would stop at 256 bit.
 COMPILER_OPTIONS = {"xla_backend_optimization_level": 2, "xla_cpu_prefer_vector_width": 512}
 # Compiled programs that are kept: more than a command needs; each takes some 20 MB.
 _MOST_PROGRAMS = 12
-# No run needs nearly as many continuations for its events: more would be an endless loop.
-MOST_CALLS = 1000
+# No run needs nearly as many steps for its events: more would be an endless loop.
+MOST_EVENTS = 2_000_000
 ENDLESS = (
     "simulation: the model switches endlessly at one instant; its effects or flows are inconsistent"
 )
@@ -113,51 +114,46 @@ def _unpack(layout: _Layout, packed: _Packed) -> list[dict[str, Any]]:
     ]
 
 
-@kept(_MOST_PROGRAMS, COMPILER_OPTIONS)
+@kept(_MOST_PROGRAMS, COMPILER_OPTIONS, given_up=(0,))
 def _advance_chunk(
+    record: Any,
     lanes: Lanes,
     table: Table,
     packed: _Packed,
+    most: Any,
     *,
     structure: Structure,
     effects: int,
     layout: _Layout,
-) -> tuple[Lanes, tuple[Any, ...], Any]:
-    """Advance every run through its table, or as far as there is room for the record.
+) -> tuple[Any, Lanes, Any]:
+    """Advance every run through its table, in `most` steps.
 
-    Returns the lanes, the states after every step (steps, runs) and whether that step
-    reached a row of the log (runs, steps).
+    Returns the record (runs, 4, rows + 1), the states at the ends of the table's rows, where the
+    steps within a row write over one another; the lanes, an `index` of -1 for those that did not
+    come through, which stay so; and how many rows they went, (runs,).
     """
     parts = join(structure, _unpack(layout, packed))
     model = Model(parts[0], parts[1 : 1 + effects])
     surfaces = parts[1 + effects :]
-    return run_through(lanes, table, model, surfaces)
-
-
-def run_through(
-    lanes: Lanes, table: Table, model: Model, surfaces: tuple[Any, ...]
-) -> tuple[Lanes, tuple[Any, ...], Any]:
-    """The loop of `_advance_chunk`, to be traced: its lanes, states and rows reached."""
-    room = table.room
-    shape = (room, table.count.shape[0])
-    record = jax.lax.dynamic_update_index_in_dim
+    runs = table.count.shape[0]
+    lanes = at_first_row(lanes, jnp.where(lanes.index < 0, table.count, 0))
 
     def unfinished(carry: Any) -> Any:
-        step, lanes, _, _ = carry
-        return (step < room) & jnp.any(lanes.index < table.count)
+        step, lanes, _ = carry
+        return (step < most) & jnp.any(lanes.index < table.count)
 
     def advance_once(carry: Any) -> Any:
-        step, lanes, states, reached = carry
+        step, lanes, record = carry
         after = advance(lanes, table, model, surfaces)
-        states = tuple(
-            record(s, value, step, 0) for s, value in zip(states, after.shown(), strict=True)
-        )
-        return step + 1, after, states, record(reached, table.reached(lanes, after), step, 0)
+        states, rows = jnp.stack(after.shown()), table.rows(lanes)
+        for i in range(runs):  # one scatter of all would be ten times as dear
+            own = states[None, :, i, None]
+            record = jax.lax.dynamic_update_slice(record, own, (i, 0, rows[i]))
+        return step + 1, after, record
 
-    states = tuple(jnp.zeros(shape) for _ in STATE)
-    carry = (0, lanes, states, jnp.zeros(shape, dtype=bool))
-    _, lanes, states, reached = jax.lax.while_loop(unfinished, advance_once, carry)
-    return lanes, states, reached.T
+    _, lanes, record = jax.lax.while_loop(unfinished, advance_once, (0, lanes, record))
+    through = jnp.where(lanes.index < table.count, -1, table.count)
+    return record, lanes._replace(index=through), table.rows(lanes)
 
 
 @on_processor()
@@ -174,31 +170,20 @@ def _advance_block(
     model = stack_models(models)
     structure, numbers = split((model.parameters, *model.effects, *surfaces))
     layout, packed = _pack(numbers, len(inputs))
-    packed = jax.device_put(packed)  # once, not with every call
     lanes = start_lanes(inputs, model)
     rows = _Rows(lanes, [len(one.time) for one in inputs[: len(block.runs)]])
     if surfaces:
         lanes = lanes._replace(ripple_a=np.zeros(len(inputs)), ripple_b=np.zeros(len(inputs)))
-    endless = np.zeros(len(inputs), dtype=bool)
-    chunk = None
+    of = {"structure": structure, "effects": len(model.effects), "layout": layout}
+    record = _record_of(block.width)
     for _, table in block.tables():
-        lanes = at_first_row(lanes)
-        if chunk is None:
-            chunk = _advance_chunk.compiled(
-                lanes, table, packed, structure=structure, effects=len(model.effects), layout=layout
-            )
-        if endless.any():
-            lanes = lanes._replace(index=np.where(endless, table.count, lanes.index))
-        calls = 0
-        while (np.asarray(lanes.index) < table.count).any():
-            if calls == MOST_CALLS + table.calls:
-                if not nan_if_endless:
-                    raise SimulationError(ENDLESS)
-                endless |= np.asarray(lanes.index) < table.count
-                break
-            calls += 1
-            lanes, states, reached = chunk(lanes, table, packed)
-            rows.collect(states, np.asarray(reached))
+        most = np.array(int(table.most) + MOST_EVENTS)
+        record, lanes, gone = _advance_chunk(record, lanes, table, packed, most, **of)
+        rows.take(np.asarray(record), np.asarray(gone))
+        if not nan_if_endless and (np.asarray(lanes.index) < 0).any():
+            raise SimulationError(ENDLESS)
+    _RECORDS.append(record)
+    endless = np.asarray(lanes.index) < 0
     for i in np.flatnonzero(endless[: len(block.runs)]):
         rows.runs[i][:, rows.filled[i] :] = math.nan
     extra = np.array(lanes.extra).reshape(-1, len(inputs))
@@ -206,10 +191,27 @@ def _advance_block(
     return rows.runs, extra
 
 
-def at_first_row(lanes: Lanes) -> Lanes:
-    """The lanes at the first row of a table."""
+# Records that no block uses: fresh memory for each would cost as much as a short run.
+_RECORDS: deque[Any] = deque(maxlen=64)
+
+
+def _record_of(width: int) -> Any:
+    """A record (width, 4, rows + 1) to be written over."""
+    shape = (width, len(STATE), _ROWS + 1)
+    for _ in range(len(_RECORDS)):
+        with suppress(IndexError):  # other threads take some too
+            record = _RECORDS.popleft()
+            if record.shape == shape:
+                return record
+            _RECORDS.append(record)
+    return jnp.zeros(shape)
+
+
+def at_first_row(lanes: Lanes, index: Any = None) -> Lanes:
+    """The lanes at the first row of a table, or at the rows `index`."""
     none = np.zeros(len(lanes.index), dtype=int)
-    return lanes._replace(index=none, elapsed=np.zeros(len(none)), passed=(none, none))
+    index = none if index is None else index
+    return lanes._replace(index=index, elapsed=np.zeros(len(none)), passed=(none, none))
 
 
 class _Rows:
@@ -217,49 +219,28 @@ class _Rows:
 
     def __init__(self, lanes: Lanes, lengths: list[int]) -> None:
         first = np.array([getattr(lanes, name) for name in STATE])[:, : len(lengths)]
+        self._together = None
         if len(set(lengths)) == 1:
-            together = np.empty((len(lengths), len(STATE), lengths[0]))
-            together[:, :, 0] = first.T
-            self.runs = list(together)
+            # (runs, 4, samples) where all are as long.
+            self._together = np.empty((len(lengths), len(STATE), lengths[0]))
+            self.runs = list(self._together)
         else:
-            together = None
             self.runs = [np.empty((len(STATE), n)) for n in lengths]
-            for run, start in zip(self.runs, first.T, strict=True):
-                run[:, 0] = start
-        # (runs, 4, samples) where all are as long.
-        self._together = together
+        for run, start in zip(self.runs, first.T, strict=True):
+            run[:, 0] = start
         self.filled = np.ones(len(lengths), dtype=int)
-        self._columns = np.empty(0)
 
-    def collect(self, states: tuple[Any, ...], reached: NDArray[np.bool_]) -> None:
-        """Take over the states (steps, runs) after the steps that reached a row (runs, steps)."""
-        counts = np.count_nonzero(reached, axis=1)
-        lanes, steps = reached.shape
-        # Place (step, run) from place (run, step), without a division.
-        place = np.flatnonzero(reached)
-        place *= lanes
-        n, used = int(counts[0]), len(self.filled)
-        first = int(self.filled[0])
-        alike = lanes * n == len(place) and (counts == n).all() and (self.filled == first).all()
-        offsets = np.arange(lanes) * (steps * lanes - 1)
-        if alike:
-            place.reshape(lanes, n)[:] -= offsets[:, None]
+    def take(self, record: FloatArray, gone: IntArray) -> None:
+        """Copy the rows of a record (runs, 4, rows + 1) through which the runs have gone."""
+        counts = gone[: len(self.filled)]
+        ends = (self.filled + counts).tolist()
+        if self._together is not None and len(set(ends)) == 1:
+            n, end = int(counts[0]), ends[0]
+            self._together[:, :, end - n : end] = record[: len(ends), :, :n]
         else:
-            place -= np.repeat(offsets, counts)
-        if len(self._columns) < len(STATE) * len(place):
-            self._columns = np.empty(len(STATE) * len(place))
-        columns = self._columns[: len(STATE) * len(place)].reshape(len(STATE), len(place))
-        for column, state in zip(columns, states, strict=True):
-            np.take(np.asarray(state).reshape(-1), place, out=column, mode="clip")
-        if alike and self._together is not None:
-            by_run = columns.reshape(len(STATE), lanes, n)[:, :used]
-            self._together[:, :, first : first + n] = by_run.transpose(1, 0, 2)
-        else:
-            ends = np.cumsum(counts).tolist()
-            for i, (run, end) in enumerate(zip(self.runs, ends, strict=False)):
-                first, count = int(self.filled[i]), int(counts[i])
-                run[:, first : first + count] = columns[:, end - count : end]
-        self.filled += counts[:used]
+            for run, own, n, end in zip(self.runs, record, counts.tolist(), ends, strict=False):
+                run[:, end - n : end] = own[:, :n]
+        self.filled += counts
 
 
 STATE = ("position", "velocity", "pressure_a", "pressure_b")
@@ -332,9 +313,13 @@ def check_commands(inputs: Sequence[Inputs]) -> None:
             raise ValueError("a run needs at least two rows")
         columns = [one.motor] + [c.values for c in (one.valve_a, one.valve_b) if c]
         new = [c for c in columns if id(c) not in seen]
-        if any(len(c) != n for c in columns) or not all(np.isfinite(c).all() for c in new):
+        if any(len(c) != n for c in columns) or not all(map(_is_finite, new)):
             raise ValueError("motor and valve commands must be finite and have the length of time")
         seen.update(map(id, new))
+
+
+def _is_finite(column: FloatArray) -> Any:
+    return np.logical_and.reduce(np.isfinite(column))
 
 
 def carrying(inputs: Sequence[Inputs], models: Sequence[Model]) -> list[Model]:

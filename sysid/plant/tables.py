@@ -9,18 +9,15 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sysid.plant.lanes import EventTable, SwitchedTable, Table
 from sysid.plant.preparation import PreparedRun, SwitchedRun
 from sysid.plant.valve_timing import TIME_TOLERANCE
-from sysid.types import FloatArray
+from sysid.types import FloatArray, IntArray
 
 Timing = tuple[FloatArray, ...]
 """What moves with the delays of a run's valves: s, or s per unit of what moves it."""
 
-# Edges of a valve that a piece has room for, at least; more where there are more.
-_EDGES = 640
 # Bytes at whose multiples XLA's arrays begin.
 _ALIGNED = 64
 
@@ -68,18 +65,22 @@ class SwitchedBlock(Block):
         # -1: no two times count as one.
         self.together = -1.0 if apart else TIME_TOLERANCE
         self.bounds = self._bounds()
-        most = int(np.diff(self.bounds).max())
-        self.edges = _EDGES
-        while self.edges <= most:  # the last place stays infinite
+        # One for every two rows, as at usual PWM, or more where there are more; and a last one
+        # that stays infinite.
+        most, self.edges = int(np.diff(self.bounds).max()), max(self.rows // 2, 1)
+        while self.edges <= most:
             self.edges *= 2
 
     @functools.cached_property
     def _arrays(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Times, motor and edges of a piece: fresh memory for each would cost as much again."""
         time, motor = _aligned(self.width, self.rows + 1), _aligned(self.width, self.rows)
-        return time, motor, _aligned(2, self.width, self.edges)
+        edges = _aligned(2, self.width, self.edges)
+        # What a run without rows looks at.
+        time[:, :2], motor[:, 0], edges[:, :, 0] = 0.0, 0.0, np.inf
+        return time, motor, edges
 
-    def _bounds(self) -> NDArray[np.intp]:
+    def _bounds(self) -> IntArray:
         """How many edges of each valve and run lie before each piece and after the last,
         (2, width, pieces + 1)."""
         most = max(len(run) for run in self.runs)
@@ -111,23 +112,30 @@ class SwitchedBlock(Block):
             n = int(count[0])
             np.subtract(self.runs[0].time[start : start + n + 1], begin[0], out=time[:, : n + 1])
         opens = self._edges_into(edges, start, begin)
-        limits = np.array(self.max_step), np.array(self.together)
         (edges_a, edges_b), (open_a, open_b) = edges, opens
-        return SwitchedTable(time, motor, edges_a, edges_b, open_a, open_b, count, *limits)
+        return SwitchedTable(
+            time, motor, edges_a, edges_b, open_a, open_b, count, *self._limits(start, time, count)
+        )
 
-    def _edges_into(self, edges: FloatArray, start: int, begin: FloatArray) -> NDArray[np.intp]:
-        """The piece's edges since `begin` (width,) s into their places (2, width, edges), all at
-        once; and whether each valve is open at its first row, (2, width)."""
+    def _limits(self, start: int, time: FloatArray, count: IntArray) -> tuple[Any, Any, Any]:
+        """The longest sub-step, s, what counts as together, s, and the most sub-steps of a run."""
+        k = start // self.rows
+        edges = (self.bounds[:, :, k + 1] - self.bounds[:, :, k]).sum(axis=0)
+        whole = time[np.arange(self.width), count] / self.max_step
+        most = np.array(int((count + edges + whole).max()) + 1)
+        return np.array(self.max_step), np.array(self.together), most
+
+    def _edges_into(self, edges: FloatArray, start: int, begin: FloatArray) -> IntArray:
+        """The piece's edges since `begin` (width,) s into their places (2, width, edges), and
+        whether each valve is open at its first row, (2, width)."""
         k = start // self.rows
         first, last = self.bounds[:, :, k], self.bounds[:, :, k + 1]
-        here = [
-            run.edges[valve][f:e]
-            for valve, ends in enumerate(zip(first.tolist(), last.tolist(), strict=True))
-            for run, f, e in zip(self.runs, *ends, strict=False)
-        ]
-        edges.fill(np.inf)
-        edges[np.arange(edges.shape[2]) < (last - first)[:, :, None]] = np.concatenate(here)
-        edges -= begin[:, None]
+        for valve, ends in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
+            for own, run, f, e, b in zip(
+                edges[valve], self.runs, *ends, begin.tolist(), strict=False
+            ):
+                np.subtract(run.edges[valve][f:e], b, out=own[: e - f])
+                own[e - f] = np.inf
         return first & 1
 
     def _edges_here(self, run: int, start: int) -> list[slice]:
@@ -153,17 +161,19 @@ class EventBlock(Block):
 
     def table(self, start: int) -> EventTable:
         """The piece from a sub-step on."""
-        numbers = np.zeros((4 + len(self.runs[0].ripple), self.width, self.rows))
-        ends_sample = np.zeros((self.width, self.rows), dtype=bool)
+        numbers = _aligned(4 + len(self.runs[0].ripple), self.width, self.rows)
+        numbers[:, :, 0] = 0.0  # what a run without sub-steps looks at
+        row = np.zeros((self.width, self.rows + 1), dtype=int)
         count = np.zeros(self.width, dtype=int)
         for i, run, rows in self._unfinished(start):
             n = count[i] = rows.stop - start
             columns = (run.grid.duration, run.motor, *run.opens.values(), *run.ripple)
             for table, values in zip(numbers, columns, strict=True):
                 table[i, :n] = values[rows]
-            ends_sample[i, :n] = run.grid.ends_sample[rows]
+            np.cumsum(run.grid.ends_sample[rows], out=row[i, 1 : n + 1])
         duration, motor, open_a, open_b, *ripple = numbers
-        return EventTable(duration, motor, open_a, open_b, ends_sample, count, tuple(ripple))
+        most = count.max()
+        return EventTable(duration, motor, open_a, open_b, row, count, tuple(ripple), most)
 
     def timing_slopes(self, start: int, moved: Sequence[dict[int, Timing]], count: int) -> Timing:
         """As in Block: derivatives of the durations, (count, runs, sub-steps)."""
@@ -175,8 +185,8 @@ class EventBlock(Block):
 
 
 def _aligned(*shape: int) -> FloatArray:
-    """Zeros that begin where a compiled function takes them as they are, without a copy."""
-    whole = np.zeros(math.prod(shape) + _ALIGNED // 8)
+    """Memory that begins where a compiled function takes it as it is, without a copy."""
+    whole = np.empty(math.prod(shape) + _ALIGNED // 8)
     first = -whole.ctypes.data % _ALIGNED // 8
     return whole[first : first + math.prod(shape)].reshape(shape)
 

@@ -27,15 +27,15 @@ from sysid.plant.simulator import (
     COMPILER_OPTIONS,
     ENDLESS,
     MAX_STEP,
-    MOST_CALLS,
+    MOST_EVENTS,
     STATE,
     at_first_row,
     carrying,
     check_commands,
     check_known,
-    run_through,
     start_lanes,
 )
+from sysid.plant.stepper import advance
 from sysid.plant.tables import Timing, block_of
 from sysid.types import FloatArray
 
@@ -137,12 +137,13 @@ def _block(
         [np.array([[getattr(slopes, n)[:, i]] for n in STATE]).transpose(2, 0, 1)]
         for i in range(count)
     ]
+    room = _room(size)
     for start, table in pieces.tables():
         timing = pieces.timing_slopes(start, moved, 4 + len(varied))
         lanes = at_first_row(lanes)
         calls = 0
         while (np.asarray(lanes.index) < table.count).any():
-            if calls == MOST_CALLS + table.calls:
+            if calls * room > int(table.most) + MOST_EVENTS:
                 raise SimulationError(ENDLESS)
             calls += 1
             lanes, slopes, states, tangents, reached = _advance_chunk(
@@ -312,7 +313,7 @@ def _advance_chunk(
         model = Model(parts[0], parts[1 : 1 + effects])
         surfaces = parts[1 + effects :]
         begun = lanes._replace(**state._asdict())
-        now, states, reached = run_through(begun, table.retimed(times), model, surfaces)
+        now, states, reached = _run_through(begun, table.retimed(times), model, surfaces)
         left = _Slopes(*(getattr(now, n) for n in _Slopes._fields))
         return (left, states), (now, reached)
 
@@ -332,6 +333,42 @@ def _advance_chunk(
     )
     by_run = jnp.stack(states).transpose(2, 0, 1)
     return now, moved, by_run, jnp.stack(tangents).transpose(3, 1, 0, 2), reached
+
+
+def _room(rows: int) -> int:
+    """Steps that a call has room for: rows and edges at usual PWM, and some events."""
+    return 7 * rows // 4 + 64
+
+
+def _run_through(
+    lanes: Lanes, table: Table, model: Model, surfaces: tuple[Any, ...]
+) -> tuple[Lanes, tuple[Any, ...], Any]:
+    """The loop of `simulator._advance_chunk` with a record of every step, as far as there is room.
+
+    Returns the lanes, the states after every step (steps, runs) and whether that step reached a
+    row of the log (runs, steps).
+    """
+    room = _room(table.motor.shape[1])
+    shape = (room, table.count.shape[0])
+    record = jax.lax.dynamic_update_index_in_dim
+
+    def unfinished(carry: Any) -> Any:
+        step, lanes, _, _ = carry
+        return (step < room) & jnp.any(lanes.index < table.count)
+
+    def advance_once(carry: Any) -> Any:
+        step, lanes, states, reached = carry
+        after = advance(lanes, table, model, surfaces)
+        states = tuple(
+            record(s, value, step, 0) for s, value in zip(states, after.shown(), strict=True)
+        )
+        ends = table.rows(after) > table.rows(lanes)
+        return step + 1, after, states, record(reached, ends, step, 0)
+
+    states = tuple(jnp.zeros(shape) for _ in STATE)
+    carry = (0, lanes, states, jnp.zeros(shape, dtype=bool))
+    _, lanes, states, reached = jax.lax.while_loop(unfinished, advance_once, carry)
+    return lanes, states, reached.T
 
 
 __all__ = ["STARTS", "Direction", "Tangents", "number_of", "simulate_tangents", "with_step"]

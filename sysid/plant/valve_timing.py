@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,15 +148,14 @@ def joined_duty_intervals(
     on = held > 0.0
     ends = starts + held * period
     if not on.all():
-        starts, ends, bounds = starts[on], ends[on], _kept_bounds(on, bounds)
+        starts, ends, bounds = _only(on, bounds, starts, ends)
     return _without_gaps(starts, ends, bounds)
 
 
-def _kept_bounds(kept: BoolArray, bounds: IntArray) -> IntArray:
-    """The bounds among what is kept (n,) of joined sequences."""
-    ends = bounds.tolist()
-    counts = [np.count_nonzero(kept[a:b]) for a, b in itertools.pairwise(ends)]
-    return np.array([0, *itertools.accumulate(counts)])
+def _only(kept: BoolArray, bounds: IntArray, *joined: FloatArray) -> list[Any]:
+    """What is kept (n,) of joined sequences, each between two of `bounds`; and the bounds in it."""
+    at = np.flatnonzero(kept)
+    return [*(one.take(at) for one in joined), at.searchsorted(bounds)]
 
 
 def _without_gaps(
@@ -168,8 +167,8 @@ def _without_gaps(
     gap[bounds] = True
     if gap.all():
         return opens, closes, bounds
-    begins = gap[:-1]
-    return opens[begins], closes[gap[1:]], _kept_bounds(begins, bounds)
+    opens, bounds = _only(gap[:-1], bounds, opens)
+    return opens, closes[gap[1:]], bounds
 
 
 def delayed(
@@ -229,7 +228,7 @@ def joined_delayed_edges(
         first = overtaken[1:] & ~overtaken[:-1]
         kept = ~first
         kept[1:] &= ~first[:-1]
-        edges, bounds = edges[kept], _kept_bounds(kept, bounds)
+        edges, bounds = _only(kept, bounds, edges)
 
 
 @dataclass(frozen=True)
