@@ -301,7 +301,8 @@ class LeastSquaresFit:
         i = self.names.index(name)
         parameter, d = self.parameters[i], self.diagnosis
         if name in d.at_bound:
-            reason = f"{name} is stuck at its bound, {self.values[i]:.4g} {parameter.unit}"
+            bound = f"{self.values[i]:.4g} {parameter.unit}".removesuffix(" -")
+            reason = f"{name} is stuck at its bound, {bound}"
             return Estimate.unidentified(parameter.unit, reason.rstrip())
         if name in d.unidentified:
             return Estimate.unidentified(parameter.unit, f"the data do not depend on {name}")
