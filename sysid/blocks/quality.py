@@ -47,9 +47,12 @@ def _cells(judged: Judged) -> tuple[str, ...]:
     """The cells after the first."""
     found = judged.to_json()
     share, r2 = found["rmse_share"], found["r2"]
+    rmse, name = found["rmse"], unit(found["unit"])
+    # As the comparison of surfaces has it.
+    shown, name = (100.0 * rmse, "points of duty") if name == "of duty" else (rmse, name)
     return (
-        number(found["rmse"]),
-        NotedCell(unit(found["unit"]), plain=found["unit"]),
+        NotedCell(number(shown), plain=number(rmse)),
+        NotedCell(name, plain=found["unit"]),
         MISSING if share is None else number(100.0 * share, 2),
         MISSING if r2 is None else f"{r2:.4f}",
         lack_of_fit_text(found["lack_of_fit"]),
