@@ -20,14 +20,14 @@ _HOW_TWINS = (
     "The residuals of the fitted equations, in torque and pressure rates, were compared with "
     "those of twins: the same tests simulated with the fitted model and passed through the same "
     "filters and fits. An effect was added if it explains more than on any twin, and a fair share "
-    "of the remainder. It was fitted on the training tests; the errors below are those of held-out "
+    "of the remainder. It was fitted on the training tests; the errors shown are those of held-out "
     "tests."
 )
 _HOW_LEFT_OUT = (
     "The part was tested alone, so there is no actuator to simulate. Each effect that acts on "
     "it was fitted together with its law and had to predict tests excluded from that fit; it was "
     "added if its strength differs significantly from 0 and it removes a substantial share of the "
-    "prediction error. The errors below are those of held-out tests."
+    "prediction error. The errors shown are those of held-out tests."
 )
 
 

@@ -56,8 +56,8 @@
                             min_interval: last / 2000 };
       } else if (channel && node.name === "BoxAnnotation") {
         Object.assign(node.attributes, { bottom: -channel.noise, top: channel.noise });
-      } else if (node.name === "Figure" && phone.matches) {
-        node.attributes.height = Math.round(0.75 * node.attributes.height);
+      } else if (node.name === "Figure" && phone.matches && node.attributes.tags?.[0] === "tall") {
+        node.attributes.height = Math.round(0.7 * node.attributes.height);
       } else if (channel && node.name === "ColumnDataSource") {
         node.attributes.data = { type: "map", entries: Object.entries(columns(channel)) };
         return;

@@ -110,6 +110,7 @@ def _pair(
         _line(top, source, f"sim_{model}", model, MODEL_NAMES[model])
     _tools(top, measured, tips, cursor)
     _place_legend(top)
+    top.tags = ["tall"]  # on a phone the script makes it lower
     bottom = _figure(x_range, _HEIGHTS[1], f"Residual ({channel.residual_unit})", is_last)
     band = parts.BoxAnnotation(
         bottom=0.0, top=0.0, fill_color=_COLOURS["second"], fill_alpha=0.25, line_color=None,
