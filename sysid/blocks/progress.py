@@ -49,7 +49,8 @@ def _notebook_line(doing: str) -> Iterator[Progress]:
     try:
         yield lambda line: handle.update(_plain(line), raw=True)
     finally:
-        handle.update(_plain(""), raw=True)
+        # As HTML, of which nothing is left to see.
+        handle.update(_plain("") | {"text/html": ""}, raw=True)
 
 
 def _plain(line: str) -> dict[str, str]:
