@@ -11,6 +11,8 @@ import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
+from law_text import with_math
+
 from sysid.plant.effects.catalogue import catalogue, catalogue_entry
 from sysid.plant.effects.entry import CatalogueEffect
 
@@ -88,7 +90,7 @@ def _section(effect: type[CatalogueEffect]) -> str:
         if effect.averaged_only
         else f"![{effect.title}: channels without and with it](effect-{effect.id}.png)"
     )
-    law = entry["law"].replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
+    law = with_math(entry["law"])
     return "\n".join(
         [
             f"(effect-{effect.id})=",
