@@ -21,7 +21,7 @@ from sysid.errors import (
     input_error,
     on_its_own,
 )
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import UNKNOWN, Estimate, Variance
 from sysid.estimation.quality import LEAST_EXPLAINED, SCATTER_TIMES
 from sysid.identification.friction.clusters import Clusters, cluster_test
 from sysid.identification.friction.combinations import (
@@ -235,7 +235,9 @@ def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
     static = fit.attempt(STATIC, lambda: _static(fit)) or _static_without_ramps(fit)
     inertia = rig.total_inertia()
     declared = inertia if rig.has_declared_inertia else None
-    motion = fit.attempt(MOTION, lambda: _motion(fit, None if estimate_inertia else declared))
+    repeats = UNKNOWN if static is None else static.repeats
+    free = None if estimate_inertia else declared
+    motion = fit.attempt(MOTION, lambda: _motion(fit, free, repeats))
     # An inertia below zero is none: what is assumed, if anything, is nearer.
     if declared is None and motion is not None and motion.inertia is not None:
         inertia = motion.inertia.value if motion.inertia.value > 0.0 else inertia
@@ -243,7 +245,7 @@ def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
     sliding = fit.attempt(SLIDING, lambda: _sliding(fit.by_kind[SLIDING], fit, inertia))
     lacking = motion is None or not motion.viscous.identified
     if sliding is None and lacking and fit.by_kind[SLIDING] and not fit.is_forced:
-        whole = _as_motion(fit, None if estimate_inertia else declared, said)
+        whole = _as_motion(fit, free, said, repeats)
         motion = whole or motion
         sliding = None if whole else _by_levels(fit, inertia, said)
     if sliding is not None and motion is not None and _refutes(motion, sliding):
@@ -467,7 +469,9 @@ def _by_levels(fit: _Fit, inertia: float | None, before: int) -> SlidingFriction
     return found
 
 
-def _as_motion(fit: _Fit, inertia: float | None, before: int) -> MotionFriction | None:
+def _as_motion(
+    fit: _Fit, inertia: float | None, before: int, repeats: Variance
+) -> MotionFriction | None:
     """Friction from constant-effort tests by all of their motion, where one number a test does not
     identify it: a test may hold several levels, and speeds on the way to each. It replaces the
     notices from the number `before` on. None where that does not identify it either; then nothing
@@ -478,7 +482,7 @@ def _as_motion(fit: _Fit, inertia: float | None, before: int) -> MotionFriction 
     def whole() -> tuple[MotionFriction, list[TrialUse], float]:
         usual = common_cutoff(trials, fit.cutoff_hz)
         samples, uses, cutoff = moving_samples(trials, usual, inertia, said)
-        return fit_motion(samples, inertia, fit.units), uses, cutoff
+        return fit_motion(samples, inertia, fit.units, repeats), uses, cutoff
 
     found = on_its_own(whole)
     if isinstance(found, Failure):
@@ -501,7 +505,7 @@ def _as_motion(fit: _Fit, inertia: float | None, before: int) -> MotionFriction 
     return result
 
 
-def _motion(fit: _Fit, inertia: float | None) -> MotionFriction | None:
+def _motion(fit: _Fit, inertia: float | None, repeats: Variance) -> MotionFriction | None:
     samples, uses, fit.cutoff_hz = moving_samples(
         fit.by_kind[MOTION], fit.cutoff_hz, inertia, fit.notices
     )
@@ -510,7 +514,7 @@ def _motion(fit: _Fit, inertia: float | None) -> MotionFriction | None:
         others = [use for use in uses if use.reason != HARDLY_MOVES]
         why = f"Coulomb and viscous friction: {_reasons(others)}" if others else _why_still(fit)
         raise NotIdentifiedError(why)
-    result = fit_motion(samples, inertia, fit.units)
+    result = fit_motion(samples, inertia, fit.units, repeats)
     fit.notices += result.notices
     return result
 

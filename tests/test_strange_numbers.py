@@ -22,7 +22,7 @@ from sysid.diagnosis.bench.registry import AXIS as KIND
 from sysid.diagnosis.bench.selection import preferred, select
 from sysid.diagnosis.search import MOST_EFFECTS, full_sentence, limit_sentence
 from sysid.errors import InputError, NotIdentifiedError, SimulationError
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import Estimate, Variance
 from sysid.friction import fit_friction
 from sysid.identification.friction.motion import fit_motion
 from sysid.io.logs import Trial
@@ -248,6 +248,17 @@ def test_an_inertia_below_zero_within_its_error_is_none() -> None:
     assert found.inertia.interval[0] == 0.0 < found.inertia.interval[1] < 0.02
     assert found.coulomb == held.coulomb and found.viscous == held.viscous
     assert any("left free" in line and "held at 0" in line for line in found.notices)
+
+
+def test_two_motions_show_that_friction_differs_from_test_to_test() -> None:
+    """Its variance is known to one degree of freedom, and to more with that of ramps."""
+    rows = rows_of_motion(0.0, 1, 0.01)
+    pair = [replace(rows, effort=factor * rows.effort) for factor in (0.97, 1.03)]
+    for ramps, half in ((Variance(), 12.7 * 0.03), (Variance(0.02**2, 10.0), 2.2 * 0.0163)):
+        found = fit_motion(pair, 0.0, ROTARY, ramps)
+        assert np.ptp(found.coulomb.interval) / 2.0 == pytest.approx(half, rel=0.1)
+        assert not found.notices
+    assert any("hold for this test" in line for line in fit_motion(pair[:1], 0.0, ROTARY).notices)
 
 
 def test_an_inertia_that_may_be_zero_is_said() -> None:

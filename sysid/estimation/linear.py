@@ -388,6 +388,27 @@ def indicator(labels: Sequence[Any] | NDArray[Any]) -> FloatArray:
     return np.asarray(values[:, None] == np.unique(values)[None, :], dtype=float)
 
 
+@dataclass(frozen=True)
+class Variance:
+    """An estimated variance and its degrees of freedom, 0 where nothing is known of it."""
+
+    value: float = 0.0
+    dof: float = 0.0
+
+    @classmethod
+    def of(cls, values: FloatArray) -> Variance:
+        """That of values (n,), unknown of fewer than two."""
+        return cls(float(np.var(values, ddof=1)), len(values) - 1.0) if len(values) > 1 else cls()
+
+    def pooled(self, other: Variance) -> Variance:
+        """Two estimates of the same variance as one."""
+        dof = self.dof + other.dof
+        return Variance((self.dof * self.value + other.dof * other.value) / max(dof, 1.0), dof)
+
+
+UNKNOWN = Variance()
+
+
 def satterthwaite(variances: FloatArray, dofs: FloatArray) -> float:
     """Degrees of freedom of a sum of independent variance estimates (Satterthwaite 1946)."""
     v, d = np.asarray(variances, dtype=float), np.asarray(dofs, dtype=float)

@@ -31,7 +31,7 @@ from sysid.balance.samples import (
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.covariance import JointCovariance, shrunk
 from sysid.estimation.jackknife import jackknife
-from sysid.estimation.linear import Estimate, LinearFit, satterthwaite
+from sysid.estimation.linear import UNKNOWN, Estimate, LinearFit, Variance, satterthwaite
 from sysid.estimation.quality import (
     FEWEST_REPEATS,
     FEWEST_ROWS,
@@ -204,21 +204,26 @@ def _why_few(trial: Recording, chosen: MotionSamples, cutoff_hz: float) -> str:
 
 
 def fit_motion(
-    samples: Sequence[MotionSamples], inertia: float | None, units: MotionUnits
+    samples: Sequence[MotionSamples],
+    inertia: float | None,
+    units: MotionUnits,
+    repeats: Variance = UNKNOWN,
 ) -> MotionFriction:
     """Coulomb, viscous, offset, and the inertia unless it is given (kg m2, or kg).
 
     At least three trials are fitted one by one: the mean is reported, with the error from the
     scatter of the trials. Fewer are fitted together, with errors that allow for autocorrelated
-    residuals. What the motion does not separate is given as combinations. An inertia that comes
-    out below zero is held at zero, where physics ends, and the rest is fitted with that. Raises
-    NotIdentifiedError where there are no samples, or where they identify not even these.
+    residuals, and for friction that differs from test to test as far as these tests and the ramps
+    to breakaway (`repeats`, its relative variance) show it. What the motion does not separate is
+    given as combinations. An inertia that comes out below zero is held at zero, where physics ends,
+    and the rest is fitted with that. Raises NotIdentifiedError where there are no samples, or where
+    they identify not even these.
     """
-    found = _fitted(samples, inertia, units)
+    found = _fitted(samples, inertia, units, repeats)
     free = found.inertia
     if inertia is not None or free is None or not free.value < 0.0:
         return found
-    held = _fitted(samples, 0.0, units)
+    held = _fitted(samples, 0.0, units, repeats)
     said = f"left free, {stated(units.key('inertia'), free)}, and none is below zero"
     with_it = "it is held at 0, and friction is fitted with that"
     if free.interval[1] < 0.0:
@@ -233,7 +238,7 @@ def fit_motion(
 
 
 def _fitted(
-    samples: Sequence[MotionSamples], inertia: float | None, units: MotionUnits
+    samples: Sequence[MotionSamples], inertia: float | None, units: MotionUnits, repeats: Variance
 ) -> MotionFriction:
     """`fit_motion`, whatever the sign of the inertia."""
     if not samples:
@@ -254,7 +259,12 @@ def _fitted(
     found = model.estimated(samples, fits)
     if VISCOUS in model.columns:
         found = model.with_model_error(samples, found)
-    return _finished(samples, given, model, fits is not None, found, limits, units)
+    if fits is None:
+        repeats = model.repeats(samples, found.values).pooled(repeats)
+        found = model.of_any_test(found, repeats, len(samples))
+    apart = fits is not None
+    repeated = apart or repeats.dof > 0.0
+    return _finished(samples, given, model, apart, repeated, found, limits, units)
 
 
 def _long_enough(samples: Sequence[MotionSamples]) -> list[MotionSamples]:
@@ -388,6 +398,32 @@ class _Model:
         matrix = found.matrix + bends
         return _Found(found.values, np.sqrt(shares.sum(axis=0)), np.array(total), matrix)
 
+    def repeats(self, samples: Sequence[MotionSamples], values: FloatArray) -> Variance:
+        """The variance of the factors by which each trial's friction is that of the law."""
+        law = self.full(values)
+        of_friction = np.array([1.0, 1.0, 0.0, 0.0]) * law
+        factors = []
+        for chosen in samples:
+            friction = chosen.regressors @ of_friction
+            measured = chosen.effort - chosen.regressors @ (law - of_friction)
+            factors.append(float(friction @ measured / (friction @ friction)))
+        return Variance.of(np.array(factors))
+
+    def of_any_test(self, found: _Found, repeats: Variance, tests: int) -> _Found:
+        """Errors with that of the mean of so many tests, whose friction differs by factors of
+        relative variance `repeats`."""
+        if not repeats.dof:
+            return found
+        friction = np.where(np.isin(self.columns, (COULOMB, VISCOUS)), found.values, 0.0)
+        more = np.outer(friction, friction) * repeats.value / tests
+        shares = np.vstack([found.stds**2, np.diag(more)])
+        dofs = [
+            satterthwaite(own, np.array([dof, repeats.dof]))
+            for own, dof in zip(shares.T, found.dofs, strict=True)
+        ]
+        stds = np.sqrt(shares.sum(axis=0))
+        return _Found(found.values, stds, np.array(dofs), found.matrix + more)
+
     def full(self, values: FloatArray) -> FloatArray:
         """All four coefficients (4,), those that are not fitted at 0 or at the given inertia."""
         found = np.zeros(4)
@@ -431,6 +467,7 @@ def _finished(
     given: Sequence[MotionSamples],
     model: _Model,
     apart: bool,
+    repeated: bool,
     found: _Found,
     limits: SlidingLimits,
     units: MotionUnits,
@@ -465,7 +502,7 @@ def _finished(
         count,
         apart,
         _explained(effort, rmse),
-        _notices(apart, model, limits, units),
+        _notices(repeated, model, limits, units),
         sums,
         model.shape.both,
         limits,
@@ -528,13 +565,13 @@ def _inertia(model: _Model, by_column: dict[int, Estimate], units: MotionUnits) 
 
 
 def _notices(
-    apart: bool, model: _Model, limits: SlidingLimits, units: MotionUnits
+    repeated: bool, model: _Model, limits: SlidingLimits, units: MotionUnits
 ) -> tuple[str, ...]:
     found = [text] if (text := limits.text(units.position, units.speed)) else []
-    if not apart:
+    if not repeated:
         found.append(
-            "friction from motion: the intervals hold for these tests; variation from one "
-            f"test to the next shows only in at least {FEWEST_REPEATS} tests"
+            "friction from motion: the intervals hold for this test; variation from one test to "
+            "the next shows only in several"
         )
     if model.unmoved:
         found.append("friction from motion: the inertia's share of the effort is neglected")

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sysid.errors import NotIdentifiedError
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import Estimate, Variance
 from sysid.identification.friction.static import (
     AVERAGE_S,
     Onset,
@@ -46,7 +46,8 @@ def static_of_rests(
     deviation do not follow a few of these. Raises NotIdentifiedError where fewer than three rests
     end within a test.
     """
-    found = np.array([value for trial in trials for value in _readings(trial)])
+    by_trial = [np.array(list(_readings(trial))) for trial in trials]
+    found = np.concatenate([np.zeros(0), *by_trial])
     if len(found) < _FEWEST:
         raise NotIdentifiedError(
             f"static friction: {len(found)} of {_FEWEST} rests that end in motion: give slow "
@@ -60,7 +61,8 @@ def static_of_rests(
         f"static friction is that of {len(found)} rests of friction-motion tests, at whose ends "
         "the shaft begins to move: the rig file declares no motor that could ramp its effort"
     )
-    return StaticFriction(estimate, spread, (), {}, {}, criterion=CRITERION)
+    between = Variance.of(np.array([np.median(own) for own in by_trial if len(own)]) / middle)
+    return StaticFriction(estimate, spread, (), {}, {}, criterion=CRITERION, repeats=between)
 
 
 def _readings(trial: Recording) -> Iterator[float]:

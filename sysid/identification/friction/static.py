@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 
 from sysid import signals
 from sysid.estimation.linear import (
+    UNKNOWN,
     Estimate,
     FTest,
+    Variance,
     indicator,
     mean_estimate,
     nested_f_test,
@@ -91,7 +93,7 @@ class StaticFriction:
 
     `repeatability` is the standard deviation between trials at one position and in one
     direction. `tests` are the nested F tests by `position`, `direction` and their
-    `interaction`.
+    `interaction`. `repeats` is the variance from one test to the next over the square of the mean.
     """
 
     estimate: Estimate
@@ -102,6 +104,7 @@ class StaticFriction:
     notices: tuple[str, ...] = ()
     quality: FitQuality | None = None
     criterion: str = CRITERION
+    repeats: Variance = UNKNOWN
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -447,7 +450,8 @@ def static_summary(
         mean_estimate(values, unit), repeatability, tuple(by_position), by_direction, tests
     )
     judged = _quality(values, cell, repeatability if dof else None, unit)
-    return replace(_over_places(result, values, unit), quality=judged)
+    between = Variance((repeatability / values.mean()) ** 2, dof) if dof else UNKNOWN
+    return replace(_over_places(result, values, unit), quality=judged, repeats=between)
 
 
 def _quality(values: FloatArray, cell: FloatArray, scatter: float | None, unit: str) -> FitQuality:
