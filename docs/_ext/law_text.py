@@ -59,9 +59,9 @@ def _formula(texts: list[str]) -> str:
     words = [rf"\mathrm{{{t}}}" if t in _NAMED else t for t in words]
     found = words[0]
     for (before, after), word in zip(pairwise(texts), words[1:], strict=True):
-        # A name stands off from what it is multiplied by.
-        named = before in _NAMED or after in _NAMED
-        found += (r" \, " if named and not {before, after} & set(_SIGNS) else " ") + word
+        # A name and a function stand off from what they are multiplied by.
+        is_wide = {before, after} & {*_NAMED, *_FUNCTIONS}
+        found += (r" \, " if is_wide and not {before, after} & set(_SIGNS) else " ") + word
     raised = re.sub(r"\^ (?:\(([^()]*)\)|(\S+))", lambda m: f"^{{{m[1] or m[2]}}}", found)
     return f"${raised}$"
 
