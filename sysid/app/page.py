@@ -167,6 +167,7 @@ class Window:
         for what, value, number in messages:
             if number > self._heard:
                 self._heard = number
+                await self.settle()
                 await self.guarded(partial(self._do, what, value))
         self.draw_frame()
 
@@ -239,16 +240,23 @@ class Window:
         """Start a command, once the code that it would run was allowed."""
         for code in own_code(words):
             self.bench.check_allowed(code)
+        if self._job is not None and self._job.is_done:
+            raise InputError(f"{self._job.what} ends just now; repeat this")
         self._job = self.bench.start(what, words, expected)
 
-    async def look(self) -> None:
-        """Whether files or the job have changed, by this window, another or an editor."""
-        job = self.bench.job
-        if job is not None and job.is_done and job is self._job:
+    async def settle(self) -> None:
+        """What follows of this window's job, once it has ended: before anything else is done."""
+        job = self._job
+        if job is not None and job.is_done:
             self._job = None
             self.bench.ended(job)
             await self.guarded(lambda: self._finished(job))
-        elif job is not None and not job.is_done:
+
+    async def look(self) -> None:
+        """Whether files or the job have changed, by this window, another or an editor."""
+        await self.settle()
+        job = self.bench.job
+        if job is not None and not job.is_done:
             self.strip.object = self._strip()
         if self.bench.stamp() != self._stamp:
             await self.fill()
