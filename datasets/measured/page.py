@@ -93,7 +93,7 @@ def _count(number_of: int, word: str) -> str:
 
 def _level(results: Content) -> str:
     parts = [e for m in results["sets"] for e in (m, *m["campaigns"])]
-    return "poor" if any(e["problem"] is not None for e in parts) else "good"
+    return "poor" if any(e["problem"] is not None for e in parts) else "none"
 
 
 # --- a set ------------------------------------------------------------------------------
