@@ -107,7 +107,7 @@ class FilesScreen(Screen):
         assert content is not None
         chosen = self.mapping.path.name if self.mapping else ""
         taken = self._converted
-        files = [("", f"choose one of the folder's {len(content.files)} files")]
+        files = [("", f"choose a file of the folder ({len(content.files)})")]
         files += sorted(((f, f"{f} (converted)" if f in taken else f) for f in content.files),
                         key=lambda pair: pair[0] in taken)  # fmt: skip
         menu = parts.select("file", files, chosen, "A file of the folder")
