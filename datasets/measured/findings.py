@@ -276,7 +276,7 @@ def remains_text(diagnosis: Content) -> str:
         if (e["share"] or 0.0) >= LEAST_SHOWN
     ]
     if not said and diagnosis["unexplained"]:
-        return "held-out errors, over nothing that was looked at"
+        return "held-out errors above those of a correct model, over no regressor"
     return "; ".join(said) or "no structure found"
 
 
