@@ -266,6 +266,13 @@ def test_a_choice_is_one_of_its_values() -> None:
         effect_from_entry(between, "b.json", catalogue())
 
 
+def test_a_lag_is_as_slow_as_its_sensor() -> None:
+    """A slow gauge's on a tank takes seconds; of what may be negative the bounds are its own."""
+    known = {q.name: q for effect in catalogue().values() for q in effect.quantities}
+    assert known["pressure_lag_s"].anywhere == (0.0, math.inf)
+    assert known["time_skew_s"].anywhere == (-0.02, 0.02)
+
+
 def test_a_side_in_a_number_s_place_is_refused(bundle: Bundle, rig: Rig) -> None:
     """A file cannot hold it: the schema refuses it first."""
     entry = bundle.effects[1]

@@ -87,12 +87,13 @@ class Quantity:
 
     @property
     def anywhere(self) -> tuple[float, float]:
-        """Its bounds on a rig of any size: for a strength in units of effort, flow or heat, and for
-        a shape that is a speed or a wave, only those of sign; a sensor's delay or an exponent is
-        the same on any rig."""
+        """Its bounds on a rig of any size: for a strength in units of effort, flow or heat, for
+        a lag, whose sensor or tube is as slow as it is, and for a shape that is a speed or a wave,
+        only those of sign; a delay that may be negative or an exponent is the same on any rig."""
         units = set(_UNIT_WORDS.findall(self.unit))
         sized = self.unit in SPEEDS or self.is_wave
-        sized = bool(units & _SIZED) if self.is_strength else sized
+        if self.is_strength:
+            sized = bool(units & _SIZED) or (self.unit == "s" and self.lower == 0.0)
         if not sized or self.is_choice:
             return self.lower, self.upper
         return (-math.inf if self.lower < 0.0 else 0.0), math.inf
