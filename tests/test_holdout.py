@@ -7,6 +7,7 @@ the validation, and the list of logs and the verdict in the provenance.
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
 import shutil
 import tomllib
@@ -36,6 +37,7 @@ from sysid.io.bundled import bundled_campaign
 from sysid.io.campaign import read_campaign
 from sysid.io.logs import Trial
 from sysid.parameters import Bundle, Parts
+from sysid.plant.effects import chamber, friction, motor
 from sysid.plant.effects.catalogue import catalogue
 
 SEED = 41
@@ -51,6 +53,13 @@ def _one_process() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("SYSID_JOBS", "1")
         yield
+
+
+@pytest.fixture
+def few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three subsystems of the catalogue: how many effects are tried decides nothing here."""
+    module = importlib.import_module("sysid.plant.effects.catalogue")
+    monkeypatch.setattr(module, "_MODULES", (chamber, friction, motor))
 
 
 def _distorted(frame: pd.DataFrame) -> pd.DataFrame:
@@ -186,6 +195,7 @@ def assert_same(
     return first
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_of_an_axis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A motor alone: its effect is found, and its numbers refined by simulation, in each."""
     monkeypatch.setattr(motor_axis_tests, "_DURATION_S", 4.0)
@@ -238,6 +248,7 @@ def _mean_pressure(
     return {"c_dis": Estimate.symmetric(means[0], 1.0, "Pa", 9.0)}, [t.source for t in trials]
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_of_a_tank(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_checks, "bench_fit", _mean_pressure)
     (tmp_path / "given").mkdir()
@@ -254,6 +265,7 @@ def _own(folder: Path, which: Path) -> Path:
     return given / "campaign.toml"
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_of_a_component_of_the_users_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(component_logs, "_SERVO_S", 2.0)
     given = _own(tmp_path, MOTOR)
@@ -267,6 +279,7 @@ def test_of_a_component_as_it_is_delivered(which: Path, tmp_path: Path) -> None:
     assert assert_same(_own(tmp_path, which), tmp_path, EACH, "--component", which).effects
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_of_an_actuator(tmp_path: Path) -> None:
     """A small one by a first look, its numbers refined apart from that."""
     size = Size(2, 0, 2, 0.04, (1, 1), (1, 1), (1, 1))
