@@ -13,6 +13,7 @@ import tomlkit
 from tomlkit.items import AoT
 
 from sysid.errors import InputError
+from sysid.io.rig_template import unmarked
 
 Edit = Callable[[str], str]
 """From a file's text to the changed one."""
@@ -145,7 +146,7 @@ def constants_set(values: Mapping[str, float | str | None]) -> Edit:
                 assumed.remove(f"{section}.{key}")
                 if value is not None:
                     trivia = table[key].trivia
-                    trivia.comment = trivia.comment.replace("ASSUMED; ", "")
+                    trivia.comment = unmarked(trivia.comment)
             if not table:
                 del document[section]
         if "assumed" in document and not assumed:

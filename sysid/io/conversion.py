@@ -7,7 +7,7 @@ checked and written. The options of the command line may also be given in a TOML
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -312,6 +312,21 @@ def _ignored(names: Sequence[str], lacking: Sequence[str]) -> str:
     return f"ignored, not mapped: {some_of(shown, 30, counted=False)}"
 
 
+# The comment line that names a file of which a log was made.
+_SOURCE = "source: "
+
+
+def sources_of(log: Path) -> Iterator[str]:
+    """The names of the files that a converted CSV log was made of; none of one that was not."""
+    with log.open("rb") as file:
+        for line in file:
+            if not line.startswith(b"#"):
+                return
+            text = line.decode("utf-8", "replace").removeprefix("# ")
+            if text.startswith(_SOURCE):
+                yield text.removeprefix(_SOURCE).rpartition(" (")[0]
+
+
 def _write(
     frame: pd.DataFrame,
     output: Path,
@@ -320,7 +335,7 @@ def _write(
     shape: Sequence[str],
 ) -> None:
     """CSV under comment lines that give its origin, or Parquet with the same metadata."""
-    lines = [f"source: {Path(s.path).name} ({s.format}), SHA-256 {s.sha256}" for s in sources]
+    lines = [f"{_SOURCE}{Path(s.path).name} ({s.format}), SHA-256 {s.sha256}" for s in sources]
     lines += [f"map: {entry}" for entry in recipe.maps.values()]
     lines += [f"map: {key}={value} (constant)" for key, value in recipe.constants.items()]
     if recipe.atmosphere_pa is not None:

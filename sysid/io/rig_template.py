@@ -18,6 +18,10 @@ _HEAD = """\
 """
 
 
+# Before a key's comment: its value is a reference rig's.
+_MARK = "ASSUMED"
+
+
 def rig_template(*, linear: bool) -> str:
     """A rig file with every key explained, as text."""
     motion: Motion = "linear" if linear else "rotary"
@@ -65,8 +69,13 @@ def _given_lines(
         line = key.line(motion)
         comment = "" if line is None else line.comment.removesuffix("; or instead of it:")
         if f"{section.table}.{name}" in assumed:
-            comment = f"ASSUMED; {comment}" if comment else "ASSUMED"
+            comment = f"{_MARK}; {comment}" if comment else _MARK
         yield _commented(f"{name} = {toml_value(table[name])}", comment)
+
+
+def unmarked(comment: str) -> str:
+    """A key's comment in a file of `rig_text` once its value is no longer assumed."""
+    return comment.replace(f"{_MARK}; ", "")
 
 
 def write_rig_of_logs(path: Path, content: Mapping[str, Any], logs: str, *, force: bool) -> None:

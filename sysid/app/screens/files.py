@@ -13,11 +13,12 @@ from typing import Any
 from sysid.app import edits, parts
 from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
-from sysid.app.screens.mapping import HOW, Mapping, plausibility
+from sysid.app.screens.mapping import Mapping, plausibility
 from sysid.blocks import numbers
 from sysid.errors import InputError
 from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import Campaign
+from sysid.io.conversion import sources_of
 from sysid.io.declaration import ChoiceKey, Key, NumberKey, declared_keys
 from sysid.io.files import stamp_of
 from sysid.io.kinds import KINDS
@@ -80,7 +81,7 @@ class FilesScreen(Screen):
             except InputError as error:
                 rig_why = str(error)
         logs = [log.path for log in campaign.logs if log.path.suffix == ".csv"] if campaign else []
-        converted = frozenset(name for log in logs for name in _sources(log))
+        converted = frozenset(name for log in logs for name in sources_of(log))
         return FilesContent(campaign, why, tuple(self._files(campaign)), rig, rig_why, converted)
 
     def _files(self, campaign: Campaign | None) -> Iterator[str]:
@@ -293,11 +294,8 @@ class FilesScreen(Screen):
         found = []
         for name in files:
             path = self.bench.folder / name
-            if (
-                path.suffix != mapping.path.suffix
-                or path == mapping.path
-                or name in self._converted
-            ):
+            is_other = path.suffix == mapping.path.suffix and path != mapping.path
+            if not is_other or name in self._converted:
                 continue
             names = self.bench.kept(("channels", stamp_of(path)), partial(_names_of, path))
             if names == mapping.names:
@@ -323,7 +321,7 @@ class FilesScreen(Screen):
         if number != self._asked or mapping is not self.mapping:
             return
         self.plausible.object = parts.card("What this log would be", found.text)
-        if not mapping.is_asked and HOW in found.text:
+        if found.asks and not mapping.is_asked:
             mapping.is_asked = True
             self.form.object = mapping.form()
         if not mapping.kind:
@@ -438,17 +436,6 @@ def _names_of(path: Path) -> tuple[str, ...]:
         return tuple(channel.name for channel in channels_of([path])[0].channels)
     except InputError:
         return ()
-
-
-def _sources(log: Path) -> Iterator[str]:
-    """The files that a converted log was made of, as the lines above its table say."""
-    with log.open("rb") as file:
-        for line in file:
-            if not line.startswith(b"#"):
-                return
-            said, _, name = line.decode("utf-8", "replace").partition(": ")
-            if said == "# source":
-                yield name.rpartition(" (")[0]
 
 
 __all__ = ["FilesScreen"]

@@ -24,7 +24,7 @@ from sysid.pipeline.check import check_file
 _PRESSURE = "_pa"
 # More channels than these are not all shown; those that are mapped are.
 _MOST_CHANNELS = 60
-HOW = "How the file is read"
+_HOW = "How the file is read"
 # What `convert` is told besides, as it is written on the command line, and its name there.
 _MORE = (
     ("period_s", "--period", "Sampling period, s, if no column holds the time"),
@@ -177,16 +177,12 @@ class Mapping:
         given: dict[str, Any] = {key: text}
         self.assigned[name] = replace(one, **given)
 
-    def _is_empty(self, channel: ListedChannel) -> bool:
-        values = np.asarray(channel.values)
-        return values.dtype.kind == "f" and not np.isfinite(values).any()
-
     # --- as it is shown -------------------------------------------------------------------
 
     def form(self) -> str:
         """The channels, each with a menu of what it is."""
         shown = self.listing.channels[:_MOST_CHANNELS]
-        empty = {channel.name: "holds no value" for channel in shown if self._is_empty(channel)}
+        empty = {channel.name: "holds no value" for channel in shown if _is_empty(channel)}
         lines = [self._line(i, c) for i, c in enumerate(shown) if c.name not in empty]
         head = ("Channel", "Unit", "Rate", "First values", "", "is", "in", "gauge", "reversed",
                 "two-point range (reading → value)")  # fmt: skip
@@ -205,7 +201,7 @@ class Mapping:
         caption = f"{self.path.name}: {self.listing.format}, {len(self.listing.channels)} channels"
         return (
             parts.rows(head, lines, caption) + said + listed
-            + parts.fold(HOW, f'<div class="fields">{more}</div>', is_open=self.is_asked)
+            + parts.fold(_HOW, f'<div class="fields">{more}</div>', is_open=self.is_asked)
         )  # fmt: skip
 
     def _line(self, place: int, channel: ListedChannel) -> list[str]:
@@ -238,11 +234,15 @@ class Mapping:
 
 @dataclass(frozen=True)
 class Plausible:
-    """What a log would be, as markup; the kind of test, and the valve, that it seems to be of."""
+    """What a log would be, as markup; the kind of test, and the valve, that it seems to be of.
+
+    `asks`: how the file is read has to be said first.
+    """
 
     text: str
     kind: str = ""
     valve: str = ""
+    asks: bool = False
 
 
 def plausibility(chosen: Mapping, rig: Path | None) -> Plausible:
@@ -259,8 +259,9 @@ def plausibility(chosen: Mapping, rig: Path | None) -> Plausible:
             found, assumed = check_file(output, rig, {}, ())
     except InputError as error:
         asked = (text for _, option, text in _MORE if option in str(error))
-        here = "; ".join(f"here: “{text}”, under “{HOW}”" for text in asked)
-        return Plausible(parts.note(str(error), "error") + (parts.note(here) if here else ""))
+        here = "; ".join(f"here: “{text}”, under “{_HOW}”" for text in asked)
+        said = parts.note(str(error), "error") + (parts.note(here) if here else "")
+        return Plausible(said, asks=bool(here))
     lines = (*found.contradicts, *made.notices, *assumed, *found.notices)
     listed = parts.listed(dict.fromkeys(lines))
     tables = "".join(block_html(table) for table in found.tables() if table.rows)
@@ -305,8 +306,13 @@ def _clock(channels: Sequence[ListedChannel]) -> str:
     return next((c.name for c in sorted(found, key=lambda c: c.unit is None)), "")
 
 
+def _is_empty(channel: ListedChannel) -> bool:
+    values = np.asarray(channel.values)
+    return values.dtype.kind == "f" and not np.isfinite(values).any()
+
+
 def _short(value: float | str) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)[:24]
 
 
-__all__ = ["HOW", "Assigned", "Mapping", "Plausible", "plausibility"]
+__all__ = ["Assigned", "Mapping", "Plausible", "plausibility"]
