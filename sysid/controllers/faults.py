@@ -83,7 +83,7 @@ def report_faults(
         )
     saturated = float(np.mean(np.abs(rows.motor) >= max_effort * (1.0 - 1e-9)))
     if np.isfinite(max_effort) and saturated > _SATURATED_SHARE:
-        found.append(f"motor: at its limit in {100.0 * saturated:.0f} % of the run")
+        found.append(f"motor: at its limit in {_percent(saturated)} of the run")
     stuck = _longest(_still(rows, resolution)) * period
     if stuck > _STUCK_S:
         found.append(f"encoder: did not move for {stuck:.2g} s while the reference did")
@@ -96,21 +96,25 @@ def report_faults(
         top = (float(np.max(pressure)) - atmosphere) / gauge if gauge > 1.0 else 0.0
         if float(np.sum(share)) * period > _LEAST_OPEN_S and top < _EMPTY_SHARE:
             found.append(
-                f"supply: chamber {side} reached {100.0 * top:.0f} % of the supply's gauge "
-                "pressure only, with its valve open"
+                f"supply: chamber {side} reached {_percent(top)} of the supply's gauge pressure "
+                "only, with its valve open"
             )
     beyond = float(np.mean(rows.payload >= _NEAR_HEAVIEST * heaviest))
     if beyond > 0.0:
         found.append(
-            f"payload: the estimate is at its limit of {heaviest:.3g} kg in "
-            f"{100.0 * beyond:.0f} % of the run"
+            f"payload: the estimate is at its limit of {heaviest:.3g} kg in {_percent(beyond)} "
+            "of the run"
         )
     lost = float(np.mean(np.abs(rows.reference - rows.position) > _LOST))
     if lost > 0.0:
         found.append(
-            f"tracking: more than {_LOST:g} off the reference in {100.0 * lost:.0f} % of the run"
+            f"tracking: more than {_LOST:g} off the reference in {_percent(lost)} of the run"
         )
     return found
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"
 
 
 def _still(rows: Evidence, resolution: float) -> BoolArray:

@@ -124,9 +124,9 @@ def waterfall(
         # To the last digit that the errors are written with.
         _, point, decimals = number(before).partition(".")
         is_short = not point or decimals.isdigit()
-        size = fixed(abs(before - after), len(decimals)) if is_short else number(before - after)
-        change = f"{sign}{size.lstrip(MINUS)}"
-        rows.append((drawable(name), min(before, after), max(before, after), role, change))
+        change = abs(before - after)
+        size = fixed(change, len(decimals)) if is_short else number(change)
+        rows.append((drawable(name), min(before, after), max(before, after), role, sign + size))
     if steps:
         rows.append(("extended model", 0.0, shown[-1], "model", number(shown[-1])))
     rows.append(("correct model", 0.0, low, "muted", number(low)))

@@ -313,13 +313,9 @@ def check_commands(inputs: Sequence[Inputs]) -> None:
             raise ValueError("a run needs at least two rows")
         columns = [one.motor] + [c.values for c in (one.valve_a, one.valve_b) if c]
         new = [c for c in columns if id(c) not in seen]
-        if any(len(c) != n for c in columns) or not all(map(_is_finite, new)):
+        if any(len(c) != n for c in columns) or not all(np.isfinite(c).all() for c in new):
             raise ValueError("motor and valve commands must be finite and have the length of time")
         seen.update(map(id, new))
-
-
-def _is_finite(column: FloatArray) -> Any:
-    return np.logical_and.reduce(np.isfinite(column))
 
 
 def carrying(inputs: Sequence[Inputs], models: Sequence[Model]) -> list[Model]:
