@@ -142,8 +142,13 @@ def plain_problem(runs: Sequence[Run], tests: int, setting: AdviceSetting) -> Pr
     )
 
 
-def problem_of(tests: RunsOfTests, probes: Probes, setting: AdviceSetting) -> ProbedProblem:
-    """The tests' equations, with effects that the model lacks, at zero, as further unknowns."""
+def problem_of(
+    tests: RunsOfTests, probes: Probes, setting: AdviceSetting, *, by_differences: bool = False
+) -> ProbedProblem:
+    """The tests' equations, with effects that the model lacks, at zero, as further unknowns.
+
+    `by_differences` as in `Problem`.
+    """
     return ProbedProblem(
         runs=tests.runs,
         unknowns=(*setting.unknowns, *probes.unknowns),
@@ -155,6 +160,7 @@ def problem_of(tests: RunsOfTests, probes: Probes, setting: AdviceSetting) -> Pr
         robust=False,
         sensors=probes.sensors,
         enlargement=setting.enlargement,
+        by_differences=by_differences,
     )
 
 
