@@ -461,6 +461,35 @@ def test_what_a_turn_hides_is_neither_friction_nor_structure() -> None:
     assert error.after < 1.3 * error.noise_floor
 
 
+def slow_joint(seed: int) -> Trial:
+    """A joint on nearly a sine, 30 s at 64 Hz, whose friction takes some rows about each turn to
+    change its sign."""
+    period, size = 0.0155, 0.005 * (1.0 + 0.1 * seed)
+    rng = np.random.default_rng(seed)
+    time = period * np.arange(1900)
+
+    def angle(at: FloatArray) -> FloatArray:
+        phase = (at / 9.8 + 0.1 * seed) % 1.0
+        ramp = np.where(phase < 0.5, 4.0 * phase - 1.0, 3.0 - 4.0 * phase)
+        return np.asarray(size * np.sin(0.49 * np.pi * ramp))
+
+    # The torque acts from its row to the next.
+    speed = (angle(time + period) - angle(time)) / period
+    torque = 5.4 * np.tanh(speed / 1e-4) + 0.002 * rng.normal(size=len(time))
+    name = f"trial {seed}"
+    return Trial(name, time, {"theta_rad": angle(time), "motor_torque_nm": torque}, name)
+
+
+def test_how_friction_goes_through_a_turn_is_no_spring() -> None:
+    """An inertia and a spring, both free, cancel on a sine but at its turns, which they imitate."""
+    kinds = {"cable-spring": catalogue()["cable-spring"]}
+    part = axis([slow_joint(seed) for seed in (1, 2, 3)], Rig("joint", "horizontal", "rotary"))
+    selection = select(part, kinds, quick=True)
+    assert selection.additions == ()
+    left = part.residuals(selection.base.law, range(3))
+    assert rmse(left) < 1.2 * part.noise_floor(selection.base.law)
+
+
 def test_a_cushion_at_the_ends_is_told_from_what_turns_leave() -> None:
     def pushed(trial: Trial) -> FloatArray:
         depth = np.maximum(np.abs(trial["position_m"]) - 0.035, 0.0)

@@ -29,6 +29,8 @@ _WIDER = 3.0
 _LEAST_SCALE = 1e-3
 # Lengths of the filter after which nothing is left of an impulse, and what is nothing of it.
 _FADED, _SEEN = 2, 1e-2
+# Impulses by which a turn's pulse is described.
+_PULSE = 5
 
 
 @dataclass(frozen=True)
@@ -52,29 +54,32 @@ class ImposedMotion:
         """A residual (rows,) less what the motion's turns put into it, as the filter spreads it.
 
         Whether the shaft rests where it turns, with friction anywhere up to static friction, no
-        sensor tells that resolves less than the turn: what is left of each turn is an impulse of
-        unknown size.
+        sensor tells that resolves less than the turn; nor is friction its sign there, as it builds
+        up over some way. What is left of each turn is a pulse of unknown form, as long as what the
+        filter does not resolve.
         """
         turns = self._turns
         return np.asarray(left - turns @ (turns.T @ left))
 
     @cached_property
     def _turns(self) -> FloatArray:
-        """Orthonormal columns (rows, k) that span the filtered impulses at the turns."""
+        """Orthonormal columns (rows, k) that span the filtered pulses at the turns."""
         way, length = np.sign(self.seen.speed), self.balanced.length
         turns = 1 + np.flatnonzero(way[:-1] * way[1:] < 0.0)
         # Where the shaft rests the sign is noise's: more turns than the filter resolves are one.
         cell = max(1, length // signals.PER_LENGTH)
         turns = turns[np.unique(turns // cell, return_index=True)[1]]
-        impulse = np.zeros(2 * _FADED * length + 1)
-        impulse[_FADED * length] = 1.0
+        reach = _FADED * length
+        impulse = np.zeros(2 * reach + 1)
+        impulse[reach] = 1.0
         spread = self.balanced.smooth(impulse)
-        after = self.rows[:, None] - turns
-        near = np.abs(after) <= _FADED * length
-        at = np.where(near, after + _FADED * length, 0)
-        # The slope too: when in the turn the impulse comes is as unknown as its size.
-        shapes = [shape / np.abs(shape).max() for shape in (spread, np.gradient(spread))]
-        columns = np.hstack([np.where(near, shape[at], 0.0) for shape in shapes])
+        spread /= np.abs(spread).max()
+        # Half a length about the turn, half of the fastest wave that passes: any pulse in it is a
+        # sum of a few impulses, which the filter makes as smooth as itself.
+        places = np.unique(np.round(np.linspace(-cell, cell, _PULSE)).astype(int))
+        after = self.rows[:, None] - (turns[:, None] + places).ravel()
+        near = np.abs(after) <= reach
+        columns = np.where(near, spread[np.where(near, after + reach, 0)], 0.0)
         columns = columns[:, np.abs(columns).max(axis=0, initial=0.0) > _SEEN]
         basis, size, _ = np.linalg.svd(columns, full_matrices=False)
         return np.asarray(basis[:, size > _SEEN])
