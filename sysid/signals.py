@@ -36,6 +36,8 @@ SAMPLE_MISSING = 1.5
 PAUSE = 3.0
 # Fewest samples with which noise can be distinguished from motion.
 FEWEST_FOR_NOISE = 16
+# Resolution of a spectrum over the position.
+_MOST_CELLS = 2**17
 # The median of a normal deviate's size, in its standard deviation.
 _MEDIAN_DEVIATION = NormalDist().inv_cdf(0.75)
 MEDIAN_OF_SQUARES = _MEDIAN_DEVIATION**2
@@ -187,6 +189,32 @@ def resample(
             own = (grid >= time[rows[0]]) & (grid <= time[rows[-1]])
             found[own] = CubicSpline(time[rows], values[rows])(grid[own])
     return np.asarray(found)
+
+
+def strongest_waves(
+    place: FloatArray, values: FloatArray, lowest: float, highest: float, count: int
+) -> list[float]:
+    """Wave numbers, rad per unit of `place` (n,), at which `values` (n,) over it peak most.
+
+    At most `count` from `lowest` to `highest`, the strongest first; by a parabola through the
+    spectrum's logarithm at a peak, as the visited stretch makes a line wide.
+    """
+    travel = float(np.ptp(place))
+    if not travel > 0.0:
+        return []
+    cells = min(_MOST_CELLS, 2 ** math.ceil(math.log2(max(2.0 * travel * highest / math.pi, 2.0))))
+    cell = np.minimum((place - place.min()) / travel * cells, cells - 1).astype(np.intp)
+    # Padded, so that a peak lies within a quarter of the line's width.
+    waves = 2.0 * math.pi / travel * np.arange(2 * cells + 1) / 4.0
+    power = np.abs(np.fft.rfft(np.bincount(cell, values, cells), 4 * cells)) ** 2
+    inner = power[1:-1]
+    peak = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
+    peak = peak[(waves[peak] >= lowest) & (waves[peak] <= highest)]
+    peak = peak[np.argsort(-power[peak])[:count]]
+    below, here, above = np.log(np.maximum(power[[peak - 1, peak, peak + 1]], 1e-300))
+    bend = 2.0 * here - below - above
+    found = waves[peak] + waves[1] * 0.5 * (above - below) / np.where(bend > 0.0, bend, 1.0)
+    return [float(wave) for wave in np.clip(found, lowest, highest)]
 
 
 def held_about_rows(command: FloatArray) -> FloatArray:

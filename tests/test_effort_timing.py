@@ -12,7 +12,7 @@ import pytest
 import sysid as si
 from sysid.commands.app import main
 from sysid.errors import InputError
-from sysid.io.effort_timing import with_commands
+from sysid.io.effort_timing import effort_is_read, with_commands
 from sysid.io.rig import rig_from_content
 from sysid.io.samples import Trial
 from sysid.types import FloatArray
@@ -20,6 +20,9 @@ from sysid.types import FloatArray
 MASS, COULOMB, VISCOUS = 3.0, 20.0, 60.0
 FINE = 20  # points that a sampling period is simulated in
 RIG = '[rig]\nname = "axis"\nmotion = "linear"\norientation = "horizontal"\n'
+
+
+SLOW_JOINT = {"name": "joint", "orientation": "horizontal"}
 
 
 def ramps(level: float, period: float, ramp: float, bristle_m: float) -> tuple[FloatArray, ...]:
@@ -112,6 +115,25 @@ def test_friction_that_turns_late_makes_no_reading_of_a_command(tmp_path: Path) 
     path = campaign(tmp_path, reading=False, ramp=0.03, bristle_m=2e-4)
     read = si.read_campaign(path)
     assert not any("as a reading" in n for n in read.read(read.logs[0]).notices)
+
+
+@pytest.mark.parametrize("reading", [True, False])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_ripple_over_the_position_hides_no_half_sample(seed: int, reading: bool) -> None:
+    """A slow joint whose ripple takes 20 rows a period, a sixth of its friction in size."""
+    period, rig = 0.01, rig_from_content({"rig": SLOW_JOINT}, "rig.toml")
+    rng = np.random.default_rng(seed)
+    time = period * np.arange(3000)
+    trials = []
+    for size, rate in ((0.02, 0.6), (0.024, 0.5)):
+        # A command acts to the next row: its mean is that of the middle.
+        at = time if reading else time + 0.5 * period
+        angle = size * np.sin(rate * at)
+        torque = 6.0 * np.sign(np.cos(rate * at)) + np.sin(2500.0 * angle + seed)
+        torque += 0.01 * rng.standard_normal(len(time))
+        channels = {"theta_rad": size * np.sin(rate * time), "motor_torque_nm": torque}
+        trials.append(Trial(str(size), time, channels, "run.csv"))
+    assert effort_is_read(trials, rig) == reading
 
 
 def test_a_declared_motor_is_a_command(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from sysid import signals
 from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
-from sysid.types import BoolArray, FloatArray
+from sysid.types import BoolArray, FloatArray, IntArray
 
 # Stretches of a test whose errors count as independent.
 _STRETCHES = 8
@@ -27,6 +27,9 @@ _FEWEST_ROWS = 40
 # A reading is half a sample early: clearly nearer to that than to none.
 _NEARER = 0.25
 _STANDARD_ERRORS = 2.0
+# Waves over the position that the balance is given, a cog's and its harmonics', of so many numbers
+# each, and the fewest periods of one in the visited stretch: fewer are gravity or a spring.
+_WAVES, _A_WAVE, _PERIODS = 3, 4, 2.0
 # Share of the median speed, below which the shaft is at rest and the friction law does not hold.
 _SLOW = 0.02
 
@@ -77,37 +80,92 @@ def effort_is_read(trials: Iterable[Trial], rig: Rig) -> bool:
     """Whether force or torque are readings at the rows of these tests of motion.
 
     A rig file with [motor] declares a command. Without, the half sample is estimated by which the
-    effort lags behind the motion, with its error from the scatter over stretches.
+    effort lags behind the motion, with its error from the scatter over stretches; what repeats over
+    the position is part of the balance, as it would hide half a sample, or look like one.
     """
     if rig.has_declared_motor:
         return False
     cases = [case for t in trials if (case := _case(t, rig)) is not None]
     if not cases:
         return False
-    width = max(x.shape[1] for x, _ in cases)
-    cases = [c for c in cases if c[0].shape[1] == width]
-    regressors = np.concatenate([x for x, _ in cases])
-    target = np.concatenate([y for _, y in cases])
+    width = max(case.known.shape[1] for case in cases)
+    cases = [case for case in cases if case.known.shape[1] == width]
+    samples, error, left = _lag(cases)
+    for _ in range(_WAVES):
+        wave = _wave_left(cases, left)
+        if wave is None or _STRETCHES * (cases[0].known.shape[1] + _A_WAVE) > len(left):
+            break
+        cases = [case.with_wave(wave) for case in cases]
+        with_wave = _lag(cases)
+        was, now = (float(values @ values) for values in (left, with_wave[-1]))
+        count = len(left)
+        # Schwarz's criterion, as the rows are nearly independent.
+        if not now > 0.0 or count * math.log(was / now) < _A_WAVE * math.log(count):
+            break
+        samples, error, left = with_wave
+    return bool(samples + _STANDARD_ERRORS * error < -_NEARER)
+
+
+@dataclass(frozen=True)
+class _LagTest:
+    """A test's filtered position (m,), the effort as held (m,), what balances it (m, p), and the
+    rows (n,) that count."""
+
+    period: float
+    cutoff: float
+    position: FloatArray
+    direction: FloatArray
+    known: FloatArray
+    target: FloatArray
+    rows: IntArray
+
+    def with_wave(self, wave: float) -> _LagTest:
+        """And an effort that repeats over the position with a wave number, as cogging does; along
+        the motion too, as the motor's own does where friction is what it has to overcome."""
+        phase = wave * self.position
+        waves = np.column_stack([np.sin(phase), np.cos(phase)])
+        both = np.column_stack([waves, self.direction[:, None] * waves])
+        columns = signals.lowpass(both, self.period, self.cutoff)
+        return replace(self, known=np.column_stack([self.known, columns]))
+
+    def regressors(self) -> FloatArray:
+        """(n, p + 1): the last one is the effort's change in a sample, as the others predict it."""
+        fitted = np.linalg.lstsq(self.known[self.rows], self.target[self.rows])[0]
+        change = self.period * signals.first_derivative(self.known @ fitted, self.period)
+        return np.column_stack([self.known, change])[self.rows]
+
+
+def _lag(cases: Sequence[_LagTest]) -> tuple[float, float, FloatArray]:
+    """By how many samples the effort lags behind the motion, its error, what is left (n,)."""
+    regressors = np.concatenate([case.regressors() for case in cases])
+    target = np.concatenate([case.target[case.rows] for case in cases])
     scale = np.sqrt(np.mean(regressors**2, axis=0))
     scale[scale == 0.0] = 1.0
     inverse = np.linalg.pinv(regressors / scale)
     values = inverse @ target
     left = target - regressors / scale @ values
-    edges = np.cumsum([0, *(len(y) for _, y in cases)])
+    edges = np.cumsum([0, *(len(case.rows) for case in cases)])
     scores = [
         inverse[-1, rows] @ left[rows]
         for first, last in itertools.pairwise(edges)
         for rows in np.array_split(np.arange(first, last), _STRETCHES)
     ]
-    samples, error = values[-1] / scale[-1], math.sqrt(np.sum(np.square(scores))) / scale[-1]
-    return bool(samples + _STANDARD_ERRORS * error < -_NEARER)
+    return values[-1] / scale[-1], math.sqrt(np.sum(np.square(scores))) / scale[-1], left
 
 
-def _case(trial: Trial, rig: Rig) -> tuple[FloatArray, FloatArray] | None:
-    """Filtered regressors (n, p) of the motion and the effort (n,) as held.
+def _wave_left(cases: Sequence[_LagTest], left: FloatArray) -> float | None:
+    """The wave number over the position that is strongest in what is left (n,), if any is."""
+    places = [case.position[case.rows] for case in cases]
+    travel = float(np.ptp(np.concatenate(places)))
+    apart = float(np.median(np.abs(np.concatenate([np.diff(place) for place in places]))))
+    if not travel > 0.0 or not apart > 0.0:
+        return None
+    lowest, highest = 2.0 * math.pi * _PERIODS / travel, math.pi / apart
+    found = signals.strongest_waves(np.concatenate(places), left, lowest, highest, 1)
+    return found[0] if found else None
 
-    The last one is the change of the effort in a sample, as the others predict it.
-    """
+
+def _case(trial: Trial, rig: Rig) -> _LagTest | None:
     if rig.effort_channel not in trial or rig.position_channel not in trial:
         return None
     grid = signals.uniform_grid(trial.time)
@@ -144,9 +202,7 @@ def _case(trial: Trial, rig: Rig) -> tuple[FloatArray, FloatArray] | None:
     if len(rows) < _FEWEST_ROWS:
         return None
     known = np.column_stack(columns)
-    predicted = known @ np.linalg.lstsq(known[rows], target[rows])[0]
-    change = dt * signals.first_derivative(predicted, dt)
-    return np.column_stack([known, change])[rows], target[rows]
+    return _LagTest(dt, cutoff, position, np.sign(speed), known, target, rows)
 
 
 def _moving(speed: FloatArray, reach: int) -> BoolArray:

@@ -12,15 +12,15 @@ import numpy as np
 from sysid.diagnosis.bench.component import PROBE, Component, Law, shapes
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, with_values
+from sysid.signals import strongest_waves
 from sysid.types import FloatArray
 
 # Tolerated deviation of the effect of four times a strength from four times its effect.
 _BENT = 0.5
 # Below this share of its length a signature is one the law's own parameters can imitate.
 _OWN_SHARE = 1e-3
-# Wave numbers that are tried of the residual's spectrum over the position, and its resolution.
+# Wave numbers that are tried of the residual's spectrum over the position.
 _PEAKS = 3
-_MOST_CELLS = 2**17
 
 
 def law_at(own: Sequence[Parameter], effects: Sequence[CatalogueEffect], values: FloatArray) -> Law:
@@ -116,27 +116,12 @@ def _with_waves_of(
         return found
     # A ripple of the motor changes its sign with the effort.
     changing = [rest * np.sign(columns["motor"])] if "motor" in columns else []
-    return [
-        replace(q, grid=(*q.grid, *_peaks(place, [rest, *changing], q))) if q.is_wave else q
-        for q in found
-    ]
 
+    def peaks(q: Quantity) -> list[float]:
+        shown = [strongest_waves(place, r, q.lower, q.upper, _PEAKS) for r in (rest, *changing)]
+        return list(itertools.chain.from_iterable(shown))
 
-def _peaks(place: FloatArray, rests: Sequence[FloatArray], quantity: Quantity) -> list[float]:
-    """The wave numbers, rad per unit, at which residuals (n,) over a position peak most."""
-    travel = float(np.ptp(place))
-    cells = min(_MOST_CELLS, 2 ** math.ceil(math.log2(2.0 * travel * quantity.upper / math.pi)))
-    cell = np.minimum((place - place.min()) / travel * cells, cells - 1).astype(np.intp)
-    # Padded, so that a peak lies within a quarter of the line's width.
-    waves = 2.0 * math.pi / travel * np.arange(2 * cells + 1) / 4.0
-    found: list[float] = []
-    for rest in rests:
-        power = np.abs(np.fft.rfft(np.bincount(cell, rest, cells), 4 * cells)) ** 2
-        inner = power[1:-1]
-        peak = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
-        peak = peak[(waves[peak] >= quantity.lower) & (waves[peak] <= quantity.upper)]
-        found += waves[peak[np.argsort(-power[peak])[:_PEAKS]]].tolist()
-    return found
+    return [replace(q, grid=(*q.grid, *peaks(q))) if q.is_wave else q for q in found]
 
 
 def _probes(quantity: Quantity) -> tuple[float, ...]:
