@@ -118,3 +118,13 @@ def swing(seconds: float = 6.0, offset: float = 0.0, phase: float = 0.0) -> Tria
     t = PERIOD * np.arange(round(seconds / PERIOD))
     effort = 0.6 * np.clip(1.4 * np.sin(4.0 * t + phase), -1.0, 1.0)
     return trial(f"{phase:g}", effort, simulated(effort, 0.3, 0.208, 0.0488, 0.0, offset))
+
+
+def stirred(size: float, share: float = 1.0, rest_s: float = 0.0) -> Trial:
+    """Three times 2 s to and fro by an effort of this size, and a rest; friction `share` of
+    `swing`'s."""
+    t = PERIOD * np.arange(round(2.0 / PERIOD))
+    once = [size * np.clip(1.4 * np.sin(4.0 * t), -1.0, 1.0), np.zeros(round(rest_s / PERIOD))]
+    effort = np.tile(np.concatenate(once), 3)
+    static, coulomb, viscous = (share * f for f in (0.3, 0.208, 0.0488))
+    return trial(f"{size:g}", effort, simulated(effort, static, coulomb, viscous))

@@ -21,6 +21,7 @@ from friction_trials import (
     constant,
     ramp,
     simulated,
+    stirred,
     swing,
     trial,
 )
@@ -404,6 +405,33 @@ def test_motion_with_the_rigs_inertia_leaves_it_alone() -> None:
     result = fit_friction([swing()], RIG)
     assert "inertia" not in result.parameters
     assert "inertia" in fit_friction([swing()], BARE).parameters
+
+
+@pytest.mark.parametrize("shares", [(0.94, 1.06), (1.06, 0.94)])
+def test_friction_that_differs_from_test_to_test_is_not_viscous(
+    shares: tuple[float, float],
+) -> None:
+    """Fitted together, the faster test's own friction had made viscous friction 13 % too high."""
+    tests = [stirred(size, share) for size, share in zip((0.45, 0.8), shares, strict=True)]
+    result = fit_friction(tests, RIG)
+    for name, truth in (("coulomb_nm", 0.208), ("viscous_nm_s_per_rad", 0.0488)):
+        assert result[name].value == pytest.approx(truth, rel=0.005)
+        assert result[name].holds(truth)
+
+
+def test_a_long_rest_does_not_lower_the_cut_off() -> None:
+    """The median speed of a shaft that rests for more than half of the time is none."""
+    result = fit_friction([stirred(0.6, rest_s=2.4)], RIG)
+    assert not [line for line in result.notices if "cut-off" in line]
+
+
+@pytest.mark.parametrize(("cutoff_hz", "within"), [(25.0, 0.001), (12.5, 0.003)])
+def test_a_rest_at_a_reversal_that_the_filter_hides_is_no_friction(
+    cutoff_hz: float, within: float
+) -> None:
+    """The arm sticks at each reversal until its effort breaks it away."""
+    result = fit_friction([stirred(0.6), stirred(0.5)], RIG, cutoff_hz=cutoff_hz)
+    assert result["viscous_nm_s_per_rad"].value == pytest.approx(0.0488, rel=within)
 
 
 def paused(test: Trial, start: float, stop: float) -> Trial:

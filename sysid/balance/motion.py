@@ -27,7 +27,8 @@ RULE = (
     f"where it does not for at least {1000.0 * _SHORTEST_S:g} ms the shaft may be "
     "at rest, with friction anywhere up to static friction, and these samples are excluded, with "
     "the filter's length on either side, as are samples within 1 % of the stroke from an end stop "
-    "and the ends of the log"
+    f"and the ends of the log; under a cut-off below {signals.DEFAULT_CUTOFF_HZ:g} Hz a reversal "
+    "counts as such a rest where enough samples remain"
 )
 
 
@@ -98,19 +99,44 @@ class FilteredMotion:
         """The speed below which the shaft may rest, rad/s or m/s."""
         return REST_NOISE_TIMES * self.speed_noise
 
+    @property
+    def travel_speed(self) -> float:
+        """The speed above which half of the way is travelled, however long the shaft rests."""
+        speeds = np.sort(np.abs(self.speed))
+        way = np.cumsum(speeds)
+        return float(speeds[np.searchsorted(way, 0.5 * way[-1])])
+
     @cached_property
     def counts(self) -> BoolArray:
         """Samples (n,) that count, by `RULE`."""
-        own, length = self.recording, self.length
+        own = self.recording
         rests = signals.slow_stretches(self.speed, self.rest_speed, round(_SHORTEST_S / own.period))
-        found = signals.widened(rests | ~own.inside | own.lost, length)
-        found[:length] = found[-length:] = True
+        found = self._clear_of(rests | ~own.inside | own.lost)
+        if self.cutoff_hz < signals.DEFAULT_CUTOFF_HZ:
+            # So long a filter smears a rest at a reversal until it looks like one without.
+            turns = np.flatnonzero(np.diff(np.sign(self.speed)))
+            doubtful = np.zeros(len(found), dtype=bool)
+            doubtful[turns] = True
+            clear = found & self._clear_of(doubtful)
+            if np.count_nonzero(clear) >= signals.MIN_SAMPLES * self._step:
+                return clear
+        return found
+
+    def _clear_of(self, rows: BoolArray) -> BoolArray:
+        """Samples (n,) farther than the filter's length from these rows and from the ends."""
+        found = signals.widened(rows, self.length)
+        found[: self.length] = found[-self.length :] = True
         return ~found
+
+    @property
+    def _step(self) -> int:
+        """Samples from one that is kept to the next."""
+        return max(1, self.length // signals.PER_LENGTH)
 
     @property
     def rows(self) -> IntArray:
         """Samples that count, thinned to `signals.PER_LENGTH` of each length of the filter."""
-        return np.flatnonzero(self.counts)[:: max(1, self.length // signals.PER_LENGTH)]
+        return np.flatnonzero(self.counts)[:: self._step]
 
 
 def fastest_cutoff(recording: Recording) -> float:
@@ -122,15 +148,13 @@ def default_cutoff(recording: Recording, highest_hz: float) -> float:
     """The highest cut-off up to `highest_hz`, Hz, at which the motion exceeds the noise.
 
     It stays clear of the Nyquist frequency of the position's readings, and is halved until the
-    limit of rest is well below the speeds of the motion. A test that rests for most of its time
-    moves in bursts, which longer filters only smear: where so few samples count that none of it
-    is used, the cut-off with most of them is taken.
+    limit of rest is well below the speeds of the motion. Longer filters smear a motion in bursts:
+    where so few samples count that none of it is used, the cut-off with most of them is taken.
     """
     cutoff = min(highest_hz, fastest_cutoff(recording))
     tried = [FilteredMotion(recording, cutoff)]
     for _ in range(_HALVINGS):
-        fast = float(np.quantile(np.abs(tried[-1].speed), 0.5))
-        if tried[-1].rest_speed < _REST_SHARE * fast:
+        if tried[-1].rest_speed < _REST_SHARE * tried[-1].travel_speed:
             break
         tried.append(FilteredMotion(recording, 0.5 * tried[-1].cutoff_hz))
     if len(tried) > 1 and len(tried[-1].rows) < signals.MIN_SAMPLES:

@@ -212,12 +212,14 @@ def fit_motion(
     """Coulomb, viscous, offset, and the inertia unless it is given (kg m2, or kg).
 
     At least three trials are fitted one by one: the mean is reported, with the error from the
-    scatter of the trials. Fewer are fitted together, with errors that allow for autocorrelated
-    residuals, and for friction that differs from test to test as far as these tests and the ramps
-    to breakaway (`repeats`, its relative variance) show it. What the motion does not separate is
-    given as combinations. An inertia that comes out below zero is held at zero, where physics ends,
-    and the rest is fitted with that. Raises NotIdentifiedError where there are no samples, or where
-    they identify not even these.
+    scatter of the trials. Two are fitted one by one as well, and weighted by their errors: fitted
+    together, a friction that differs from one to the other would be taken for one that grows with
+    the speed. Trials that do not identify everything alone are fitted together. Errors of fewer
+    than three allow for autocorrelated residuals, and for friction that differs from test to test
+    as far as these tests and the ramps to breakaway (`repeats`, its relative variance) show it.
+    What the motion does not separate is given as combinations. An inertia that comes out below
+    zero is held at zero, where physics ends, and the rest is fitted with that. Raises
+    NotIdentifiedError where there are no samples, or where they identify not even these.
     """
     found = _fitted(samples, inertia, units, repeats)
     free = found.inertia
@@ -256,13 +258,14 @@ def _fitted(
         samples, limits = sliding_only(samples, model.law, model.separates)
         samples = _long_enough(samples)
     fits = model.apart(samples)
-    found = model.estimated(samples, fits)
+    apart = fits is not None and len(fits) >= FEWEST_REPEATS
+    if not apart:
+        repeats = model.repeats(samples, model.start(samples, fits)).pooled(repeats)
+    found = model.estimated(samples, fits, repeats)
     if VISCOUS in model.columns:
-        found = model.with_model_error(samples, found)
-    if fits is None:
-        repeats = model.repeats(samples, found.values).pooled(repeats)
+        found = model.with_model_error(samples, found, None if fits is None or apart else repeats)
+    if not apart:
         found = model.of_any_test(found, repeats, len(samples))
-    apart = fits is not None
     repeated = apart or repeats.dof > 0.0
     return _finished(samples, given, model, apart, repeated, found, limits, units)
 
@@ -335,8 +338,8 @@ class _Model:
         return regression(self.rows(samples), [_NAMES[c] for c in self.columns])
 
     def apart(self, samples: Sequence[MotionSamples]) -> list[LinearFit] | None:
-        """One fit per trial, where there are enough trials and each identifies everything."""
-        if len(samples) < FEWEST_REPEATS:
+        """One fit per trial, where there are several and each identifies everything."""
+        if len(samples) < 2:
             return None
         try:
             fits = [self.regression([chosen]) for chosen in samples]
@@ -344,8 +347,18 @@ class _Model:
             return None
         return None if any(inflation(fit) > _MOST_INFLATION for fit in fits) else fits
 
-    def estimated(self, samples: Sequence[MotionSamples], fits: list[LinearFit] | None) -> _Found:
+    def start(self, samples: Sequence[MotionSamples], fits: list[LinearFit] | None) -> FloatArray:
+        """Values (p,) of a law of all trials, from which their factors are taken."""
+        if fits is None:
+            return self.regression(samples).coefficients
+        return np.asarray(np.mean([fit.coefficients for fit in fits], axis=0))
+
+    def estimated(
+        self, samples: Sequence[MotionSamples], fits: list[LinearFit] | None, repeats: Variance
+    ) -> _Found:
         """Values, standard errors and degrees of freedom of the columns' coefficients."""
+        if fits is not None and len(fits) < FEWEST_REPEATS:
+            return self.weighted(fits, repeats)
         pooled = self.regression(samples)
         if fits is None:
             covariance = pooled.correlated_covariance(_trial_numbers(samples))
@@ -358,6 +371,32 @@ class _Model:
         matrix = np.cov(table, rowvar=False).reshape(p, p) / n
         matrix = shrunk(matrix, n - 1.0, towards=pooled.unscaled)
         return _Found(table.mean(axis=0), stds, np.full(p, n - 1.0), matrix)
+
+    def weighted(self, fits: Sequence[LinearFit], repeats: Variance) -> _Found:
+        """The mean of separate fits, weighted by their errors and by `repeats`, the relative
+        variance of friction from test to test (random effects, Hartung, Knapp, Sinha 2008); the
+        errors are those of the fits alone.
+        """
+        table = np.array([fit.coefficients for fit in fits])
+        own = [fit.correlated_covariance() for fit in fits]
+        scatter = self._scatter(table.mean(axis=0), repeats)
+        precisions = [np.linalg.inv(one.matrix + scatter) for one in own]
+        whole = np.linalg.inv(np.sum(precisions, axis=0))
+        shares = [whole @ precision for precision in precisions]
+        values = np.sum([share @ row for share, row in zip(shares, table, strict=True)], axis=0)
+        parts = np.array([a @ one.matrix @ a.T for a, one in zip(shares, own, strict=True)])
+        variances = np.array([np.diag(part) for part in parts])
+        dofs = [
+            satterthwaite(v, d)
+            for v, d in zip(variances.T, np.array([o.dof for o in own]).T, strict=True)
+        ]
+        return _Found(values, np.sqrt(variances.sum(axis=0)), np.array(dofs), parts.sum(axis=0))
+
+    def _scatter(self, values: FloatArray, repeats: Variance) -> FloatArray:
+        """Covariance (p, p) of a test's values from friction that differs by factors of relative
+        variance `repeats`."""
+        friction = np.where(np.isin(self.columns, (COULOMB, VISCOUS)), values, 0.0)
+        return np.asarray(np.outer(friction, friction) * repeats.value)
 
     def law(self, samples: Sequence[MotionSamples]) -> FloatArray:
         """All four coefficients (4,) of all trials together."""
@@ -376,14 +415,20 @@ class _Model:
         except NotIdentifiedError:
             return False
 
-    def with_model_error(self, samples: Sequence[MotionSamples], found: _Found) -> _Found:
+    def with_model_error(
+        self, samples: Sequence[MotionSamples], found: _Found, repeats: Variance | None
+    ) -> _Found:
         """Standard errors with those of a jackknife over bins of speed added: what the law does not
-        describe changes from bin to bin, but not from trial to trial."""
+        describe changes from bin to bin, but not from trial to trial. `repeats` where separate fits
+        were `weighted`."""
         bins = bins_of_speed(samples, _BINS)
 
         def without(k: int) -> FloatArray:
-            kept = [s.kept(own != k) for s, own in zip(samples, bins, strict=True)]
-            return self.regression([s for s in kept if len(s.effort)]).coefficients
+            some = [s.kept(own != k) for s, own in zip(samples, bins, strict=True)]
+            kept = [s for s in some if len(s.effort)]
+            if repeats is not None and len(kept) == len(samples):
+                return self.weighted([self.regression([s]) for s in kept], repeats).values
+            return self.regression(kept).coefficients
 
         try:
             scatter = jackknife(without, _BINS)
@@ -414,8 +459,7 @@ class _Model:
         relative variance `repeats`."""
         if not repeats.dof:
             return found
-        friction = np.where(np.isin(self.columns, (COULOMB, VISCOUS)), found.values, 0.0)
-        more = np.outer(friction, friction) * repeats.value / tests
+        more = self._scatter(found.values, repeats) / tests
         shares = np.vstack([found.stds**2, np.diag(more)])
         dofs = [
             satterthwaite(own, np.array([dof, repeats.dof]))
