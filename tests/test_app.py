@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import http.client
 import json
+import os
 import re
 import shutil
 import signal
@@ -11,8 +13,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -23,6 +27,7 @@ pytest.importorskip("panel", reason="panel is absent")
 from sysid.app import edits
 from sysid.app.jobs import Job
 from sysid.app.journal import FileChange, Journal
+from sysid.app.screens.identify import IdentifyScreen
 from sysid.app.screens.mapping import Assigned
 from sysid.app.server import Gate
 from sysid.app.traces import BUCKETS, Curve, TracePanel, TraceView
@@ -437,6 +442,38 @@ def test_what_a_menu_says_is_an_entry_of_map(assigned: Assigned, entry: str) -> 
 
     assert assigned.entry("t") == entry
     assert parse_map([entry])[assigned.target].column == "t"
+
+
+def test_a_campaign_is_checked_log_by_log(tmp_path: Path) -> None:
+    path = write_small(tmp_path)
+    bench = Workbench(tmp_path, path, tmp_path / "results")
+    files = [entry.file for entry in bench.campaign().logs]
+    screen = IdentifyScreen(SimpleNamespace(bench=bench, scheme="light"))
+
+    def shown(pieces: int) -> str:
+        for _ in range(pieces):
+            waiting = screen.later.pop(0)()
+            assert waiting is not None
+            with ThreadPoolExecutor(1) as other:  # this thread may have a loop of playwright's
+                other.submit(asyncio.run, waiting).result()
+        return str(screen.answer.object)
+
+    screen.draw(screen.read())
+    text = shown(0)  # before any log is read
+    assert all(file in text for file in files) and f"0 of {len(files)} logs" in text
+    assert text.count("is being checked") == len(files)
+    text = shown(1)
+    assert text.count("is being checked") == len(files) - 1 and "static friction" in text
+    text = shown(len(screen.later))
+    assert "Which log identifies which parameter" in text
+    cards = text.partition("<table")[0]
+    assert "Needs valve-pwm tests of valve A" in cards and "0 duties" not in cards
+    # A second visit knows the answer; of a file that has changed it asks anew, of that one alone.
+    screen.draw(screen.read())
+    assert screen.later == [] and str(screen.answer.object) == text
+    os.utime(tmp_path / files[1], ns=(0, 0))
+    screen.draw(screen.read())
+    assert shown(0).count("is being checked") == 1 and len(screen.later) == 2
 
 
 def test_a_million_samples_are_thinned_to_the_window() -> None:

@@ -12,6 +12,7 @@ import os
 import traceback
 from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 import panel as pn
@@ -26,6 +27,8 @@ from sysid.errors import Failure, InputError, SysidError, one_line, some_of
 
 _LOOK_MS = 700
 _MOST_LINES = 14
+# What the other screens need at their first visit: a second's work, most of it scipy's.
+_SOON = ("pandas", "pyarrow.parquet", "pyarrow.compute", "scipy.signal", "bokeh.plotting")
 
 pn.extension(notifications=False, loading_indicator=False)
 pn.config.css_files = ["style.css"]
@@ -138,18 +141,24 @@ class Window:
             panes = [parts.html(parts.note(reason, "error"))]
         screen.panes, screen.stamp = panes, self._stamp
         self.main.objects = panes
-        self._draw_later(number)
+        self._go_on(number)
 
-    def _draw_later(self, number: int) -> None:
+    def _go_on(self, number: int) -> None:
         """What the current screen left for later, piece by piece: what a person does comes between.
 
         A screen that was left is drawn to its end when it is shown again.
         """
-        later = self.screens[self.current].later
-        if number == self._filling and later:
-            later.pop(0)()
+        if number == self._filling and self.screens[self.current].later:
             document: Any = pn.state.curdoc
             document.add_next_tick_callback(partial(self._draw_later, number))
+
+    async def _draw_later(self, number: int) -> None:
+        later = self.screens[self.current].later
+        if number == self._filling and later:
+            waiting = later.pop(0)()
+            if waiting is not None:
+                await waiting
+            self._go_on(number)
 
     def wait(self) -> None:
         """Say that the screen is being made."""
@@ -227,7 +236,7 @@ class Window:
             self._filling += 1
             self._stamp = screen.stamp
             self.main.objects = screen.panes
-            self._draw_later(self._filling)
+            self._go_on(self._filling)
             return
         self.wait()
         await self.fill()
@@ -289,6 +298,11 @@ def _lacking(screen: Screen, reason: str) -> str:
     return f"<h2>{parts.words(screen.title)}</h2>{parts.note(reason, 'warn')}"
 
 
+def _import_soon() -> None:
+    for name in _SOON:
+        import_module(name)
+
+
 def window(bench: Workbench) -> pn.Template:
     """The page of one window."""
     given = pn.state.session_args
@@ -311,6 +325,8 @@ def window(bench: Workbench) -> pn.Template:
 
     async def loaded() -> None:
         await made.fill()
+        # Not waited for: the window's document is locked until this function returns.
+        asyncio.get_running_loop().run_in_executor(None, _import_soon)
         document.add_periodic_callback(made.look, _LOOK_MS)
 
     # All of it runs with the document locked, one after the other.

@@ -19,17 +19,20 @@ from typing import Any, TypeVar
 from sysid.app import edits
 from sysid.app.jobs import Job
 from sysid.app.journal import FileChange, Journal
-from sysid.errors import InputError, input_error
+from sysid.errors import Failure, InputError, input_error, on_its_own
 from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.files import stamp_of, write_atomic
 from sysid.io.rig import Rig
 from sysid.io.samples import Log
+from sysid.pipeline.check import CheckedLog, check_entry
 from sysid.pipeline.explore import ExploredTest, explore, motion_tests
 from sysid.pipeline.files import read_bundle, read_campaign, read_rig
 
 Result = TypeVar("Result")
-# Results that are kept by what they were made from: a campaign's logs, and figures of them.
+# Results that are kept by what they were made from: a campaign's logs, and figures of them; of
+# those that hold no samples, such as the check of a log, enough for each log of a long campaign.
 _MOST_KEPT = 64
+_MOST_SMALL = 4096
 _DURATIONS = "seconds by command"
 
 
@@ -53,6 +56,7 @@ class Workbench:
     changes: int = 0
     _rig_path: Path | None = None
     _kept: OrderedDict[Any, Any] = field(default_factory=OrderedDict)
+    _small: OrderedDict[Any, Any] = field(default_factory=OrderedDict)
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
     def __post_init__(self) -> None:
@@ -122,8 +126,31 @@ class Workbench:
     def log(self, entry: CampaignLog) -> Log:
         """The log of an entry, read once for as long as nothing of it changes."""
         campaign = self.campaign()
-        key = ("log", repr(entry), stamp_of(entry.path), stamp_of(Path(campaign.rig.source)))
-        return self.kept(key, lambda: campaign.read(entry))
+        return self.kept(("log", *self._log_key(entry)), lambda: campaign.read(entry))
+
+    def _log_key(self, entry: CampaignLog) -> tuple[Any, ...]:
+        """Changes whenever an entry, its file or the rig file does. Raises InputError."""
+        campaign = self.campaign()
+        # Whether an effort is a command or a reading, all logs of a rig without a motor say.
+        others = self.campaign_key() if campaign.rig.motor is None else None
+        return repr(entry), stamp_of(entry.path), stamp_of(Path(campaign.rig.source)), others
+
+    def checked(self, entry: CampaignLog) -> CheckedLog | Failure:
+        """What a log is good for by itself, or why it cannot be read. Raises InputError."""
+        campaign = self.campaign()
+
+        def check() -> CheckedLog | Failure:
+            return on_its_own(lambda: check_entry(entry, self.log(entry), campaign.rig))
+
+        return self.kept(self._check_key(entry), check, small=True)
+
+    def known_check(self, entry: CampaignLog) -> CheckedLog | Failure | None:
+        """What `checked` gave, as long as nothing has changed; None where that is not known."""
+        known: CheckedLog | Failure | None = self.known(self._check_key(entry))
+        return known
+
+    def _check_key(self, entry: CampaignLog) -> tuple[Any, ...]:
+        return "check of a log", *self._log_key(entry)
 
     def bundles(self) -> list[Path]:
         """The bundles among the results, the folder and the folders in it."""
@@ -139,7 +166,7 @@ class Workbench:
             except OSError:
                 return False
 
-        return self.kept(("is bundle", stamp_of(path)), look)
+        return self.kept(("is bundle", stamp_of(path)), look, small=True)
 
     def best_bundle(self) -> Path | None:
         """The bundle that a run made last, else any; None without one."""
@@ -175,18 +202,27 @@ class Workbench:
 
         return self.kept(("diagnosis", stamp_of(path)), read)
 
-    def kept(self, key: Any, make: Callable[[], Result]) -> Result:
-        """What `make` gives, made once for each key; the least used are forgotten."""
+    def kept(self, key: Any, make: Callable[[], Result], *, small: bool = False) -> Result:
+        """What `make` gives, made once for each key; the least used are forgotten.
+
+        `small` results hold no samples: many of them are kept.
+        """
+        store, most = (self._small, _MOST_SMALL) if small else (self._kept, _MOST_KEPT)
         with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]  # type: ignore[no-any-return]
+            if key in store:
+                store.move_to_end(key)
+                return store[key]  # type: ignore[no-any-return]
         made = make()
         with self._lock:
-            self._kept[key] = made
-            while len(self._kept) > _MOST_KEPT:
-                self._kept.popitem(last=False)
+            store[key] = made
+            while len(store) > most:
+                store.popitem(last=False)
         return made
+
+    def known(self, key: Any) -> Any:
+        """A small result that is kept; None where it has not been made yet."""
+        with self._lock:
+            return self._small.get(key)
 
     # --- changes --------------------------------------------------------------------------
 

@@ -11,7 +11,14 @@ from sysid.blocks.tables import Table, table
 from sysid.checks.bench import BENCH_LAWS, bench_identified
 from sysid.checks.friction import Identification, friction_together
 from sysid.checks.identifiability import switched_test, valves_identified
-from sysid.checks.log_check import LogCheck, check_campaign, kind_of, listed
+from sysid.checks.log_check import (
+    CheckedLog,
+    LogCheck,
+    check_entry,
+    compared,
+    kind_of,
+    listed,
+)
 from sysid.io.campaign import (
     BENCH_KINDS,
     FRICTION_KINDS,
@@ -22,7 +29,7 @@ from sysid.io.campaign import (
     CampaignLog,
 )
 from sysid.io.channels import CHAMBER_PRESSURES
-from sysid.io.logs import Trial
+from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.recording.friction_kind import balances
 
@@ -149,13 +156,23 @@ def _names(entries: Sequence[CampaignLog]) -> dict[str, str]:
     return {e.file: str(name.relative_to(shared)) for e, name in zip(entries, kept, strict=True)}
 
 
-def check_whole(campaign: Campaign) -> CampaignCheck:
+def check_whole(
+    campaign: Campaign,
+    logs: Sequence[Log] | None = None,
+    checked: Sequence[CheckedLog] | None = None,
+) -> CampaignCheck:
     """Check every log of a rig's campaign, and what all training logs identify.
 
-    A parameter is identified by a log alone, or by all of its kind together. Raises InputError.
+    `logs` are the campaign's as read and `checked` what each is good for by itself, None where
+    that has not been done yet. A parameter is identified by a log alone, or by all of its kind
+    together. Raises InputError.
     """
-    checks = tuple(check_campaign(campaign))
-    answers = tuple(_answers(campaign, checks))
+    logs = [campaign.read(entry) for entry in campaign.logs] if logs is None else logs
+    if checked is None:
+        pairs = zip(campaign.logs, logs, strict=True)
+        checked = [check_entry(entry, log, campaign.rig) for entry, log in pairs]
+    checks = tuple(compared(campaign, logs, checked))
+    answers = tuple(_answers(campaign, logs, checks))
     noise = campaign.rig.sensors.pressure_noise_pa
     return CampaignCheck(str(campaign.path), campaign.logs, checks, answers, noise)
 
@@ -187,7 +204,9 @@ def merged(
 # --- of a rig -----------------------------------------------------------------------------
 
 
-def _answers(campaign: Campaign, checks: Sequence[LogCheck]) -> Iterator[Answer]:
+def _answers(
+    campaign: Campaign, logs: Sequence[Log], checks: Sequence[LogCheck]
+) -> Iterator[Answer]:
     pairs = [(e, c) for e, c in zip(campaign.logs, checks, strict=True) if e.use == "fit"]
     entries = [e for e, _ in pairs]
     found = [[i for i in c.identifies if _is_of(e, i.parameter)] for e, c in pairs]
@@ -195,7 +214,14 @@ def _answers(campaign: Campaign, checks: Sequence[LogCheck]) -> Iterator[Answer]
     lacking = {i.parameter for own in found for i in own} - yes
     together: dict[str, Identification] = {}
     if lacking and len(entries) > 1:
-        together = {i.parameter: i for i in _together(campaign, entries) if i.parameter not in yes}
+        tests = [
+            (entry, trial)
+            for entry, log in zip(campaign.logs, logs, strict=True)
+            if entry.use == "fit"
+            for trial in log.trials
+        ]
+        joint = _together(tests, campaign.rig)
+        together = {i.parameter: i for i in joint if i.parameter not in yes}
         # A law is listed by its parameters once tests identify some of them.
         found = [[i for i in own if i.parameter in {*yes, *together}] for own in found]
     has_pwm = campaign.rig.pwm is not None or any("valve-pwm" in c.kinds for _, c in pairs)
@@ -212,10 +238,8 @@ def _is_of(entry: CampaignLog, parameter: str) -> bool:
     return not (other and parameter.startswith(other))
 
 
-def _together(campaign: Campaign, entries: Sequence[CampaignLog]) -> Iterator[Identification]:
-    """What the training logs identify together but none of them alone."""
-    rig = campaign.rig
-    tests = [(entry, trial) for entry in entries for trial in campaign.read(entry).trials]
+def _together(tests: Sequence[tuple[CampaignLog, Trial]], rig: Rig) -> Iterator[Identification]:
+    """What the tests of the training logs identify together but no log alone."""
     for kind in BENCH_KINDS:
         trials = [t for e, t in tests if e.kind == kind]
         if trials and kind in BENCH_LAWS:

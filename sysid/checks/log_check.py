@@ -16,11 +16,15 @@ from sysid.blocks.figures import Panel, Scale, grouped_bars
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, table
 from sysid.checks.bench import BENCH_LAWS, bench_identified, bench_kind
-from sysid.checks.consistency.campaign import located_contradictions, readings_of
+from sysid.checks.consistency.campaign import (
+    LogReadings,
+    located_contradictions,
+    readings_of,
+)
 from sysid.checks.consistency.repeats import repeated_tests
 from sysid.checks.friction import Identification
 from sysid.checks.identifiability import excitation, identifications
-from sysid.io.campaign import FRICTION_POINTS, Campaign
+from sysid.io.campaign import FRICTION_POINTS, Campaign, CampaignLog
 from sysid.io.channels import DUTIES, PRESSURES, READINGS, SWITCHES
 from sysid.io.exclusion import Excluded
 from sysid.io.kinds import BY_MOTOR, KIND_BY_COLUMN
@@ -218,29 +222,53 @@ def _ratio(channel: ChannelCheck, size: float | None) -> float:
     return (channel.high - channel.low) / size if size else math.nan
 
 
+@dataclass(frozen=True)
+class CheckedLog:
+    """One log of a campaign: what it is good for by itself, and what it is compared by with the
+    others."""
+
+    check: LogCheck
+    readings: LogReadings
+
+
+def check_entry(entry: CampaignLog, log: Log, rig: Rig, *, by_content: bool = False) -> CheckedLog:
+    """Check one log of a campaign, as read, by itself; `by_content` as `check_campaign`."""
+    by_row = all(trial.is_readings for trial in log.trials)
+    declared = None if by_content and not by_row else entry.kind
+    check = replace(check_log(log, rig, declared), use=entry.use)
+    return CheckedLog(check, readings_of(log, entry.kind, rig, entry.file))
+
+
+def compared(
+    campaign: Campaign, logs: Sequence[Log], checked: Sequence[CheckedLog]
+) -> list[LogCheck]:
+    """The checks of a campaign's logs, each with what it contradicts in the others or the rig."""
+    names = [entry.file for entry in campaign.logs]
+    lines: list[list[str]] = [[] for _ in checked]
+    pairs = list(zip(campaign.logs, logs, strict=True))
+    repeated = repeated_tests(pairs, campaign.rig)
+    readings = [one.readings for one in checked]
+    for found in (*located_contradictions(readings, campaign.rig), *repeated):
+        # What is wrong in the rig file is said with the first log.
+        lines[names.index(found.source) if found.source in names else 0].append(found.line)
+    return [
+        replace(one.check, contradicts=(*one.check.contradicts, *own))
+        for one, own in zip(checked, lines, strict=True)
+    ]
+
+
 def check_campaign(campaign: Campaign, *, by_content: bool = False) -> list[LogCheck]:
     """Check every log of a campaign, with its rig and maps, and all together.
 
     `by_content`: what a log identifies goes by each test, not by the kind that is declared. Raises
     InputError.
     """
-    checks, read, logs = [], [], []
-    for entry in campaign.logs:
-        log = campaign.read(entry)
-        logs.append((entry, log))
-        by_row = all(trial.is_readings for trial in log.trials)
-        declared = None if by_content and not by_row else entry.kind
-        checks.append(replace(check_log(log, campaign.rig, declared), use=entry.use))
-        read.append(readings_of(log, entry.kind, campaign.rig, entry.file))
-    names = [entry.file for entry in campaign.logs]
-    lines: list[list[str]] = [[] for _ in checks]
-    repeated = repeated_tests(logs, campaign.rig)
-    for found in (*located_contradictions(read, campaign.rig), *repeated):
-        # What is wrong in the rig file is said with the first log.
-        lines[names.index(found.source) if found.source in names else 0].append(found.line)
-    return [
-        replace(c, contradicts=(*c.contradicts, *own)) for c, own in zip(checks, lines, strict=True)
+    logs = [campaign.read(entry) for entry in campaign.logs]
+    checked = [
+        check_entry(entry, log, campaign.rig, by_content=by_content)
+        for entry, log in zip(campaign.logs, logs, strict=True)
     ]
+    return compared(campaign, logs, checked)
 
 
 def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from sysid.checks.campaign_check import CampaignCheck, check_whole
-from sysid.checks.log_check import LogCheck, check_log
+from sysid.checks.campaign_check import Answer, CampaignCheck, check_whole
+from sysid.checks.log_check import CheckedLog, LogCheck, check_entry, check_log, listed
 from sysid.checks.log_check import check_campaign as check_logs
 from sysid.components.loading import component_in
 from sysid.io.bare_rig import read_bare_logs
@@ -64,13 +64,18 @@ def check_file(
     return found, (assumed, *bare.notices)
 
 
-def check_campaign(campaign: Campaign) -> CampaignCheck:
+def check_campaign(
+    campaign: Campaign,
+    logs: Sequence[Log] | None = None,
+    checked: Sequence[CheckedLog] | None = None,
+) -> CampaignCheck:
     """Every log of a campaign, and whether its training logs identify everything.
 
-    Raises InputError for a log that cannot be read.
+    `logs` are the campaign's, `checked` what `check_entry` gave for them, where these were read and
+    checked before. Raises InputError for a log that cannot be read.
     """
     if component_in(campaign) is None:
-        return check_whole(campaign)
+        return check_whole(campaign, logs, checked)
     from sysid.components.log_check import check_own
 
     return check_own(campaign)
@@ -86,4 +91,15 @@ def checks_of(campaign: Campaign, *, by_content: bool = False) -> Sequence[LogCh
     return check_campaign(campaign).logs
 
 
-__all__ = ["check", "check_campaign", "check_file", "checks_of"]
+__all__ = [
+    "Answer",
+    "CampaignCheck",
+    "CheckedLog",
+    "LogCheck",
+    "check",
+    "check_campaign",
+    "check_entry",
+    "check_file",
+    "checks_of",
+    "listed",
+]

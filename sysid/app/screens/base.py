@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from typing import Any, ClassVar, Protocol
 
 from sysid.app import parts
@@ -28,7 +28,10 @@ class Host(Protocol):
 
 
 class Screen(ABC):
-    """A screen of one window: `read` in a thread, then `draw`; `do` what a person does on it."""
+    """A screen of one window: `read` in a thread, then `draw`; `do` what a person does on it.
+
+    `later` are pieces that the window draws, or waits for, once what `draw` gave is shown.
+    """
 
     title: ClassVar[str]
 
@@ -37,7 +40,7 @@ class Screen(ABC):
         self.bench = window.bench
         self.panes: list[Any] = []
         self.stamp: tuple[Any, ...] = ()
-        self.later: list[Callable[[], None]] = []
+        self.later: list[Callable[[], Awaitable[None] | None]] = []
 
     @abstractmethod
     def read(self) -> Any:

@@ -297,7 +297,9 @@ class FilesScreen(Screen):
             is_other = path.suffix == mapping.path.suffix and path != mapping.path
             if not is_other or name in self._converted:
                 continue
-            names = self.bench.kept(("channels", stamp_of(path)), partial(_names_of, path))
+            names = self.bench.kept(
+                ("channels", stamp_of(path)), partial(_names_of, path), small=True
+            )
             if names == mapping.names:
                 found.append(name)
         return tuple(found)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 from urllib.parse import quote
@@ -13,19 +15,35 @@ from sysid.app import parts
 from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
 from sysid.blocks.html import block_html
+from sysid.errors import Failure, on_its_own
+from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, stamp_of
-from sysid.pipeline.check import check_campaign
+from sysid.pipeline.check import (
+    Answer,
+    CampaignCheck,
+    CheckedLog,
+    LogCheck,
+    check_campaign,
+    listed,
+)
 
 # A matrix of more logs than these is read as a list.
 _MOST_LOGS = 16
 _ADVICE = "advice"
+_HEAD = "<h2>Can it identify?</h2>"
 
 
 @dataclass(frozen=True)
 class IdentifyContent:
-    """The check of the campaign; the bundle that advice may start from; whether code is own."""
+    """The campaign, its check once that is known, and the bundle that advice may start from.
 
-    check: Any
+    `found` are the answers of its logs by their numbers, as far as they have come; `is_own`:
+    whether it is of a component of the user's own, whose logs are checked all at once.
+    """
+
+    campaign: Campaign
+    found: dict[int, CheckedLog | Failure]
+    check: CampaignCheck | None
     bundle: Path | None
     is_own: bool
 
@@ -38,33 +56,69 @@ class IdentifyScreen(Screen):
     def __init__(self, window: Any) -> None:
         super().__init__(window)
         self.aim = ""
+        self.content: IdentifyContent | None = None
+        self.answer = parts.html("")
 
     def read(self) -> IdentifyContent:
-        campaign = self.bench.campaign()
-        key = ("check", self.bench.campaign_key())
-        check = self.bench.kept(key, lambda: check_campaign(campaign))
-        is_own = self.bench.component is not None
-        return IdentifyContent(check, self.bench.best_bundle(), is_own)
+        bench, campaign = self.bench, self.bench.campaign()
+        is_own = bench.component is not None
+        found = {}
+        for number, entry in enumerate(campaign.logs):
+            known = None if is_own else bench.known_check(entry)
+            if known is not None:
+                found[number] = known
+        check = self._whole(campaign) if is_own else bench.known(self._key())
+        return IdentifyContent(campaign, found, check, bench.best_bundle(), is_own)
+
+    def _key(self) -> tuple[Any, ...]:
+        return "check", self.bench.campaign_key()
+
+    def _whole(self, campaign: Campaign) -> CampaignCheck:
+        """The check of the campaign, from those of its logs where each was checked before.
+
+        Raises InputError.
+        """
+        bench = self.bench
+
+        def make() -> CampaignCheck:
+            if bench.component is not None:
+                return check_campaign(campaign)
+            logs = [bench.log(entry) for entry in campaign.logs]
+            checked = [bench.checked(entry) for entry in campaign.logs]
+            return check_campaign(campaign, logs, [c for c in checked if isinstance(c, CheckedLog)])
+
+        return bench.kept(self._key(), make, small=True)
 
     def draw(self, content: IdentifyContent) -> list[Any]:
-        check = content.check
-        lacking = [one for one in check.answers if not one.identified]
-        said = check.answer[:1].upper() + check.answer[1:]
-        if lacking:  # each with the test that would identify it, in a card
-            said = f"{len(lacking)} of {len(check.answers)} quantities are not identified"
-        head = f"<h2>Can it identify?</h2><p class='sentence'>{parts.words(said)}.</p>"
-        if check.contradictions:
-            head += parts.card("Contradictions", parts.listed(check.contradictions), "poor")
-        missing = "".join(_missing(check.answers))
-        if missing:
-            head += f'<div class="cards">{missing}</div>'
-        is_small = len(check.training) <= _MOST_LOGS
-        table = _matrix(check) if is_small else block_html(check.table())
-        remarks = parts.listed(f"{entry.file}: {line}" for entry, line in check.remarks())
-        quality = parts.fold("Quality of the logs", remarks) if remarks else ""
-        logs = "".join(_log(one) for one in check.logs)
-        each = parts.fold("Each log by itself", logs)
-        return [parts.html(head + table + quality + each), parts.html(self._advice(content))]
+        self.content = content
+        if content.check is not None:
+            self.answer.object = _answered(content.check)
+        else:
+            self.answer.object = _so_far(content)
+            waiting = [n for n in range(len(content.campaign.logs)) if n not in content.found]
+            self.later += [partial(self._check_log, content, number) for number in waiting]
+            self.later.append(partial(self._check_all, content))
+        return [self.answer, parts.html(self._advice(content))]
+
+    async def _check_log(self, content: IdentifyContent, number: int) -> None:
+        entry = content.campaign.logs[number]
+        found = await asyncio.to_thread(on_its_own, partial(self.bench.checked, entry))
+        content.found[number] = found
+        if self.content is content:
+            self.answer.object = _so_far(content)
+
+    async def _check_all(self, content: IdentifyContent) -> None:
+        """What all logs say together, once each has been read."""
+        if any(isinstance(one, Failure) for one in content.found.values()):
+            return
+        whole = partial(self._whole, content.campaign)
+        check: Any = await asyncio.to_thread(on_its_own, whole)
+        if self.content is not content:
+            return
+        failed = isinstance(check, Failure)
+        self.answer.object = (
+            _HEAD + parts.note(check.reason, "error") if failed else _answered(check)
+        )
 
     def _advice(self, content: IdentifyContent) -> str:
         if content.is_own:
@@ -137,20 +191,64 @@ def _unused(folder: Path) -> Path:
     return next(path for path in names if not path.exists())
 
 
-def _missing(answers: Iterable[Any]) -> Iterator[str]:
+def _so_far(content: IdentifyContent) -> str:
+    """Every log by its name, with what it identifies by itself as far as that is known."""
+    logs, found = content.campaign.logs, content.found
+    unread = sum(isinstance(one, Failure) for one in found.values())
+    said = f"{len(found)} of {len(logs)} logs are checked."
+    if len(found) == len(logs):
+        said = "What the logs say together is being compared."
+    if unread:
+        said = f"{unread} of {len(logs)} logs cannot be checked: mend them, or take them out."
+    lines = []
+    for number, entry in enumerate(logs):
+        one = found.get(number)
+        if one is None:
+            answer = '<span class="muted">is being checked &hellip;</span>'
+        elif isinstance(one, Failure):
+            answer = f'<span class="error">{parts.words(one.reason)}</span>'
+        else:
+            names = [item.parameter for item in one.check.identifies if item.identified]
+            answer = parts.words(listed(names) or "nothing by itself")
+        use = "held out" if entry.use == "holdout" else "training"
+        lines.append([f"<b>{parts.words(entry.file)}</b>", parts.words(entry.kind), use, answer])
+    table = parts.rows(("Log", "Kind", "Use", "Identifies by itself"), lines)
+    return f"{_HEAD}<p class='sentence'>{parts.words(said)}</p>{table}"
+
+
+def _answered(check: CampaignCheck) -> str:
+    """The campaign's answer: what is missing, and which log identifies what."""
+    lacking = [one for one in check.answers if not one.identified]
+    said = check.answer[:1].upper() + check.answer[1:]
+    if lacking:  # each with the test that would identify it, in a card
+        said = f"{len(lacking)} of {len(check.answers)} quantities are not identified"
+    head = f"{_HEAD}<p class='sentence'>{parts.words(said)}.</p>"
+    if check.contradictions:
+        head += parts.card("Contradictions", parts.listed(check.contradictions), "poor")
+    missing = "".join(_missing(check.answers))
+    if missing:
+        head += f'<div class="cards">{missing}</div>'
+    is_small = len(check.training) <= _MOST_LOGS
+    table = _matrix(check) if is_small else block_html(check.table())
+    remarks = parts.listed(f"{entry.file}: {line}" for entry, line in check.remarks())
+    quality = parts.fold("Quality of the logs", remarks) if remarks else ""
+    logs = "".join(_log(one) for one in check.logs)
+    return head + table + quality + parts.fold("Each log by itself", logs)
+
+
+def _missing(answers: Iterable[Answer]) -> Iterator[str]:
     """A card for each test that would identify something that no log does."""
-    lacking: dict[str, list[Any]] = {}
+    lacking: dict[str, list[str]] = {}
     for one in answers:
         if not one.identified:
-            lacking.setdefault(one.needs or one.reason, []).append(one)
-    for needs, own in lacking.items():
-        names = "; ".join(one.parameter for one in own)
-        why = next((one.reason for one in own if one.reason and one.reason != needs), "")
-        inner = f"<p>{parts.words(needs)}</p>" + (parts.note(why) if why else "")
-        yield parts.card(f"Not identified: {names}", inner, "fair")
+            # Where a kind of test is missing, what its law lacks says no more.
+            lacking.setdefault(one.needs or one.reason, []).append(one.parameter)
+    for why, names in lacking.items():
+        inner = f"<p>{parts.words(why[:1].upper() + why[1:])}.</p>"
+        yield parts.card(f"Not identified: {listed(names)}", inner, "fair")
 
 
-def _matrix(check: Any) -> str:
+def _matrix(check: CampaignCheck) -> str:
     """Parameters by training logs."""
     files = [entry.file for entry in check.training]
     names = [PurePath(file).stem for file in files]
@@ -169,7 +267,7 @@ def _matrix(check: Any) -> str:
     return f'<div class="matrix">{text}</div>'
 
 
-def _log(check: Any) -> str:
+def _log(check: LogCheck) -> str:
     tables = "".join(block_html(table) for table in check.tables() if table.rows)
     notes = parts.listed((*check.contradicts, *check.notices, *check.left_out()))
     return parts.fold(check.headline(), notes + tables)
