@@ -33,6 +33,8 @@ from scipy.io import savemat
 
 from sysid.errors import InputError
 from sysid.io.conversion import convert
+from sysid.io.foreign import names_in
+from sysid.io.listing import channels_of
 
 # --- MATLAB ---------------------------------------------------------------------------
 
@@ -336,3 +338,17 @@ def test_files_that_are_damaged(tmp_path: Path) -> None:
     for name, (content, what) in cases.items():
         (tmp_path / name).write_bytes(content)
         refused(tmp_path / name, tmp_path / "log.csv", what)
+
+
+def test_names_are_read_without_the_rows(tmp_path: Path) -> None:
+    rows = "\n".join(f"{i * 1e-3:.3f};{i % 7}.5;{i % 3}" for i in range(20_000))
+    text, table = tmp_path / "long.csv", tmp_path / "long.parquet"
+    text.write_text(f"logger 7\nclock;angle;drive\n{rows}\n1;2;3;4;5;6;7\n", "utf-8")
+    with pytest.raises(InputError):  # the whole of it: its last row is damaged
+        channels_of([text])
+    assert names_in(text, "a log") == ("clock", "angle", "drive")
+    short = tmp_path / "short.csv"
+    short.write_text(f"clock;angle;drive\n{rows[:600]}\n", "utf-8")
+    assert names_in(short, "a log") == ("clock", "angle", "drive")
+    pd.DataFrame({"a": [1.0], "b": ["x"], "c": [[1.0, 2.0]]}).to_parquet(table)
+    assert names_in(table, "a log") == tuple(c.name for c in channels_of([table])[0].channels)

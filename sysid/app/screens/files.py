@@ -6,7 +6,6 @@ import asyncio
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from sysid.io.campaign import Campaign
 from sysid.io.conversion import sources_of
 from sysid.io.declaration import ChoiceKey, Key, NumberKey, declared_keys
 from sysid.io.files import stamp_of
+from sysid.io.foreign import names_in
 from sysid.io.kinds import KINDS
 from sysid.io.listing import channels_of
 from sysid.io.rig import constant_in, read_toml
@@ -291,18 +291,24 @@ class FilesScreen(Screen):
     def _alike(self, mapping: Mapping) -> tuple[str, ...]:
         """Other files of the folder, in no log yet, that have the same channels."""
         files = self.content.files if self.content is not None else ()
-        found = []
+        own, found = self._names(mapping.path), []
         for name in files:
             path = self.bench.folder / name
             is_other = path.suffix == mapping.path.suffix and path != mapping.path
-            if not is_other or name in self._converted:
-                continue
-            names = self.bench.kept(
-                ("channels", stamp_of(path)), partial(_names_of, path), small=True
-            )
-            if names == mapping.names:
+            if is_other and name not in self._converted and own and self._names(path) == own:
                 found.append(name)
         return tuple(found)
+
+    def _names(self, path: Path) -> tuple[str, ...]:
+        """The names of a file's columns; none where it cannot be read."""
+
+        def read() -> tuple[str, ...]:
+            try:
+                return names_in(path, "a recording")
+            except InputError:
+                return ()
+
+        return self.bench.kept(("channels", stamp_of(path)), read, small=True)
 
     async def _map(self, act: str, rest: str, value: Any) -> None:
         assert self.mapping is not None
@@ -430,14 +436,6 @@ class FilesScreen(Screen):
             return
         self.rig.object = self._rig()
         raise why
-
-
-def _names_of(path: Path) -> tuple[str, ...]:
-    """The channels of a file; none where it cannot be read."""
-    try:
-        return tuple(channel.name for channel in channels_of([path])[0].channels)
-    except InputError:
-        return ()
 
 
 __all__ = ["FilesScreen"]

@@ -11,12 +11,13 @@ import codecs
 import contextlib
 import csv
 import importlib
+import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, NoReturn
 
-from sysid.errors import input_error, shortened
+from sysid.errors import InputError, input_error, shortened
 from sysid.io.bounds import chunks
 from sysid.io.file_kinds import (
     DAMAGED_ARCHIVE,
@@ -35,6 +36,8 @@ from sysid.io.tables import comments_in, open_input, sha256_of
 Reader = Callable[[Path, BinaryIO, ReadOptions], ForeignTable]
 
 _EXTRA = "sysid[formats]"
+# Bytes of a text in which its heading and some rows stand.
+_FIRST_ROWS = 1 << 17
 # Readers by libraries of the extra.
 _LIBRARIES = {
     "mdf": "an MDF4 file",
@@ -68,6 +71,28 @@ def read_foreign(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTab
                 "export fewer columns, or another format",
             ) from None
     return _with_columns(table)
+
+
+def names_in(path: Path, what: str) -> tuple[str, ...]:
+    """The names of a file's columns; of a long text by its first rows, of Parquet by its schema.
+
+    Other formats are read whole. `what` it is, for the error where it cannot be read (InputError).
+    """
+    with open_input(path, what) as file:
+        kind = _reader_of(path, file)
+        file.seek(0)
+        if kind == "parquet":
+            from sysid.io.foreign import parquet
+
+            return parquet.names(path, file)
+        head = file.read(_FIRST_ROWS + 1) if kind == "text" else b""
+        is_cut = len(head) > _FIRST_ROWS and not wide_encoding(head)
+        if is_cut:
+            rows = io.BytesIO(head[: head.rfind(b"\n") + 1])
+            # What does not end in these rows, such as one long line, is read whole.
+            with contextlib.suppress(InputError):
+                return tuple(read_foreign(path, rows, ReadOptions()).columns)
+        return tuple(read_foreign(path, file, ReadOptions()).columns)
 
 
 def digest_of(path: Path, what: str) -> str:
@@ -204,6 +229,7 @@ __all__ = [
     "ReadOptions",
     "SampleTimes",
     "digest_of",
+    "names_in",
     "read_any",
     "read_foreign",
 ]
