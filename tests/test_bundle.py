@@ -38,6 +38,7 @@ from sysid.parameters import (
 )
 from sysid.parameters.base import FileContext, Part
 from sysid.parameters.files import SCHEMA_FILE, bundle_from_json, shipped_schema
+from sysid.parameters.fitted_logs import check_log, check_log_unchanged, check_not_fitted
 from sysid.parameters.schema import bundle_schema
 from sysid.pipeline.fit import fit_campaign
 
@@ -182,37 +183,41 @@ def test_a_part_that_is_replaced_takes_its_logs_and_the_validation_along(
 # --- logs ----------------------------------------------------------------------------------
 
 
+def test_a_bundle_lists_what_is_for_users(bundle: Bundle) -> None:
+    assert not [name for name in dir(bundle) if name.startswith("check")]
+
+
 def test_logs_of_two_folders_may_share_a_name(bundle: Bundle) -> None:
     other = Log(Path("day2/run.csv"), "cd" * 32, ())
     both = bundle.with_sources([Source.of(other, "fit", "friction-sliding")])
     for digest in ("ab" * 32, "cd" * 32):
-        both.check_log_unchanged(Log(Path("run.csv"), digest, ()), "friction-static")
+        check_log_unchanged(both, Log(Path("run.csv"), digest, ()), "friction-static")
     new = Log(Path("run.csv"), "ef" * 32, ())
-    both.check_log_unchanged(new, "motion-pwm")
+    check_log_unchanged(both, new, "motion-pwm")
     with pytest.raises(InputError, match=r"^b\.json: run\.csv has changed since"):
-        both.check_log_unchanged(new, "friction-static")
+        check_log_unchanged(both, new, "friction-static")
 
 
 def test_a_changed_log_is_noticed(bundle: Bundle) -> None:
     kind = "friction-sliding"
-    bundle.check_log_unchanged(Log(Path("run.csv"), "ab" * 32, ()), kind)
+    check_log_unchanged(bundle, Log(Path("run.csv"), "ab" * 32, ()), kind)
     with pytest.raises(InputError, match="changed since"):
-        bundle.check_log_unchanged(Log(Path("run.csv"), "cd" * 32, ()), kind)
+        check_log_unchanged(bundle, Log(Path("run.csv"), "cd" * 32, ()), kind)
 
 
 def test_a_held_out_log_of_a_new_day_may_have_an_old_name(bundle: Bundle) -> None:
     new = Log(Path("newday/run.csv"), "cd" * 32, ())
-    bundle.check_log(new, "friction-motion", "holdout")
+    check_log(bundle, new, "friction-motion", "holdout")
     with pytest.raises(InputError, match="changed since"):
-        bundle.check_log(new, "friction-motion", "fit")
+        check_log(bundle, new, "friction-motion", "fit")
     with pytest.raises(InputError, match="is held out"):
-        bundle.check_log(Log(Path("new.csv"), "ab" * 32, ()), "friction-motion", "holdout")
+        check_log(bundle, Log(Path("new.csv"), "ab" * 32, ()), "friction-motion", "holdout")
 
 
 def test_a_log_that_was_fitted_on_is_not_held_out(bundle: Bundle) -> None:
-    bundle.check_not_fitted(Log(Path("new.csv"), "cd" * 32, ()))
+    check_not_fitted(bundle, Log(Path("new.csv"), "cd" * 32, ()))
     with pytest.raises(InputError, match=r"^new\.csv: is held out .*b\.json.*\(run\.csv\)"):
-        bundle.check_not_fitted(Log(Path("new.csv"), "ab" * 32, ()))
+        check_not_fitted(bundle, Log(Path("new.csv"), "ab" * 32, ()))
 
 
 # --- nothing is lost -----------------------------------------------------------------------

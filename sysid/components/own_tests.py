@@ -19,6 +19,7 @@ from sysid.io.campaign import Campaign
 from sysid.io.logs import Log, Trial
 from sysid.io.plausibility import TYPED_TO
 from sysid.parameters import Bundle
+from sysid.parameters.fitted_logs import check_log
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def tests_of(campaign: Campaign, bundle: Bundle | None = None) -> OwnTests:
     for entry in campaign.logs:
         log = campaign.read(entry)
         if bundle is not None:
-            bundle.check_log(log, entry.kind, entry.use)
+            check_log(bundle, log, entry.kind, entry.use)
         require_columns(log, loaded)
         trials[entry.use] += log.trials
         notices += log.notices

@@ -3,8 +3,9 @@
 `content` declares its content (parts: `friction`, `valves`, `component`, `effects`,
 `validation`, `refinement`, `provenance`), `bundle` its operations, `assembled_model` the
 model that it describes, `table` lists every number of it, `declared` those of the rig file,
-`assumptions` the assumed constants that its numbers depend on; `files` reads and writes it,
-`schema` generates its JSON schema from these classes.
+`fitted_logs` says whether a log can have its use, `assumptions` the assumed constants that its
+numbers depend on; `files` reads and writes it, `schema` generates its JSON schema from these
+classes.
 """
 
 from sysid.parameters.assumptions import Assumption, assumptions, shown_by_logs

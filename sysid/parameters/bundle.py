@@ -14,7 +14,6 @@ from sysid.errors import input_error
 from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
-from sysid.io.logs import Log
 from sysid.io.rig import Rig, differing_sections
 from sysid.io.source import Source
 from sysid.parameters.assembled_model import fitted_inertia, model_from_bundle
@@ -22,7 +21,7 @@ from sysid.parameters.base import Part
 from sysid.parameters.content import SCHEMA, BundleContent, Parts
 from sysid.parameters.correlation import CorrelatedPart, Correlation
 from sysid.parameters.effects import EffectEntry
-from sysid.parameters.provenance import Provenance, family, records
+from sysid.parameters.provenance import Provenance, records
 from sysid.parameters.quality import QualityRecord, qualities_in
 from sysid.parameters.table import ParameterTable, effect_names, table_of
 
@@ -209,44 +208,6 @@ class Bundle(Shown, BundleContent):
             f"{self.source}: fitted with another rig file than {rig.source} "
             f"({', '.join(f'[{s}]' for s in other)} differ); the campaign's is used{payload}"
         ]
-
-    def check_log(self, log: Log, kind: str, use: str) -> None:
-        """InputError where a campaign's log cannot have this use, given what was fitted.
-
-        A training log has to be the one that was fitted, if one of its name was; a held-out log
-        must not have been fitted, and may be a new recording under an old name.
-        """
-        if use == "holdout":
-            self.check_not_fitted(log)
-        else:
-            self.check_log_unchanged(log, kind)
-
-    def check_log_unchanged(self, log: Log, kind: str) -> None:
-        """InputError where a log of `kind` has changed since the bundle was fitted on it.
-
-        Logs of several folders may share a name: one of that name has to match.
-        """
-        logs = self.provenance.logs
-        fitted = any(
-            e.use == "fit" and e.file == log.path.name and e.family == family(kind) for e in logs
-        )
-        if fitted and all(e.sha256 != log.sha256 for e in logs):
-            raise input_error(
-                self.source,
-                f"{log.path.name} has changed since this bundle was fitted on it (SHA-256)",
-                "fit again, or restore the old log",
-            )
-
-    def check_not_fitted(self, log: Log) -> None:
-        """InputError where a log that the campaign holds out is one that it was fitted on."""
-        for entry in self.provenance.logs:
-            if entry.use == "fit" and entry.sha256 == log.sha256:
-                raise input_error(
-                    log.path,
-                    f"is held out in the campaign, but {self.source} was fitted on it "
-                    f"({entry.file})",
-                    'fit without it, or give it use = "fit"',
-                )
 
 
 def _under(prefix: str, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:

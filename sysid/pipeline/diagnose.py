@@ -41,6 +41,7 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle, EffectEntry, HeldOutError
 from sysid.parameters.assembled_model import assumed_parameters
 from sysid.parameters.effects import entry_of
+from sysid.parameters.fitted_logs import check_log
 from sysid.parameters.possible import impossible
 from sysid.parameters.refinement import ScatterOfFriction
 from sysid.pipeline.request import Reported, takes
@@ -325,7 +326,7 @@ def _unrefined(found: Diagnosis) -> Diagnosis:
 
 def _read(campaign: Campaign, entry: CampaignLog, bundle: Bundle) -> Log:
     log = campaign.read(entry)
-    bundle.check_log(log, entry.kind, entry.use)
+    check_log(bundle, log, entry.kind, entry.use)
     return log
 
 

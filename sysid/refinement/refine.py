@@ -39,6 +39,7 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import assumed_parameters, fitted_inertia
 from sysid.parameters.declared import contradictions
+from sysid.parameters.fitted_logs import check_log
 from sysid.parameters.scatter import bench_scatter
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
@@ -270,7 +271,7 @@ def motion_tests_of(
     failed: list[Failure] = []
     for entry in entries:
         log = campaign.read(entry)
-        bundle.check_log(log, entry.kind, entry.use)
+        check_log(bundle, log, entry.kind, entry.use)
         notices += log.notices
         inertia = fitted_inertia(bundle)
         tests = on_its_own(

@@ -38,6 +38,7 @@ from sysid.parameters.assembled_model import (
     fitted_inertia,
     surfaces_from_bundle,
 )
+from sysid.parameters.fitted_logs import check_log
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law
 from sysid.recording.motion_tests import MotionTest, prepare_all
@@ -212,7 +213,7 @@ def _read(
     """The tests of a log that can be simulated; why none can. Raises InputError for a log that
     has changed."""
     log = campaign.read(entry)
-    bundle.check_log(log, entry.kind, entry.use)
+    check_log(bundle, log, entry.kind, entry.use)
     notices += log.notices
     cases = []
     inertia = fitted_inertia(bundle)
