@@ -140,6 +140,9 @@ def test_what_cannot_be_tested_says_so() -> None:
     assert repeated_scatter(ones, np.arange(5)) is None
     assert lack_of_fit_text(NOT_TESTABLE.to_json()) == "not testable from these tests"
     assert lack_of_fit_text(scatter_test(3.0, 2.0).to_json()) == "residual 1.5 times the scatter"
+    assert (
+        lack_of_fit_text(scatter_test(2.001, 2.0).to_json()) == "residual as large as the scatter"
+    )
 
 
 def test_the_thresholds_are_in_order() -> None:

@@ -868,6 +868,20 @@ def test_numbers(value: float | None, digits: int, text: str) -> None:
     assert numbers.number(value, digits) == text
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "text"),
+    [
+        (3.22e-3, 6.02e-3, "(3.22 to 6.02) × 10⁻³"),
+        (0.0, 3e-3, "(0 to 3.00) × 10⁻³"),
+        (-0.295, 5.29e-5, "−0.295 to 0.00005"),
+        (-107.0, 15.1, "−107 to 15.1"),
+        (None, 3e-3, "— to 3.00 × 10⁻³"),
+    ],
+)
+def test_a_range_has_one_power_of_ten(low: float | None, high: float, text: str) -> None:
+    assert numbers.span(low, high) == text
+
+
 def test_estimates_show_two_digits_of_their_error() -> None:
     estimate = Estimate(6.51631e-4, 4.2026e-7, "kg/s", (6.5080e-4, 6.5246e-4))
     assert numbers.estimate_cells(estimate) == (

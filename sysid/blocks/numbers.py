@@ -58,6 +58,31 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{fixed(value / 10.0**exponent, digits - 1)}{_power(exponent)}"
 
 
+def span(low: float | None, high: float | None, digits: int = 3) -> str:
+    """A range, its ends with these digits; a power of ten that both have stands behind brackets.
+
+    What is small against the other end is written without a power, which would seem to be of both.
+    """
+    ends = number(low, digits), number(high, digits)
+    if low is None or high is None or not math.isfinite(low - high) or "×" not in "".join(ends):
+        return " to ".join(ends)
+    exponent = _exponent(max(abs(low), abs(high)), digits)
+    scale = 1.0 if exponent in _PLAIN else 10.0**exponent
+    decimals = max(digits - 1 - exponent, 0) if scale == 1.0 else digits - 1
+    least = 0.5 * 10.0**-decimals
+
+    def end(value: float) -> str:
+        if value == 0.0:
+            return "0"
+        # One digit of what these decimals do not show.
+        is_lost = 0.0 < abs(value / scale) < least
+        more = -_exponent(value / scale, 1) if is_lost else decimals
+        return fixed(value / scale, more)
+
+    inner = f"{end(low)} to {end(high)}"
+    return inner if scale == 1.0 else f"({inner}){_power(exponent)}"
+
+
 def _exponent(value: float, digits: int) -> int:
     return int(f"{abs(value):.{digits - 1}e}".partition("e")[2])
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from sysid.blocks.numbers import number
+from sysid.blocks.numbers import number, span
 from sysid.blocks.tables import table
 from sysid.commands.options import (
     SEED,
@@ -57,7 +57,7 @@ def _show(simulated: SimulatedLog, as_json: bool) -> None:
     rows = []
     for at, (trial, channels) in enumerate(zip(simulated.trials, simulated.channels, strict=True)):
         ranges = [channels[name] for name in names]
-        cells = [f"{number(float(r.min()), 4)} to {number(float(r.max()), 4)}" for r in ranges]
+        cells = [span(float(r.min()), float(r.max()), 4) for r in ranges]
         widths = [number(w, 2) for w in simulated.widths(at).values()]
         rows.append((trial.label or "-", f"{trial.time[-1] - trial.time[0]:.3g}", *cells, *widths))
     own = [f"{name}, 90 % band" for name in names] if simulated.bands else []

@@ -29,7 +29,7 @@ from sysid.blocks.figures import (
     Words,
     grouped_bars,
 )
-from sysid.blocks.numbers import MINUS, fixed, number
+from sysid.blocks.numbers import MINUS, fixed, number, span
 from sysid.diagnosis.wording import errors_by_step, regressor_name, steps
 from sysid.estimation.linear import LEVEL, t_quantile
 from sysid.io.channels import Channel, channel_of
@@ -226,7 +226,7 @@ def influence(id: str, title: str, content: Mapping[str, Any], is_linear: bool) 
         Line(x, mean, "third", width=1.3, marker="o"),
     ]
     description = (
-        f"It adds {number(float(mean.min()))} to {number(float(mean.max()))} {unit} to the "
+        f"It adds {span(float(mean.min()), float(mean.max()))} {unit} to the "
         f"{of[:1].lower()}{of[1:]}, on average in bins of {name}."
     )
     heading = drawable(title, _LONGEST_TITLE)

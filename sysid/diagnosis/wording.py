@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from sysid.blocks.numbers import number, percent
+from sysid.blocks.numbers import number, percent, span
 from sysid.diagnosis.search_record import QUICK, stage_text
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES, VELOCITY_CHANNELS, Channel, channel_of
@@ -125,7 +125,7 @@ def _sizes(channel: Channel, errors: Mapping[str, float | None], *, is_changed: 
     if unit == "kPa" and all(e is None or abs(e) < 1.0 for e in (before, after, floor)):
         unit = "Pa"
         before, after, floor = (None if e is None else 1e3 * e for e in (before, after, floor))
-    change = f"from {number(before)} to {number(after)}" if is_changed else number(before)
+    change = f"from {span(before, after)}" if is_changed else number(before)
     if floor is not None and after is not None and 0.0 < floor < LEAST_SHOWN * after:
         correct = f"(a correct model: less than {number(LEAST_SHOWN * after, 1)})"
     else:

@@ -343,7 +343,10 @@ def lack_of_fit_text(found: Mapping[str, Any]) -> str:
     """A bundle's `lack_of_fit` in words."""
     statistic, p_value = found.get("statistic"), found.get("p_value")
     if found.get("method") == SCATTER and statistic is not None:
-        return f"residual {statistic:.3g} times the scatter"
+        as_large = f"{statistic:.3g} times"
+        if as_large == "1 times":
+            return "residual as large as the scatter"
+        return f"residual {as_large} the scatter"
     if statistic is None or p_value is None:
         return "not testable from these tests"
     seen = "significant" if p_value < SIGNIFICANT else "none"

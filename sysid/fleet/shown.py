@@ -18,7 +18,7 @@ from sysid.blocks.figures import (
     Rule,
     Scale,
 )
-from sysid.blocks.numbers import number, unit
+from sysid.blocks.numbers import number, span, unit
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Section
 from sysid.blocks.tables import NotedCell, Table, table
 from sysid.estimation.linear import LEVEL, t_quantile
@@ -89,10 +89,9 @@ def _sizes(trend: Trend, change: Change) -> tuple[str, str]:
         before = f"{number(factor * change.before)} {shown}"
     else:
         factor_of_change, shown_of_change, before = factor, shown, "0"
-    size, low, high = (
-        number(factor_of_change * x) for x in (change.size, change.size - half, change.size + half)
-    )
-    return before, f"{size} {shown_of_change} ({low} to {high})"
+    low, high = (factor_of_change * (change.size + way * half) for way in (-1.0, 1.0))
+    size = number(factor_of_change * change.size)
+    return before, f"{size} {shown_of_change} ({span(low, high)})"
 
 
 def _half() -> float:
@@ -152,9 +151,8 @@ def trend_figure(trend: Trend, id: str) -> Figure:
     said = _sentence(trend) if trend.is_change else f"no change over {len(x)} dates"
     if trend.change is None:
         said = f"{len(x)} dates, too few for a test"
-    low, high = (number(float(f(values))) for f in (np.min, np.max))
     panel = Panel(Scale(margin=0.04, is_date=True), Scale(unit=shown or "-"), tuple(marks))
-    description = f"{low} to {high} {shown}; {said}."
+    description = f"{span(float(np.min(values)), float(np.max(values)))} {shown}; {said}."
     return Figure(id, title, description, (panel,), size=SMALL_PANEL)
 
 

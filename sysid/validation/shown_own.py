@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sysid.blocks.figures import Figure, Line, Panel, Rule, Scale
-from sysid.blocks.numbers import number
+from sysid.blocks.numbers import number, span
 from sysid.blocks.sections import Block, FigureGroup, Section
 from sysid.blocks.tables import table
 from sysid.io.campaign import Campaign
@@ -38,7 +38,7 @@ def _parameters(part: ComponentRecord) -> Block:
     for name, estimate in part.parameters.items():
         if estimate.identified:
             low, high = estimate.interval
-            numbers = (number(estimate.value), f"{number(low)} to {number(high)}", estimate.unit)
+            numbers = (number(estimate.value), span(low, high), estimate.unit)
         else:
             numbers = ("not identified", estimate.reason or "", estimate.unit)
         rows.append((name, *numbers))

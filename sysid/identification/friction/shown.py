@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sysid.blocks.figures import Band, Figure, Intervals, Line, Mark, Panel, Points, Role, Scale
-from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, unit
+from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, span, unit
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Notes, Section
 from sysid.blocks.tables import TableColumn, estimate_table, table
 from sysid.estimation.linear import Estimate
@@ -130,9 +130,9 @@ def speed_figure(friction: Friction) -> Figure | None:
         named = tuple(_named(t) for t, own in zip(trials, rows, strict=True) if own)
         marks.append(Points(np.abs(speed[rows]), effort[rows], role, name, marker, tests=named))
     description = (
-        f"Friction of {len(trials)} constant-effort tests, {number(float(effort.min()))} "
-        f"to {number(float(effort.max()))} {effort_unit}, at speeds from "
-        f"{number(float(np.abs(speed).min()))} to {number(float(np.abs(speed).max()))} "
+        f"Friction of {len(trials)} constant-effort tests, "
+        f"{span(float(effort.min()), float(effort.max()))} {effort_unit}, at speeds from "
+        f"{span(float(np.abs(speed).min()), float(np.abs(speed).max()))} "
         f"{units.speed}. The fitted line starts at {number(values[0])} {effort_unit} and rises "
         f"by {number(values[1])} {effort_unit} per {units.speed}."
     )

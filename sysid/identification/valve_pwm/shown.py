@@ -20,7 +20,7 @@ from sysid.blocks.figures import (
     Scale,
     Words,
 )
-from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number
+from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, span
 from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section
 from sysid.blocks.tables import Table, estimate_table, table
 from sysid.identification.valve_pwm import choice as choices
@@ -477,9 +477,9 @@ def _map(
     duty, pressure, values = grid
     known = values[np.isfinite(values)]
     description = (
-        f"{part.title}, over pressures of {number(float(pressure.min()))} to "
-        f"{number(float(pressure.max()))} kPa and duties of {number(float(duty.min()))} to "
-        f"{number(float(duty.max()))}: "
+        f"{part.title}, over pressures of "
+        f"{span(float(pressure.min()), float(pressure.max()))} kPa and duties of "
+        f"{span(float(duty.min()), float(duty.max()))}: "
     )
     if is_error:
         rms = float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
@@ -489,7 +489,7 @@ def _map(
             f"{number(limits[1])}."
         )
     else:
-        description += f"flow from {number(limits[0])} to {number(limits[1])} g/s."
+        description += f"flow from {span(*limits)} g/s."
     unit = "points" if is_error else "g/s"
     mark = ColourMap(pressure, duty, values, limits, unit, is_error)
     panel = Panel(Scale("Pressure", "kPa"), Scale("Duty", limits=(0.0, 1.0)), (mark,))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from sysid.blocks.numbers import MISSING, number
+from sysid.blocks.numbers import MISSING, number, span
 from sysid.blocks.sections import Block, Lines, Section
 from sysid.blocks.tables import table
 from sysid.diagnosis.evidence import is_of_actuator
@@ -291,7 +291,7 @@ def _wide(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
         if low * high > 0.0:
             wide = f"± {number(100.0 * half / abs(estimate.value), 2)} %"
         else:
-            wide = f"{number(low, 2)} to {number(high, 2)}"
+            wide = span(low, high, 2)
             wide += f" {estimate.unit}" if estimate.unit not in ("", "-") else ""
         yield name, f"95 % interval of {wide}", _MORE
 
