@@ -19,6 +19,7 @@ import sysid as si
 from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.io.bare_rig import read_bare_logs
+from sysid.io.conversion import convert
 from sysid.io.log_constants import pwm_period
 from sysid.io.rig import rig_from_content
 from sysid.io.samples import Trial
@@ -190,6 +191,21 @@ def test_a_linear_log_is_of_a_linear_rig(folder: Path) -> None:
     rig = read_bare_logs([path], {}).rig
     assert rig.is_linear and rig.require("cylinder", "").stroke_m == pytest.approx(0.12)
     assert "cylinder.stroke_m" not in rig.assumed
+
+
+def test_an_angle_whose_unit_was_stated_is_not_asked_for_it(tmp_path: Path) -> None:
+    time = np.arange(0.0, 4.0, 1e-3)
+    table = {"time_s": time, "theta_rad": 1.9 * np.sin(3.0 * time), "motor_volts": np.sin(time)}
+    pd.DataFrame(table).to_csv(tmp_path / "turns.csv", index=False)
+
+    def asks(entries: list[str], name: str) -> bool:
+        convert([tmp_path / "turns.csv"], tmp_path / name, maps=["time_s=time_s", *entries])
+        return any("in degrees" in line for line in read_bare_logs([tmp_path / name], {}).notices)
+
+    volts = "motor_volts=motor_volts"
+    assert not asks(["theta_rad=theta_rad:turn", volts], "stated.csv")
+    pd.DataFrame({**table, "theta_rad": 10.0 * time}).to_csv(tmp_path / "turns.csv", index=False)
+    assert asks(["theta_rad=theta_rad", volts], "bare.csv")
 
 
 def test_logged_supply_and_temperature_are_shown(folder: Path) -> None:

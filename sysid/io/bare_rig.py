@@ -27,7 +27,7 @@ from sysid.io.motion import units_of
 from sysid.io.rig import ASSUMED, BARE, Rig, rig_from_content
 from sysid.io.rig_sections import Air, Cylinder, Motor
 from sysid.io.tables import LogTable
-from sysid.io.units import ColumnMap
+from sysid.io.units import ColumnMap, parse_map
 
 SOURCE = BARE
 """What messages name in place of a rig file."""
@@ -104,7 +104,7 @@ def read_bare_logs(
         log_of(table, read_with, mapping, None, own, readings=readings)
         for table, own in zip(tables, excluded, strict=True)
     )
-    doubts = list(_doubts(logs, rig))
+    doubts = list(_doubts(logs, rig, mapping))
     elsewhere = _not_the_atmosphere(logs, shown)
     if elsewhere is not None and _are_twice(shown, rig):
         logs = tuple(_contradicted(log, elsewhere) for log in logs)
@@ -286,7 +286,7 @@ def _contradicted(log: Log, line: str) -> Log:
     )
 
 
-def _doubts(logs: Sequence[Log], rig: Rig) -> Iterator[str]:
+def _doubts(logs: Sequence[Log], rig: Rig, mapping: Mapping[str, ColumnMap]) -> Iterator[str]:
     """Notices of what a rig file would contradict, as far as the logs alone show it."""
     name, undeclared = rig.position_channel, dataclasses.replace(rig, sampling=None)
     for log in logs:
@@ -294,7 +294,7 @@ def _doubts(logs: Sequence[Log], rig: Rig) -> Iterator[str]:
         slow = plausibility.check_speed(str(log.path), "time_s", period, rows, undeclared)
         if slow is not None:
             yield slow
-        if rig.is_linear:
+        if rig.is_linear or _has_stated_unit(log, name, mapping):
             continue
         ends = [
             float(end) for t in log.trials if name in t for end in (t[name].min(), t[name].max())
@@ -304,6 +304,15 @@ def _doubts(logs: Sequence[Log], rig: Rig) -> Iterator[str]:
                 f"{log.path}: {name} runs from {min(ends):.4g} to {max(ends):.4g} rad, more than a "
                 f'turn from its zero: if it is in degrees, give --map "{name}={name}:deg"'
             )
+
+
+def _has_stated_unit(log: Log, name: str, mapping: Mapping[str, ColumnMap]) -> bool:
+    """Whether the unit of a channel was given: with `mapping`, or when the log was converted."""
+    if name in mapping:
+        return mapping[name].unit is not None
+    entries = (line.strip("# ").removeprefix("map: ") for line in log.comments if "map: " in line)
+    given = [entry for entry in entries if entry.startswith(f"{name}=")]
+    return any(parse_map([entry])[name].unit is not None for entry in given if "(" not in entry)
 
 
 __all__ = ["SOURCE", "BareLogs", "read_bare_logs"]
