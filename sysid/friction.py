@@ -251,6 +251,8 @@ def _of(fit: _Fit, estimate_inertia: bool) -> FrictionResult:
     if sliding is not None and motion is not None and _refutes(motion, sliding):
         _set_aside(fit, sliding)
         sliding = None
+    if static is not None and motion is not None:
+        static = static.with_scatter(motion.repeats)
     if static is None and sliding is None and motion is None and not fit.sums:
         raise error_of(list(fit.failures.values()), _nothing(fit))
     return _result(fit, static, sliding, motion, estimate_inertia)

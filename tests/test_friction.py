@@ -30,6 +30,7 @@ from benchmarks.friction import PUBLISHED, emps_trial, generated_fit
 from datasets.generator.campaign import GeneratedTests, drawn_effects, make_friction_tests
 from datasets.thesis import recompute
 from sysid.errors import InputError, NotIdentifiedError
+from sysid.estimation.linear import Estimate, Variance
 from sysid.friction import (
     FrictionResult,
     SlidingPoints,
@@ -41,7 +42,7 @@ from sysid.friction import (
     static_summary,
 )
 from sysid.identification.friction.counted_onset import begins_by_counts
-from sysid.identification.friction.static import find_onset
+from sysid.identification.friction.static import StaticFriction, find_onset, rested
 from sysid.io.logs import Trial
 from sysid.io.motion import ROTARY
 from sysid.io.rig import Rig, rig_from_content
@@ -484,6 +485,43 @@ def test_a_coarse_encoder_shows_breakaway_where_a_fine_one_does(seed: int, count
     """The first counts are far apart: taken for rest, they made it 12 to 28 % too small."""
     result, truth = generated_fit(seed, counts=counts)
     assert result["static_nm"].value == pytest.approx(truth["static_nm"], rel=0.02)
+
+
+def slow_shaft(course: FloatArray) -> Trial:
+    """A shaft of a rig ten times slower than the reference's, at 100 Hz, with a course (n,)."""
+    theta = np.round(course / COUNT) * COUNT
+    time = 0.01 * np.arange(len(course))
+    return Trial(
+        "slow", time, {"motor_torque_nm": np.zeros(len(course)), "theta_rad": theta}, "log"
+    )
+
+
+@pytest.mark.parametrize("half_acceleration", [0.02, 0.05])
+def test_a_slow_start_is_found_where_it_begins(half_acceleration: float) -> None:
+    """Sought from three samples before its first ten counts on, it had been found 0.2 s late."""
+    t = 0.01 * np.arange(500)
+    course = half_acceleration * np.maximum(t - 2.0, 0.0) ** 2
+    onset = find_onset(recorded(slow_shaft(course), RIG, []))
+    assert not isinstance(onset, str)
+    assert onset.time == pytest.approx(2.0, abs=0.03)
+
+
+def test_a_shaft_that_turns_does_not_rest() -> None:
+    t = 0.01 * np.arange(100)
+    turning = recorded(slow_shaft(0.05 * (t - 0.15) ** 2), RIG, [])
+    resting = recorded(slow_shaft(0.05 * np.maximum(t - 0.3, 0.0) ** 2), RIG, [])
+    assert not rested(turning, 30)
+    assert rested(resting, 30)
+
+
+def test_rests_of_one_test_have_its_friction() -> None:
+    own = Estimate.symmetric(0.3, 0.003, "Nm", 9.0)
+    sliding = Variance(0.02**2, 1.0)
+    of_rests = StaticFriction(own, 0.003, (), {}, {}, rested_in=2).with_scatter(sliding).estimate
+    assert of_rests.value == own.value
+    assert of_rests.std == pytest.approx(np.hypot(0.003, 0.3 * 0.02 / np.sqrt(2.0)))
+    assert np.diff(of_rests.interval)[0] > 2.0 * 2.0 * of_rests.std  # one difference of two tests
+    assert StaticFriction(own, 0.003, (), {}, {}).with_scatter(sliding).estimate == own
 
 
 @pytest.mark.parametrize(("seed", "counts"), [(3200, 1000), (3201, 500), (3203, 500)])

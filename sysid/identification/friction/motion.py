@@ -84,7 +84,8 @@ class MotionFriction:
 
     `combinations` are the sums that are identified where the parameters are not. `explained` is
     the share of the filtered effort's variance that the law explains (R2); `both_ways` whether
-    the motion has two directions; `joint` the covariance of what is fitted.
+    the motion has two directions; `joint` the covariance of what is fitted; `repeats` the relative
+    variance of friction from one test to the next.
     """
 
     coulomb: Estimate
@@ -101,6 +102,7 @@ class MotionFriction:
     limits: SlidingLimits | None = None
     quality: FitQuality | None = None
     joint: JointCovariance | None = None
+    repeats: Variance = UNKNOWN
 
 
 @dataclass(frozen=True)
@@ -259,15 +261,16 @@ def _fitted(
         samples = _long_enough(samples)
     fits = model.apart(samples)
     apart = fits is not None and len(fits) >= FEWEST_REPEATS
-    if not apart:
-        repeats = model.repeats(samples, model.start(samples, fits)).pooled(repeats)
+    own = model.repeats(samples, model.start(samples, fits))
+    repeats = own.pooled(repeats)
     found = model.estimated(samples, fits, repeats)
     if VISCOUS in model.columns:
         found = model.with_model_error(samples, found, None if fits is None or apart else repeats)
     if not apart:
         found = model.of_any_test(found, repeats, len(samples))
     repeated = apart or repeats.dof > 0.0
-    return _finished(samples, given, model, apart, repeated, found, limits, units)
+    result = _finished(samples, given, model, apart, repeated, found, limits, units)
+    return replace(result, repeats=own)
 
 
 def _long_enough(samples: Sequence[MotionSamples]) -> list[MotionSamples]:

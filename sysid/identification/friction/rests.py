@@ -19,6 +19,7 @@ from sysid.identification.friction.static import (
     Onset,
     StaticFriction,
     find_onset,
+    rested,
     resting,
 )
 from sysid.io.motion import MotionUnits
@@ -61,8 +62,17 @@ def static_of_rests(
         f"static friction is that of {len(found)} rests of friction-motion tests, at whose ends "
         "the shaft begins to move: the rig file declares no motor that could ramp its effort"
     )
-    between = Variance.of(np.array([np.median(own) for own in by_trial if len(own)]) / middle)
-    return StaticFriction(estimate, spread, (), {}, {}, criterion=CRITERION, repeats=between)
+    medians = np.array([np.median(own) for own in by_trial if len(own)])
+    return StaticFriction(
+        estimate,
+        spread,
+        (),
+        {},
+        {},
+        criterion=CRITERION,
+        repeats=Variance.of(medians / middle),
+        rested_in=len(medians),
+    )
 
 
 def _readings(trial: Recording) -> Iterator[float]:
@@ -74,7 +84,7 @@ def _readings(trial: Recording) -> Iterator[float]:
         end = rests[place + 1][0] if place + 1 < len(rests) else len(trial)
         part = trial.part(first, end, trial.label)
         onset = find_onset(part)
-        if isinstance(onset, str):
+        if isinstance(onset, str) or not rested(part, onset.index):
             continue
         value = _crest(part, onset)
         if value > 0.0:

@@ -25,6 +25,7 @@ from sysid.estimation.linear import (
     indicator,
     mean_estimate,
     nested_f_test,
+    satterthwaite,
     t_quantile,
 )
 from sysid.estimation.multiple_tests import SIGNIFICANCE
@@ -93,7 +94,8 @@ class StaticFriction:
 
     `repeatability` is the standard deviation between trials at one position and in one
     direction. `tests` are the nested F tests by `position`, `direction` and their
-    `interaction`. `repeats` is the variance from one test to the next over the square of the mean.
+    `interaction`. `repeats` is the variance from one test to the next over the square of the mean,
+    `rested_in` in how many tests the shaft rested whose rests these are, 0 of ramps.
     """
 
     estimate: Estimate
@@ -105,6 +107,22 @@ class StaticFriction:
     quality: FitQuality | None = None
     criterion: str = CRITERION
     repeats: Variance = UNKNOWN
+    rested_in: int = 0
+
+    def with_scatter(self, sliding: Variance) -> StaticFriction:
+        """With the error of a mean over so few tests, whose friction differs by what these rests
+        show and by what the `sliding` friction of the same tests does (relative variance): all
+        rests of a test have its friction. That of ramps, a test each, has it already.
+        """
+        repeats = self.repeats.pooled(sliding)
+        if not self.rested_in or not repeats.dof:
+            return self
+        own = self.estimate
+        shares = np.array([own.std**2, own.value**2 * repeats.value / self.rested_in])
+        known = own.degrees_of_freedom if own.has_error else math.inf
+        dof = satterthwaite(shares, np.array([known, repeats.dof]))
+        std = float(np.sqrt(shares.sum()))
+        return replace(self, estimate=Estimate.symmetric(own.value, std, own.unit, dof))
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -248,6 +266,15 @@ def resting(trial: Recording) -> list[tuple[int, int]]:
     return [(first and first + hold // 2, stop) for first, stop in rests if stop - first >= hold]
 
 
+def rested(trial: Recording, until: int) -> bool:
+    """Whether the shaft rested for most of the time before a row: one that turns slowly is as slow
+    as one that rests, but passes more places."""
+    _, _, hold, threshold = _scales(trial)
+    before = trial.position[: until + 1]
+    away = float(np.median(np.abs(before - np.median(before))))
+    return away <= _still(trial, hold, threshold)
+
+
 def _scales(trial: Recording) -> tuple[float, NDArray[np.intp], int, float]:
     """The stroke, rad or m, the samples after which a coarse encoder counts, over how many samples
     a rest is judged, and the way beyond which a shaft has moved."""
@@ -262,8 +289,12 @@ def _scales(trial: Recording) -> tuple[float, NDArray[np.intp], int, float]:
 def _moves(trial: Recording, hold: int, threshold: float) -> BoolArray:
     """Where a shaft moves within `hold` samples by more than one at rest does, (n - hold,)."""
     x = trial.position
-    still = max(6.0 * trial.drift(hold), 1.5 * trial.position_noise.quantum, 0.05 * threshold)
-    return np.asarray(np.abs(x[hold:] - x[:-hold]) > still)
+    return np.asarray(np.abs(x[hold:] - x[:-hold]) > _still(trial, hold, threshold))
+
+
+def _still(trial: Recording, hold: int, threshold: float) -> float:
+    """By how much a shaft at rest may move within `hold` samples, rad or m."""
+    return max(6.0 * trial.drift(hold), 1.5 * trial.position_noise.quantum, 0.05 * threshold)
 
 
 def _counts(trial: Recording, presliding: float) -> NDArray[np.intp]:
@@ -338,7 +369,7 @@ def _locate(trial: Recording, before: int, after: int, threshold: float, hold: i
     first = max(0, before - max(2 * hold, end - before))
     times, course = t[first : end + 1], direction * (x[first : end + 1] - x[before])
 
-    low, high = max(first, before - hold) + 2, end - 2
+    low, high = first + 2, end - 2
     if high - low < 3:
         low, high = first + 1, end
     best = _begins(times.tobytes(), course.tobytes(), low - first, high - first, trial.period)
