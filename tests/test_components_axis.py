@@ -30,7 +30,7 @@ from sysid.diagnosis.wording import sentence
 from sysid.errors import NotIdentifiedError
 from sysid.friction import fit_friction
 from sysid.io.logs import Trial
-from sysid.io.rig import Cylinder, Motor, Rig
+from sysid.io.rig import Cylinder, Inertia, Motor, Rig
 from sysid.parameters import Bundle, read_bundle
 from sysid.parameters.assembled_model import effects_from_bundle
 from sysid.plant.effects.catalogue import catalogue
@@ -250,8 +250,6 @@ def cylinder_rig() -> Rig:
 
 def screw(seal: float, area: float = 5e-4, only: str | None = None) -> Axis:
     from dataclasses import replace
-
-    from sysid.io.rig import Inertia
 
     rig = replace(cylinder_rig(), inertia=Inertia(mass_kg=0.2))
     trials = [driven(g, k, seal, area) for k, g in enumerate((1e5, 3e5, 5e5, 7e5))]
@@ -488,6 +486,23 @@ def test_how_friction_goes_through_a_turn_is_no_spring() -> None:
     assert selection.additions == ()
     left = part.residuals(selection.base.law, range(3))
     assert rmse(left) < 1.2 * part.noise_floor(selection.base.law)
+
+
+def test_an_inertia_that_is_hardly_there_is_tried() -> None:
+    """A change beyond what is declared changes nothing more: a fit that began there stayed."""
+    rig = replace(RIG, inertia=Inertia(mass_kg=MASS))
+    trials = [imposed(seed, plain) for seed in (1, 2, 3)]
+    for trial in trials:
+        pushed = MASS * np.gradient(np.gradient(trial["position_m"], trial.time), trial.time)
+        trial.channels["motor_force_n"] -= 0.999 * pushed
+    part = axis(trials, rig)
+    kind, tests = CATALOGUE["inertia-mismatch"], range(3)
+    (change,) = (q for q in part.quantities_of(kind) if q.unit == "kg")
+    assert change.anywhere == (-0.98 * MASS, np.inf)
+    base = fit_law(part, (), tests)
+    fitted = fit_law(part, [kind], tests)
+    assert fitted.p_value(base) < 1e-10
+    assert not fitted.is_plausible  # it goes behind effects that explain the tests within theirs
 
 
 def test_a_cushion_at_the_ends_is_told_from_what_turns_leave() -> None:

@@ -51,7 +51,7 @@ from sysid.plant.base import bare_parameters
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.effects.friction import LoadDependentFriction
 from sysid.plant.effects.linear import ROTARY_ONLY
-from sysid.plant.effects.linkage import InertiaMismatch
+from sysid.plant.effects.linkage import LEAST_INERTIA, InertiaMismatch
 from sysid.plant.effects.motor import TorqueSaturation
 from sysid.plant.ports import Model, Point, overrides
 from sysid.recording.even import recorded
@@ -111,8 +111,17 @@ class Axis(Component):
         return float(np.quantile(np.concatenate(speeds), _HARDLY_ANY))
 
     def quantities_of(self, kind: type[CatalogueEffect]) -> tuple[Quantity, ...]:
-        """A speed that shapes an effect lies among those of this axis, whatever its size."""
-        return tuple(q.at_speeds(self.fastest) for q in super().quantities_of(kind))
+        """A speed that shapes an effect lies among those of this axis, whatever its size.
+
+        A change of the inertia ends where nothing is left of it, or a fit would stay beyond.
+        """
+        found = tuple(q.at_speeds(self.fastest) for q in super().quantities_of(kind))
+        declared = self.rig.total_inertia()
+        if kind.id != InertiaMismatch.id or declared is None:
+            return found
+        least = (LEAST_INERTIA - 1.0) * declared
+        own = self.rig.units.inertia_unit
+        return tuple(dataclasses.replace(q, least=least) if q.unit == own else q for q in found)
 
     @property
     def spacing(self) -> float:

@@ -48,6 +48,7 @@ class Quantity:
     `is_choice`: one of the values of its grid, which no fit moves.
     `radius_power`: the power of a pitch radius that brings it from angle and torque to path and
     force, where its unit does not say (a speed per torque, named a speed).
+    `least`: what no value is below on the rig at hand, whatever its size.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Quantity:
     is_smooth: bool = False
     is_choice: bool = False
     radius_power: float | None = None
+    least: float = -math.inf
 
     @property
     def is_threshold(self) -> bool:
@@ -96,7 +98,7 @@ class Quantity:
             sized = bool(units & _SIZED) or (self.unit == "s" and self.lower == 0.0)
         if not sized or self.is_choice:
             return self.lower, self.upper
-        return (-math.inf if self.lower < 0.0 else 0.0), math.inf
+        return max(-math.inf if self.lower < 0.0 else 0.0, self.least), math.inf
 
     def around(self, value: float) -> tuple[float, float]:
         """Its bounds, or those on a rig of any size where a value is beyond them."""

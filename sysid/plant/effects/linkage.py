@@ -30,6 +30,8 @@ _LEAST_SHARE = 0.01
 _LEAST_GAP = 1e-5
 _CONTACT_RATE = 2.0 * math.pi * 60.0
 _CONTACT_DAMPING = 0.5
+LEAST_INERTIA = 0.02
+"""What a mismatch leaves of the declared inertia at least."""
 # Through these a flexible link acts where the encoder is behind its spring.
 _SENSOR_PORTS = ("measure", "unmeasured", "sense", "start_sensing")
 
@@ -530,9 +532,8 @@ class InertiaMismatch(CatalogueEffect):
         declared = parameters.inertia
         # A fit may try a change that takes away more than there is: acceleration divides by it.
         share = self.inertia_change_kg_m2 / xp.maximum(declared, LEAST_DIVISOR)
-        # What a change leaves of the declared inertia at least.
         return parameters.replace(
-            inertia=xp.maximum(declared + self.inertia_change_kg_m2, 0.02 * declared),
+            inertia=xp.maximum(declared + self.inertia_change_kg_m2, LEAST_INERTIA * declared),
             gravity_moment=parameters.gravity_moment * (1.0 + share + self.gravity_change),
             weight=parameters.weight * (1.0 + share + self.gravity_change),
         )
