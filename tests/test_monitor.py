@@ -126,6 +126,21 @@ def test_a_drift_of_the_smallest_detectable_size_is_found_in_half_of_the_cases()
     assert 4 <= hits <= 20
 
 
+def test_friction_of_the_first_cycle_after_learning_is_no_drift() -> None:
+    """Sums of one cycle speak of friction as little as a cycle alone, whose scatter is not exactly
+    what the bundle says."""
+    rng = np.random.default_rng(8)
+    scatter, errors = np.zeros((COUNT, 1)), np.zeros((COUNT, COUNT))
+    pool = Pool(scatter, errors, np.ones(COUNT), np.ones(COUNT))
+    drift, k = np.zeros(COUNT), NAMES.index("coulomb")
+    for _ in range(LEARNING):
+        assert not pool.add(random_cycle(rng, drift, scatter)).alarms
+    drift[k] = 20.0
+    first, second = (pool.add(random_cycle(rng, drift, scatter)) for _ in range(2))
+    assert first.z[k] == 0.0 and second.z[k] > threshold()
+    assert not first.alarms and second.alarms
+
+
 def test_scatter_is_integrated_out() -> None:
     rng = np.random.default_rng(5)
     rows, columns = rng.standard_normal((30, COUNT)), rng.standard_normal((COUNT, 2))

@@ -207,6 +207,8 @@ class Pool:
     def _verdict(self, last: Cycle) -> Verdict:
         """What the sums and the last cycle say."""
         both, sizes = self.statistics(last)
+        if self.learning is not None and self.cycles == LEARNING + 1:
+            both[0, ~ALONE] = 0.0  # the sums are this one cycle alone
         is_alone = (np.abs(both[1]) > np.abs(both[0])) & ALONE
         z, change = (np.where(is_alone, v[1], v[0]) for v in (both, sizes))
         kind, drift = "", likeliest(z)

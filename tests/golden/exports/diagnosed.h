@@ -4476,7 +4476,8 @@ static inline void sysid_monitor_cycle_ends(sysid_monitor *m)
     for (i = 0; i < SYSID_MONITOR_DRIFTS; i++) {
         m->z[i] = m->change[i] = 0;
     }
-    sysid_monitor_test(m, &m->pool, 0, m->variance);
+    /* The first sums after learning are one cycle alone. */
+    sysid_monitor_test(m, &m->pool, m->cycles == SYSID_MONITOR_LEARNING + 1, m->variance);
     sysid_monitor_test(m, &m->cycle, 1, m->cycle.matrix);
     sysid_monitor_judge(m, m->energy / excess);
     sysid_monitor_new_cycle(m);
