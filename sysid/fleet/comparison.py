@@ -168,9 +168,9 @@ class Comparison(Shown):
         """The numbers next to each other, what moved, the effects, and the valves' responses."""
         yield table(
             "Parameters with 95 % intervals; * moved significantly against the first",
-            ("part", "parameter", *self.names, "unit"),
+            ("part", "parameter", "unit", *self.names),
             tuple(self._row(part, key) for part, key in self._keys()),
-            text=(1, 2 + len(self.names)),
+            text=(1, 2),
         )
         yield table(
             "What moved, most significant first",
@@ -198,15 +198,20 @@ class Comparison(Shown):
         half = t_quantile(math.inf, LEVEL)
         marks: list[Mark] = [Span(-half, half, is_upright=True)]
         for place, name in enumerate(self.names[1:]):
-            found = {(m.part, m.name): m.z for m in self.movements if m.bundle == name}
-            moved = np.array([found.get(key, math.nan) for key in keys])
+            found = {(m.part, m.name): m for m in self.movements if m.bundle == name}
             role = roles[place % len(roles)]
-            marks.append(Points(moved, np.arange(len(keys), dtype=float), role, name))
+            for is_moved in (False, True):
+                own = [(found[k].z, float(i)) for i, k in enumerate(keys)
+                       if k in found and found[k].is_significant == is_moved]  # fmt: skip
+                if own:
+                    said = f"{name}, moved" if is_moved else name
+                    x, y = np.transpose(own)
+                    marks.append(Points(x, y, role, said, is_filled=is_moved))
         ticks = tuple((float(i), f"{part} {name}") for i, (part, name) in enumerate(keys))
-        x = Scale("change, in standard errors of the difference")
-        panel = Panel(x, Scale(ticks=ticks), tuple(marks))
+        scale = Scale("Change in standard errors of the difference (shaded: 95 % if none moved)")
+        panel = Panel(scale, Scale(ticks=ticks), tuple(marks))
         size = (7.0, max(2.6, 0.22 * len(keys) + 1.0))
-        title = "What moved against the first"
+        title = "Each number against the first"
         return Figure("fig-moved", title, self.headline(), (panel,), size=size)
 
     def to_json(self) -> dict[str, Any]:
@@ -236,8 +241,10 @@ class Comparison(Shown):
             unit = shown_unit or unit
             star = " *" if name in moved else ""
             between = interval if interval.startswith("(") else f"({interval})"
-            cells.append(f"{value} {between}{star}" if found.identified else value)
-        return (part, key, *cells, unit)
+            # A power of ten that the interval has too is written once, behind both.
+            short = value.partition(" × ")[0] if " × " in between else value
+            cells.append(f"{short} {between}{star}" if found.identified else value)
+        return (part, key, unit, *cells)
 
     def _moved_row(self, m: Movement) -> tuple[str, ...]:
         change = number(m.change)
