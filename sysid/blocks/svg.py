@@ -132,6 +132,7 @@ def panels(
 
 _NAMES_INSIDE, _COLOUR_BAR = 0.16, 0.62
 _BUCKETS_PER_INCH = 72.0  # one a point
+_LETTER_INCHES = 0.62 * _FONT_PT / 72.0
 
 
 def picture(figure: Figure) -> Picture:
@@ -150,10 +151,26 @@ def picture(figure: Figure) -> Picture:
             mapped = draw(ax, panel, COLOUR, buckets)
             if mapped is not None:
                 _colour_bar(made, ax, mapped, cells[0].unit)
+            if panel.legend == "over":
+                _move_to_title(made, ax)
         for ax in axes[:-1]:
             ax.set_xlabel("")
         made.align_ylabels(axes)
         return to_figure(made, figure.id, figure.title, figure.description)
+
+
+def _move_to_title(figure: MatplotlibFigure, ax: Axes) -> None:
+    """A legend over the axes beside the title, where both have room: a phone shows the left end."""
+    found = ax.get_legend()
+    if found is None:
+        return
+    width = float(figure.get_figwidth())
+    left = 0.3 + _LETTER_INCHES * len(figure.texts[0].get_text())
+    wide = _LETTER_INCHES * sum(len(text.get_text()) + 6 for text in found.get_texts())
+    if left + wide < width:
+        box = ax.get_position()
+        found.set_loc("lower left")
+        found.set_bbox_to_anchor(((left / width - box.x0) / box.width, 0.99), ax.transAxes)
 
 
 def _colour_bar(figure: MatplotlibFigure, ax: Axes, mapped: Any, unit: str) -> None:
