@@ -486,6 +486,14 @@ def test_the_least_certain_parameters_are_worth_another_test() -> None:
     assert "to 0.026 Nm" in str(named["friction.coulomb_nm"])
 
 
+def test_a_part_alone_says_on_the_first_screen_what_is_missing(made: Made) -> None:
+    valves = made.bundle.replaced(friction=None, validation=None, refinement=None)
+    html = render_report(campaign=made.campaign, bundle=valves)
+    first = html[html.index("Verdict</") : html.index("Data and their quality</h2>")]
+    assert "Fit friction too, in a campaign" in first and "of the spread)" in first
+    assert "What to do next" not in first.partition("Not included")[2]
+
+
 def test_a_motor_alone_has_no_valves() -> None:
     bundles: list[Any] = [
         SimpleNamespace(rig=SimpleNamespace(is_motor_alone=alone)) for alone in (True, False)

@@ -208,6 +208,28 @@ def open_questions(diagnosis: Content | None, *, is_validated: bool) -> str:
     return "no open question"
 
 
+def unfinished(bundle: Bundle, diagnosis: Content | None, *, is_validated: bool) -> str:
+    """What has to be fitted, run or recorded before the model is judged; empty where it has been.
+
+    A part of an actuator can be simulated along a motion only with the others.
+    """
+    rig, lacking = bundle.rig, []
+    if is_of_actuator(diagnosis) and bundle.component is None and not rig.is_tank_alone:
+        valves = {} if bundle.valves is None else bundle.valves.sides()
+        if bundle.friction is None:
+            lacking.append("friction")
+        if not rig.is_motor_alone:
+            lacking += [f"valve {s.upper()}" for s in rig.sides if s not in valves]
+    if lacking:
+        names = f"{', '.join(lacking[:-1])} and {lacking[-1]}" if lacking[1:] else lacking[0]
+        return (
+            f"Fit {names} too, in a campaign (sysid run): a part alone cannot be simulated along "
+            "a motion, by which the model is judged."
+        )
+    said = open_questions(diagnosis, is_validated=is_validated)
+    return "" if said == "no open question" else f"{said[:1].upper()}{said[1:]}."
+
+
 def _rivals(content: Content) -> list[Block]:
     """The effects that the data cannot distinguish, with the test that would."""
     telling = content["figures"].get("telling", {})

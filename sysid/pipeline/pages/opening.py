@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from sysid.blocks.numbers import number, percent
+from sysid.blocks.numbers import number, percent, span
 from sysid.blocks.quality import quality_name
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
@@ -135,7 +135,7 @@ def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVer
         ]
         said = (
             f"Parameters of {' and '.join(parts) or 'nothing'} were identified{_own_fits(bundle)}; "
-            "whether the model follows the rig's motion was not tested (run sysid validate)."
+            "whether the model follows the rig's motion was not tested."
         )
         return ReportVerdict("none", said, None, notes)
     held = validation.select("holdout")
@@ -158,9 +158,16 @@ def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVer
 
 
 def _own_fits(bundle: Bundle) -> str:
-    """How well the laws follow their own tests, in a few words."""
-    said = dict.fromkeys(one.verdict.partition(":")[0] for one in bundle.qualities().values())
-    return f", their fits to their own tests are {' or '.join(said)}" if said else ""
+    """How well the laws that are recommended follow their own tests, in a few words."""
+    against = concerns.advised_against(bundle)
+    own = [one for place, one in bundle.qualities().items() if place not in against]
+    said = " or ".join(dict.fromkeys(one.verdict.partition(":")[0] for one in own))
+    shares = [100.0 * one.rmse_share for one in own if one.rmse_share is not None]
+    if not said or not shares:
+        return f", their fits to their own tests are {said}" if said else ""
+    ends = [number(f(shares), 2) for f in (min, max)]
+    size = ends[0] if ends[0] == ends[1] else span(min(shares), max(shares), 2)
+    return f", their fits to their own tests are {said} (errors of {size} % of the spread)"
 
 
 def _primary(logs: Sequence[LogResult]) -> list[LogResult]:

@@ -21,7 +21,7 @@ from sysid.parameters import Bundle, Provenance, assumptions, shown_by_logs
 from sysid.parameters.provenance import family
 from sysid.pipeline.pages.concerns import advised_against
 from sysid.pipeline.pages.held_out import first_picture
-from sysid.pipeline.pages.next_steps import next_line
+from sysid.pipeline.pages.next_steps import next_line, unfinished
 from sysid.pipeline.pages.notices import by_section, excluded_lines, with_notices
 from sysid.pipeline.pages.opening import ReportVerdict, position_rmse, verdict
 from sysid.plant.effects.catalogue import catalogue
@@ -107,7 +107,10 @@ def render_report(
     judged = replace(
         judged,
         notes=(*_other_rig(campaign, bundle), *judged.notes, *excluded_lines(campaign)),
-        following="" if isinstance(following, Failure) else following,
+        following=(
+            ("" if isinstance(following, Failure) else following)
+            or unfinished(bundle, diagnosis, is_validated=validation is not None)
+        ),
     )
     picture = on_its_own(partial(first_picture, validation, diagnosis, campaign.rig.is_linear))
     shown = None if isinstance(picture, Failure) else picture
@@ -208,7 +211,6 @@ def report_parts(
     moved_by: Callable[[], Mapping[str, float]] = dict,
 ) -> list[ReportPart]:
     """Each section's id, title, the line if it is missing ("": none), and its builder."""
-    from sysid.pipeline.pages.next_steps import open_questions
 
     def friction() -> Section | None:
         from sysid.identification.friction.shown import friction_section
@@ -287,8 +289,7 @@ def report_parts(
 
     skipped = (diagnosis or {}).get("skipped", _NOT_DIAGNOSED)
     diagnosed_part = ("diagnosis", "Diagnosis", skipped, diagnosed)
-    is_open = open_questions(diagnosis, is_validated=validation is not None)
-    following = ("next", "What to do next", is_open, next_steps)
+    following = ("next", "What to do next", "", next_steps)  # the first screen says it too
     if bundle.component is not None:
         return [
             ("component", "Component", "no component was fitted", own),
@@ -346,6 +347,7 @@ def _fill(
         "report.html",
         rig=rig,
         campaign=campaign.path.name,
+        given="Campaign" if campaign.path.suffix == ".toml" else "Log",
         orientation="tank" if rig.is_tank_alone else f"{rig.orientation}, {rig.motion}",
         fitted=_moment(bundle.created),
         model=held_parts(bundle),
