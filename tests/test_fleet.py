@@ -571,6 +571,16 @@ def test_a_scheduler_without_workers(monkeypatch: pytest.MonkeyPatch) -> None:
         raise AssertionError
 
 
+def test_an_encrypted_address_without_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refused before a client is made: closing that took 20 s, and ended in a traceback."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "Client", None)
+    for address in ("tls://127.0.0.1:9", "wss://127.0.0.1:9"):
+        wanted = pytest.raises(InputError, match=f"--scheduler {address}: .*names none; name the")
+        with wanted, on_cluster(address, 1):
+            raise AssertionError
+
+
 def test_a_scheduler_that_does_not_answer() -> None:
     pytest.importorskip("distributed")
     for address in ("nonsense", "tcp://127.0.0.1:1:2"):

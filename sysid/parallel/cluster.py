@@ -126,7 +126,9 @@ def _client(distributed: Any, scheduler: str, workers: int) -> Iterator[Any]:
                 yield client
         return
     try:
-        distributed.comm.get_address_host_port(scheduler)  # a bad one leaves no client behind
+        # What is bad leaves no client behind, which waits for 20 s where it is collected.
+        distributed.comm.get_address_host_port(scheduler)
+        _require_keys(distributed, scheduler)
         with collector_off():
             client = distributed.Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
@@ -144,6 +146,17 @@ def _client(distributed: Any, scheduler: str, workers: int) -> Iterator[Any]:
                 f"--scheduler {scheduler}", "has no workers", f"start `dask worker {scheduler}`"
             ) from None
         yield client
+
+
+def _require_keys(distributed: Any, scheduler: str) -> None:
+    """Raises InputError for an encrypted address where Dask's configuration names no keys."""
+    is_encrypted = scheduler.partition("://")[0] in ("tls", "wss")
+    if is_encrypted and not distributed.Security().get_connection_args("client")["ssl_context"]:
+        raise input_error(
+            f"--scheduler {scheduler}",
+            "no Dask scheduler answers without keys, and Dask's configuration names none",
+            f'name the files of the keys there (docs: how-to/many-rigs), or give "{LOCAL}"',
+        )
 
 
 def collect_on(
