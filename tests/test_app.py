@@ -344,7 +344,7 @@ def test_an_effect_is_tried(window: Page) -> None:
     assert page.locator("button[data-do=fx-held-out]").is_disabled()
     page.locator("button[data-do=fx-freeze]").click()
     page.locator("button[data-do=fx-held-out]:not([disabled])").click()
-    wait_until(lambda: "looked at: 1 times" in window.text("#main"))
+    wait_until(lambda: "looked at: once" in window.text("#main"))
     found = json.loads((window.server.folder / "results/explored.json").read_text("utf-8"))
     assert [(e["id"], e["chosen_by"]) for e in found["effects"]] == [("torque-offset", "user")]
     assert found["provenance"]["options"]["exploration"]["held_out_looks"] == 1
@@ -455,7 +455,8 @@ def test_a_campaign_is_checked_log_by_log(tmp_path: Path) -> None:
             waiting = screen.later.pop(0)()
             assert waiting is not None
             with ThreadPoolExecutor(1) as other:  # this thread may have a loop of playwright's
-                other.submit(asyncio.run, waiting).result()
+                drawn: Any = other.submit(asyncio.run, waiting).result()
+            drawn()
         return str(screen.answer.object)
 
     screen.draw(screen.read())

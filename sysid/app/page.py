@@ -20,6 +20,7 @@ import panel as pn
 from sysid.app import parts
 from sysid.app.jobs import Job, own_code
 from sysid.app.screens import SCREENS, Screen
+from sysid.app.screens.base import Later
 from sysid.app.server import template_text
 from sysid.app.workbench import Workbench, command_line
 from sysid.blocks.interactive import Scheme
@@ -53,6 +54,7 @@ class Window:
         self._stamp: tuple[Any, ...] = ()
         self._job: Job | None = None
         self._filling = 0
+        self._waits: asyncio.Future[None] | None = None
         self._heard = 0
 
     # --- drawing --------------------------------------------------------------------------
@@ -156,9 +158,20 @@ class Window:
         later = self.screens[self.current].later
         if number == self._filling and later:
             waiting = later.pop(0)()
-            if waiting is not None:
-                await waiting
+            if waiting is None:
+                self._go_on(number)
+            else:  # outside of the document's lock, so that what a person does is heard meanwhile
+                document: Any = pn.state.curdoc
+                self._waits = asyncio.ensure_future(self._wait_for(waiting, number, document))
+
+    async def _wait_for(self, waiting: Later, number: int, document: Any) -> None:
+        drawn = await waiting
+
+        def draw() -> None:
+            drawn()
             self._go_on(number)
+
+        document.add_next_tick_callback(draw)
 
     def wait(self) -> None:
         """Say that the screen is being made."""

@@ -13,6 +13,9 @@ from sysid.blocks.interactive import Scheme
 from sysid.blocks.sections import Section
 from sysid.errors import Failure, InputError, on_its_own
 
+Later = Awaitable[Callable[[], None]]
+"""What takes a while, in a thread, and gives what draws it."""
+
 
 class Host(Protocol):
     """What a screen needs of its window."""
@@ -30,7 +33,8 @@ class Host(Protocol):
 class Screen(ABC):
     """A screen of one window: `read` in a thread, then `draw`; `do` what a person does on it.
 
-    `later` are pieces that the window draws, or waits for, once what `draw` gave is shown.
+    `later` are pieces that the window draws, or waits for (`Later`), once what `draw` gave is
+    shown.
     """
 
     title: ClassVar[str]
@@ -40,7 +44,7 @@ class Screen(ABC):
         self.bench = window.bench
         self.panes: list[Any] = []
         self.stamp: tuple[Any, ...] = ()
-        self.later: list[Callable[[], Awaitable[None] | None]] = []
+        self.later: list[Callable[[], Later | None]] = []
 
     @abstractmethod
     def read(self) -> Any:
@@ -73,4 +77,4 @@ class Screen(ABC):
         return
 
 
-__all__ = ["Screen"]
+__all__ = ["Later", "Screen"]

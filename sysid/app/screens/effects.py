@@ -135,7 +135,7 @@ class EffectsScreen(Screen):
             cells = ["", ""]
             if id in gains:
                 gain, chance = gains[id]
-                cells = [number(gain, 3), _rounded(chance)]
+                cells = [f"<nobr>{number(gain, 3)}</nobr>", _rounded(chance)]
             lines.append(["class:on" if on else "class:", show, *cells, mark])
         said = "p: how often logs that lack nothing show as much" if gains else ""
         return parts.rows(("Effect", "Evidence", "p", ""), lines, said)
@@ -232,7 +232,7 @@ class EffectsScreen(Screen):
         refit = parts.button("Refit base", "fx-refit", title="sysid refine, from this choice")
         text = f"<div class='bar2'>{parts.button('Freeze this choice', 'fx-freeze')} {refit} "
         text += parts.button("Look at the held-out tests", "fx-held-out", off=not self.frozen)
-        text += f"</div><p class='muted'>Held-out tests looked at: {looks} times. "
+        text += f"</div><p class='muted'>Held-out tests looked at: {_times(looks)}. "
         text += "They are shown once the choice is frozen; the count is in the report. "
         text += f"A frozen choice is results/{EXPLORED}, marked <code>chosen_by: user</code>.</p>"
         return text
@@ -343,10 +343,16 @@ def _change(before: ExploredTest, after: ExploredTest, name: str) -> str:
 
 def _said(effect: Any) -> str:
     """The effect with its numbers."""
-    numbers = (f"{q.label} = {getattr(effect, q.name):.4g} {q.unit}"
-               for q in type(effect).quantities)  # fmt: skip
+    numbers = (
+        f"{q.label} = {getattr(effect, q.name):.4g} {'' if q.unit == '-' else q.unit}".rstrip()
+        for q in type(effect).quantities
+    )
     side = (f"side = {effect.side}",) if type(effect).has_side() else ()
     return f"{effect.id}: {', '.join((*numbers, *side))}"
+
+
+def _times(count: int) -> str:
+    return "never" if count == 0 else "once" if count == 1 else f"{count} times"
 
 
 def _reach(quantity: Any) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePath
@@ -100,25 +100,26 @@ class IdentifyScreen(Screen):
             self.later.append(partial(self._check_all, content))
         return [self.answer, parts.html(self._advice(content))]
 
-    async def _check_log(self, content: IdentifyContent, number: int) -> None:
+    async def _check_log(self, content: IdentifyContent, number: int) -> Callable[[], None]:
         entry = content.campaign.logs[number]
         found = await asyncio.to_thread(on_its_own, partial(self.bench.checked, entry))
         content.found[number] = found
-        if self.content is content:
-            self.answer.object = _so_far(content)
+        return partial(self._show, content, lambda: _so_far(content))
 
-    async def _check_all(self, content: IdentifyContent) -> None:
+    async def _check_all(self, content: IdentifyContent) -> Callable[[], None]:
         """What all logs say together, once each has been read."""
         if any(isinstance(one, Failure) for one in content.found.values()):
-            return
+            return partial(self._show, content, lambda: _so_far(content))
         whole = partial(self._whole, content.campaign)
         check: Any = await asyncio.to_thread(on_its_own, whole)
-        if self.content is not content:
-            return
-        failed = isinstance(check, Failure)
-        self.answer.object = (
-            _HEAD + parts.note(check.reason, "error") if failed else _answered(check)
-        )
+        is_failed = isinstance(check, Failure)
+        said = _HEAD + parts.note(check.reason, "error") if is_failed else _answered(check)
+        return partial(self._show, content, lambda: said)
+
+    def _show(self, content: IdentifyContent, said: Callable[[], str]) -> None:
+        """Show it, unless the campaign was read again meanwhile."""
+        if self.content is content:
+            self.answer.object = said()
 
     def _advice(self, content: IdentifyContent) -> str:
         if content.is_own:
