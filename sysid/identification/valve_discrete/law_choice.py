@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid import signals
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.law_evidence import DECISIVE, twice_log_evidence
 from sysid.estimation.quality import root_mean_square
@@ -27,6 +28,7 @@ from sysid.identification.valve_discrete.curve import (
 )
 from sysid.identification.valve_discrete.held_chamber import DELAYS, DiscreteValve
 from sysid.identification.valve_discrete.quality import rows_of
+from sysid.identification.valve_discrete.trials import Piece
 from sysid.parameters.valves import (
     AUTO,
     ISO6358,
@@ -38,6 +40,7 @@ from sysid.parameters.valves import (
     RejectedLaw,
 )
 from sysid.plant.iso6358 import choked_flow
+from sysid.types import BoolArray, FloatArray
 
 # Critical ratios of real valves, from which the fit starts; the best fit counts.
 _STARTS = (0.15, 0.35)
@@ -269,15 +272,32 @@ def _iso_start(thesis: CurveFit, ways: Sequence[str], ratio: float) -> DiscreteV
 
 def _evidence(one: CurveFit, other: CurveFit, way: str) -> float | None:
     """Twice the log evidence for the other in one direction, on the first's tests, which begin the
-    other's; None without rows in motion."""
+    other's; None without rows in motion.
+
+    A valve's flow differs a little from test to test: what such a factor leaves in a test is no
+    fault of either law, and would make a whole test's residual one independent sample.
+    """
     old, new, least = [], [], []
     for index, piece in enumerate(one.problem.pieces):
         rows = rows_of(way, piece, (one, other), index)
-        old.append(one.residuals(index)[rows])
-        new.append(other.residuals(index)[rows])
+        old.append(_without_own_factor(piece, one.residuals(index), rows))
+        new.append(_without_own_factor(piece, other.residuals(index), rows))
         # A record finer than its sensor's noise shows no more than that.
         least.append(0.1 * piece.noise)
     return twice_log_evidence(old, new, least)
+
+
+def _without_own_factor(piece: Piece, residuals: FloatArray, rows: BoolArray) -> FloatArray:
+    """The rows' residuals, Pa, less what a factor of the test's flow explains of them: with a flow
+    larger by e the fitted pressure p is ahead by e t dp/dt, t since the valve switched."""
+    time = piece.chamber.time
+    rate = np.gradient(piece.pressure + residuals, time)
+    ahead = np.zeros(len(time))
+    for first, stop in signals.runs(rows):
+        ahead[first:stop] = (time[first:stop] - time[first]) * rate[first:stop]
+    own, along = residuals[rows], ahead[rows]
+    size = float(along @ along)
+    return np.asarray(own - along * (float(along @ own) / size) if size > 0.0 else own)
 
 
 def _rms(fit: CurveFit, other: CurveFit, way: str) -> float:
