@@ -494,6 +494,18 @@ def test_a_part_alone_says_on_the_first_screen_what_is_missing(made: Made) -> No
     assert "What to do next" not in first.partition("Not included")[2]
 
 
+def test_a_legend_over_a_wide_figure_stands_beside_its_title() -> None:
+    from sysid.blocks.figures import Figure, Line, Panel, Scale
+
+    x = np.linspace(0.0, 1.0, 5)
+    marks = (Line(x, x, "model", "Valve A"), Line(x, -x, "second", "Valve B"))
+    panel = Panel(Scale("Time", "s"), Scale("Command"), marks, legend="over")
+    drawn = svg.picture(Figure("f", "Valves", "", (panel,), size=(8.6, 2.5))).svg
+    (width,) = re.findall(r'viewBox="0 0 ([\d.]+)', drawn)
+    (last,) = re.findall(r' x="([\d.]+)"[^>]*>Valve B<', drawn)
+    assert float(last) < 0.4 * float(width)  # a phone shows half of the width
+
+
 def test_a_motor_alone_has_no_valves() -> None:
     bundles: list[Any] = [
         SimpleNamespace(rig=SimpleNamespace(is_motor_alone=alone)) for alone in (True, False)
