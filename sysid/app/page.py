@@ -28,6 +28,8 @@ from sysid.errors import Failure, InputError, SysidError, one_line, some_of
 
 _LOOK_MS = 700
 _MOST_LINES = 14
+# Panes of a screen that are sent at once when it is shown again: its head and what stands below.
+_FIRST_PANES = 2
 # What the other screens need at their first visit: a second's work, most of it scipy's.
 _SOON = ("pandas", "pyarrow.parquet", "pyarrow.compute", "scipy.signal", "bokeh.plotting")
 
@@ -154,6 +156,19 @@ class Window:
             document: Any = pn.state.curdoc
             document.add_next_tick_callback(partial(self._draw_later, number))
 
+    def _bring_back(self, number: int, count: int) -> None:
+        """The first panes of a screen that was drawn before, then one after the other: to send a
+        section's figures again takes a while."""
+        panes = self.screens[self.current].panes
+        if number != self._filling:
+            return
+        self.main.objects = panes[:count]
+        if count < len(panes):
+            document: Any = pn.state.curdoc
+            document.add_next_tick_callback(partial(self._bring_back, number, count + 1))
+        else:
+            self._go_on(number)
+
     async def _draw_later(self, number: int) -> None:
         later = self.screens[self.current].later
         if number == self._filling and later:
@@ -248,8 +263,7 @@ class Window:
         if screen.panes and screen.stamp == self.bench.stamp():
             self._filling += 1
             self._stamp = screen.stamp
-            self.main.objects = screen.panes
-            self._go_on(self._filling)
+            self._bring_back(self._filling, _FIRST_PANES)
             return
         self.wait()
         await self.fill()
