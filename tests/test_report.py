@@ -685,6 +685,7 @@ def test_the_first_screen_shows_a_held_out_test_before_and_after() -> None:
 
 def test_what_to_do_next_is_what_advise_predicts(made: Made) -> None:
     from sysid.pipeline.pages.next_steps import next_line
+    from sysid.pipeline.verdict import verdict_lines
 
     advice = {
         "parameters": [{"name": "friction.coulomb_nm", "unit": "Nm", "std_now": 0.002}],
@@ -708,6 +709,9 @@ def test_what_to_do_next_is_what_advise_predicts(made: Made) -> None:
     both = {**advice, "tests": [{**advice["tests"][0], "motion_gain": 0.05}, better]}
     # Not the test that makes numbers certain which hardly move the motion.
     assert next_line(made.bundle, plain, both).startswith("Record motion-pwm: duties about 0.2")
+    # What a terminal says next is what the report says.
+    printed = verdict_lines(made.bundle, plain, advice=both)[-1]
+    assert f"{printed.removeprefix('Next: ')}." == next_line(made.bundle, plain, both)
     # The table begins with the test that the first screen names.
     section = next_section(made.bundle, plain, "c.toml", both)
     assert section is not None

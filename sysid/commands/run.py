@@ -117,6 +117,6 @@ def show_run(done: RunReport, as_json: bool, verbose: bool = False) -> None:
             table("Stages", ("stage", "", "s"), stages),
             f"bundle: {done.folder / BUNDLE_FILE}",
             *report,
-            *verdict_lines(done.bundle, done.diagnosis, done.not_diagnosed),
+            *verdict_lines(done.bundle, done.diagnosis, done.not_diagnosed, done.advice),
         )
     )

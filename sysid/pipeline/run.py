@@ -555,9 +555,9 @@ def stages_of(run: PipelineRun) -> list[Stage]:
 class RunReport:
     """The result of `sysid run`: the stages, the bundle, and the files that it wrote.
 
-    `diagnosis` is the content of its file, None without a diagnosis; `unasked` are those of the
-    notices, on what an export lacks, that a terminal shows only when asked to; `not_diagnosed` says
-    why a diagnosis was skipped.
+    `diagnosis` is the content of its file, None without a diagnosis, `advice` likewise; `unasked`
+    are those of the notices, on what an export lacks, that a terminal shows only when asked to;
+    `not_diagnosed` says why a diagnosis was skipped.
     """
 
     folder: Path
@@ -567,6 +567,7 @@ class RunReport:
     diagnosis: dict[str, Any] | None = None
     unasked: tuple[str, ...] = ()
     not_diagnosed: str = ""
+    advice: dict[str, Any] | None = None
 
     @property
     def report(self) -> Path:
@@ -634,4 +635,4 @@ def run_campaign(campaign_path: Path, folder: Path, options: RunOptions) -> RunR
         skipped = "" if found is None else found.get("skipped", "")
         notices = tuple(dict.fromkeys(run.notices))
         unasked = tuple(dict.fromkeys(run.unasked))
-        return RunReport(folder, stages, bundle, notices, diagnosis, unasked, skipped)
+        return RunReport(folder, stages, bundle, notices, diagnosis, unasked, skipped, run.advice())

@@ -11,19 +11,24 @@ from sysid.diagnosis import wording
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.io.channels import channel_of
 from sysid.parameters import Bundle, Validation
+from sysid.pipeline.pages.next_steps import best_test
 
 
 def verdict_lines(
-    bundle: Bundle, diagnosis: Mapping[str, Any] | None, skipped: str = ""
+    bundle: Bundle,
+    diagnosis: Mapping[str, Any] | None,
+    skipped: str = "",
+    advice: Mapping[str, Any] | None = None,
 ) -> tuple[str, str, str]:
-    """The three lines, from the final bundle and the diagnosis (None where it was `skipped`)."""
+    """The three lines, from the final bundle and the diagnosis (None where it was `skipped`);
+    `advice` as in `next_steps.next_line`."""
     reason = skipped.removeprefix("diagnosis: ")
     none = f"not possible: {reason}" if skipped else "none was made"
     found = none if diagnosis is None else wording.sentence(diagnosis)
     return (
         f"Model: {_model(bundle)}",
         f"Diagnosis: {found}",
-        f"Next: {_next(bundle, diagnosis, bool(skipped))}",
+        f"Next: {_next(bundle, diagnosis, bool(skipped), advice)}",
     )
 
 
@@ -76,12 +81,19 @@ def _laws(bundle: Bundle) -> str:
     return f"its laws' fits are {'; '.join(said)}" if said else "no law was judged"
 
 
-def _next(bundle: Bundle, diagnosis: Mapping[str, Any] | None, is_impossible: bool) -> str:
+def _next(
+    bundle: Bundle,
+    diagnosis: Mapping[str, Any] | None,
+    is_impossible: bool,
+    advice: Mapping[str, Any] | None,
+) -> str:
     if diagnosis is None and is_impossible:
         return "add the tests that the diagnosis needs"
     if diagnosis is None:
         return "sysid diagnose finds what the model lacks"
     lines = wording.advice(diagnosis)
+    if not lines and advice is not None and advice["tests"]:
+        return best_test(advice["tests"]).removesuffix(".")
     if not lines:
         is_advised = bundle.component is None and is_of_actuator(diagnosis)
         more = "; sysid advise names the most informative test"

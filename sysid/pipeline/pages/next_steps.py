@@ -101,7 +101,7 @@ def next_line(
     if said:
         return said[0]
     if advice is not None and advice["tests"]:
-        return _best_test(advice["tests"])
+        return best_test(advice["tests"])
     if bundle.rig.is_tank_alone:
         return ""
     for name, lacks, helps in (*_missing(bundle), *(() if moves() else _wide(bundle))):
@@ -109,7 +109,7 @@ def next_line(
     return _most_moved(bundle, moves(), rmse) or ("" if found is None else "No question is open.")
 
 
-def _best_test(tests: Sequence[Content]) -> str:
+def best_test(tests: Sequence[Content]) -> str:
     """The test that lowers the error of simulated motion most, not that of all numbers alike."""
     best = _best_first(tests)[0]
     if not best.get("motion_gain"):
@@ -338,4 +338,4 @@ def _size(quantity: Quantity) -> float:
     return quantity.typical or (reach if math.isfinite(reach) else 0.0)
 
 
-__all__ = ["next_line", "next_section", "open_questions"]
+__all__ = ["best_test", "next_line", "next_section", "open_questions"]
