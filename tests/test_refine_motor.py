@@ -360,7 +360,8 @@ def test_the_measured_axis_is_refined(emps: Campaign) -> None:
     for name, value in published.items():
         assert found[name].value == pytest.approx(value, rel=0.15), name
     force = result.effort["holdout"]["motor_force_n"]
-    assert force[0] == pytest.approx(2.31, abs=0.01)
+    # Over the samples that are clear of the reversals, which the filter does not resolve.
+    assert force[0] == pytest.approx(2.25, abs=0.01)
     assert force[1] < force[0]
     model = result.bundle.model(emps.rig).parameters
     assert model.coulomb_effort == found["coulomb_n"].value
