@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from sysid import signals
-from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
+from sysid.io.channels import CHAMBER_PRESSURES, DUTIES, VALVE_COMMANDS
 from sysid.io.rig import Load, Rig
 from sysid.io.samples import Trial
 from sysid.plant.base import cylinder_effort, gravity_effort, spring_effort
@@ -194,6 +194,12 @@ class Recording:
     def valves_on(self) -> bool:
         """Whether a valve is on at any time."""
         return any(name in self and bool(np.any(self[name])) for name in VALVE_COMMANDS)
+
+    @property
+    def is_pulsed(self) -> bool:
+        """Whether a valve is ever switched within a PWM period."""
+        found = (self[name] for name in DUTIES if name in self)
+        return any(bool(np.any((duty > 0.0) & (duty < 1.0))) for duty in found)
 
     @property
     def valves_move(self) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,6 +32,8 @@ from sysid.types import FloatArray
 _PERIODS = 20
 _CREST_POINTS = 41
 _FEWEST = 3
+# Readings of a PWM period that show its first harmonic.
+_RESOLVED = 3
 CRITERION = (
     "end of a rest within a motion, by the onset of sustained motion; the efforts before it are "
     f"fitted over {_PERIODS} PWM periods by a trend and the ripple, and read at its last crest; "
@@ -62,6 +65,16 @@ def static_of_rests(
         f"static friction is that of {len(found)} rests of friction-motion tests, at whose ends "
         "the shaft begins to move: the rig file declares no motor that could ramp its effort"
     )
+    hidden = [t for t, own in zip(trials, by_trial, strict=True) if len(own) and _hides_crests(t)]
+    if hidden:
+        estimate = replace(estimate, interval=(estimate.interval[0], math.inf))
+        pulses = 1e3 * hidden[0].rig.pwm.period_s if hidden[0].rig.pwm is not None else math.nan
+        notices.append(
+            f"static friction is at least what these rests show: the shaft breaks away at a crest "
+            f"of the pulses' ripple, of which a reading each {1e3 * hidden[0].period:g} ms shows "
+            f"nothing (PWM period {pulses:g} ms): log at {_RESOLVED:g} readings a period or more, "
+            "or ramp the pressure by on/off commands"
+        )
     medians = np.array([np.median(own) for own in by_trial if len(own)])
     return StaticFriction(
         estimate,
@@ -73,6 +86,17 @@ def static_of_rests(
         repeats=Variance.of(medians / middle),
         rested_in=len(medians),
     )
+
+
+def _harmonics(trial: Recording) -> int:
+    """The harmonics of the PWM frequency that a log's readings show."""
+    pwm = trial.rig.pwm
+    return 0 if pwm is None else max(0, math.ceil(0.5 * pwm.period_s / trial.period - 1e-6) - 1)
+
+
+def _hides_crests(trial: Recording) -> bool:
+    """Whether the pressure has a ripple that the readings do not resolve."""
+    return trial.rig.pwm is not None and trial.is_pulsed and _harmonics(trial) == 0
 
 
 def _readings(trial: Recording) -> Iterator[float]:
@@ -95,7 +119,7 @@ def _crest(rest: Recording, onset: Onset) -> float:
     """The largest effort just before an onset, Nm or N along the motion; NaN of a short rest."""
     pwm = rest.rig.pwm
     period = AVERAGE_S / _PERIODS if pwm is None else pwm.period_s
-    harmonics = 0 if pwm is None else math.ceil(0.5 * period / rest.period - 1e-6) - 1
+    harmonics = _harmonics(rest)
     first = max(0, onset.index + 1 - round(_PERIODS * period / rest.period))
     rows = slice(first, onset.index + 1)
     columns = _columns(rest.time[rows] - onset.time, period, harmonics)

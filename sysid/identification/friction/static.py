@@ -122,7 +122,10 @@ class StaticFriction:
         known = own.degrees_of_freedom if own.has_error else math.inf
         dof = satterthwaite(shares, np.array([known, repeats.dof]))
         std = float(np.sqrt(shares.sum()))
-        return replace(self, estimate=Estimate.symmetric(own.value, std, own.unit, dof))
+        found = Estimate.symmetric(own.value, std, own.unit, dof)
+        if math.isinf(own.interval[1]):  # a limit that the tests do not set
+            found = replace(found, interval=(found.interval[0], math.inf))
+        return replace(self, estimate=found)
 
     @property
     def remarks(self) -> tuple[str, ...]:
