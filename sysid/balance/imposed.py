@@ -29,8 +29,6 @@ _WIDER = 3.0
 _LEAST_SCALE = 1e-3
 # Lengths of the filter after which nothing is left of an impulse, and what is nothing of it.
 _FADED, _SEEN = 2, 1e-2
-# Impulses by which a turn's pulse is described.
-_PULSE = 5
 
 
 @dataclass(frozen=True)
@@ -75,8 +73,9 @@ class ImposedMotion:
         spread = self.balanced.smooth(impulse)
         spread /= np.abs(spread).max()
         # Half a length about the turn, half of the fastest wave that passes: any pulse in it is a
-        # sum of a few impulses, which the filter makes as smooth as itself.
-        places = np.unique(np.round(np.linspace(-cell, cell, _PULSE)).astype(int))
+        # sum of a few impulses, twice as close as samples that the filter leaves independent.
+        count = signals.PER_LENGTH + 1
+        places = np.unique(np.round(np.linspace(-cell, cell, count)).astype(int))
         after = self.rows[:, None] - (turns[:, None] + places).ravel()
         near = np.abs(after) <= reach
         columns = np.where(near, spread[np.where(near, after + reach, 0)], 0.0)

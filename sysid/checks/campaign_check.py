@@ -14,7 +14,7 @@ from sysid.checks.identifiability import switched_test, valves_identified
 from sysid.checks.log_check import (
     CheckedLog,
     LogCheck,
-    check_entry,
+    checked_logs,
     compared,
     kind_of,
     listed,
@@ -168,9 +168,7 @@ def check_whole(
     together. Raises InputError.
     """
     logs = [campaign.read(entry) for entry in campaign.logs] if logs is None else logs
-    if checked is None:
-        pairs = zip(campaign.logs, logs, strict=True)
-        checked = [check_entry(entry, log, campaign.rig) for entry, log in pairs]
+    checked = checked_logs(campaign, logs) if checked is None else checked
     checks = tuple(compared(campaign, logs, checked))
     answers = tuple(_answers(campaign, logs, checks))
     noise = campaign.rig.sensors.pressure_noise_pa

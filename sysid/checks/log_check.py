@@ -239,6 +239,14 @@ def check_entry(entry: CampaignLog, log: Log, rig: Rig, *, by_content: bool = Fa
     return CheckedLog(check, readings_of(log, entry.kind, rig, entry.file))
 
 
+def checked_logs(
+    campaign: Campaign, logs: Sequence[Log], *, by_content: bool = False
+) -> list[CheckedLog]:
+    """`check_entry` of every log of a campaign, as read."""
+    pairs = zip(campaign.logs, logs, strict=True)
+    return [check_entry(e, log, campaign.rig, by_content=by_content) for e, log in pairs]
+
+
 def compared(
     campaign: Campaign, logs: Sequence[Log], checked: Sequence[CheckedLog]
 ) -> list[LogCheck]:
@@ -264,11 +272,7 @@ def check_campaign(campaign: Campaign, *, by_content: bool = False) -> list[LogC
     InputError.
     """
     logs = [campaign.read(entry) for entry in campaign.logs]
-    checked = [
-        check_entry(entry, log, campaign.rig, by_content=by_content)
-        for entry, log in zip(campaign.logs, logs, strict=True)
-    ]
-    return compared(campaign, logs, checked)
+    return compared(campaign, logs, checked_logs(campaign, logs, by_content=by_content))
 
 
 def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:

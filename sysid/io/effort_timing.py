@@ -27,9 +27,9 @@ _FEWEST_ROWS = 40
 # A reading is half a sample early: clearly nearer to that than to none.
 _NEARER = 0.25
 _STANDARD_ERRORS = 2.0
-# Waves over the position that the balance is given, a cog's and its harmonics', of so many numbers
-# each, and the fewest periods of one in the visited stretch: fewer are gravity or a spring.
-_WAVES, _A_WAVE, _PERIODS = 3, 4, 2.0
+# Waves over the position that the balance is given, a cog's and its harmonics', and the fewest
+# periods of one in the visited stretch: fewer are gravity or a spring.
+_WAVES, _PERIODS = 3, 2.0
 # Share of the median speed, below which the shaft is at rest and the friction law does not hold.
 _SLOW = 0.02
 
@@ -93,14 +93,17 @@ def effort_is_read(trials: Iterable[Trial], rig: Rig) -> bool:
     samples, error, left = _lag(cases)
     for _ in range(_WAVES):
         wave = _wave_left(cases, left)
-        if wave is None or _STRETCHES * (cases[0].known.shape[1] + _A_WAVE) > len(left):
+        if wave is None:
             break
         cases = [case.with_wave(wave) for case in cases]
+        narrow, width = width, cases[0].known.shape[1]
+        if _STRETCHES * width > len(left):
+            break
         with_wave = _lag(cases)
         was, now = (float(values @ values) for values in (left, with_wave[-1]))
         count = len(left)
         # Schwarz's criterion, as the rows are nearly independent.
-        if not now > 0.0 or count * math.log(was / now) < _A_WAVE * math.log(count):
+        if not now > 0.0 or count * math.log(was / now) < (width - narrow) * math.log(count):
             break
         samples, error, left = with_wave
     return bool(samples + _STANDARD_ERRORS * error < -_NEARER)

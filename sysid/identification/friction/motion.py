@@ -261,9 +261,10 @@ def _fitted(
         samples = _long_enough(samples)
     fits = model.apart(samples)
     apart = fits is not None and len(fits) >= FEWEST_REPEATS
-    own = model.repeats(samples, model.start(samples, fits))
+    pooled = model.regression(samples)
+    own = model.repeats(samples, model.start(pooled, fits))
     repeats = own.pooled(repeats)
-    found = model.estimated(samples, fits, repeats)
+    found = model.estimated(samples, pooled, fits, repeats)
     if VISCOUS in model.columns:
         found = model.with_model_error(samples, found, None if fits is None or apart else repeats)
     if not apart:
@@ -350,19 +351,23 @@ class _Model:
             return None
         return None if any(inflation(fit) > _MOST_INFLATION for fit in fits) else fits
 
-    def start(self, samples: Sequence[MotionSamples], fits: list[LinearFit] | None) -> FloatArray:
+    @staticmethod
+    def start(pooled: LinearFit, fits: list[LinearFit] | None) -> FloatArray:
         """Values (p,) of a law of all trials, from which their factors are taken."""
         if fits is None:
-            return self.regression(samples).coefficients
+            return pooled.coefficients
         return np.asarray(np.mean([fit.coefficients for fit in fits], axis=0))
 
     def estimated(
-        self, samples: Sequence[MotionSamples], fits: list[LinearFit] | None, repeats: Variance
+        self,
+        samples: Sequence[MotionSamples],
+        pooled: LinearFit,
+        fits: list[LinearFit] | None,
+        repeats: Variance,
     ) -> _Found:
         """Values, standard errors and degrees of freedom of the columns' coefficients."""
         if fits is not None and len(fits) < FEWEST_REPEATS:
             return self.weighted(fits, repeats)
-        pooled = self.regression(samples)
         if fits is None:
             covariance = pooled.correlated_covariance(_trial_numbers(samples))
             matrix = covariance.matrix

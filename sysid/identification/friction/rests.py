@@ -32,8 +32,6 @@ from sysid.types import FloatArray
 _PERIODS = 20
 _CREST_POINTS = 41
 _FEWEST = 3
-# Readings of a PWM period that show its first harmonic.
-_RESOLVED = 3
 CRITERION = (
     "end of a rest within a motion, by the onset of sustained motion; the efforts before it are "
     f"fitted over {_PERIODS} PWM periods by a trend and the ripple, and read at its last crest; "
@@ -65,16 +63,14 @@ def static_of_rests(
         f"static friction is that of {len(found)} rests of friction-motion tests, at whose ends "
         "the shaft begins to move: the rig file declares no motor that could ramp its effort"
     )
-    hidden = [t for t, own in zip(trials, by_trial, strict=True) if len(own) and _hides_crests(t)]
+    hidden = [
+        line
+        for trial, own in zip(trials, by_trial, strict=True)
+        if len(own) and (line := _hidden_crests(trial))
+    ]
     if hidden:
         estimate = replace(estimate, interval=(estimate.interval[0], math.inf))
-        pulses = 1e3 * hidden[0].rig.pwm.period_s if hidden[0].rig.pwm is not None else math.nan
-        notices.append(
-            f"static friction is at least what these rests show: the shaft breaks away at a crest "
-            f"of the pulses' ripple, of which a reading each {1e3 * hidden[0].period:g} ms shows "
-            f"nothing (PWM period {pulses:g} ms): log at {_RESOLVED:g} readings a period or more, "
-            "or ramp the pressure by on/off commands"
-        )
+        notices.append(hidden[0])
     medians = np.array([np.median(own) for own in by_trial if len(own)])
     return StaticFriction(
         estimate,
@@ -94,9 +90,17 @@ def _harmonics(trial: Recording) -> int:
     return 0 if pwm is None else max(0, math.ceil(0.5 * pwm.period_s / trial.period - 1e-6) - 1)
 
 
-def _hides_crests(trial: Recording) -> bool:
-    """Whether the pressure has a ripple that the readings do not resolve."""
-    return trial.rig.pwm is not None and trial.is_pulsed and _harmonics(trial) == 0
+def _hidden_crests(trial: Recording) -> str:
+    """What a ripple of the pressure that the readings do not resolve hides; empty without one."""
+    pwm = trial.rig.pwm
+    if pwm is None or not trial.is_pulsed or _harmonics(trial):
+        return ""
+    return (
+        "static friction is at least what these rests show: the shaft breaks away at a crest of "
+        f"the pulses' ripple, of which a reading each {1e3 * trial.period:g} ms shows nothing "
+        f"(PWM period {1e3 * pwm.period_s:g} ms): log more than two readings a period, or ramp the "
+        "pressure by on/off commands"
+    )
 
 
 def _readings(trial: Recording) -> Iterator[float]:

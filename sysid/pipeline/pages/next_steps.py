@@ -11,7 +11,7 @@ from sysid.blocks.sections import Block, Lines, Section
 from sysid.blocks.tables import table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.tables import named
-from sysid.diagnosis.wording import advice_on_rest
+from sysid.diagnosis.wording import advice_on_rest, joined
 from sysid.io.channels import channel_of
 from sysid.io.motion import FRICTION
 from sysid.parameters import Bundle
@@ -221,10 +221,9 @@ def unfinished(bundle: Bundle, diagnosis: Content | None, *, is_validated: bool)
         if not rig.is_motor_alone:
             lacking += [f"valve {s.upper()}" for s in rig.sides if s not in valves]
     if lacking:
-        names = f"{', '.join(lacking[:-1])} and {lacking[-1]}" if lacking[1:] else lacking[0]
         return (
-            f"Fit {names} too, in a campaign (sysid run): a part alone cannot be simulated along "
-            "a motion, by which the model is judged."
+            f"Fit {joined(lacking)} too, in a campaign (sysid run): a part alone cannot be "
+            "simulated along a motion, by which the model is judged."
         )
     said = open_questions(diagnosis, is_validated=is_validated)
     return "" if said == "no open question" else f"{said[:1].upper()}{said[1:]}."
