@@ -184,9 +184,10 @@ def _fit_valve(
         reasons = {name: why for name, why in reasons.items() if name not in curves.problem.free}
     contradicted = any_contradiction(used)
     quality = {
-        way: replace(one, contradicted=contradicted) for way, one in judged(curves, title).items()
+        way: replace(one, contradicted=contradicted)
+        for way, one in judged(curves, title, choice.better).items()
     }
-    estimates = flows_and_delays(curves, reasons, title, notices)
+    estimates = flows_and_delays(curves, reasons, title, notices, choice.delays)
     ways = [way for way, name in choice.laws.items() if name == SERIES]
     estimates = with_flow_controls(estimates, series, ways, alone)
     estimates |= critical_ratios(curves, estimates) if find_ratio else {}
@@ -200,7 +201,7 @@ def _fit_valve(
         if not estimates[name].identified
     ]
     notices += settled_notices(curves, title, air)
-    notices += lack_of_fit_notices(curves, title)
+    notices += lack_of_fit_notices(curves, title, choice)
     notices += delay_notices(estimates, title, rig)
     remarks += [*law_remarks(choice, title), *verdicts(estimates, title)]
     return fit_of(valve, curves, estimates, read, air, quality, joint, choice)

@@ -75,12 +75,32 @@ def test_an_index_that_the_tests_show_is_fitted(fitted: ValveDiscreteResult) -> 
     assert found["a"].estimates["critical_ratio_dis"].value == pytest.approx(0.22, abs=0.03)
 
 
-def test_the_thesis_law_says_that_its_delay_is_biased() -> None:
+def test_a_wrong_law_that_is_asked_for_moves_no_delay() -> None:
+    """By its own curve the thesis' law has an off-delay of half the true one here."""
     bench = IsoBench()
-    found = fit_valve_discrete(bench.trials(1, 1), bench.rig(), find_ratio=False, law="thesis")
+    found = fit_valve_discrete(bench.trials(1, 3), bench.rig(), find_ratio=False, law="thesis")
+    fit = found["a"]
+    assert fit.law().law is None
+    for name, truth in (("on_delay_s", bench.on_delay), ("off_delay_s", bench.off_delay)):
+        assert fit[name].value == pytest.approx(truth, abs=2e-4)
+        assert fit[name].std < 2e-4
+        assert name in fit.joint.names
     line = next(n for n in found.notices if "misses the discharge" in n)
-    assert "off_delay_s is biased" in line
-    assert found["a"].law().law is None
+    assert "off_delay_s is that of ISO 6358, which follows it better" in line
+    for direction in ("fill", "discharge"):
+        verdict = fit.quality[direction].verdict
+        assert verdict == "usable: ISO 6358 follows these tests better"
+
+
+def test_so_does_iso_6358_on_a_valve_of_the_thesis(rig_text: str) -> None:
+    bench = Bench()
+    found = fit_valve_discrete(
+        bench.trials(3, 2), make_rig(rig_text), find_ratio=False, law="iso6358"
+    )
+    fit = found["a"]
+    assert fit.choice is not None and fit.choice.better["dis"] == "thesis"
+    assert fit["off_delay_s"].value == pytest.approx(bench.valve.off_delay_s, abs=2e-4)
+    assert "the thesis' law follows these tests better" in fit.quality["discharge"].verdict
 
 
 def test_a_valve_of_the_thesis_keeps_its_law(rig_text: str) -> None:

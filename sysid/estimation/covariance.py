@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +46,13 @@ class JointCovariance:
 
     names: tuple[str, ...]
     matrix: FloatArray
+
+    def joined(self, variances: Mapping[str, float]) -> JointCovariance:
+        """With further estimates, by name, whose errors are independent of these."""
+        k, own = len(self.names), list(variances.values())
+        matrix = np.zeros((k + len(own),) * 2)
+        matrix[:k, :k], matrix[k:, k:] = self.matrix, np.diag(own)
+        return JointCovariance((*self.names, *variances), matrix)
 
     def correlation(self, known: Collection[str]) -> tuple[tuple[str, ...], FloatArray]:
         """The names in `known` that have an error, and their correlation (m, m)."""

@@ -130,7 +130,8 @@ class FitQuality:
     measurement's own, None where it is not known. `impossible`: what cannot be in the
     parameters, one line each. `left_out`: what was given and not used. `contradicted`: whether a
     log contradicts the rig file. `spare`: the number of values less the number of parameters,
-    where that may be 0: then nothing shows how large the law's error is.
+    where that may be 0: then nothing shows how large the law's error is. `outdone_by`: the law
+    that follows the same data decidedly better, as a sentence names it.
     """
 
     signal: str
@@ -144,6 +145,7 @@ class FitQuality:
     left_out: tuple[ExcludedData, ...] = ()
     contradicted: bool = False
     spare: int | None = None
+    outdone_by: str = ""
 
     @classmethod
     def of(
@@ -200,6 +202,8 @@ class FitQuality:
             found.append(("usable", CONTRADICTED))
         if self.spare == 0:
             found.append(("usable", "no test repeats it, so its error is unknown"))
+        if self.outdone_by:
+            found.append(("usable", f"{self.outdone_by} follows these tests better"))
         rank, why = max(found, key=lambda one: (_RANKS.index(one[0]), bool(one[1])))
         return f"{rank}: {why}" if why else rank
 

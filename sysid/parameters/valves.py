@@ -31,6 +31,8 @@ LAW_KEYS = {
 # The numbers of a direction that obeys ISO 6358, likewise: keys within keys.
 THESIS, ISO6358, SERIES, AUTO = "thesis", "iso6358", "thesis-series", "auto"
 LAWS = (THESIS, ISO6358, SERIES)
+LAW_NAMES = {THESIS: "the thesis' law", ISO6358: "ISO 6358", SERIES: "a flow control in series"}
+"""As a sentence names them."""
 WAYS = {"fill": "fill", "dis": "exhaust"}
 """The directions of a valve: the model's names, and the bundle's."""
 ISO_QUANTITIES = ("sonic_conductance", "critical_ratio", "subsonic_index")
@@ -465,6 +467,7 @@ __all__ = [
     "ISO_QUANTITIES",
     "LAWS",
     "LAW_KEYS",
+    "LAW_NAMES",
     "SERIES",
     "SURFACE_KINDS",
     "THESIS",

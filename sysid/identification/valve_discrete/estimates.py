@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
@@ -40,9 +41,14 @@ from sysid.plant.base import exhaust_jump, filling_jump
 
 
 def flows_and_delays(
-    curves: CurveFit, reasons: Mapping[str, str], title: str, notices: list[str]
+    curves: CurveFit,
+    reasons: Mapping[str, str],
+    title: str,
+    notices: list[str],
+    delays: Mapping[str, CurveFit] = MappingProxyType({}),
 ) -> dict[str, Estimate]:
-    """The flow parameters and delays; `reasons` say why some are not identified."""
+    """The flow parameters and delays; `reasons` say why some are not identified, `delays` are the
+    fits from which delays are taken that are held in this one."""
     found: dict[str, Estimate] = {}
     if not curves.fit.converged:
         notices.append(f"{title}: the fit did not converge ({curves.fit.message})")
@@ -56,7 +62,7 @@ def flows_and_delays(
             value = float(getattr(curves.problem.start, name))
             found[name] = Estimate(value, 0.0, UNITS[name], (value, value))
             continue
-        estimate, scatters = curves.estimate(name)
+        estimate, scatters = delays.get(name, curves).estimate(name)
         size = 1.0 if name.startswith("critical_ratio") else estimate.value
         if estimate.identified and name in flows and estimate.std > MOST_STD * size:
             share = 100.0 * estimate.std / size
@@ -122,7 +128,9 @@ def with_volume_error(
         for name, flow in flows.items()
     }
     values = {name: flow.value for name, flow in flows.items()}
-    return {**estimates, **wider}, volume.in_joint(curves.joint, values)
+    held = {n: estimates[n].std ** 2 for n in DELAYS if n not in curves.problem.free}
+    known_errors = {n: v for n, v in held.items() if math.isfinite(v)}
+    return {**estimates, **wider}, volume.in_joint(curves.joint.joined(known_errors), values)
 
 
 def critical_ratios(curves: CurveFit, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:

@@ -17,7 +17,7 @@ import numpy as np
 from sysid import signals
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.law_evidence import DECISIVE, twice_log_evidence
-from sysid.estimation.quality import root_mean_square
+from sysid.estimation.quality import SCATTER_TIMES, root_mean_square
 from sysid.identification.valve_discrete.curve import (
     MOST_STD,
     CurveFit,
@@ -27,7 +27,7 @@ from sysid.identification.valve_discrete.curve import (
     thesis_names,
 )
 from sysid.identification.valve_discrete.held_chamber import DELAYS, DiscreteValve
-from sysid.identification.valve_discrete.quality import rows_of
+from sysid.identification.valve_discrete.quality import qualities, rows_of
 from sysid.identification.valve_discrete.trials import Piece
 from sysid.parameters.valves import (
     AUTO,
@@ -54,7 +54,9 @@ class LawChoice:
     `laws`: by direction, "fill" and "dis"; `evidence` of directions of which both were fitted;
     `rms` Pa of each law by direction, over the rows in motion; `series`: twice the log evidence for
     a flow control in series over the better of the two (None: not fitted); `rejected`: the fits by
-    the laws that were not chosen.
+    the laws that were not chosen; `better`: by direction, of these the law that follows it
+    decidedly better than the law that is kept, because it was asked for or as the directions
+    disagree; `delays`: the fits from which delays are taken, by name, in place of the kept law's.
     """
 
     laws: Mapping[str, str]
@@ -63,6 +65,8 @@ class LawChoice:
     asked: str = AUTO
     series: float | None = None
     rejected: Mapping[str, CurveFit] = field(default_factory=dict)
+    better: Mapping[str, str] = field(default_factory=dict)
+    delays: Mapping[str, CurveFit] = field(default_factory=dict)
 
     @property
     def total(self) -> float:
@@ -171,7 +175,7 @@ def _of_two(thesis: CurveFit, asked: str) -> tuple[CurveFit, LawChoice]:
     """`chosen` of the thesis' law and ISO 6358."""
     ways = [way for way in WAYS if set(thesis_names(way)) & set(thesis.problem.free)]
     plain = dict.fromkeys(WAYS, THESIS)
-    if asked == THESIS or not ways:
+    if not ways or (asked == THESIS and not _misses_more_than_noise(thesis)):
         return thesis, LawChoice(plain, {}, {}, asked)
     iso = iso_fit(thesis, ways)
     if iso is None:
@@ -187,10 +191,41 @@ def _of_two(thesis: CurveFit, asked: str) -> tuple[CurveFit, LawChoice]:
     rms = {way: {THESIS: _rms(thesis, iso, way), ISO6358: _rms(iso, thesis, way)} for way in known}
     takes_iso = {way: ISO6358 if way in ways else THESIS for way in WAYS}
     choice = LawChoice(takes_iso, known, rms, asked)
-    better = choice.total > DECISIVE and not choice.disagrees
+    better = asked == AUTO and choice.total > DECISIVE and not choice.disagrees
     if asked == ISO6358 or better:
-        return iso, dataclasses.replace(choice, rejected={THESIS: thesis})
-    return thesis, dataclasses.replace(choice, laws=plain, rejected={ISO6358: iso})
+        return _with_delays_of_the_better(iso, choice, thesis)
+    return _with_delays_of_the_better(thesis, dataclasses.replace(choice, laws=plain), iso)
+
+
+def _misses_more_than_noise(curves: CurveFit) -> bool:
+    """Whether the law misses a direction by more than the sensor's noise."""
+    ratios = (q.lack_of_fit.statistic for q in qualities(curves).values())
+    return any(ratio is not None and ratio > SCATTER_TIMES for ratio in ratios)
+
+
+def _with_delays_of_the_better(
+    kept: CurveFit, choice: LawChoice, rejected: CurveFit
+) -> tuple[CurveFit, LawChoice]:
+    """The law that is kept, and the choice. A direction that the rejected law follows decidedly
+    better has the delay of that law: when a valve opens does not depend on its flow, and a wrong
+    law moves the delay to make good for its curve. The rest is fitted again with it."""
+    name = ISO6358 if THESIS in choice.laws.values() else THESIS
+    sign = 1.0 if name == ISO6358 else -1.0
+    better = {way: name for way, value in choice.evidence.items() if sign * value > DECISIVE}
+    if choice.asked == AUTO and not choice.disagrees:
+        better = {}
+    found = dataclasses.replace(choice, rejected={name: rejected}, better=better)
+    delays = [delay for way, delay in zip(WAYS, DELAYS, strict=True) if way in better]
+    held = [d for d in delays if d in kept.problem.free and rejected.estimate(d)[0].identified]
+    if not held:
+        return kept, found
+    start = dataclasses.replace(fitted_valve(kept), **{d: rejected.fit[d] for d in held})
+    free = [n for n in kept.problem.free if n not in held]
+    again = fit_curves(kept.problem.pieces, start, free)
+    rms = {
+        way: own | {choice.laws[way]: _rms(again, rejected, way)} for way, own in choice.rms.items()
+    }
+    return again, dataclasses.replace(found, delays=dict.fromkeys(held, rejected), rms=rms)
 
 
 def iso_fit(thesis: CurveFit, ways: Sequence[str]) -> CurveFit | None:

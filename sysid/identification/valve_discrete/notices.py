@@ -13,7 +13,7 @@ from sysid.identification.valve_discrete.held_chamber import DELAYS
 from sysid.identification.valve_discrete.law_choice import LawChoice
 from sysid.identification.valve_discrete.trials import SUPPLY_TOLERANCE, Piece
 from sysid.io.rig import Air, Rig
-from sysid.parameters.valves import AUTO, ISO6358, SERIES
+from sysid.parameters.valves import AUTO, ISO6358, LAW_NAMES, SERIES
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import BoolArray, FloatArray
 
@@ -60,8 +60,8 @@ def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
     return lines
 
 
-def lack_of_fit_notices(curves: CurveFit, title: str) -> list[str]:
-    """Fillings and discharges that the two-regime law misses by more than the noise.
+def lack_of_fit_notices(curves: CurveFit, title: str, choice: LawChoice) -> list[str]:
+    """Fillings and discharges that the law misses by more than the noise.
 
     Pieces with too few rows in motion to be judged alone are judged together. A direction of
     which no flow is fitted gives no notice.
@@ -69,11 +69,17 @@ def lack_of_fit_notices(curves: CurveFit, title: str) -> list[str]:
     lines = []
     problem = curves.problem
     for what, way, rises in (("filling", "fill", True), ("discharge", "dis", False)):
-        names = [*problem.flow_names(way)[:2], DELAYS[0 if rises else 1]]
-        if not set(names[:2]) & set(problem.free):
+        delay = DELAYS[0 if rises else 1]
+        names = problem.flow_names(way)[:2]
+        if not set(names) & set(problem.free):
             continue
         law = _LAWS.get(problem.law(way), "two-regime law")
-        said = (law, what, names)
+        of_the_delay = (
+            f"{delay} is that of {LAW_NAMES[choice.better[way]]}, which follows it better"
+            if delay in choice.delays
+            else f"{delay} is biased by what it misses"
+        )
+        said = (law, what, (*names, of_the_delay))
         short = []
         for i, piece in enumerate(curves.problem.pieces):
             residuals = curves.residuals(i)[_in_motion(curves, i, rises)]
@@ -105,7 +111,7 @@ def _lack_of_fit(
 ) -> list[str]:
     """A line where the residuals of the pieces, Pa, are more than their noise.
 
-    `said`: the law, what it misses, and the numbers that this touches.
+    `said`: the law, what it misses, the two numbers that this touches, and what of the delay.
     """
     law, what, names = said
     rms = root_mean_square(np.concatenate([residuals for _, residuals in judged]))
@@ -115,7 +121,7 @@ def _lack_of_fit(
     return [
         f"{source}: the {law} misses the {what} by {rms:.3g} Pa rms "
         f"(noise {noise:.3g} Pa): {title}'s {names[0]} and {names[1]} are its "
-        f"best approximation, not the valve's law, and {names[2]} is biased by what it misses"
+        f"best approximation, not the valve's law, and {names[2]}"
     ]
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,8 +12,10 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.quality import FitQuality, root_mean_square, scatter_test
 from sysid.identification.valve_discrete.curve import CurveFit
 from sysid.identification.valve_discrete.trials import FEWEST_ROWS, Piece
+from sysid.parameters.valves import LAW_NAMES
 from sysid.types import BoolArray
 
+_WAY = {"fill": "fill", "discharge": "dis"}
 # From either end of the pressure, in standard deviations of the noise.
 _AWAY = 5.0
 
@@ -53,9 +56,17 @@ def qualities(curves: CurveFit) -> dict[str, FitQuality]:
     return found
 
 
-def judged(curves: CurveFit, title: str) -> dict[str, FitQuality]:
-    """How well the law follows each direction; NotIdentifiedError where it does not."""
-    found = qualities(curves)
+def judged(curves: CurveFit, title: str, better: Mapping[str, str]) -> dict[str, FitQuality]:
+    """How well the law follows each direction; NotIdentifiedError where it does not.
+
+    `better`: by direction, "fill" and "dis", a law that follows it decidedly better.
+    """
+    found = {
+        direction: replace(one, outdone_by=LAW_NAMES[better[_WAY[direction]]])
+        if _WAY[direction] in better
+        else one
+        for direction, one in qualities(curves).items()
+    }
     wrong = [f"{title}, {q.shortfall}" for q in found.values() if q.explains_too_little]
     if wrong:
         raise NotIdentifiedError(

@@ -38,14 +38,13 @@ from sysid.io.logs import Log
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, DiscreteLaw
 from sysid.parameters.base import read_number
-from sysid.parameters.valves import ISO6358, SERIES, THESIS, VALVE_ALONE, LawDecision
+from sysid.parameters.valves import LAW_NAMES, SERIES, VALVE_ALONE, LawDecision
 from sysid.plant.effects.catalogue import catalogue
 from sysid.types import FloatArray
 
 _STYLES: tuple[tuple[Role, Dash], ...] = (("second", "dashed"), ("third", "dotted"))
 # Subsystems whose effects change the pressure of a held chamber.
 _ON_PRESSURE = ("valve", "supply", "chamber", "sensor")
-_LAW_NAMES = {THESIS: "the thesis' law", ISO6358: "ISO 6358", SERIES: "a flow control in series"}
 
 
 @dataclass(frozen=True)
@@ -163,7 +162,7 @@ def _rejected(law: DiscreteLaw) -> dict[str, DiscreteValve]:
         if one.law == SERIES:
             own["in_series"] = tuple(way for way, key in VALVE_ALONE.items() if key in own)
         if all(f"sonic_conductance_{way}" in own or f"c_{way}" in own for way in ("fill", "dis")):
-            found[_LAW_NAMES[one.law]] = dataclasses.replace(plain, **own)
+            found[LAW_NAMES[one.law]] = dataclasses.replace(plain, **own)
     return found
 
 
