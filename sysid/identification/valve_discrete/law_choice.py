@@ -219,11 +219,13 @@ def _with_delays_of_the_better(
     held = [d for d in delays if d in kept.problem.free and rejected.estimate(d)[0].identified]
     if not held:
         return kept, found
-    start = dataclasses.replace(fitted_valve(kept), **{d: rejected.fit[d] for d in held})
+    theirs: dict[str, Any] = {name: rejected.fit[name] for name in held}
+    start = dataclasses.replace(fitted_valve(kept), **theirs)
     free = [n for n in kept.problem.free if n not in held]
     again = fit_curves(kept.problem.pieces, start, free)
     rms = {
-        way: own | {choice.laws[way]: _rms(again, rejected, way)} for way, own in choice.rms.items()
+        way: {**own, choice.laws[way]: _rms(again, rejected, way)}
+        for way, own in choice.rms.items()
     }
     return again, dataclasses.replace(found, delays=dict.fromkeys(held, rejected), rms=rms)
 
