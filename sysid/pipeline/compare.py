@@ -14,6 +14,7 @@ from sysid.identification.valve_discrete.responses import Responses, valve_respo
 from sysid.io.channels import SIDES
 from sysid.io.files import write_atomic
 from sysid.parameters import Bundle
+from sysid.pipeline.request import require
 
 
 def compare(*bundles: Bundle) -> Comparison:
@@ -30,6 +31,8 @@ def compare(*bundles: Bundle) -> Comparison:
     >>> si.compare(bundle, si.read_bundle("fitted.json")).moved
     ()
     """
+    for bundle in bundles:
+        require(bundle, "bundles", "Bundle")
     names = shown_names([bundle.source for bundle in bundles])
     found = compare_bundles(bundles, names)
     return replace(found, respond=partial(_responses, bundles, names))

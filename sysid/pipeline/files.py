@@ -15,6 +15,7 @@ from sysid.io.rig import Rig
 from sysid.io.samples import Log
 from sysid.io.units import parse_map
 from sysid.parameters import Bundle, files
+from sysid.pipeline.request import require
 from sysid.types import Progress
 
 
@@ -90,6 +91,7 @@ def write_bundle(bundle: Bundle, path: str | Path) -> None:
 
     >>> si.write_bundle(bundle, "fitted.json")
     """
+    require(bundle, "bundle", "Bundle")
     files.write_bundle(bundle, Path(path))
 
 

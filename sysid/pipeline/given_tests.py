@@ -8,6 +8,7 @@ from typing import Any
 from sysid.errors import input_error
 from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial
+from sysid.pipeline.request import require
 
 Tests = Log | Trial | Iterable[Log | Trial]
 """A log, a test of one, or several of either."""
@@ -21,6 +22,7 @@ def trials_of(tests: Tests) -> list[Trial]:
 def rig_of(tests: Tests, rig: Rig | None) -> Rig:
     """The given rig, else that of the logs. Raises InputError where the logs' rigs differ."""
     if rig is not None:
+        require(rig, "rig", "Rig")
         return rig
     known = [part.rig for part in _parts(tests) if isinstance(part, Log) and part.rig is not None]
     if not known:

@@ -13,7 +13,7 @@ from sysid.errors import Failure, unless_failed
 from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle, write_bundle
 from sysid.pipeline.check import checks_of
-from sysid.pipeline.request import Reported
+from sysid.pipeline.request import Reported, require
 
 if TYPE_CHECKING:
     from sysid.checks.log_check import LogCheck
@@ -44,6 +44,8 @@ def report(
     """
     from sysid.pipeline.pages.report import write_report
 
+    require(campaign, "campaign", "Campaign")
+    require(found, "found", "CampaignDiagnosis", "Bundle")
     with progress_or_shown(progress, "writing the report") as tell:
         write_report(
             Path(path),

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 from functools import wraps
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar, overload
 
+from sysid.errors import input_error
 from sysid.types import Progress, no_progress
 
 Named = ParamSpec("Named")
@@ -18,6 +19,14 @@ Given = TypeVar("Given")
 Other = TypeVar("Other")
 Chosen = TypeVar("Chosen", bound="Options")
 Result = TypeVar("Result")
+# What a request may be about, by its class: as a sentence names it, and where one comes from.
+_SOURCES = {
+    "Campaign": ("campaign", "si.read_campaign reads one from its file"),
+    "Bundle": ("bundle", "si.fit finds one, si.read_bundle reads one from its file"),
+    "Rig": ("rig", "si.read_rig reads one from its file"),
+    "CampaignDiagnosis": ("diagnosis", "si.diagnose makes one"),
+    "Model": ("model", "a bundle's model() is one"),
+}
 _Given = TypeVar("_Given", contravariant=True)
 _Other = TypeVar("_Other", contravariant=True)
 _Chosen = TypeVar("_Chosen", contravariant=True)
@@ -99,10 +108,25 @@ class takes(Generic[Named, Chosen]):  # noqa: N801 - a decorator
                 return request(*words, **keywords)
             named = by_keyword.bind(*words, **keywords).arguments
             asked = [named.pop(parameter.name) for parameter in given]
+            for parameter, value in zip(given, asked, strict=True):
+                require(value, parameter.name, *str(parameter.annotation).split(" | "))
             return request(*asked, self.options(**named))
 
         called.__dict__["__signature__"] = by_keyword
         return called
 
 
-__all__ = ["Options", "Reported", "takes"]
+def require(value: Any, name: str, *kinds: str) -> None:
+    """Raises InputError where an argument is of none of these classes, as a path given for it is.
+
+    Of kinds that have no place in `_SOURCES` anything is taken: others check these.
+    """
+    if not {*kinds} <= {*_SOURCES}:
+        return
+    if not {*kinds} & {base.__name__ for base in type(value).__mro__}:
+        nouns, sources = zip(*(_SOURCES[kind] for kind in kinds), strict=True)
+        what = f"{type(value).__name__} is no {' or '.join(nouns)}"
+        raise input_error(name, what, "; ".join(sources))
+
+
+__all__ = ["Options", "Reported", "require", "takes"]
