@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 from export_bundles import whole_bundle
 from export_compiler import STRICT, compiler
+from scipy.special import ndtri
 
 from benchmarks.monitor import SETTLING, Change, Machine, cycles, machine, samples_of, watched
 from datasets.generator.files import rig_toml
@@ -35,8 +36,10 @@ from sysid.controllers.monitor.evidence import (
     without_scatter,
 )
 from sysid.controllers.monitor.logged import CycleVerdict, WatchedSamples, monitored
+from sysid.controllers.monitor.observer import ChamberState, chamber_ahead, chamber_bent
 from sysid.controllers.monitor.reference import reference_changes
 from sysid.controllers.monitor.strokes import cycle_ends
+from sysid.controllers.monitor.terms import ChamberTerms
 from sysid.errors import InputError
 from sysid.exporters import export_bundle
 from sysid.fleet.origin import origin_of
@@ -50,6 +53,8 @@ from sysid.pipeline.pages.fleet import fleet_page
 from sysid.types import FloatArray
 
 ON_OFF, PWM, BIASED = 5001, 5003, 7200
+LINGERING = 8220
+"""A machine whose chamber A, compressed while it is discharged, lingers at the choked boundary."""
 
 
 @cache
@@ -183,6 +188,38 @@ def test_a_cycle_is_a_stroke_there_and_back() -> None:
     assert len(cycle_ends(np.tile(x, 4), 0.3)) == 3
 
 
+# --- at the choked boundary -------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("own", "other"),
+    [(400.0, 700.0), (15.0, 215.0), (0.0, 200.0), (-10.0, 190.0), (-300.0, -100.0), (90.0, -60.0)],
+)
+@pytest.mark.parametrize("begins", [-250.0, -60.0, -1.0])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_boundary_bends_what_is_expected_as_the_mean_of_pressures(
+    own: float, other: float, begins: float, way: float
+) -> None:
+    """`own`, `other`: Pa of a stretch towards the boundary and past it, from `begins` before it."""
+    std, boundary, steps = 60.0, 2e5, 2000
+    x = begins + std * ndtri((np.arange(2000) + 0.5) / 2000)
+    for _ in range(steps):
+        x += np.where(x < 0.0, own, other) / steps
+    before = ChamberState(boundary + way * begins, std**2, (0.0,))
+    terms = ChamberTerms(way * own, 0.0, (0.0,), (0.0, 0.0), 0.0, boundary)
+    ahead = chamber_ahead(before, terms, 1.0, 0.0)
+    found = chamber_bent(before, ahead, terms, way * other, 1.0)
+    expected = way * (found.pressure - boundary)
+    assert expected == pytest.approx(np.mean(x), abs=0.02 * abs(other - own))
+
+
+def test_a_pressure_that_lingers_at_the_boundary_is_no_drift() -> None:
+    """An observer that takes the one flow for the other for the rest of the stroke."""
+    _, design = made(LINGERING)
+    seen = verdicts(design, healthy(LINGERING, 6))
+    assert np.max(np.abs([c.verdict.z for c in seen])) < threshold()
+
+
 # --- on generated machines --------------------------------------------------------------
 
 
@@ -263,10 +300,10 @@ def in_c(folder: Path, seed: int, given: WatchedSamples, with_: str, *more: str)
     return np.array([[float(v) for v in line.split()] for line in done.stdout.splitlines()])
 
 
-@pytest.mark.parametrize("seed", [ON_OFF, PWM])
-def test_c_says_what_python_says(seed: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("seed", "count"), [(ON_OFF, 3), (PWM, 3), (LINGERING, 6)])
+def test_c_says_what_python_says(seed: int, count: int, tmp_path: Path) -> None:
     _, design = made(seed)
-    for given in (healthy(seed), spoilt(healthy(seed))):
+    for given in (healthy(seed, count), spoilt(healthy(seed, count))):
         wanted = np.array([c.verdict.z for c in verdicts(design, given)])
         found = in_c(tmp_path, seed, given, "gcc", "-O1")
         assert len(wanted) >= 2 and np.isfinite(wanted).all()

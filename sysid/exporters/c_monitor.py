@@ -20,7 +20,7 @@ from sysid.controllers.monitor.evidence import (
     Detectable,
     threshold,
 )
-from sysid.controllers.monitor.observer import CLIP, LOGISTIC, SURE
+from sysid.controllers.monitor.observer import CLIP, LOGISTIC, NARROW, SURE
 from sysid.controllers.monitor.reference import reference_changes
 from sysid.controllers.monitor.stated import change_lines, promise
 from sysid.controllers.monitor.strokes import SHARE
@@ -170,6 +170,7 @@ def monitor_text(made: MonitorInC, n: Names) -> str:
         "learning": str(LEARNING),
         "together": f"(@p@real){number(max(TIME_TOLERANCE / period, 1e-6))}",
         "logistic": number(LOGISTIC),
+        "narrow": number(NARROW),
         "past": number(PAST),
         "ratio": number(_FAR),
         "clip": number(CLIP),

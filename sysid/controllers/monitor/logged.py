@@ -16,6 +16,7 @@ from sysid.controllers.monitor.observer import (
     ShaftNumbers,
     chamber_ahead,
     chamber_bent,
+    chamber_lost,
     chamber_seen,
     chamber_start,
     chamber_switched,
@@ -297,11 +298,12 @@ def _chamber_seen(fixed: Any, rows: Any, first: Any, side: str) -> Any:
         switched = chamber_switched(state, terms.jumps)
         ahead = chamber_ahead(switched, terms, duration, swept * share)
         beyond = chamber_rate(model, side, past_boundary(at, terms), at.is_open)
-        ahead = chamber_bent(switched, ahead, terms, beyond)
+        ahead = chamber_bent(switched, ahead, terms, beyond, duration)
         mean = mean + 0.5 * share * (state.pressure + ahead.pressure)
         after, shown = chamber_seen(ahead, reading, variance)
         anew = chamber_start(reading, variance)
-        ok = follows * _finite(shown, after.pressure)
+        lost = chamber_lost(ahead, reading, variance, terms.boundary)
+        ok = follows * _finite(shown, after.pressure) * jnp.where(lost, 0.0, 1.0)
         ended = _chosen(ok, known, after, anew, state)
         kept = jax.tree_util.tree_map(lambda a, b: jnp.where(ends > 0.0, a, b), ended, ahead)
         used = [jnp.where(ok > 0.0, v, 0.0) for v in (shown.value, jnp.stack(shown.slopes))]

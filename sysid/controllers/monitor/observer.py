@@ -15,12 +15,15 @@ from sysid.controllers.monitor.terms import ChamberTerms
 from sysid.plant.base import Array, array_namespace
 
 SURE = 3.0
-"""The shaft moves for certain beyond this many standard deviations of its velocity."""
+"""Beyond this many standard deviations it is certain that the shaft moves, by its velocity, and
+that a pressure is not where it is expected."""
 CLIP = 20.0
 """An innovation beyond this many standard deviations counts as one of that size, its slopes in
 proportion: a spike is no evidence, and a drift keeps its shape."""
 LOGISTIC = 1.702
 """A normal distribution's standard deviation in scales of the logistic one nearest to it."""
+NARROW = 1e-2
+"""Of the logistic distribution's scale: within less, its function is taken in the middle."""
 
 
 class ChamberState(NamedTuple):
@@ -69,10 +72,7 @@ def chamber_ahead(
     `duration` s of the stretch. `swept`: what the position's errors sweep in it, standard
     deviation, Pa per Pa/kg of `per_flow` and Pa of pressure.
     """
-    xp = array_namespace(state.pressure, terms.rate)
-    z = duration * terms.over_pressure
-    is_small = abs(z) < 1e-4
-    gain = duration * xp.where(is_small, 1.0 + 0.5 * z, xp.expm1(z) / xp.where(is_small, 1.0, z))
+    gain = _gain(terms, duration)
     carried = 1.0 + gain * terms.over_pressure
     moved = swept * terms.per_flow * state.pressure
     return ChamberState(
@@ -85,31 +85,78 @@ def chamber_ahead(
     )
 
 
+def _gain(terms: ChamberTerms, duration: Array) -> Array:
+    """What a rate counts over a stretch, s: the exponential Euler step's."""
+    xp = array_namespace(terms.rate)
+    z = duration * terms.over_pressure
+    is_small = abs(z) < 1e-4
+    return duration * xp.where(is_small, 1.0 + 0.5 * z, xp.expm1(z) / xp.where(is_small, 1.0, z))
+
+
 def chamber_bent(
-    before: ChamberState, ahead: ChamberState, terms: ChamberTerms, beyond: Array
+    before: ChamberState,
+    ahead: ChamberState,
+    terms: ChamberTerms,
+    beyond: Array,
+    duration: Array,
 ) -> ChamberState:
     """`ahead` where the flow changes at the choked boundary: `beyond` is the rate past it, Pa/s.
 
-    What is past the boundary counts times the ratio of the rates. Where the expected pressure is
-    uncertain by as much as it is from the boundary, the mean over that uncertainty is taken, of a
-    logistic distribution in place of the normal one.
+    What the other rate moves more than the expected pressure's own counts for the share of the
+    stretch in which the pressure is past the boundary, in the mean over where it may be: of a
+    logistic distribution in place of the normal one. Seen from the boundary, what is on the own
+    side moves by the own rate as far as this leads there, and what is past it by the other as far
+    as that leads back, so that the share is the mean of that between the two.
     """
     xp = array_namespace(before.pressure, ahead.pressure)
     way = xp.where(before.pressure < terms.boundary, 1.0, -1.0)
-    past = way * (ahead.pressure - terms.boundary)
     scale = xp.sqrt(ahead.variance) / LOGISTIC
-    ratio = past / scale
-    share = 0.5 + 0.5 * xp.tanh(0.5 * ratio)
-    # The mean of what is past, softplus; exp and log1p of what is not above 0.
-    mean = scale * (xp.maximum(ratio, 0.0) + xp.log1p(xp.exp(-abs(ratio))))
-    # A regime in which the pressure stands still ends nowhere.
-    less = xp.where(way * terms.rate > 0.0, beyond / terms.rate - 1.0, 0.0)
-    bend = 1.0 + less * share
+    gain = _gain(terms, duration) * way / scale
+    begun = way * (before.pressure - terms.boundary) / scale
+    low = begun + xp.minimum(gain * beyond, 0.0)
+    high = begun + xp.maximum(gain * terms.rate, 0.0)
+    share, density = _past(low, high)
+    more = gain * (beyond - terms.rate)
+    bend = 1.0 + more * density
     return ChamberState(
-        ahead.pressure + way * less * mean,
+        ahead.pressure + way * scale * more * share,
         bend * bend * ahead.variance,
         tuple(bend * s for s in ahead.slopes),
     )
+
+
+def _past(low: Array, high: Array) -> tuple[Array, Array]:
+    """The logistic function's mean from low to high, and the mean of its slope."""
+    xp = array_namespace(low, high)
+    width = high - low
+    is_small = width < NARROW
+    apart = xp.where(is_small, 1.0, width)
+    above, under = (0.5 + 0.5 * xp.tanh(0.5 * x) for x in (high, low))
+    middle = 0.5 + 0.5 * xp.tanh(0.25 * (low + high))
+    mean = (_softplus(high) - _softplus(low)) / apart
+    return (
+        xp.where(is_small, middle, mean),
+        xp.where(is_small, middle * (1.0 - middle), (above - under) / apart),
+    )
+
+
+def _softplus(x: Array) -> Array:
+    """log(1 + e^x), by exp and log1p of what is not above 0."""
+    xp = array_namespace(x)
+    return xp.maximum(x, 0.0) + xp.log1p(xp.exp(-abs(x)))
+
+
+def chamber_lost(
+    state: ChamberState, reading: Array, noise_variance: Array, boundary: Array
+) -> Array:
+    """Whether a reading shows that the pressure is on the other side of the choked boundary.
+
+    Where the rates lead away from it, or one barely towards it, a small error of what is expected
+    decides for one of the two flows, and what is expected leaves what is read for good.
+    """
+    xp = array_namespace(state.pressure, reading)
+    is_far = abs(reading - state.pressure) > SURE * xp.sqrt(state.variance + noise_variance)
+    return is_far & ((reading < boundary) != (state.pressure < boundary))
 
 
 def chamber_seen(
@@ -235,6 +282,7 @@ def _shown(part: Array, gap: Array, slopes: Sequence[Array]) -> Innovation:
 __all__ = [
     "CLIP",
     "LOGISTIC",
+    "NARROW",
     "SURE",
     "ChamberState",
     "Innovation",
@@ -242,6 +290,7 @@ __all__ = [
     "ShaftState",
     "chamber_ahead",
     "chamber_bent",
+    "chamber_lost",
     "chamber_seen",
     "chamber_start",
     "chamber_switched",

@@ -3945,6 +3945,24 @@ static inline void sysid_monitor_chamber_start(sysid_monitor_chamber *c, sysid_r
     }
 }
 
+static inline sysid_real sysid_monitor_softplus(sysid_real x)
+{
+    return sysid_maximum(x, 0) + sysid_log1p(sysid_exp(-sysid_fabs(x)));
+}
+
+/* The logistic function's mean from one value to a higher one; density: the mean of its slope. */
+static inline sysid_real sysid_monitor_past(sysid_real from, sysid_real to, sysid_real *density)
+{
+    const sysid_real width = to - from, half = (sysid_real)0.5;
+    if (width < (sysid_real)0.01) {
+        const sysid_real middle = half + half * sysid_tanh((sysid_real)0.25 * (from + to));
+        *density = middle * (1 - middle);
+        return middle;
+    }
+    *density = half * (sysid_tanh(half * to) - sysid_tanh(half * from)) / width;
+    return (sysid_monitor_softplus(to) - sysid_monitor_softplus(from)) / width;
+}
+
 /* A chamber over a stretch of duration s in which no valve moves; turned 1 where its own opened as
    it began, -1 where it closed, else 0. */
 static inline void sysid_monitor_chamber_ahead(sysid_monitor_chamber *c, int side, sysid_real position,
@@ -3965,7 +3983,7 @@ static inline void sysid_monitor_chamber_ahead(sysid_monitor_chamber *c, int sid
     const sysid_real moved =
         sysid_monitor_sweep[side] * (duration / SYSID_MONITOR_PERIOD_S) * per_flow * p;
     sysid_real low = p - spread, high = p + spread, lower = supply - spread, upper = supply + spread;
-    sysid_real slopes[SYSID_MONITOR_CHAMBER], over, z, gain, carried, way, past, scale, ratio;
+    sysid_real slopes[SYSID_MONITOR_CHAMBER], over, z, gain, carried, way, scale, from, to;
     int k;
     if (sysid_monitor_chokes(side, is_open, low, supply) != chokes) {
         low = p;
@@ -4010,26 +4028,35 @@ static inline void sysid_monitor_chamber_ahead(sysid_monitor_chamber *c, int sid
     for (k = 0; k < SYSID_MONITOR_CHAMBER; k++) {
         c->slopes[k] = carried * c->slopes[k] + gain * slopes[k];
     }
-    /* What is past the choked flow's boundary counts times the ratio of the rates. */
-    past = way * (c->pressure - boundary);
+    /* Past the choked flow's boundary the other rate counts. */
     scale = sysid_sqrt(c->variance) / (sysid_real)1.702;
-    ratio = past / scale;
-    if (ratio > -(sysid_real)40.0 && way * now > 0) {
+    from = way * (p - boundary) / scale;
+    to = from + sysid_maximum(way * gain * now / scale, 0);
+    if (to > -(sysid_real)40.0) {
         const sysid_real there = boundary * (1 + way * (sysid_real)1e-06);
-        const sysid_real share = (sysid_real)0.5 + (sysid_real)0.5 * sysid_tanh((sysid_real)0.5 * ratio);
-        const sysid_real mean =
-            scale * (sysid_maximum(ratio, 0) + sysid_log1p(sysid_exp(-sysid_fabs(ratio))));
-        const sysid_real less = sysid_monitor_rate(side, position, velocity, there, other, is_open,
-                                             other_open, supply) /
-                                 now -
-                             1;
-        const sysid_real bend = 1 + less * share;
-        c->pressure += way * less * mean;
+        const sysid_real beyond = sysid_monitor_rate(side, position, velocity, there, other, is_open,
+                                               other_open, supply);
+        const sysid_real more = way * gain * (beyond - now) / scale;
+        sysid_real density, share, bend;
+        from += sysid_minimum(way * gain * beyond / scale, 0);
+        share = sysid_monitor_past(from, to, &density);
+        bend = 1 + more * density;
+        c->pressure += way * scale * more * share;
         c->variance *= bend * bend;
         for (k = 0; k < SYSID_MONITOR_CHAMBER; k++) {
             c->slopes[k] *= bend;
         }
     }
+}
+
+/* Whether a reading shows that the pressure is on the other side of the choked flow's boundary. */
+static inline int sysid_monitor_chamber_lost(const sysid_monitor_chamber *c, int side, int is_open,
+                                          sysid_real reading)
+{
+    const sysid_real noise = sysid_monitor_pressure_noise * sysid_monitor_pressure_noise;
+    const sysid_real boundary = sysid_monitor_choked[side][is_open ? 0 : 1];
+    return (reading < boundary) != (c->pressure < boundary) &&
+           sysid_fabs(reading - c->pressure) > (sysid_real)3.0 * sysid_sqrt(c->variance + noise);
 }
 
 /* What an innovation and its slopes count times: one over its standard deviation, less for a
@@ -4561,8 +4588,9 @@ static inline int sysid_monitor_all_finite(sysid_real value, const sysid_real *s
 }
 
 /* The observers from the last sample to this one: chambers stretch by stretch between the valves'
-   edges, then the shaft under their mean pressures. One whose numbers are not finite begins anew.
-   Returns 1; 0 where there is such a one. */
+   edges, then the shaft under their mean pressures. One whose numbers are not finite, or whose
+   pressure is on the other side of the choked flow's boundary, begins anew. Returns 1; 0 where
+   numbers are not finite. */
 static inline int sysid_monitor_observe(sysid_monitor *m, sysid_real position, const sysid_real pressure[2])
 {
     const sysid_real h = SYSID_MONITOR_PERIOD_S, together = (sysid_real)1e-06 * h;
@@ -4571,7 +4599,7 @@ static inline int sysid_monitor_observe(sysid_monitor *m, sysid_real position, c
     const sysid_real begun[2] = {m->chamber[0].pressure, m->chamber[1].pressure};
     sysid_real mean[2] = {0, 0}, chambers[2][SYSID_MONITOR_CHAMBER], shaft[SYSID_MONITOR_SHAFT], value[3];
     sysid_real since = 0, under[2];
-    int side, counts, all = 1;
+    int side, counts, lost[2], all = 1;
     while (since < h - together) {
         sysid_real until = sysid_monitor_edge(m->valve, since + together, h);
         int is_open[2];
@@ -4596,19 +4624,25 @@ static inline int sysid_monitor_observe(sysid_monitor *m, sysid_real position, c
         const sysid_real ends = (sysid_real)0.5 * (begun[side] + m->chamber[side].pressure);
         under[side] = (sysid_real)0.5 * (pressure[side] + m->pressure[side]);
         under[side] += isfinite(mean[side] - ends) ? mean[side] - ends : 0;
+        lost[side] = sysid_monitor_chamber_lost(&m->chamber[side], side, m->valve[side].was_open,
+                                             pressure[side]);
         value[side] = sysid_monitor_chamber_seen(&m->chamber[side], pressure[side], chambers[side]);
     }
     counts = sysid_monitor_shaft_moves(&m->shaft);
     sysid_monitor_shaft_ahead(&m->shaft, under, m->motor);
     value[2] = sysid_monitor_shaft_seen(&m->shaft, position, shaft);
     for (side = 0; side < 2; side++) {
-        if (sysid_monitor_all_finite(value[side] + m->chamber[side].pressure, chambers[side],
-                                  SYSID_MONITOR_CHAMBER)) {
+        if (!sysid_monitor_all_finite(value[side] + m->chamber[side].pressure, chambers[side],
+                                   SYSID_MONITOR_CHAMBER)) {
+            lost[side] = 1;
+            all = 0;
+        }
+        if (lost[side]) {
+            sysid_monitor_chamber_start(&m->chamber[side], pressure[side]);
+            m->counted[side] = 0;
+        } else {
             sysid_monitor_collect(m, side, SYSID_MONITOR_CHAMBER, sysid_monitor_chamber_places[side],
                                chambers[side], value[side], 1);
-        } else {
-            sysid_monitor_chamber_start(&m->chamber[side], pressure[side]);
-            m->counted[side] = all = 0;
         }
     }
     if (sysid_monitor_all_finite(value[2] + m->shaft.velocity, shaft, SYSID_MONITOR_SHAFT)) {
