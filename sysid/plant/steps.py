@@ -46,14 +46,17 @@ def relaxing_step(
     Kutta's; the part -decay x state is integrated exactly (Cox, Matthews, J. Comput. Phys. 176
     (2002) 430-455), so that what follows its surroundings at once needs no short steps. numpy only.
     """
-    free = _free_gains(step)
-    gains = [free if is_zero(d) else _gains(step, np.asarray(d, dtype=float)) for d in decays]
+    # What does not decay is moved without the products and sums that would leave it as it is.
+    gains = [None if is_zero(d) else _gains(step, np.asarray(d, dtype=float)) for d in decays]
+    half, sixth, third_of = 0.5 * step, step / 6.0, step / 3.0
 
     def driven(values: Sequence[Array], slopes: Sequence[Array]) -> list[Array]:
-        return [r + d * v for v, r, d in zip(values, slopes, decays, strict=True)]
+        found = zip(values, slopes, decays, gains, strict=True)
+        return [r if g is None else r + d * v for v, r, d, g in found]
 
     def moved(values: Sequence[Array], by: Sequence[Array]) -> list[Array]:
-        return [g[0] * v + g[1] * f for v, f, g in zip(values, by, gains, strict=True)]
+        found = zip(values, by, gains, strict=True)
+        return [v + half * f if g is None else g[0] * v + g[1] * f for v, f, g in found]
 
     first = driven(state, rates)
     one = moved(state, first)
@@ -63,7 +66,9 @@ def relaxing_step(
     three = moved(one, [2.0 * t - f for t, f in zip(third, first, strict=True)])
     fourth = driven(three, rates_at(1.0, three))
     return tuple(
-        g[2] * v + g[3] * a + g[4] * (b + c) + g[5] * d
+        v + sixth * a + third_of * (b + c) + sixth * d
+        if g is None
+        else g[2] * v + g[3] * a + g[4] * (b + c) + g[5] * d
         for v, a, b, c, d, g in zip(state, first, second, third, fourth, gains, strict=True)
     )
 
@@ -106,7 +111,8 @@ def _phi_near(z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The same by its series, for small arguments."""
     three: FloatArray = np.zeros_like(z)
     for factor in _SERIES_FACTORS:
-        three = three * z + factor
+        np.multiply(three, z, out=three)
+        three += factor
     two = z * three + 0.5
     return z * two + 1.0, two, three
 

@@ -9,16 +9,16 @@ all (isothermal), is integrated in the same steps.
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from sysid.plant import base, plant
+from sysid.plant import base, plant, valve_laws
 from sysid.plant.base import Array
-from sysid.plant.iso6358 import iso6358_flow
-from sysid.plant.ports import Model, Point
+from sysid.plant.iso6358 import choked_flow, iso6358_flow, subsonic_share
+from sysid.plant.ports import Model, Point, overrides
 from sysid.plant.steps import relaxing_step
 from sysid.types import BoolArray, FloatArray
 
@@ -32,6 +32,10 @@ _LEAST_ADIABATIC = 1e-9
 _FIRST_STEP = 1e-3
 # Of the search for the time in a step at which a flow ceases to be choked.
 _HALVINGS = 40
+# The ports through which an effect acts on a vessel at rest; those of its place are its volume's.
+_PLACE = ("displacement", "pitch_radius")
+_OWN_PORTS = ("exhaust_pressure", "exhaust_flow", "chamber_flow", "pressure_rate")
+_PORTS = ("parameters", *_PLACE, *_OWN_PORTS)
 
 
 @dataclass(frozen=True)
@@ -153,16 +157,48 @@ class _BaseVessel:
         self.model, self.highest = model, highest
         self.names: tuple[str, ...] = ()
         self.choked: BoolArray = np.zeros(0, dtype=bool)
+        # A step takes as long for one run as for many, so what a run keeps is worked out once; an
+        # effect that does not override a port would give back what it is given.
+        self._acting: dict[str, list[Callable[..., Array]]] = {
+            port: [getattr(e, port) for e in model.effects if overrides(type(e), port)]
+            for port in _PORTS
+        }
+        self._is_bare = not model.state_names and not any(self._acting.values())
+        self._fixed = None if self._acting["parameters"] else model.parameters
+        self._volume: Array | None = None
+        self._boundary: Array | None = None
+        if self._fixed is not None and not any(self._acting[port] for port in _PLACE):
+            self._volume = plant.chamber_volume("a", 0.0, self._fixed)
+        if self._fixed is not None and not self._acting["exhaust_pressure"]:
+            p = self._fixed
+            self._boundary = valve_laws.exhaust_boundary(p.valve("a"), p.atmosphere)
 
     def at_rest(self, starts: FloatArray) -> tuple[Array, ...]:
         state = (starts, *self._of_effects(starts))
         self.choked = self._above(0.0, state) >= 0.0
         return state
 
-    def _above(self, time: Array, state: Sequence[Array]) -> FloatArray:
+    def _at(self, time: float) -> base.Parameters:
+        return self.model.at(time) if self._fixed is None else self._fixed
+
+    def _point(self, time: float, pressure: Array, state: Sequence[Array]) -> Point:
+        extra = dict(zip(self.names, state[self.own :], strict=True))
+        zero = np.zeros(np.shape(pressure))
+        # Without a chamber B its pressure is A's, so that nothing flows between the two.
+        both = pressure, pressure
+        return Point(time, zero, zero, *both, zero, zero, zero, zero, self._at(time), extra)
+
+    def _through(self, port: str, value: Array, *context: Any) -> Array:
+        for act in self._acting[port]:
+            value = act(value, *context)
+        return value
+
+    def _above(self, time: float, state: Sequence[Array]) -> FloatArray:
         """How far the pressure is above that from which on the flow is choked, Pa, (runs,)."""
-        point = _point(time, state[0], self._extra(state), self.model)
-        return np.asarray(state[0] - plant.exhaust_boundary("a", point, self.model))
+        boundary = self._boundary
+        if boundary is None:
+            boundary = plant.exhaust_boundary("a", self._point(time, state[0], state), self.model)
+        return np.asarray(state[0] - boundary)
 
     def changes(
         self,
@@ -174,6 +210,8 @@ class _BaseVessel:
     ) -> FloatArray | None:
         """The share of a step after which a run's flow ceases to be choked, 1 where it does not,
         (runs,); None where no run's does. On the cubic through both ends of the step."""
+        if not self.choked.any():
+            return None
         ends = self._above(time + step, there)
         crosses = self.choked & (ends < 0.0)
         if not crosses.any():
@@ -194,15 +232,14 @@ class _BaseVessel:
         self.choked = self.choked & ~where
 
     def _of_effects(self, starts: FloatArray) -> list[Array]:
-        extra = plant.initial_states(_point(0.0, starts, {}, self.model), self.model)
+        if not self.model.state_names:
+            return []
+        extra = plant.initial_states(self._point(0.0, starts, ()), self.model)
         self.names = tuple(extra)
         return list(extra.values())
 
-    def _extra(self, state: Sequence[Array]) -> dict[str, Array]:
-        return dict(zip(self.names, state[self.own :], strict=True))
-
-    def _others(self, point: Point, flow: Array) -> list[Array]:
-        if not self.names:
+    def _others(self, point: Point | None, flow: Array) -> list[Array]:
+        if point is None or not self.names:
             return []
         found = plant.state_rates(point, {"a": flow, "b": 0.0 * flow}, self.model)
         return [found[name] for name in self.names]
@@ -210,24 +247,25 @@ class _BaseVessel:
     def slopes(
         self, time: float, state: Sequence[Array]
     ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        point = _point(time, state[0], self._extra(state), self.model)
+        pressure, p = state[0], self._at(time)
+        point = None if self._is_bare else self._point(time, pressure, state)
+        outside = self._through("exhaust_pressure", p.atmosphere, "a", point)
         # As plant.discrete_flow has it, without the filling, which takes half the time.
-        valve = point.parameters.valve("a")
-        flow = base.exhaust_flow(
-            point.pressure_a,
-            plant.exhaust_pressure("a", point, self.model),
-            valve.choked_dis,
-            valve.c_dis,
-            self.choked,
-        )
-        flow = self._through(flow, point)
-        rate = plant.pressure_rate("a", flow, point, self.model)
-        rates = (rate, *self._others(point, flow))
+        flow = base.exhaust_flow(pressure, outside, p.choked_dis_a, p.c_dis_a, self.choked)
+        flow = self._into(flow, point)
+        rates = (self._rate(pressure, flow, point, p), *self._others(point, flow))
         return rates, (0.0,) * len(rates)
 
-    def _through(self, flow: Array, point: Point) -> Array:
-        flow = self.model.through("exhaust_flow", flow, "a", point)
-        return self.model.through("chamber_flow", flow, "a", point)
+    def _into(self, flow: Array, point: Point | None) -> Array:
+        flow = self._through("exhaust_flow", flow, "a", point)
+        return self._through("chamber_flow", flow, "a", point)
+
+    def _rate(self, pressure: Array, flow: Array, point: Point | None, p: base.Parameters) -> Array:
+        """As plant.pressure_rate has it."""
+        if self._volume is None and point is not None:
+            return plant.pressure_rate("a", flow, point, self.model)
+        rate = _rate_at_rest(pressure, flow, self._volume, p)
+        return self._through("pressure_rate", rate, "a", flow, point)
 
     def shown(
         self, time: float, state: Sequence[Array], slopes: Sequence[Array]
@@ -235,7 +273,7 @@ class _BaseVessel:
         return state[0], slopes[0]
 
     def held(self, state: Sequence[Array]) -> tuple[Array, ...]:
-        pressure = np.clip(_number(state[0]), _LEAST_PA, self.highest)
+        pressure = _between(_LEAST_PA, state[0], self.highest)
         return (pressure, *map(_bounded, state[1:]))
 
 
@@ -254,6 +292,7 @@ class _GasVessel(_BaseVessel):
         p = model.parameters
         self.volume = plant.chamber_volume("a", 0.0, p)
         self.wall = wall_conductance(law.adiabatic, float(np.max(self.volume)))
+        self._of_fixed = self._number_of(p)
         per_pascal = self.volume / (p.gas_constant * p.temperature)
         self.least, self.most = np.log(_LEAST_PA * per_pascal), np.log(highest * per_pascal)
 
@@ -266,64 +305,73 @@ class _GasVessel(_BaseVessel):
         """Of ISO 6358 the flow has no corner."""
         return None
 
-    def _pressure(self, p: base.Parameters, state: Sequence[Array]) -> Array:
-        return p.gas_constant * p.temperature / self.volume * np.exp(state[0] + state[1])
+    def _numbers(self, p: base.Parameters) -> tuple[Array, Array]:
+        """Pa per kg at the room's temperature, and 1/s times kg of what the wall gives."""
+        return self._of_fixed if p is self._fixed else self._number_of(p)
+
+    def _number_of(self, p: base.Parameters) -> tuple[Array, Array]:
+        return (
+            p.gas_constant * p.temperature / self.volume,
+            self.wall * (p.heat_capacity_ratio - 1.0) / p.gas_constant,
+        )
 
     def slopes(
         self, time: float, state: Sequence[Array]
     ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
-        model, z, per_kg = self.model, state[1], np.exp(-state[0])
-        p, warmer, heat = model.at(time), np.exp(z), 0.0
-        k, pressure = p.heat_capacity_ratio, self._pressure(p, state)
-        others: list[Array] = []
-        if model.effects:
-            point = _point(time, pressure, self._extra(state), model)
-            outside = plant.exhaust_pressure("a", point, model)
-            flow = self._through(-self._flow(pressure, outside, warmer, p), point)
-            own = base.pressure_rate(
-                pressure, flow, self.volume, 0.0, k, p.gas_constant, p.temperature
-            )
-            heat = (model.through("pressure_rate", own, "a", flow, point) - own) / pressure
-            others = self._others(point, flow)
-        else:
-            flow = -self._flow(pressure, p.atmosphere, warmer, p)
+        z, per_kg, p = state[1], np.exp(-state[0]), self._at(time)
+        pascals, wall = self._numbers(p)
+        warmer, heat, k = np.exp(z), 0.0, p.heat_capacity_ratio
+        pressure = pascals * np.exp(state[0] + z)
+        point = None if self._is_bare else self._point(time, pressure, state)
+        outside = self._through("exhaust_pressure", p.atmosphere, "a", point)
+        flow = self._into(-self._flow(pressure, outside, warmer, p), point)
+        if self._acting["pressure_rate"]:
+            own = _rate_at_rest(pressure, flow, self.volume, p)
+            heat = (self._through("pressure_rate", own, "a", flow, point) - own) / pressure
         per_mass = flow * per_kg
         # What comes in is at the room's temperature.
         enthalpy = np.where(flow > 0.0, k / warmer, k) * per_mass
-        relaxing = self.wall * (k - 1.0) / p.gas_constant * per_kg
+        relaxing = wall * per_kg
         warming = enthalpy - per_mass + heat + relaxing * np.expm1(-z)
+        others = self._others(point, flow)
         return (per_mass, warming, *others), (0.0, relaxing, *(0.0,) * len(self.names))
 
     def _flow(self, pressure: Array, outside: Array, warmer: Array, p: base.Parameters) -> Array:
-        law, gas = self.law, p.temperature * np.where(pressure >= outside, warmer, 1.0)
+        law, leaves = self.law, pressure >= outside
+        if leaves.all():
+            # The same to the last bit, without what a flow into the vessel would take.
+            choked = choked_flow(pressure, law.conductance, p.temperature * warmer)
+            return choked * subsonic_share(outside / pressure, law.ratio, law.index)
+        gas = p.temperature * np.where(leaves, warmer, 1.0)
         return iso6358_flow(pressure, outside, law.conductance, law.ratio, law.index, gas)
 
     def shown(
         self, time: float, state: Sequence[Array], slopes: Sequence[Array]
     ) -> tuple[Array, Array]:
-        pressure = self._pressure(self.model.at(time), state)
+        pressure = self._numbers(self._at(time))[0] * np.exp(state[0] + state[1])
         return pressure, pressure * (slopes[0] + slopes[1])
 
     def held(self, state: Sequence[Array]) -> tuple[Array, ...]:
-        mass = np.clip(_number(state[0]), self.least, self.most)
+        mass = _between(self.least, state[0], self.most)
         # The gas of a vessel that empties is never colder or warmer than by this.
-        return (mass, np.clip(_number(state[1]), -3.0, 3.0), *map(_bounded, state[2:]))
+        return (mass, _between(-3.0, state[1], 3.0), *map(_bounded, state[2:]))
 
 
-def _number(value: Array) -> Array:
-    return np.where(np.isnan(value), 0.0, value)
+def _between(least: Array, value: Array, most: Array) -> Array:
+    """Within limits; 0, or the limit next to it, where it is not a number."""
+    number = np.where(np.isnan(value), 0.0, value)
+    # As np.clip, whose call takes longer than both.
+    return np.minimum(np.maximum(number, least), most)
 
 
 def _bounded(value: Array) -> Array:
-    return np.clip(_number(value), -_MOST_OF_A_STATE, _MOST_OF_A_STATE)
+    return _between(-_MOST_OF_A_STATE, value, _MOST_OF_A_STATE)
 
 
-def _point(time: float, pressure: Array, extra: Mapping[str, Array], model: Model) -> Point:
-    zero = np.zeros(np.shape(pressure))
-    # Without a chamber B its pressure is A's, so that nothing flows between the two.
-    return Point(
-        time, zero, zero, pressure, pressure, zero, zero, zero, zero, model.at(time), dict(extra)
-    )
+def _rate_at_rest(pressure: Array, flow: Array, volume: Array, p: base.Parameters) -> Array:
+    """Pa/s that a flow into a constant volume gives it."""
+    k = p.heat_capacity_ratio
+    return base.pressure_rate(pressure, flow, volume, 0.0, k, p.gas_constant, p.temperature)
 
 
 def grid(end: float, first: float, longest: float, growth: float) -> FloatArray:
