@@ -236,9 +236,8 @@ class CurveProblem:
 
     def curve(self, values: FloatArray, index: int) -> FloatArray:
         """Simulated pressure of one piece, (n_i,) Pa."""
-        changed: dict[str, Any] = {n: float(v) for n, v in zip(self.free, values, strict=False)}
         own, piece = self.own(values, index), self.pieces[index]
-        valve = dataclasses.replace(self.start, **changed)
+        valve = self.start.with_numbers(self.free, values)
         return pressure_curve(
             piece.chamber,
             valve if piece.flow_control else valve.alone(),

@@ -9,7 +9,9 @@ that obeys ISO 6358 follows `iso_curve` in the thesis' place.
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +26,8 @@ from sysid.types import FloatArray
 FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
 """The numbers of the thesis' law, filling first."""
 DELAYS = ("on_delay_s", "off_delay_s")
+# Of central differences: at the delays themselves, and before and after each.
+_DELAYS_KEPT = 5
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,14 @@ class DiscreteValve:
     valve_c_fill: float | None = None
     valve_c_dis: float | None = None
     in_series: tuple[str, ...] = ()
+
+    def with_numbers(self, names: Iterable[str], values: FloatArray) -> DiscreteValve:
+        """The valve with these of its numbers: `dataclasses.replace`, which a fit that asks for it
+        at each of its points would spend much of its time in."""
+        copy = object.__new__(type(self))
+        vars(copy).update(vars(self))
+        vars(copy).update(zip(names, values.tolist(), strict=False))
+        return copy
 
     def alone(self) -> DiscreteValve:
         """The valve without its flow control."""
@@ -115,6 +127,58 @@ class HeldChamber:
             return self.bleeds
         return self.closes, np.append(self.opens[1:], np.inf)[: len(self.closes)]
 
+    def segments(self, on_delay: float, off_delay: float) -> tuple[Segment, ...]:
+        """The stretches without an edge at these delays, s, in order."""
+        known, delays = self._segments, (on_delay, off_delay)
+        if delays not in known:
+            if len(known) == _DELAYS_KEPT:
+                del known[next(iter(known))]
+            known[delays] = self._segments_at(*delays)
+        return known[delays]
+
+    @functools.cached_property
+    def _segments(self) -> dict[tuple[float, float], tuple[Segment, ...]]:
+        """Those of the last delays: a fit varies its other numbers between."""
+        return {}
+
+    def _segments_at(self, on_delay: float, off_delay: float) -> tuple[Segment, ...]:
+        time = self.time
+        edges = delayed(self.opens, self.closes, on_delay, off_delay)
+        breaks = sorted({*edges.opens.tolist(), *edges.closes.tolist(), *self.supply_from.tolist()})
+        bled = None
+        if self.bleeds is not None:
+            bled = delayed(*self.bleeds, on_delay, off_delay)
+            breaks = sorted({*breaks, *bled.opens.tolist(), *bled.closes.tolist()})
+        starts = [float(time[0]), *(b for b in breaks if time[0] < b < time[-1])]
+        rows = [*np.searchsorted(time, starts).tolist(), len(time)]
+        is_open = edges.is_open(np.array(starts))
+        empties = ~is_open if bled is None else bled.is_open(np.array(starts))
+        which = np.maximum(np.searchsorted(self.supply_from, starts, side="right") - 1, 0)
+        found = []
+        for i, start in enumerate(starts):
+            elapsed = np.empty(rows[i + 1] - rows[i] + 1)
+            elapsed[:-1] = time[rows[i] : rows[i + 1]]
+            elapsed[-1] = starts[i + 1] if i + 1 < len(starts) else time[-1]
+            elapsed -= start
+            supply = float(self.supply[which[i]]) if is_open[i] else None
+            own = slice(rows[i], rows[i + 1])
+            found.append(Segment(own, elapsed, supply, bool(empties[i])))
+        return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A stretch of a chamber's rows in which no valve moves.
+
+    `elapsed` s since its start, of its `rows` and, last, of its end, where the next one starts;
+    the `supply` Pa that fills the chamber (None: nothing does), and whether it `empties`.
+    """
+
+    rows: slice
+    elapsed: FloatArray
+    supply: float | None
+    empties: bool
+
 
 def pressure_curve(
     chamber: HeldChamber,
@@ -127,34 +191,17 @@ def pressure_curve(
 
     `supply_shift` Pa is added to the supply.
     """
-    time = chamber.time
-    edges = delayed(chamber.opens, chamber.closes, valve.on_delay_s, valve.off_delay_s)
-    breaks = sorted({*edges.opens.tolist(), *edges.closes.tolist(), *chamber.supply_from.tolist()})
-    bled = None
-    if chamber.bleeds is not None:
-        bled = delayed(*chamber.bleeds, valve.on_delay_s, valve.off_delay_s)
-        breaks = sorted({*breaks, *bled.opens.tolist(), *bled.closes.tolist()})
-    starts = [float(time[0]), *(b for b in breaks if time[0] < b < time[-1])]
-    rows = [*np.searchsorted(time, starts).tolist(), len(time)]
-    is_open = edges.is_open(np.array(starts))
-    empties = ~is_open if bled is None else bled.is_open(np.array(starts))
-    which = np.maximum(np.searchsorted(chamber.supply_from, starts, side="right") - 1, 0)
-    pressure = np.empty(len(time))
+    pressure = np.empty(len(chamber.time))
     level = initial
-    for i, start in enumerate(starts):
-        # The rows of this segment and, last, its end, where the next one starts.
-        elapsed = np.empty(rows[i + 1] - rows[i] + 1)
-        elapsed[:-1] = time[rows[i] : rows[i + 1]]
-        elapsed[-1] = starts[i + 1] if i + 1 < len(starts) else time[-1]
-        elapsed -= start
-        if is_open[i]:
-            supply = float(chamber.supply[which[i]]) + supply_shift
-            values = _filling(chamber, valve, level, supply, elapsed)
-        elif empties[i]:
+    for segment in chamber.segments(valve.on_delay_s, valve.off_delay_s):
+        elapsed = segment.elapsed
+        if segment.supply is not None:
+            values = _filling(chamber, valve, level, segment.supply + supply_shift, elapsed)
+        elif segment.empties:
             values = _exhausting(chamber, valve, level, atmosphere, elapsed)
         else:
             values = np.full(len(elapsed), level)
-        pressure[rows[i] : rows[i + 1]] = values[:-1]
+        pressure[segment.rows] = values[:-1]
         level = float(values[-1])
     return pressure
 
@@ -177,8 +224,13 @@ def _filling(
     rate = chamber.gain * valve.choked_flow_fill_kg_s * supply / chamber.supply_reference
     start = max(initial, boundary)
     rest = elapsed - (start - initial) / rate
-    root = np.maximum(math.sqrt(supply - start) - half_rate * rest, 0.0)
-    return np.where(rest < 0.0, initial + rate * elapsed, supply - root**2)
+    # `elapsed` rises: each regime is worked out where it holds.
+    k = int(rest.searchsorted(0.0))
+    found = np.empty(len(elapsed))
+    found[:k] = initial + rate * elapsed[:k]
+    root = np.maximum(math.sqrt(supply - start) - half_rate * rest[k:], 0.0)
+    found[k:] = supply - root**2
+    return found
 
 
 def _exhausting(
@@ -195,6 +247,9 @@ def _exhausting(
     rate = chamber.gain * valve.choked_flow_dis_kg_s
     start = min(initial, boundary)
     rest = elapsed - (initial - start) / rate
-    decay = np.exp(-chamber.gain * valve.c_dis * np.maximum(rest, 0.0))
-    fallen = atmosphere + (start - atmosphere) * decay
-    return np.where(rest < 0.0, initial - rate * elapsed, fallen)
+    k = int(rest.searchsorted(0.0))
+    found = np.empty(len(elapsed))
+    found[:k] = initial - rate * elapsed[:k]
+    decay = np.exp(-chamber.gain * valve.c_dis * rest[k:])
+    found[k:] = atmosphere + (start - atmosphere) * decay
+    return found

@@ -9,6 +9,7 @@ Time is integrated over s, and s(t) interpolated with its exact slopes.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -33,7 +34,7 @@ class IsoPath:
     def pressure(self, initial: float, line: float, elapsed: FloatArray) -> FloatArray:
         """Pressure (n,) Pa after `elapsed` (n,) s of a chamber at `initial` Pa, open to a line.
 
-        The line's pressure is `line` Pa, above or below the chamber's.
+        The line's pressure is `line` Pa, above or below the chamber's; `elapsed` rises.
         """
         if initial == line:
             return np.full(len(elapsed), line)
@@ -44,27 +45,34 @@ class IsoPath:
     def _filling_ratio(self, start: float, elapsed: FloatArray) -> FloatArray:
         """Chamber's over line's pressure."""
         choked = max(self.ratio - start, 0.0) / self.rate
-        beyond = self._beyond(max(start, self.ratio), elapsed - choked, empties=False)
-        return np.where(elapsed < choked, start + self.rate * elapsed, beyond)
+        k, found = _ordered_before(elapsed, choked)
+        found[:k] = start + self.rate * elapsed[:k]
+        found[k:] = self._beyond(max(start, self.ratio), elapsed[k:] - choked, empties=False)
+        return found
 
     def _emptying_ratio(self, start: float, elapsed: FloatArray) -> FloatArray:
         """Line's over chamber's pressure."""
         choked = math.log(max(self.ratio / start, 1.0)) / self.rate
-        beyond = self._beyond(max(start, self.ratio), elapsed - choked, empties=True)
-        growth = np.exp(self.rate * np.minimum(elapsed, choked))
-        return np.where(elapsed < choked, start * growth, beyond)
+        k, found = _ordered_before(elapsed, choked)
+        found[:k] = start * np.exp(self.rate * elapsed[:k])
+        found[k:] = self._beyond(max(start, self.ratio), elapsed[k:] - choked, empties=True)
+        return found
 
     def _beyond(self, start: float, elapsed: FloatArray, empties: bool) -> FloatArray:
         """The ratio of the pressures from `start` (at least b) on."""
         b, m = self.ratio, self.index
         first = max((1.0 - start) / (1.0 - b), 0.0) ** (1.0 - m)
+        s = _hermite(elapsed, *_course(self, first, empties))
+        return np.asarray(1.0 - (1.0 - b) * s ** (1.0 / (1.0 - m)))
+
+    def course(self, first: float, empties: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Times s, s and its slopes, from `first` on to the end."""
         ends = np.linspace(first, 0.0, _INTERVALS + 1)
         middle, half = 0.5 * (ends[1:] + ends[:-1]), 0.5 * (ends[:-1] - ends[1:])
         inside = middle[:, None] + half[:, None] * _NODES
         parts = (self._slowness(inside, empties) @ _WEIGHTS) * half
         times = np.concatenate([[0.0], np.cumsum(parts)])
-        s = _hermite(elapsed, times, ends, -1.0 / self._slowness(ends, empties))
-        return np.asarray(1.0 - (1.0 - b) * s ** (1.0 / (1.0 - m)))
+        return times, ends, -1.0 / self._slowness(ends, empties)
 
     def _slowness(self, s: FloatArray, empties: bool) -> FloatArray:
         """-dt/ds, s."""
@@ -72,6 +80,19 @@ class IsoPath:
         left = s ** (1.0 / (1.0 - m))
         found = (1.0 - b) / (self.rate * (1.0 - m) * (2.0 - left) ** m)
         return np.asarray(found / (1.0 - (1.0 - b) * left) if empties else found)
+
+
+def _ordered_before(elapsed: FloatArray, choked: float) -> tuple[int, FloatArray]:
+    """How many of the times, which rise, are before the end of choked flow, and room for all."""
+    return int(elapsed.searchsorted(choked)), np.empty(len(elapsed))
+
+
+@functools.lru_cache(maxsize=64)
+def _course(
+    path: IsoPath, first: float, empties: bool
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """`IsoPath.course`: tests and rows that a law follows from the same place have the same one."""
+    return path.course(first, empties)
 
 
 def _hermite(
