@@ -19,7 +19,7 @@ from sysid.balance.motion import FilteredMotion, default_cutoff
 from sysid.balance.residuals import effort_residual
 from sysid.plant import plant
 from sysid.plant.base import bare_parameters
-from sysid.plant.ports import Model, Point, with_load
+from sysid.plant.ports import Model, Point, overrides, with_load
 from sysid.recording.recording import Recording
 from sysid.types import FloatArray, IntArray
 
@@ -109,21 +109,36 @@ def imposed_motion(recording: Recording) -> ImposedMotion:
 def effort_gap(motion: ImposedMotion, model: Model) -> FloatArray:
     """A model's residual effort (n,), Nm or N, filtered, along the whole test.
 
+    As of `effort_gaps`.
+    """
+    return motion.balanced.smooth(_gap(motion, model))
+
+
+def effort_gaps(motion: ImposedMotion, models: Sequence[Model]) -> FloatArray:
+    """`effort_gap` of each of several models, (models, n), which the filter takes at once.
+
     In units of the logged command: otherwise a motor gain of 0, or friction that takes as much as
     the motor gives, would explain everything.
     """
+    return motion.balanced.smooth(np.column_stack([_gap(motion, one) for one in models])).T
+
+
+def _gap(motion: ImposedMotion, model: Model) -> FloatArray:
+    """`effort_gap` before the filter."""
     parameters = with_load(model.at(motion.point.time), motion.recording.load)
     point = dataclasses.replace(motion.point, parameters=parameters)
     given = motion.point.motor
     power = float(given @ given)
     scale = float(effort_that_arrives(point, model) @ given) / power if power > 0.0 else 1.0
     left = -effort_residual(point, motion.seen.acceleration, model)
-    return motion.balanced.smooth(left / (scale if abs(scale) > _LEAST_SCALE else 1.0))
+    return np.asarray(left / (scale if abs(scale) > _LEAST_SCALE else 1.0))
 
 
 def effort_that_arrives(point: Point, model: Model) -> FloatArray:
     """What the shaft gets of the motor's effort (n,), Nm or N: less the friction that grows with
     it."""
+    if not any(overrides(type(effect), "friction_effort") for effect in model.effects):
+        return np.asarray(plant.motor_effort(point, model))
     idle = dataclasses.replace(point, motor=0.0 * point.motor)
     friction = [plant.sliding_friction(at, model) for at in (point, idle)]
     return np.asarray(plant.motor_effort(point, model) - (friction[0] - friction[1]))
@@ -176,6 +191,7 @@ __all__ = [
     "FASTEST_CUTOFF_HZ",
     "ImposedMotion",
     "effort_gap",
+    "effort_gaps",
     "effort_noise",
     "effort_rmse",
     "effort_that_arrives",

@@ -15,7 +15,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import cast
 
 import numpy as np
@@ -23,7 +23,7 @@ import numpy as np
 from sysid import signals
 from sysid.balance.imposed import (
     ImposedMotion,
-    effort_gap,
+    effort_gaps,
     effort_noise,
     effort_that_arrives,
     imposed_motion,
@@ -47,7 +47,7 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Friction, Parts
 from sysid.parameters.assembled_model import require_moving_inertia
 from sysid.parameters.quality import quality_field
-from sysid.plant.base import bare_parameters
+from sysid.plant.base import Parameters, bare_parameters
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.effects.friction import LoadDependentFriction
 from sysid.plant.effects.linear import ROTARY_ONLY
@@ -194,29 +194,35 @@ class Axis(Component):
         return deaf <= _MOST_DEAF * count
 
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
+        return self.residuals_of([law], tests)[0]
+
+    def residuals_of(self, laws: Sequence[Law], tests: Sequence[int]) -> list[list[FloatArray]]:
+        """All laws go through the filter at once, whose call takes longer than its work."""
+        models, cases = [self._model(law) for law in laws], [self.cases[i] for i in tests]
         # Stretches of one trial share its motion.
         whole: dict[int, FloatArray] = {}
-        for i in tests:
-            case = self.cases[i]
+        for case in cases:
             if id(case.point) not in whole:
-                whole[id(case.point)] = self._residual(case, law)
-        cases = [self.cases[i] for i in tests]
-        return [case.without_turns(whole[id(case.point)][case.rows]) for case in cases]
+                whole[id(case.point)] = effort_gaps(case, models)
+        return [
+            [case.without_turns(whole[id(case.point)][k, case.rows]) for case in cases]
+            for k in range(len(laws))
+        ]
 
     def measured(self, tests: Sequence[int]) -> list[FloatArray]:
         """What friction, and an inertia that is not declared, balance."""
         nothing = Law({p.name: 0.0 for p in self.parameters()})
         return self.residuals(nothing, tests)
 
-    def _residual(self, case: ImposedMotion, law: Law) -> FloatArray:
-        """Of the whole trial that a stretch belongs to, (n,)."""
-        return effort_gap(case, self._model(law))
+    @cached_property
+    def _bare(self) -> Parameters:
+        return bare_parameters(self.rig)
 
     def _model(self, law: Law) -> Model:
         u = self.rig.units
         values = law.values
         inertia = values.get(u.key("inertia"), self.rig.total_inertia())
-        parameters = bare_parameters(self.rig).replace(
+        parameters = self._bare.replace(
             coulomb_effort=values[u.key("coulomb")],
             viscous=values.get(u.key("viscous"), 0.0),
             # A friction bundle counts it against the motion, the model along it.
