@@ -412,7 +412,7 @@ def windows(traces: Traces, usable: BoolArray, pwm_period: float | None = None) 
     """
     from scipy.sparse import csr_array
 
-    rows, columns, weights, of_run, of_stretch, centres = [], [], [], [], [], []
+    lengths, columns, weights, of_run, of_stretch, centres = [], [], [], [], [], []
     count = stretch = 0
     width = WINDOW_S if pwm_period is None else window_width(pwm_period)
     for index, run in enumerate(traces.runs):
@@ -433,8 +433,7 @@ def windows(traces: Traces, usable: BoolArray, pwm_period: float | None = None) 
             middles = np.arange(begin, last - half, step) + run.rows.start
             if len(middles) == 0:
                 continue
-            own = np.arange(count, count + len(middles), dtype=np.int32)
-            rows.append(np.repeat(own, len(kernel)))
+            lengths.append(np.full(len(middles), len(kernel), dtype=np.int32))
             columns.append((middles[:, None] + reach).ravel().astype(np.int32))
             weights.append(np.tile(kernel, len(middles)))
             of_run.append(np.full(len(middles), index))
@@ -444,16 +443,18 @@ def windows(traces: Traces, usable: BoolArray, pwm_period: float | None = None) 
             stretch += 1
     empty = np.zeros(0, dtype=np.intp)
     none = np.zeros(0, dtype=np.int32)  # half the memory: a diagnosis keeps many of them
+    held = np.concatenate([none, *columns])
+    is_used = np.zeros(len(traces), dtype=bool)
+    is_used[held] = True
+    used = np.flatnonzero(is_used).astype(np.intp)
+    # In the order of compressed rows, among the samples that some window holds.
+    place = np.cumsum(is_used, dtype=np.int32) - np.int32(1)
+    ends = np.cumsum(np.concatenate([np.zeros(1, dtype=np.int32), *lengths]), dtype=np.int32)
     matrix = csr_array(
-        (
-            np.concatenate([np.zeros(0), *weights]),
-            (np.concatenate([none, *rows]), np.concatenate([none, *columns])),
-        ),
-        shape=(count, len(traces)),
+        (np.concatenate([np.zeros(0), *weights]), place[held], ends), shape=(count, len(used))
     )
-    used = np.flatnonzero(np.diff(matrix.tocsc().indptr)).astype(np.intp)
     return Windows(
-        matrix[:, used],
+        matrix,
         Rows(used),
         np.concatenate([empty, *of_run]),
         np.concatenate([empty, *of_stretch]),
