@@ -326,8 +326,8 @@ def test_twins_are_the_same_for_a_seed(traces: Traces, healthy: Any) -> None:
     np.testing.assert_array_equal(first, second)
 
 
-def test_sensor_noise_of_coloured_noise() -> None:
-    tests, rig, _ = made()
+def test_sensor_noise_of_coloured_noise(healthy: tuple[Tests, Rig, Model]) -> None:
+    tests, rig, _ = healthy
     rng = np.random.default_rng(0)
     white = rng.standard_normal(20_001)
     coloured = 200.0 * (white[1:] + 0.5 * white[:-1]) / np.sqrt(1.25)
@@ -341,9 +341,11 @@ def test_sensor_noise_of_coloured_noise() -> None:
     assert lag_one == pytest.approx(0.4, abs=0.08)
 
 
-def test_position_noise_of_an_interpolated_log_is_correlated() -> None:
+def test_position_noise_of_an_interpolated_log_is_correlated(
+    healthy: tuple[Tests, Rig, Model],
+) -> None:
     """White noise between whose rows two more were put, as `convert --resample` does."""
-    tests, rig, _ = made()
+    tests, rig, _ = healthy
     file, kind, trial = tests[0]
     rows = np.arange(0, len(trial), 3)
     white = 1e-4 * np.random.default_rng(0).standard_normal(len(rows))
@@ -380,6 +382,12 @@ def test_twins_of_an_uneven_log_err_at_its_own_rows(healthy: tuple[Tests, Rig, M
     assert 1e-5 < float(np.std(twins[0] - twins[2])) < 1e-3
 
 
+@pytest.fixture(scope="module")
+def nothing_tried(healthy: tuple[Tests, Rig, Model]) -> Loop:
+    """A search for no effect where none is missing."""
+    return close_loop(*healthy, [], simulated=lambda trial: 0.0)
+
+
 def explained(base: Projected, found: Refit) -> float:
     """By how much a refit lowers the whitened squares."""
     return float(base.rest @ base.rest - found.rest @ found.rest)
@@ -408,12 +416,12 @@ def test_a_number_that_shows_nothing_stays(
 
 
 def test_an_encoder_behind_the_link_is_told_from_one_on_the_shaft(
-    traces: Traces, healthy: tuple[Tests, Rig, Model]
+    moving: Traces, healthy: tuple[Tests, Rig, Model]
 ) -> None:
     """In the balances, which a position that swings on its spring enters; a choice stays."""
     _, rig, model = healthy
     true = LinkFlexibility(0.3, 25.0, 0.05, 1.0)
-    twin = twin_of(model + true, traces, rig)
+    twin = twin_of(model + true, moving, rig)
     base = projected(build_frame(twin, model, noise_of(twin, model), 0.0), model)
     start = best_form(base, [LinkFlexibility])
     found = refit(base, [start])
@@ -510,16 +518,14 @@ def test_a_law_is_found_beside_base_parameters_that_were_fitted_without_it(
 
 
 def test_what_an_error_of_the_base_parameters_leaves_is_no_structure(
-    healthy: tuple[Tests, Rig, Model],
+    healthy: tuple[Tests, Rig, Model], nothing_tried: Loop
 ) -> None:
     """It repeats from test to test, as structure does: the fit's own error is taken out first."""
     tests, rig, model = healthy
     p = model.parameters
     wrong = Model(p.replace(viscous=0.6 * p.viscous, coulomb_effort=1.1 * p.coulomb_effort))
-    right, found = (
-        remainders(close_loop(tests, rig, m, [], simulated=lambda trial: 0.0), rig)[0]
-        for m in (model, wrong)
-    )
+    without = close_loop(tests, rig, wrong, [], simulated=lambda trial: 0.0)
+    right, found = (remainders(one, rig)[0] for one in (nothing_tried, without))
     assert found.repeatable <= right.repeatable + 0.05 * right.rmse
     assert found.rmse == pytest.approx(right.rmse, rel=0.05)
 
@@ -642,12 +648,12 @@ def test_friction_is_weighed_by_the_scatter_that_an_effect_leaves(
 
 
 def test_a_search_without_an_effect_does_not_work_out_what_is_known(
-    traces: Traces, healthy: tuple[Tests, Rig, Model], monkeypatch: pytest.MonkeyPatch
+    moving: Traces, healthy: tuple[Tests, Rig, Model], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What was screened and fitted before is not again, and the same is found."""
     _, rig, model = healthy
     true = model + SealFriction(1e-7) + StribeckFriction(0.12, 0.06, 1.0)
-    first, null = seen_in(traces, true, model, rig), null_of(traces, model, rig)
+    first, null = seen_in(moving, true, model, rig), null_of(moving, model, rig)
     asked: list[frozenset[str]] = []
     fitted: list[frozenset[str]] = []
     screened_before, fit_before = finder_module.screened, finder_module.fit_set
@@ -849,6 +855,15 @@ def loop(tests: Tests, rig: Rig, model: Model) -> Loop:
     return close_loop(tests, rig, model, effects, simulated=lambda trial: 0.0)
 
 
+SEALS = ("seal-friction", "sum", 1.0)
+
+
+@lru_cache(maxsize=2)
+def looped(effect: tuple[str, str, float]) -> Loop:
+    """What is found where an effect is missing. Whoever calls it leaves it as it is."""
+    return loop(*made(effect, scatter=0.02, size=TWO_EACH))
+
+
 @pytest.mark.parametrize("effect", [PressureLag(2e-3), TimeSkew(1.7e-3), PressureOffset(1e3)])
 def test_sensors_show_tests_end_to_end_as_one_by_one(
     traces: Traces, effect: CatalogueEffect, monkeypatch: pytest.MonkeyPatch
@@ -885,8 +900,7 @@ def test_a_model_whose_every_channel_is_far_off_is_not_adequate() -> None:
 
 def test_effects_that_leave_every_channel_far_off_do_not_explain() -> None:
     """As an exhaust that ices was imitated by three effects; without pressures nothing is said."""
-    tests, rig, model = made(("seal-friction", "sum", 1.0), size=TWO_EACH)
-    evidence = TwinEvidence(loop(tests, rig, model), rig, ())
+    evidence = TwinEvidence(looped(SEALS), made(SEALS, scatter=0.02, size=TWO_EACH)[1], ())
     errors = [{"theta_rad": 0.21, "pressure_a_pa": 2678.0, "pressure_b_pa": 2508.0}]
     errors += [{"theta_rad": 0.051, "pressure_a_pa": 924.0, "pressure_b_pa": 963.0}]
     floor = {"theta_rad": 0.0074, "pressure_a_pa": 217.0, "pressure_b_pa": 222.0}
@@ -994,21 +1008,26 @@ def test_a_rival_that_the_balances_do_not_tell_apart_is_found_too() -> None:
 
 
 @pytest.mark.parametrize(
-    ("size", "rises", "count"),
-    [(0.005, 0.0, 0), (0.005, -100.0, 0), (1.0, 0.0, 1), (1.0, 100.0, 1)],
+    ("size", "tests", "rises", "count"),
+    [
+        (0.005, LAB, 0.0, 0),
+        (0.005, LAB, -100.0, 0),
+        (1.0, TWO_EACH, 0.0, 1),
+        (1.0, TWO_EACH, 100.0, 1),
+    ],
 )
 def test_motion_adds_no_effect_that_the_balances_do_not_show(
-    size: float, rises: float, count: int
+    size: float, tests: Size, rises: float, count: int
 ) -> None:
     """What they show of a tiny effect may be another misfit; of a usual one they are sure."""
-    campaign = made(("torque-offset", "constant", size))
+    campaign = made(("torque-offset", "constant", size), size=tests)
     assert len(added(campaign, ["torque-offset"], rises)) == count
 
 
 @pytest.mark.parametrize(
     ("effect", "is_right"),
     [
-        (("seal-friction", "sum", 1.0), lambda step: step.id == "seal-friction"),
+        (SEALS, lambda step: step.id == "seal-friction"),
         (
             ("torque-offset", "constant", 1.0),
             lambda step: class_of("torque-offset") - {step.id} == set(step.ambiguous),
@@ -1018,8 +1037,7 @@ def test_motion_adds_no_effect_that_the_balances_do_not_show(
 def test_an_effect_is_found_and_named(
     effect: tuple[str, str, float], is_right: Callable[[Any], bool]
 ) -> None:
-    tests, rig, model = made(effect, scatter=0.02, size=TWO_EACH)
-    found = loop(tests, rig, model)
+    found = looped(effect)
     assert len(found.search.steps) == 1
     assert is_right(found.search.steps[0])
     assert leftover(found) == ()
@@ -1041,7 +1059,7 @@ def test_a_second_effect_is_added_only_where_there_is_evidence_for_it(
 
 
 def test_what_no_effect_explains_is_said() -> None:
-    tests, rig, model = made(("friction-warm-up", "decay", 1.0))
+    tests, rig, model = made(("friction-warm-up", "decay", 1.0), size=TWO_EACH)
     found = loop(tests, rig, model)
     entries = leftover(found)
     assert [entry.channel for entry in entries] == ["effort"]
@@ -1067,11 +1085,10 @@ def test_hum_is_no_resonance(effect: tuple[str, str, float], named: list[str]) -
 
 
 def test_what_repeats_is_structure_where_it_is_large(
-    healthy: tuple[Tests, Rig, Model],
+    healthy: tuple[Tests, Rig, Model], nothing_tried: Loop
 ) -> None:
     """More than the noise and than a tenth of what there was, of a new channel."""
-    tests, rig, model = healthy
-    found = close_loop(tests, rig, model, [], simulated=lambda trial: 0.0)
+    rig, found = healthy[1], nothing_tried
     effort, *rates = remainders(found, rig)
     twice = replace(effort, repeatable=2.0 * effort.rmse, noise=effort.rmse, agreeing=effort.tests)
     (curve,) = repeating(found, [twice, *rates], (), rig)
