@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from limited_jobs import broken, busy, spending, told_and_busy, used_by
 from small_campaign import write_small
 from test_components_points import AXIS, KIND, breakaway_log, breakaways
 from test_diagnosis import loop, made
@@ -44,32 +45,6 @@ sealed = partial(made, ("seal-friction", "sum", 1.0), scatter=0.02, size=SIZE)
 
 
 # --- limits ------------------------------------------------------------------------------
-
-
-def spending(evaluations: int) -> int:
-    """A job that counts."""
-    for _ in range(evaluations):
-        spend()
-    return evaluations
-
-
-def busy(seconds: float) -> float:
-    """A job that looks at its limit while it computes for so long."""
-    end = time.process_time() + seconds
-    while time.process_time() < end:
-        spend(0)
-    return seconds
-
-
-def told_and_busy(folder: str) -> None:
-    """Leave one's process number in a folder, and compute without an end."""
-    (Path(folder) / str(os.getpid())).touch()
-    while True:
-        pass
-
-
-def broken(_: int) -> float:
-    raise np.linalg.LinAlgError("Singular matrix")
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
@@ -120,13 +95,6 @@ def test_processor_time_is_that_of_all_who_work(
         assert run([partial(busy, 0.05)] * 2) == [0.05] * 2
         assert run([partial(busy, 60.0)] * 2) == [LATE] * 2
         assert run([partial(busy, 0.0)]) == [LATE]
-
-
-def used_by(seconds: float) -> float:
-    end = time.process_time() + seconds
-    while time.process_time() < end:
-        pass
-    return seconds
 
 
 def test_what_a_worker_did_before_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -322,7 +290,8 @@ def test_the_bundled_campaign_is_not_called_unexplained(tmp_path: Path, capsys: 
 def lagging(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("lagging")
     effects = drawn_effects(7, [("pressure-lag", "first-order", 1.0)])
-    campaign = make_campaign(7, size=SIZE, rig=reference_rig(), kinds=KINDS, effects=effects)
+    size = Size(1, 0, 1, 0.04, (1, 1), (1, 1), (1, 1), slidings=6)
+    campaign = make_campaign(7, size=size, rig=reference_rig(), kinds=KINDS, effects=effects)
     write_campaign(folder, campaign, "made by a test")
     return folder
 
