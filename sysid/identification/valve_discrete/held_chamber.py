@@ -127,7 +127,7 @@ class HeldChamber:
             return self.bleeds
         return self.closes, np.append(self.opens[1:], np.inf)[: len(self.closes)]
 
-    def segments(self, on_delay: float, off_delay: float) -> tuple[Segment, ...]:
+    def segments(self, on_delay: float, off_delay: float) -> tuple[ChamberSegment, ...]:
         """The stretches without an edge at these delays, s, in order."""
         known, delays = self._segments, (on_delay, off_delay)
         if delays not in known:
@@ -137,11 +137,11 @@ class HeldChamber:
         return known[delays]
 
     @functools.cached_property
-    def _segments(self) -> dict[tuple[float, float], tuple[Segment, ...]]:
+    def _segments(self) -> dict[tuple[float, float], tuple[ChamberSegment, ...]]:
         """Those of the last delays: a fit varies its other numbers between."""
         return {}
 
-    def _segments_at(self, on_delay: float, off_delay: float) -> tuple[Segment, ...]:
+    def _segments_at(self, on_delay: float, off_delay: float) -> tuple[ChamberSegment, ...]:
         time = self.time
         edges = delayed(self.opens, self.closes, on_delay, off_delay)
         breaks = sorted({*edges.opens.tolist(), *edges.closes.tolist(), *self.supply_from.tolist()})
@@ -162,12 +162,12 @@ class HeldChamber:
             elapsed -= start
             supply = float(self.supply[which[i]]) if is_open[i] else None
             own = slice(rows[i], rows[i + 1])
-            found.append(Segment(own, elapsed, supply, bool(empties[i])))
+            found.append(ChamberSegment(own, elapsed, supply, bool(empties[i])))
         return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class ChamberSegment:
     """A stretch of a chamber's rows in which no valve moves.
 
     `elapsed` s since its start, of its `rows` and, last, of its end, where the next one starts;
