@@ -14,12 +14,12 @@ from typing import Any
 
 import jsonschema
 import pytest
-from golden_folder import BUNDLED, BUNDLES, golden_bundle
+from golden_folder import BUNDLES, golden_bundle
 from pydantic import ValidationError
+from shared_results import bundled_fit
 
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
-from sysid.io.campaign import read_campaign
 from sysid.io.logs import Log
 from sysid.io.rig import Rig, read_rig
 from sysid.io.source import Source
@@ -40,7 +40,6 @@ from sysid.parameters.base import FileContext, Part
 from sysid.parameters.files import SCHEMA_FILE, bundle_from_json, shipped_schema
 from sysid.parameters.fitted_logs import check_log, check_log_unchanged, check_not_fitted
 from sysid.parameters.schema import bundle_schema
-from sysid.pipeline.fit import fit_campaign
 
 
 def estimate(value: float, unit: str = "Nm") -> dict[str, Any]:
@@ -386,9 +385,9 @@ def test_a_bundle_that_was_written_before_the_types_is_read_whole(name: str) -> 
     assert found.to_json() == json.loads(golden_bundle(name).read_text())
 
 
-def test_a_freshly_fitted_bundle_is_read_whole() -> None:
+def test_a_freshly_fitted_bundle_is_read_whole(tmp_path_factory: pytest.TempPathFactory) -> None:
     """As the fit makes it, and as it is read back from its JSON."""
-    fitted = fit_campaign(read_campaign(BUNDLED / "campaign.toml")).bundle
+    fitted = bundled_fit(tmp_path_factory).bundle
     assert fitted.valves is not None and set(fitted.valves.sides()) == {"a", "b"}
     for side, valve in fitted.valves.sides().items():
         assert valve.discrete is not None, side

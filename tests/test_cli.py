@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 import pytest
 from friction_trials import UNWRITTEN
+from shared_results import bundled_fit
 
 from datasets.generator.campaign import GeneratedTests, make_friction_tests
 from datasets.generator.files import write_log
@@ -203,9 +204,10 @@ def test_one_level_gives_the_sum_and_the_test_that_would_separate_it(
     assert "a second level" in said.err
 
 
-def test_the_bundled_campaign_fits(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["fit", str(BUNDLED / "campaign.toml"), "--json"]) == 0
-    friction = json.loads(capsys.readouterr().out)["friction"]
+def test_the_bundled_campaign_fits(tmp_path_factory: pytest.TempPathFactory) -> None:
+    fitted = bundled_fit(tmp_path_factory)
+    assert fitted.code == 0
+    friction = json.loads(fitted.output)["friction"]
     assert friction["static_nm"]["value"] > friction["coulomb_nm"]["value"] > 0
 
 

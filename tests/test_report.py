@@ -20,15 +20,15 @@ import pytest
 from golden_folder import golden_bundle
 from page_boxes import box_faults
 from part_reports import PART_NAMES, write_part_report
+from shared_results import bundled_fit
 
 from sysid.blocks import numbers, standing, svg
 from sysid.blocks.tables import Table
 from sysid.checks.log_check import check_log
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
-from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign
-from sysid.io.source import Source
-from sysid.parameters import Bundle, FittedValves, Parts, Surface, Valve, bundle_text, read_bundle
+from sysid.io.campaign import Campaign, read_campaign
+from sysid.parameters import Bundle, FittedValves, Surface, Valve, bundle_text, read_bundle
 from sysid.parameters.files import bundle_from_json
 from sysid.parameters.refinement import Refinement
 from sysid.parameters.validation import Validation
@@ -38,7 +38,6 @@ from sysid.pipeline.pages.interactive import packed
 from sysid.pipeline.pages.next_steps import next_section, open_questions
 from sysid.pipeline.pages.opening import _table, verdict
 from sysid.pipeline.pages.report import _json, render_report, write_report
-from sysid.valve_pwm import ValvePwmFit
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 BUNDLED = REPOSITORY / "datasets" / "bundled" / "campaign.toml"
@@ -173,29 +172,14 @@ class Made:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    """The bundled campaign, fitted (with quick networks), validated and reported."""
-    from sysid.friction import fit_friction
+    """The bundled campaign, fitted, validated and reported."""
     from sysid.validation import validate
-    from sysid.valve_discrete import fit_valve_discrete
-    from sysid.valve_pwm import fit_valve_pwm
 
     campaign = read_campaign(BUNDLED)
-    logs = {entry.file: campaign.read(entry) for entry in campaign.logs}
-
-    def trials(*kinds: str) -> list[Any]:
-        return [t for e in campaign.select(kinds) for t in logs[e.file].trials]
-
-    parts = fit_friction(trials(*FRICTION_KINDS), campaign.rig).part()
-    parts = parts.merged(fit_valve_discrete(trials("valve-discrete"), campaign.rig).part())
-    pwm = fit_valve_pwm(trials("valve-pwm"), campaign.rig)
-    bundle = Bundle.new(
-        campaign.rig,
-        parts.merged(with_quick_networks(pwm)),
-        [Source.of(logs[e.file], e.use, e.kind) for e in campaign.logs],
-        seeds={"surfaces": 0},
-    ).replaced(refinement=Refinement.model_validate(REFINEMENT))
+    fitted = bundled_fit(tmp_path_factory).bundle
+    bundle = fitted.replaced(refinement=Refinement.model_validate(REFINEMENT))
     validation = validate(campaign, bundle)
-    checks = [check_log(log, campaign.rig) for log in logs.values()]
+    checks = [check_log(campaign.read(entry), campaign.rig) for entry in campaign.logs]
     path = tmp_path_factory.mktemp("report") / "report.html"
     write_report(
         path,
@@ -206,28 +190,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
         diagnosis=DIAGNOSIS,
     )
     return Made(campaign, bundle, validation, checks, path)
-
-
-def with_quick_networks(pwm: ValvePwmFit) -> Parts:
-    """The surfaces of a fit, with a network in each."""
-    valves = pwm.part().valves
-    assert valves is not None
-    for (side, direction), fit in pwm.fits.items():
-        held = valves.side(side).surfaces(direction)
-        assert held is not None
-        directions = PwmDirections(**{direction: held.replaced(ann=quick_network(fit))})
-        valves = valves.merged(FittedValves(**{side: Valve(pwm=directions)}))
-    return Parts(valves=valves)
-
-
-def quick_network(fit: Any) -> Surface:
-    """A network of one short training: as large on the page as a good one."""
-    from sysid.surfaces import DutyNetwork
-
-    points = fit.points
-    network = DutyNetwork(domain=fit.domain, restarts=1, max_iter=40)
-    network.fit(np.column_stack((points.flow, points.pressure)), points.duty, groups=points.test)
-    return Surface.model_validate(network.to_dict())
 
 
 @pytest.fixture(scope="module")
