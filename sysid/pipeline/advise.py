@@ -41,7 +41,7 @@ def advise(campaign: Campaign, bundle: Bundle, options: AdviseOptions) -> Advice
     `effects` as in `validate`. Raises InputError for logs that cannot be used, NotIdentifiedError
     where the bundle does not hold the on/off law of both valves.
 
-    >>> advice = si.advise(campaign, bundle)
+    >>> advice = si.advise(campaign, bundle, sizes=False)
     >>> best = advice.candidates[0]
     >>> best.gain > 0 and bool((best.std <= advice.now * 1.001).all())
     True
