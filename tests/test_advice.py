@@ -76,15 +76,20 @@ SOME = ("quadratic-drag", "torque-saturation", "pressure-offset", "inertia-misma
 
 
 @pytest.fixture(scope="module")
-def advice(campaign: Campaign, bundle: Bundle) -> AdviceResult:
-    effects = {name: catalogue()[name] for name in SOME}
-    return advise(campaign, bundle, threshold=4.0, catalogue=effects)
-
-
-@pytest.fixture(scope="module")
 def motions(campaign: Campaign, bundle: Bundle) -> list[CandidateMotion]:
     """The motions that the rig can do."""
     return candidate_motions(campaign.rig, bundle.model(campaign.rig))
+
+
+@pytest.fixture(scope="module")
+def advice(campaign: Campaign, bundle: Bundle, motions: list[CandidateMotion]) -> AdviceResult:
+    """With two candidates of each kind: all of them are simulated for every effect."""
+    effects = {name: catalogue()[name] for name in SOME}
+    own = [[m for m in motions if m.kind == kind] for kind in MOTION_KINDS]
+    two = [m for of_kind in own for m in (of_kind[0], of_kind[-1])]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(advice_module, "candidate_motions", lambda *_: two)
+        return advise(campaign, bundle, threshold=4.0, catalogue=effects)
 
 
 @pytest.fixture
@@ -193,6 +198,7 @@ def test_candidates_stay_off_the_stops_and_within_the_motor(
 # --- ties and sizes --------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("few")
 def test_an_indistinguishable_effect_is_told_apart_best_by_a_named_test(
     campaign: Campaign, bundle: Bundle
 ) -> None:
