@@ -56,7 +56,10 @@ def put(folder: Path, kind: str, name: str = "run.csv", **columns: Any) -> Path:
 
 @pytest.mark.parametrize("kind", LOGS)
 def test_the_literal_command(kind: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    put(folder, kind)
+    if kind == "valve-pwm":
+        part_of(folder, slice(None, None, 3))
+    else:
+        put(folder, kind)
     assert main(["fit", kind, "run.csv"]) == 0
     said = capsys.readouterr()
     bundle = read_bundle(folder / f"run.{kind}.bundle.json")
