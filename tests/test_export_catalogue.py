@@ -60,9 +60,11 @@ CHANGED_CONSTANTS = {
 DRIFTING = {"temperature-drift"}
 
 
-def bundle_with(effects: list[CatalogueEffect]) -> Bundle:
-    """A bundle that holds everything, of a rig that has gravity."""
+def bundle_with(effects: list[CatalogueEffect], assumed: str = "") -> Bundle:
+    """A bundle that holds everything, of a rig that has gravity, with a constant assumed."""
     rig_text = upright(conftest.RIG_TEXT)
+    if assumed:
+        rig_text = f'assumed = ["{assumed}"]\n{rig_text}'
     return whole_bundle(rig_text, [RISING] * 4).with_effects(entry_of(e) for e in effects)
 
 
@@ -96,12 +98,17 @@ class Headers:
 
 
 def write_headers(folder: Path, seed: int | None) -> Headers:
-    """Export each effect at its size of this seed."""
+    """Export each effect at its size of this seed.
+
+    Those at their usual sizes with all that a header holds. Others differ in their constants: these
+    are without controllers, which may not rest on an assumed constant and take most of the work.
+    """
     headers = Headers(folder, {name: sized(name, seed) for name in STATELESS}, {})
+    assumed = "" if seed is None else "cylinder.area_a_m2"
     lines = []
     for k, name in enumerate(STATELESS):
         prefix, path = f"e{k}_", folder / f"e{k}.h"
-        bundle = bundle_with([headers.effects[name]])
+        bundle = bundle_with([headers.effects[name]], assumed)
         export_bundle(bundle, path, "c", prefix=prefix, check=False)
         headers.signatures[name] = signatures(path.read_text(), prefix)
         lines.append(f'#include "{path.name}"')
