@@ -18,7 +18,7 @@ import pytest
 
 from sysid.commands.app import main
 from sysid.errors import Failure, InputError
-from sysid.parallel import LATE, VARIABLE, attempt_all, job_count, limited, run_all
+from sysid.parallel import LATE, VARIABLE, attempt_all, job_count, limited, processes, run_all
 
 PARENT = """
 import os, signal, sys, time
@@ -57,7 +57,8 @@ def asleep(_: int) -> None:
 
 
 def endless(_: int) -> None:
-    """A job that computes and does not look at its limit."""
+    """A job that computes and does not look at its limit, in a worker that is soon ended."""
+    processes._GRACE_S = 0.5
     while True:
         pass
 
