@@ -13,15 +13,28 @@ import pytest
 from numpy.typing import NDArray
 
 from sysid.exporters import export_bundle
-from sysid.parameters import Bundle
+from sysid.parameters import Bundle, bundle_text
 from sysid.types import FloatArray
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-Wconversion"]
 
 
+# Text and notices, by the text of the bundle: an export of all there is takes a second.
+_HEADERS: dict[str, tuple[str, list[str]]] = {}
+
+
 def header(bundle: Bundle, folder: Path, **options: Any) -> tuple[Path, list[str]]:
+    """Its header in a folder, and the notices; without options a bundle is exported once only."""
     path = folder / "controller.h"
-    return path, export_bundle(bundle, path, "c", check=False, **options)
+    if options:
+        return path, export_bundle(bundle, path, "c", check=False, **options)
+    key = bundle_text(bundle)
+    if key not in _HEADERS:
+        notices = export_bundle(bundle, path, "c", check=False)
+        _HEADERS[key] = path.read_text("utf-8"), notices
+    text, notices = _HEADERS[key]
+    path.write_text(text, "utf-8")
+    return path, [*notices]
 
 
 def macros(path: Path) -> dict[str, int]:

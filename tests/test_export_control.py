@@ -23,10 +23,11 @@ from sysid.controllers.payload import PayloadEstimator
 from sysid.controllers.sensing import Readings, filter_coefficients, sense, start_sensing
 from sysid.controllers.task import HORIZON
 from sysid.exporters import check_folder, export_bundle, flatten, listed_effects
-from sysid.exporters.c_header import render
+from sysid.exporters.c_header import Header, render
 from sysid.exporters.check_files import CHECK_FILES, check_texts, checked_rows
+from sysid.exporters.flat import Flat
 from sysid.exporters.vectors import CHOICES, DOUBLE
-from sysid.parameters import Bundle
+from sysid.parameters import Bundle, bundle_text
 from sysid.parameters.effects import entry_of
 from sysid.plant.base import exhaust_boundary, filling_boundary
 from sysid.plant.effects.catalogue import catalogue, load_user_effects
@@ -74,10 +75,21 @@ BUNDLES = {
 }
 
 
+_RENDERED: dict[str, tuple[Flat, Header]] = {}
+
+
+def rendered(bundle: Bundle) -> tuple[Flat, Header]:
+    """A bundle's content and its header, made once: tests check it in several ways."""
+    key = bundle_text(bundle)
+    if key not in _RENDERED:
+        flat = flatten(bundle, "")
+        _RENDERED[key] = flat, render(flat, "sysid_", listed_effects(bundle), bundle)
+    return _RENDERED[key]
+
+
 def checked(bundle: Bundle, folder: Path, rows: int = 300) -> Path:
     """The header and its check, as `sysid export` writes them but for the number of rows."""
-    flat = flatten(bundle, "")
-    made = render(flat, "sysid_", listed_effects(bundle), bundle)
+    flat, made = rendered(bundle)
     assert made.control is not None and made.control.ignored == ()
     (folder / "model.h").write_text(made.text)
     check = folder / "check"
@@ -142,9 +154,7 @@ def test_the_check_finds_what_is_wrong(change: tuple[str, str], tmp_path: Path) 
 
 
 def test_the_rows_reach_every_choice_and_edge() -> None:
-    bundle = upright_bundle()
-    flat = flatten(bundle, "")
-    made = render(flat, "sysid_", [], bundle)
+    flat, made = rendered(upright_bundle())
     rows = {v.replay.name: v for v in checked_rows(flat, made)}
     assert set(rows) > FUNCTIONS
     steps = rows["backstepping_control"].inputs
