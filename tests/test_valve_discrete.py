@@ -536,6 +536,17 @@ def test_a_supply_that_drifts_in_every_test_spoils_no_discharge(rig: Rig) -> Non
     assert not any("misses the discharge" in n for n in result.notices)
 
 
+def test_a_supply_that_moves_as_the_valve_closes_moves_no_delay(rig: Rig) -> None:
+    """A compressor's strokes: the supply falls by 3 kPa in the last 50 ms before the discharge."""
+    trials = []
+    for i, phase in enumerate((0.1, 0.35, 0.6, 0.8)):
+        one, _ = fed(lambda t, phase=phase: SUPPLY + 12e3 * (1.0 - 2.0 * ((2.5 * t + phase) % 1.0)))
+        trials.append(dataclasses.replace(one, label=str(i), source=f"made, test {i}"))
+    delay = fit_quickly(trials, rig).valves["a"]["off_delay_s"]
+    assert delay.value == pytest.approx(VALVE_A.off_delay_s, abs=0.25e-3)
+    assert delay.holds(VALVE_A.off_delay_s)
+
+
 def test_slow_logging_makes_no_late_command(rig: Rig) -> None:
     """A command is seen at the row after it, up to 12 ms late here."""
     thin = [

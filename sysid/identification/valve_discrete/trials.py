@@ -248,8 +248,10 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
             used = "fitted to its rise, at the declared supply" if keep_rise else "excluded"
             notices.append(f"{trial.source}: {why}; its filling is {used}; {fix}")
             reasons += [(name, f"{why}; {fix}") for name in FILLING if not keep_rise]
-        # In an unsteady filling only the last rows, after the cut, are at a constant level.
+        # In an unsteady filling only the last rows, after the cut, are used, at one level.
         last = closed - EDGE_GUARD_S
+        if unsteady is not None:
+            whole = _levelled(whole, bad, last, closed)
         plateaus.append(
             (opened, closed, _settled(whole, bad, opened, closed))
             if unsteady is None
@@ -357,6 +359,21 @@ def _mean_level(piece: Piece, bad: BoolArray, begin: float, end: float) -> float
     """Mean pressure with the valve on, between two times, Pa; None without a row."""
     rows = _on_rows(piece, bad, begin, end)
     return float(np.mean(piece.pressure[rows])) if len(rows) else None
+
+
+def _levelled(piece: Piece, bad: BoolArray, begin: float, end: float) -> Piece:
+    """The piece with the pressure between two times, s, level at that of the second.
+
+    There the chamber follows its supply. A mean would be off by half of what the supply moves in
+    that time, and the delay of the valve that closes by as long as the discharge takes for it.
+    """
+    rows = _on_rows(piece, bad, begin, end)
+    if len(rows) < FEWEST_ROWS:
+        return piece
+    until = piece.chamber.time[rows] - end
+    pressure = piece.pressure.copy()
+    pressure[rows] -= float(np.polyfit(until, pressure[rows], 1)[0]) * until
+    return replace(piece, pressure=pressure)
 
 
 def _resting_level(pressure: FloatArray, noise: float) -> float | None:
