@@ -15,7 +15,7 @@ from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected, friction_scatter_of, projected
 from sysid.diagnosis.actuator.refit import own_columns, with_base_refitted
-from sysid.diagnosis.actuator.samples import Traces, prepare
+from sysid.diagnosis.actuator.samples import Traces, commanded_lengths, prepare
 from sysid.diagnosis.actuator.search import Search, Simulated, search
 from sysid.diagnosis.actuator.signatures import Candidate, candidates, one_form_each
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
@@ -134,7 +134,8 @@ def begin(
         model = with_sliding_friction(traces, model)
         own = [effect for effect in catalogue if not effect.averaged_only]
         flows = times_the_usual_flow(model.parameters)
-        forms = candidates(own, traces.travel, rig.sides, flows)
+        lengths = commanded_lengths(traces.runs, model)
+        forms = candidates(own, traces.travel, rig.sides, flows, lengths)
         if recorder.quick:
             forms = one_form_each(forms)
             recorder.left_out(SearchStage.FORMS, decides=True)

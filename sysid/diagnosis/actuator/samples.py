@@ -370,6 +370,17 @@ def opening(runs: Sequence[TestRun], model: Model, side: str) -> FloatArray:
     return found
 
 
+def commanded_lengths(runs: Sequence[TestRun], model: Model) -> FloatArray:
+    """How long the valves' commands and the pauses between them last, (n,) s."""
+    found, bare = [np.zeros(0)], Model(model.parameters)
+    for run in runs:
+        for side in SIDES:
+            commands = open_intervals(run.inputs, side, bare, (0.0, 0.0), run.commanded)
+            edges = np.column_stack((commands.opens, commands.closes)).ravel()
+            found.append(np.diff(edges[np.isfinite(edges)]))
+    return np.concatenate(found)
+
+
 @dataclass(frozen=True)
 class Windows:
     """Hann windows over the samples: `average` maps (n,) to (windows,).

@@ -25,6 +25,7 @@ from sysid.types import FloatArray
 _BASE_STEP = 0.01
 # A strength whose effect is proportional to it is probed at this share of its usual size.
 _PROBE = 0.3
+_NO_LENGTHS = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,11 @@ def candidates(
     travel: float = math.inf,
     sides: Sequence[str] = SIDES,
     flows: float = 1.0,
+    lengths: FloatArray = _NO_LENGTHS,
 ) -> list[Candidate]:
     """Every form of every effect that screening tries, on logs that visit so much of the position
-    (rad or m), of a rig with the chambers `sides` and so many times the reference rig's `flows`.
+    (rad or m), of a rig with the chambers `sides` and so many times the reference rig's `flows`,
+    and whose valves' commands and pauses last so long (`lengths`, (n,) s).
     """
     found = []
     chambers = SIDE_CHOICES if len(sides) > 1 else tuple(sides)
@@ -81,8 +84,8 @@ def candidates(
             values = quantity.grid or (quantity.typical,)
             axes.append([(quantity.name, value) for value in values])
         strengths = [
-            [(q.name, s) for s in (q.at_flows(flows).grid or (_PROBE * q.typical,))]
-            for q in effect.strengths()
+            [(q.name, s) for s in (q.grid or (_PROBE * q.typical,))]
+            for q in (q.at_flows(flows).at_lengths(lengths) for q in effect.strengths())
         ]
         found += [
             Candidate(effect, shape, steps)
@@ -127,18 +130,21 @@ class Signatures:
 def signature(frame: Frame, model: Model, base: FloatArray, candidate: Candidate) -> FloatArray:
     """Change of the whitened residual with each strength, (rows, strengths).
 
-    Per probing size; `base` (rows,) is the residual of the model without the effect.
+    Per probing size; `base` (rows,) is the residual of the model without the effect. Each strength
+    is probed on top of those before it, so that all together are as they are: a valve that opens
+    and closes later by as much changes far less than either delay alone.
     """
     channels = channels_of(candidate.neutral(), model.effects)
-    columns = []
-    for i in range(len(candidate.steps)):
-        unit = [float(i == j) for j in range(len(candidate.steps))]
-        changed = frame.residual(model + candidate.with_strengths(unit), channels)
+    columns, before, count = [], base, len(candidate.steps)
+    for i in range(count):
+        probed = candidate.with_strengths([float(j <= i) for j in range(count)])
+        changed = frame.residual(model + probed, channels)
         column = np.zeros(len(base))
         for name in channels:
             rows = frame.rows(name)
-            column[rows] = changed[rows] - base[rows]
+            column[rows] = changed[rows] - before[rows]
         columns.append(column)
+        before = changed
     return np.column_stack(columns)
 
 

@@ -16,15 +16,15 @@ from sysid.diagnosis.actuator.equation_error import channels_of
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.refit import Refit
 from sysid.estimation.linear import Estimate
-from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.effects.entry import NEARBY, CatalogueEffect, Quantity
 from sysid.plant.ports import Model
 
 # Rise of the whitened squares, over their mean, at the ends of a 95 % interval of one number.
 _RISE = 3.84
 # The first step from a size, of it; and how closely an end is found, of its distance.
 _FIRST_STEP, _CLOSELY = 1e-4, 1e-3
-# Sizes that are tried around one of a grid: so far from it, and so many.
-_AROUND, _TRIED = 1.15, 57
+# How many sizes are tried around one of a grid.
+_TRIED = 57
 # Sums of squares that differ by less are the same.
 _ALIKE = 1e-6
 
@@ -33,7 +33,7 @@ def best_near(effect: CatalogueEffect, base: Projected) -> CatalogueEffect:
     """An effect with its threshold where the balances are smallest, near the size that it has."""
     name = next(q.name for q in type(effect).strengths() if q.is_threshold)
     channels = channels_of(effect, base.model.effects)
-    sizes = float(getattr(effect, name)) * np.geomspace(1.0 / _AROUND, _AROUND, _TRIED)
+    sizes = float(getattr(effect, name)) * np.geomspace(1.0 / NEARBY, NEARBY, _TRIED)
     forms = [dataclasses.replace(effect, **{name: float(size)}) for size in sizes]  # type: ignore[type-var]
     found = [_squares(base, base.model + form, channels) for form in forms]
     # In the middle of those that are alike.

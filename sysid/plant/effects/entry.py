@@ -9,6 +9,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
+import numpy as np
+
 from sysid.plant.base import MAX_STEP, Array, array_namespace
 from sysid.plant.ports import Effect
 
@@ -19,6 +21,11 @@ PER_FLOW = "Pa s/kg"
 _SIZED = {"N", "Nm", "kg", "W"}
 # What is tried of a strength is a factor of 3 apart: a rig is like another to within half of it.
 _LIKE = math.sqrt(3.0)
+NEARBY = 1.15
+"""Factor to either side of a threshold's tried value within which a fit looks for the best one."""
+# What is tried of a threshold in time: from the quantile of the commands' lengths up, but no less
+# than so many times below the longest that is tried.
+_SHORTEST, _TIMES_SHORTER = 0.005, 30.0
 _UNIT_WORDS = re.compile(r"[A-Za-z]+")
 # Shares of a rig's fastest speed that are tried of a speed, and its least.
 _SPEED_SHARES, _SLOWEST = (0.05, 0.1, 0.2, 0.4), 0.01
@@ -117,6 +124,21 @@ class Quantity:
             upper=max(self.upper, fastest),
             grid=tuple(sorted((*self.grid, *beyond))),
         )
+
+    def at_lengths(self, lengths: Array) -> Quantity:
+        """It on logs whose commands and pauses last so long (n,), s: of a threshold in time, as of
+        a valve that forgets short pulses, what is tried lies between the shortest of them and half
+        of them, so closely that each is near one. It acts in steps, which two values far apart
+        both miss."""
+        known = lengths[lengths > 0.0]
+        if not (self.is_threshold and self.unit == "s" and len(known)):
+            return self
+        most = min(float(np.median(known)), self.upper)
+        least = max(float(np.quantile(known, _SHORTEST)), most / _TIMES_SHORTER)
+        if least >= most:
+            return self
+        count = 1 + math.ceil(math.log(most / least) / math.log(NEARBY**2))
+        return replace(self, grid=tuple(np.geomspace(least, most, count).tolist()))
 
     def at_flows(self, times: float) -> Quantity:
         """It on a rig whose valves let through so many `times` the reference rig's flow: of a
