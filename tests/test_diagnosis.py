@@ -703,7 +703,7 @@ def test_an_effect_that_a_later_one_makes_superfluous_is_removed(
     some = finder._screened[frozenset()]
     (pair,) = some.columns.proposals([tuple(one(some, name) for name in sorted(drag | seals))])
     finder.sets = {}
-    finder._fit(None, some, [pair])
+    finder._fit(None, some, finder.bias, [pair])
     assert list(finder.sets) == [drag | seals]
     finder._without_superfluous(drag | seals)
     assert finder.best() == seals

@@ -12,21 +12,25 @@ from test_diagnosis import OTHERS, Tests, finder_of, made, null_of, seen_in
 from sysid.diagnosis.actuator import finder as finder_module
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT
 from sysid.diagnosis.actuator.finder import Finder
-from sysid.diagnosis.actuator.fitted_set import fit_set, weighed
-from sysid.diagnosis.actuator.misfit import weights_of
+from sysid.diagnosis.actuator.fitted_set import _bent, fit_set, weighed
+from sysid.diagnosis.actuator.misfit import ResidualChannel, rise, weights_of
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected
-from sysid.diagnosis.actuator.samples import Traces, prepare
+from sysid.diagnosis.actuator.samples import Traces, commanded_lengths, prepare
 from sysid.diagnosis.actuator.screened import Bias, Signed, screened
+from sysid.diagnosis.actuator.signatures import candidates, signature
 from sysid.diagnosis.search_record import Recorder
 from sysid.io.rig import Rig
 from sysid.plant.effects.chamber import AtmosphereLeakage
-from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.entry import NEARBY, CatalogueEffect
 from sysid.plant.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
 from sysid.plant.effects.linkage import LinkFlexibility
 from sysid.plant.effects.motor import TorqueOffset
 from sysid.plant.effects.sensor import PressureLag, TimeSkew
+from sysid.plant.effects.supply import SupplyPulsation
+from sysid.plant.effects.valve import DutyDeadZone, ValveDelay
 from sysid.plant.ports import Model
+from sysid.types import no_progress
 
 KINDS = (QuadraticDrag, SealFriction, AtmosphereLeakage, TorqueOffset)
 
@@ -101,8 +105,9 @@ def test_a_shape_that_gains_on_twins_once_it_is_fitted_is_no_evidence(
     finder = finder_of(lacking(rig, StribeckFriction(0.1, 0.1)), null, (*KINDS, StribeckFriction))
     stribeck = frozenset({"stribeck-friction"})
     assert finder.run() == stribeck
-    assert finder._on_twins[stribeck] < 0.1 * finder.evidence(stribeck)
-    as_much = 2.0 * finder.evidence(stribeck)
+    squares, gained = finder.sets[stribeck].squares, finder._on_twins[stribeck]
+    assert rise(finder.channels, squares, gained) < 0.1 * finder.evidence(stribeck)
+    as_much = finder.none - squares
     monkeypatch.setattr(finder_module, "fall_on_twin", lambda *_: as_much)
     finder._on_twins.clear()
     assert not stribeck <= finder._beyond_twins()
@@ -110,6 +115,19 @@ def test_a_shape_that_gains_on_twins_once_it_is_fitted_is_no_evidence(
     drag = finder_of(lacking(rig, QuadraticDrag(0.01)), null, KINDS)
     monkeypatch.setattr(finder_module, "fall_on_twin", lambda *_: pytest.fail("fitted"))
     assert drag.run() == {"quadratic-drag"}
+
+
+def test_what_twins_gain_counts_as_misfit_does() -> None:
+    """In full where noise is all there is, and by the logarithm next to what a large effect
+    explains: it was taken off in full, and hid effects of fifty times its size."""
+    little, much = (ResidualChannel(10_000, 12.0, 1.0, 10_000.0 + e) for e in (0.0, 9000.0))
+    gained, noise = np.array([170.0]), np.array([9_900.0])
+    assert rise([little], noise, np.zeros(1)) == 0.0
+    assert rise([little], noise, np.array([60.0])) == pytest.approx(60.0)
+    fall = float(much.cost(19_000.0) - much.cost(9_900.0))
+    assert rise([much], noise, gained) < 0.5 * fall < 0.5 * float(gained[0])
+    # What twins gain as well leaves no evidence, however large the misfit.
+    assert rise([much], noise, np.array([9_100.0])) == pytest.approx(fall)
 
 
 def test_signatures_serve_again_beside_a_set(rig: tuple[Traces, Model, Rig], null: Null) -> None:
@@ -199,13 +217,14 @@ def test_the_evidence_of_a_set_is_that_of_all_its_numbers(
     raw = found.evidence(finder.channels, finder.none)
     assert raw == pytest.approx(fall - found.complexity)
     # Less what it gains by chance: of so many forms the best, and on the twins.
-    some, form = finder._proposed["quadratic-drag"]
-    columns = some.columns
+    proposed = finder._proposed["quadratic-drag"][frozenset()]
+    some, form, columns = proposed.some, proposed.form, proposed.some.columns
     assert columns.penalty[form] - columns.chance[form] > 2.0 * math.log(len(OTHERS))
     by_chance = columns.penalty[form] - columns.chance[form]
-    by_chance += finder.bias.reduction(some, (form,), weights)
+    gained = finder.bias.gained(some, (form,), weights)
+    by_chance += rise(finder.channels, found.squares, gained)
     assert finder.evidence(frozenset({"quadratic-drag"})) == pytest.approx(raw - by_chance)
-    assert finder.bias.reduction(some, (form,), weights) >= 0.0
+    assert weights @ gained >= 0.0
 
 
 def test_a_set_with_an_effect_that_is_absent_is_none(
@@ -229,3 +248,47 @@ def test_a_search_that_is_quick_adds_one_effect_at_most(
     quick = Finder(base, finder.forms, null, Recorder(quick=True), finder.progress)
     assert len(quick.run()) == 1 and len(quick.rounds) == 1
     assert all(len(names) == 1 for names in quick.sets)
+
+
+def test_a_valve_that_is_late_is_found_where_it_opens_and_closes_as_late(
+    rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """Either delay alone changes the flow far more than both together: strengths are probed on top
+    of each other, so that their sum is what both do."""
+    base, late = lacking(rig, ValveDelay(5e-4, 5e-4, "a")), ValveDelay
+    form = next(f for f in candidates([late]) if dict(f.shape)["side"] == "a")
+    one, other = signature(base.frame, base.model, base.residual, form).T
+    both = base.frame.residual(base.model + form.with_strengths((1.0, 1.0))) - base.residual
+    np.testing.assert_allclose(one + other, both, atol=1e-9)
+    assert np.linalg.norm(both) < 0.5 * min(np.linalg.norm(one), np.linalg.norm(other))
+    finder = Finder(base, candidates([late, AtmosphereLeakage]), null, Recorder(), no_progress)
+    assert finder.run() == {"valve-delay"}
+    (found,) = finder.sets[frozenset({"valve-delay"})].effects
+    assert found == ValveDelay(pytest.approx(5e-4, abs=5e-5), pytest.approx(5e-4, abs=5e-5), "a")
+
+
+def test_a_threshold_is_tried_where_the_commands_lengths_lie(
+    rig: tuple[Traces, Model, Rig],
+) -> None:
+    """Two values far apart both miss a dead time between them: it acts pulse by pulse."""
+    traces, model, _ = rig
+    lengths = commanded_lengths(traces.runs, model)
+    assert np.all(lengths > 0.0) and len(lengths) > 1000
+    forms = candidates([DutyDeadZone, StribeckFriction], lengths=lengths)
+    tried = np.unique([dict(f.steps)["dead_time_s"] for f in forms if f.id == "duty-dead-zone"])
+    assert np.max(tried[1:] / tried[:-1]) <= NEARBY**2 * (1.0 + 1e-9)
+    assert tried[0] <= np.quantile(lengths, 0.01)
+    assert tried[-1] == pytest.approx(min(np.median(lengths), 2.5e-3))
+    # Of logs without commands it is what the catalogue says, and so is what is no threshold.
+    (dead, *_) = DutyDeadZone.quantities
+    assert dead.at_lengths(np.zeros(0)) == dead
+    assert all(q.at_lengths(lengths) == q for q in StribeckFriction.quantities)
+
+
+def test_strokes_are_found_from_a_sine_whose_phase_makes_up_for_its_frequency() -> None:
+    """A fit that begins at a sine alone ends in a minimum of its own."""
+    sine = SupplyPulsation(12e3, 4e3, 2.9, 0.0)
+    shares = [one.stroke_share for (one,) in _bent((sine,))]
+    assert shares == pytest.approx([-0.49, 0.49])
+    # A shape that screening tries at several values begins at the best of them.
+    assert list(_bent((StribeckFriction(0.1, 0.1),))) == []

@@ -19,7 +19,7 @@ from scipy.special import chdtrc
 from sysid.diagnosis.actuator.columns import Columns, Proposal
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, forget
 from sysid.diagnosis.actuator.fitted_set import FittedSet, fall_on_twin, fit_set
-from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
+from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, rise, weights_of
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
 from sysid.diagnosis.actuator.oscillation import steady_oscillation
 from sysid.diagnosis.actuator.projection import (
@@ -75,6 +75,16 @@ class FinderRound:
     best: frozenset[str]
 
 
+@dataclass(frozen=True)
+class _Proposed:
+    """A form that was proposed, with the columns that it was proposed from, and their `bias`: what
+    twins show of the model that it was to be added to."""
+
+    some: Screening
+    form: int
+    bias: Bias
+
+
 @dataclass
 class Finder:
     """The search on one residual: `sets` fitted so far by their effects, `rounds` in turn.
@@ -95,14 +105,14 @@ class Finder:
     def __post_init__(self) -> None:
         self.expected = self.null
         self.bias = Bias(self.null.twins)
-        # Of each effect the form that was proposed, with the columns that it was proposed from.
-        self._proposed: dict[str, tuple[Screening, int]] = {}
+        # Of each effect, by the set that it was proposed to be added to, its form.
+        self._proposed: dict[str, dict[frozenset[str], _Proposed]] = {}
         # Of each effect the signatures without another one.
         self._signed: dict[str, Signed] = {}
         # Given each set, what was screened.
         self._screened: dict[frozenset[str], Screening] = {}
         # What sets gain, fitted, on twins of the model without them.
-        self._on_twins: dict[frozenset[str], float] = {}
+        self._on_twins: dict[frozenset[str], FloatArray] = {}
         self._most = 1 if self.recorder.quick else MOST_EFFECTS
         # In how many directions the forms show in each channel: known once they are screened.
         self._directions = np.full(len(CHANNELS), math.inf)
@@ -145,16 +155,26 @@ class Finder:
         Those that were proposed together gain together: one may make up for the other's bias.
         """
         weights = weights_of(self.channels, found.squares)
-        tried, together = 0.0, list[tuple[Screening, list[int]]]()
-        for some, form in (self._proposed[name] for name in names):
-            tried += float(some.columns.tried[form])
-            forms = next((own for of, own in together if of is some), None)
+        tried, together = 0.0, list[tuple[_Proposed, list[int]]]()
+        for one in (self._proposal_of(name, frozenset(names)) for name in names):
+            tried += float(one.some.columns.tried[one.form])
+            forms = next((own for of, own in together if of.some is one.some), None)
             if forms is None:
-                together.append((some, [form]))
+                together.append((one, [one.form]))
             else:
-                forms.append(form)
-        linear = sum(self.bias.reduction(some, forms, weights) for some, forms in together)
-        return tried + max(linear, self._on_twins.get(frozenset(names), 0.0))
+                forms.append(one.form)
+        gained = np.zeros(len(weights))
+        for one, forms in together:
+            gained += one.bias.gained(one.some, forms, weights)
+        known = self._on_twins.get(frozenset(names), gained)
+        more = max(gained, known, key=lambda squares: float(weights @ squares))
+        return tried + rise(self.channels, found.squares, more)
+
+    def _proposal_of(self, name: str, names: frozenset[str]) -> _Proposed:
+        """How an effect of a set was proposed: to be added to as many of the others as it was."""
+        known = self._proposed[name]
+        fitting = [given for given in known if given <= names - {name}]
+        return known[max(fitting or known, key=len)]
 
     def best(self) -> frozenset[str]:
         """The effects of the set with most evidence."""
@@ -186,8 +206,9 @@ class Finder:
 
     def p_value(self, names: frozenset[str], name: str) -> float:
         """Probability that any form gains as much as this effect of a set where it is missing."""
-        some, form = self._proposed[name]
-        twins = self.bias.reduction(some, (form,), weights_of(self.channels, self.squares(names)))
+        one, squares = self._proposal_of(name, names), self.squares(names)
+        gained = one.bias.gained(one.some, (one.form,), weights_of(self.channels, squares))
+        twins = rise(self.channels, squares, gained)
         return self.by_chance(self._fall(names - {name}, names), twins, name)
 
     def by_chance(self, reduction: float, twins: float, name: str) -> float:
@@ -299,9 +320,10 @@ class Finder:
             return ()
         some = self._screened[names] = some.without(self.barred).among(self.channels)
         # Two that hide each other do so without any other.
-        some, by_size = self._counted(some, 1 if names else self._most)
+        bias = self.bias if self.expected is self.null else Bias(self.expected.own_twins)
+        some, by_size = self._counted(some, bias, 1 if names else self._most)
         self.recorder.enter(SearchStage.SUSPECTS, number)
-        self._fit(self.sets.get(names), some, _worth_fitting(some.columns, by_size))
+        self._fit(self.sets.get(names), some, bias, _worth_fitting(some.columns, by_size))
         self._without_hum(base, names)
         alone = by_size[0] if by_size else []
         return tuple(self._contender(some, p) for p in alone)
@@ -327,10 +349,12 @@ class Finder:
             )
             self.sets = {own: s for own, s in self.sets.items() if name not in own}
 
-    def _counted(self, some: Screening, most: int) -> tuple[Screening, list[list[Proposal]]]:
+    def _counted(
+        self, some: Screening, bias: Bias, most: int
+    ) -> tuple[Screening, list[list[Proposal]]]:
         """The best sets, with what all effects in them gain where nothing is missing counted."""
         while True:
-            some = self.bias.counted(some)
+            some = bias.counted(some)
             by_size = best_sets(some.columns, most)
             proposed = {
                 name
@@ -339,13 +363,17 @@ class Finder:
                 if p.evidence > 0.0
                 for name in names_of(some.columns, p)
             }
-            unknown = proposed - set(self.bias.known)
-            self.bias.ask(unknown, self.forms, self.recorder)
-            if not unknown & set(self.bias.known):
+            unknown = proposed - set(bias.known)
+            bias.ask(unknown, self.forms, self.recorder)
+            if not unknown & set(bias.known):
                 return some, by_size
 
     def _fit(
-        self, before: FittedSet | None, some: Screening, proposals: Sequence[Proposal]
+        self,
+        before: FittedSet | None,
+        some: Screening,
+        bias: Bias,
+        proposals: Sequence[Proposal],
     ) -> None:
         """Fit proposed sets, each together with the effects before it. Raises OutOfBudgetError."""
         given = before.effects if before is not None else ()
@@ -354,10 +382,11 @@ class Finder:
         for proposal in proposals:
             starts = tuple(some.effects(proposal))
             names = frozenset(e.id for e in (*given, *starts))
+            for f in proposal.forms:
+                known = self._proposed.setdefault(some.forms[f].id, {})
+                known.setdefault(frozenset(e.id for e in given), _Proposed(some, f, bias))
             if names in self.sets or names in found:
                 continue
-            for f in proposal.forms:
-                self._proposed.setdefault(some.forms[f].id, (some, f))
             found[names] = starts
             effects = (*given, *starts)
             jobs.append(partial(fit_set, self.first, self.channels, effects, proposal.squares))
@@ -416,14 +445,15 @@ class Finder:
             self._on_twins[best] = self._gain_on_twins(self.sets[best])
             self.progress(f"{' and '.join(sorted(best))}: {self.evidence(best):.0f} beyond twins")
 
-    def _gain_on_twins(self, found: FittedSet) -> float:
-        """What a set gains, fitted from its numbers, where nothing is missing: as `Bias.reduction`.
+    def _gain_on_twins(self, found: FittedSet) -> FloatArray:
+        """What a set explains, fitted from its numbers, where nothing is missing: as `Bias.gained`.
 
         A shape may follow the noise of an encoder, which shows only once it is fitted; what is
         linear gains as much as it was screened to. 0 where it cannot be fitted.
         """
+        none = np.zeros(len(self.channels))
         if not any(q for e in found.effects for q in type(e).shapes() if not q.is_choice):
-            return 0.0
+            return none
         weights, twins = weights_of(self.channels, found.squares), self.null.twins[:_FITTED_TWINS]
         falls = []
         for fall in attempt_in_threads(
@@ -433,7 +463,7 @@ class Finder:
                 self.recorder.miss(fall, *found.names, decides=False)
             else:
                 falls.append(fall)
-        return MARGIN**2 * float(np.mean(falls)) if falls else 0.0
+        return np.asarray(MARGIN**2 * np.mean(falls, axis=0)) if falls else none
 
     def _contender(self, some: Screening, one: Proposal) -> Contender:
         (form,), columns = one.forms, some.columns

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,7 +74,9 @@ def fit_set(
     for number in range(_PASSES):
         if number == 0:
             effects = tuple(_with_steps(first, effects, i) for i in range(len(effects)))
-        found = refit(weighed(first, weights), effects)
+        begun = [effects, *_bent(effects)] if number == 0 else [effects]
+        ends = [refit(weighed(first, weights), some) for some in begun]
+        found = min(ends, key=lambda end: end.fit.sum_of_squares)
         left = channel_squares(first, found.rest) / weights
         own = FittedSet(found, left, _prior_cost(found.effects) + _log_volume(found))
         if best is not None and own.evidence(channels, left) < best.evidence(channels, left):
@@ -87,13 +89,15 @@ def fit_set(
     return best
 
 
-def fall_on_twin(twin: Projected, weights: FloatArray, starts: Sequence[CatalogueEffect]) -> float:
-    """By how much effects, fitted from these numbers, lower the weighted squares of a twin.
+def fall_on_twin(
+    twin: Projected, weights: FloatArray, starts: Sequence[CatalogueEffect]
+) -> FloatArray:
+    """By how much effects, fitted from these numbers, lower the squares of a twin, (channels,).
 
-    `weights` (channels,). Raises OutOfBudgetError.
+    `weights` (channels,) of the channels in the fit. Raises OutOfBudgetError.
     """
-    left = channel_squares(twin, refit(weighed(twin, weights), starts).rest)
-    return float(weights @ channel_squares(twin, twin.rest) - np.sum(left))
+    left = channel_squares(twin, refit(weighed(twin, weights), starts).rest) / weights
+    return np.asarray(channel_squares(twin, twin.rest) - left)
 
 
 def weighed(base: Projected, weights: FloatArray) -> Projected:
@@ -143,6 +147,20 @@ def _prior(quantity: Quantity) -> float:
     if quantity.is_strength or len(quantity.grid) < 2:
         return quantity.usual_size
     return 0.5 * (max(quantity.grid) - min(quantity.grid))
+
+
+def _bent(effects: tuple[CatalogueEffect, ...]) -> Iterator[tuple[CatalogueEffect, ...]]:
+    """The effects with a shape halfway to each of its limits, of shapes that screening tries at one
+    value only: a fit that begins there alone may end in a minimum of its own, as that of a sine
+    does whose phase makes up for a wrong frequency, where strokes would follow the data."""
+    for place, effect in enumerate(effects):
+        for q in type(effect).shapes():
+            if q.is_choice or len(q.grid) != 1:
+                continue
+            value = float(getattr(effect, q.name))
+            for limit in (q.lower, q.upper):
+                bent = replace(effect, **{q.name: 0.5 * (value + limit)})  # type: ignore[type-var]
+                yield (*effects[:place], bent, *effects[place + 1 :])
 
 
 def _with_steps(

@@ -76,10 +76,16 @@ def cost(channels: Sequence[ResidualChannel], squares: FloatArray) -> FloatArray
     return np.asarray(np.sum(costs, axis=0))
 
 
+def rise(channels: Sequence[ResidualChannel], squares: FloatArray, gained: FloatArray) -> float:
+    """By how much the cost of a remainder (channels,) rises with the squares (channels,) that it
+    would have gained where nothing is missing: they are as little explained as misfit is."""
+    return float(cost(channels, np.maximum(squares + gained, 0.0)) - cost(channels, squares))
+
+
 def weights_of(channels: Sequence[ResidualChannel], squares: FloatArray) -> FloatArray:
     """How much a square of each channel counts for where so many are left, (..., channels)."""
     pairs = zip(channels, np.moveaxis(squares, -1, 0), strict=True)
     return np.stack([channel.weight(own) for channel, own in pairs], axis=-1)
 
 
-__all__ = ["RELATIVE_MODEL_ERROR", "ResidualChannel", "cost", "weights_of"]
+__all__ = ["RELATIVE_MODEL_ERROR", "ResidualChannel", "cost", "rise", "weights_of"]

@@ -12,7 +12,7 @@ import numpy as np
 
 from sysid.diagnosis.actuator.columns import Columns, FormColumns, Proposal
 from sysid.diagnosis.actuator.equation_error import CHANNELS
-from sysid.diagnosis.actuator.misfit import ResidualChannel, weights_of
+from sysid.diagnosis.actuator.misfit import ResidualChannel, rise, weights_of
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures
@@ -250,12 +250,13 @@ class Bias:
         known = [f for f, form in enumerate(some.forms) if form.id in self._known]
         chance = np.zeros(len(some.forms))
         for f, alone in zip(known, columns.proposals([(f,) for f in known]), strict=True):
-            chance[f] = self.reduction(some, (f,), weights_of(columns.channels, alone.squares))
+            weights = weights_of(columns.channels, alone.squares)
+            chance[f] = rise(columns.channels, alone.squares, self.gained(some, (f,), weights))
         return replace(some, columns=columns.with_chance(chance))
 
-    def reduction(self, some: Screening, forms: Sequence[int], weights: FloatArray) -> float:
-        """What forms may gain together where nothing is missing, with the channels at weights
-        (channels,).
+    def gained(self, some: Screening, forms: Sequence[int], weights: FloatArray) -> FloatArray:
+        """The squares (channels,) that forms may explain together where nothing is missing, fitted
+        with the channels at weights (channels,).
 
         As much as on the twins, in the mean, whose root a rig's own numerics may exceed; 0
         of those that were not asked for.
@@ -269,12 +270,16 @@ class Bias:
                 own += block.columns
                 parts.append(shown[:, :, [every.index(i) for i in block.columns]])
         if not own:
-            return 0.0
+            return np.zeros(len(weights))
         gradients = np.concatenate(parts, axis=2) * _lengths(some.columns, own)
         gram = np.einsum("c,cij->ij", weights, some.columns.gram[:, own][:, :, own])
         slopes = np.einsum("c,tci->it", weights, gradients)
         found = np.linalg.solve(gram + np.eye(len(own)), slopes)
-        return MARGIN**2 * float(np.mean(np.sum(slopes * found, axis=0)))
+        bent = np.einsum("cij,jt->cit", some.columns.gram[:, own][:, :, own], found)
+        falls = np.einsum("tci,it->ct", 2.0 * gradients, found) - np.einsum(
+            "cit,it->ct", bent, found
+        )
+        return np.asarray(MARGIN**2 * np.mean(falls, axis=1))
 
 
 _TINY = 1e-300
