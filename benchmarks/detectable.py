@@ -59,7 +59,7 @@ from datasets.generator.campaign import drawn_effects  # noqa: E402
 from sysid.diagnosis.actuator.equation_error import CHANNELS  # noqa: E402
 from sysid.diagnosis.actuator.fitted_set import fit_set  # noqa: E402
 from sysid.diagnosis.actuator.loop import Start, begin  # noqa: E402
-from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of  # noqa: E402
+from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, rise, weights_of  # noqa: E402
 from sysid.diagnosis.actuator.null_distribution import Null  # noqa: E402
 from sysid.diagnosis.actuator.projection import Projected, channel_squares, projected  # noqa: E402
 from sysid.diagnosis.actuator.screened import (  # noqa: E402
@@ -136,7 +136,7 @@ class Standard:
         own = list(columns.blocks[form].columns)
         information = np.einsum("c,cij->ij", weights, columns.gram[:, own][:, :, own])
         size = float(np.linalg.slogdet(np.eye(len(own)) + information)[1])
-        twins = self.bias.reduction(self.some, (form,), weights)
+        twins = rise(channels, self.none, self.bias.gained(self.some, (form,), weights))
         price = size + float(columns.penalty[form]) + twins
         return float(cost(channels, origin) - cost(channels, self.none)), price
 

@@ -324,6 +324,8 @@ class Finder:
         some, by_size = self._counted(some, bias, 1 if names else self._most)
         self.recorder.enter(SearchStage.SUSPECTS, number)
         self._fit(self.sets.get(names), some, bias, _worth_fitting(some.columns, by_size))
+        if bias is not self.bias:
+            bias.without_twins()
         self._without_hum(base, names)
         alone = by_size[0] if by_size else []
         return tuple(self._contender(some, p) for p in alone)

@@ -224,7 +224,7 @@ class Bias:
     """
 
     def __init__(self, twins: Sequence[Projected]) -> None:
-        self._twins = twins
+        self._twins = tuple(twins)
         # (twins, channels, columns) of each effect, in standard deviations of the columns.
         self._known: dict[str, FloatArray] = {}
 
@@ -243,6 +243,10 @@ class Bias:
                 self._known[name] = np.array(
                     [p[name].gradient / np.maximum(p[name].length, _TINY) for p in parts]
                 )
+
+    def without_twins(self) -> None:
+        """Let go of the twins, which are large; what was asked stays known."""
+        self._twins = ()
 
     def counted(self, some: Screening) -> Screening:
         """The same with what its known effects gain where nothing is missing."""
