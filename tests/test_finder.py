@@ -285,10 +285,23 @@ def test_a_threshold_is_tried_where_the_commands_lengths_lie(
     assert all(q.at_lengths(lengths) == q for q in StribeckFriction.quantities)
 
 
-def test_strokes_are_found_from_a_sine_whose_phase_makes_up_for_its_frequency() -> None:
+def test_strokes_are_found_from_a_sine_whose_phase_makes_up_for_its_frequency(
+    rig: tuple[Traces, Model, Rig],
+) -> None:
     """A fit that begins at a sine alone ends in a minimum of its own."""
-    sine = SupplyPulsation(12e3, 4e3, 2.9, 0.0)
-    shares = [one.stroke_share for (one,) in _bent((sine,))]
-    assert shares == pytest.approx([-0.49, 0.49])
-    # A shape that screening tries at several values begins at the best of them.
-    assert list(_bent((StribeckFriction(0.1, 0.1),))) == []
+    strokes = SupplyPulsation(5e3, -6e3, 2.55, 0.9)
+    base = lacking(rig, strokes)
+    sine = SupplyPulsation(-7e3, 1e3, 2.55, 0.0)
+    bent = [one for (one,) in _bent(base, (sine,))]
+    assert [one.stroke_share for one in bent] == pytest.approx([-0.49, 0.49])
+    for one in bent:
+        assert math.hypot(one.pulsation_sine_pa, one.pulsation_cosine_pa) == pytest.approx(
+            math.hypot(7e3, 1e3)
+        )
+    # Of the phases the one next to the strokes'.
+    turned = math.atan2(bent[1].pulsation_cosine_pa, bent[1].pulsation_sine_pa)
+    assert turned == pytest.approx(math.atan2(-6e3, 5e3), abs=0.4)
+    # A shape that screening tries at several values begins at the best of them, and what is no
+    # wave has no phase to be wrong.
+    assert list(_bent(base, (StribeckFriction(0.1, 0.1),))) == []
+    assert list(_bent(base, (LinkFlexibility(0.1),))) == []

@@ -12,7 +12,7 @@ from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
-from sysid.diagnosis.actuator.threshold_steps import best_near
+from sysid.diagnosis.actuator.threshold_steps import best_near, best_phase, is_wave
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, overrides
 from sysid.types import FloatArray
@@ -74,9 +74,11 @@ def fit_set(
     for number in range(_PASSES):
         if number == 0:
             effects = tuple(_with_steps(first, effects, i) for i in range(len(effects)))
-        begun = [effects, *_bent(effects)] if number == 0 else [effects]
-        ends = [refit(weighed(first, weights), some) for some in begun]
-        found = min(ends, key=lambda end: end.fit.sum_of_squares)
+        base = weighed(first, weights)
+        found = refit(base, effects)
+        if number == 0:
+            others = [refit(base, bent) for bent in _bent(first, found.effects)]
+            found = min([found, *others], key=lambda end: end.fit.sum_of_squares)
         left = channel_squares(first, found.rest) / weights
         own = FittedSet(found, left, _prior_cost(found.effects) + _log_volume(found))
         if best is not None and own.evidence(channels, left) < best.evidence(channels, left):
@@ -149,18 +151,23 @@ def _prior(quantity: Quantity) -> float:
     return 0.5 * (max(quantity.grid) - min(quantity.grid))
 
 
-def _bent(effects: tuple[CatalogueEffect, ...]) -> Iterator[tuple[CatalogueEffect, ...]]:
-    """The effects with a shape halfway to each of its limits, of shapes that screening tries at one
-    value only: a fit that begins there alone may end in a minimum of its own, as that of a sine
-    does whose phase makes up for a wrong frequency, where strokes would follow the data."""
+def _bent(
+    first: Projected, effects: tuple[CatalogueEffect, ...]
+) -> Iterator[tuple[CatalogueEffect, ...]]:
+    """Fitted effects with a wave bent halfway to each limit of a shape that screening tries at one
+    value only: a sine whose phase made up for a wrong frequency is a minimum of its own, where
+    strokes would follow the data."""
     for place, effect in enumerate(effects):
-        for q in type(effect).shapes():
+        for q in type(effect).shapes() if is_wave(effect) else ():
             if q.is_choice or len(q.grid) != 1:
                 continue
             value = float(getattr(effect, q.name))
             for limit in (q.lower, q.upper):
                 bent = replace(effect, **{q.name: 0.5 * (value + limit)})  # type: ignore[type-var]
-                yield (*effects[:place], bent, *effects[place + 1 :])
+                given = (*effects[:place], *effects[place + 1 :])
+                model = Model(first.model.parameters, (*first.model.effects, *given))
+                best = best_phase(bent, replace(first, model=model))
+                yield (*effects[:place], best, *effects[place + 1 :])
 
 
 def _with_steps(

@@ -75,7 +75,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
         parameters = [
             replace(p, value=float(v)) for p, v in zip(parameters, fit.values, strict=True)
         ]
-    return Refit(equations.effects(fit.values), fit.residuals, fit)
+    return Refit(equations.effects(fit.values), equations.rest(fit.values), fit)
 
 
 class _Equations:
@@ -129,7 +129,16 @@ class _Equations:
         return with_values(self._starts, values[: self._count])
 
     def residuals(self, values: FloatArray) -> FloatArray:
-        """(rows,)."""
+        """(rows,): 0 in the balances that no effect reaches.
+
+        They would only add to the sum of squares, of which the fit's tolerance is a share: the
+        noise of one balance would end the fit of another that is far off, and weighs little.
+        """
+        rest = self.rest(values)
+        return rest if self._base.extra.shape[1] else np.where(self._touched, rest, 0.0)
+
+    def rest(self, values: FloatArray) -> FloatArray:
+        """(rows,): what is left in all balances."""
         return self._at(values)[1]
 
     def slopes(self, values: FloatArray) -> FloatArray:
