@@ -10,9 +10,10 @@ import pytest
 from test_diagnosis import OTHERS, Tests, finder_of, made, null_of, seen_in
 
 from sysid.diagnosis.actuator import finder as finder_module
+from sysid.diagnosis.actuator.bent_waves import bent_waves
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT
 from sysid.diagnosis.actuator.finder import Finder
-from sysid.diagnosis.actuator.fitted_set import _bent, fit_set, weighed
+from sysid.diagnosis.actuator.fitted_set import fit_set, weighed
 from sysid.diagnosis.actuator.misfit import ResidualChannel, rise, weights_of
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected
@@ -292,7 +293,7 @@ def test_strokes_are_found_from_a_sine_whose_phase_makes_up_for_its_frequency(
     strokes = SupplyPulsation(5e3, -6e3, 2.55, 0.9)
     base = lacking(rig, strokes)
     sine = SupplyPulsation(-7e3, 1e3, 2.55, 0.0)
-    bent = [one for (one,) in _bent(base, (sine,))]
+    bent = [one for (one,) in bent_waves(base, (sine,))]
     assert [one.stroke_share for one in bent] == pytest.approx([-0.49, 0.49])
     for one in bent:
         assert math.hypot(one.pulsation_sine_pa, one.pulsation_cosine_pa) == pytest.approx(
@@ -303,5 +304,5 @@ def test_strokes_are_found_from_a_sine_whose_phase_makes_up_for_its_frequency(
     assert turned == pytest.approx(math.atan2(-6e3, 5e3), abs=0.4)
     # A shape that screening tries at several values begins at the best of them, and what is no
     # wave has no phase to be wrong.
-    assert list(_bent(base, (StribeckFriction(0.1, 0.1),))) == []
-    assert list(_bent(base, (LinkFlexibility(0.1),))) == []
+    assert list(bent_waves(base, (StribeckFriction(0.1, 0.1),))) == []
+    assert list(bent_waves(base, (LinkFlexibility(0.1),))) == []

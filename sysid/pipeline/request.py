@@ -19,6 +19,10 @@ Given = TypeVar("Given")
 Other = TypeVar("Other")
 Chosen = TypeVar("Chosen", bound="Options")
 Result = TypeVar("Result")
+_Given = TypeVar("_Given", contravariant=True)
+_Other = TypeVar("_Other", contravariant=True)
+_Chosen = TypeVar("_Chosen", contravariant=True)
+_Result = TypeVar("_Result", covariant=True)
 # What a request may be about, by its class: as a sentence names it, and where one comes from.
 _SOURCES = {
     "Campaign": ("campaign", "si.read_campaign reads one from its file"),
@@ -27,10 +31,6 @@ _SOURCES = {
     "CampaignDiagnosis": ("diagnosis", "si.diagnose makes one"),
     "Model": ("model", "a bundle's model() is one"),
 }
-_Given = TypeVar("_Given", contravariant=True)
-_Other = TypeVar("_Other", contravariant=True)
-_Chosen = TypeVar("_Chosen", contravariant=True)
-_Result = TypeVar("_Result", covariant=True)
 
 
 @dataclass(frozen=True)

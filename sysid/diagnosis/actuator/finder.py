@@ -320,7 +320,7 @@ class Finder:
             return ()
         some = self._screened[names] = some.without(self.barred).among(self.channels)
         # Two that hide each other do so without any other.
-        bias = self.bias if self.expected is self.null else Bias(self.expected.own_twins)
+        bias = self.bias if self.expected is self.null else Bias(self.expected.twins)
         some, by_size = self._counted(some, bias, 1 if names else self._most)
         self.recorder.enter(SearchStage.SUSPECTS, number)
         self._fit(self.sets.get(names), some, bias, _worth_fitting(some.columns, by_size))
@@ -378,15 +378,15 @@ class Finder:
         proposals: Sequence[Proposal],
     ) -> None:
         """Fit proposed sets, each together with the effects before it. Raises OutOfBudgetError."""
-        given = before.effects if before is not None else ()
+        given, base = (before.effects, before.names) if before is not None else ((), frozenset())
         found: dict[frozenset[str], tuple[CatalogueEffect, ...]] = {}
         jobs = []
         for proposal in proposals:
             starts = tuple(some.effects(proposal))
-            names = frozenset(e.id for e in (*given, *starts))
+            names = base | {e.id for e in starts}
             for f in proposal.forms:
                 known = self._proposed.setdefault(some.forms[f].id, {})
-                known.setdefault(frozenset(e.id for e in given), _Proposed(some, f, bias))
+                known.setdefault(base, _Proposed(some, f, bias))
             if names in self.sets or names in found:
                 continue
             found[names] = starts

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sysid.diagnosis.actuator.bent_waves import bent_waves
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
-from sysid.diagnosis.actuator.threshold_steps import best_near, best_phase, is_wave
+from sysid.diagnosis.actuator.threshold_steps import best_near
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, overrides
 from sysid.types import FloatArray
@@ -77,7 +78,7 @@ def fit_set(
         base = weighed(first, weights)
         found = refit(base, effects)
         if number == 0:
-            others = [refit(base, bent) for bent in _bent(first, found.effects)]
+            others = [refit(base, bent) for bent in bent_waves(first, found.effects)]
             found = min([found, *others], key=lambda end: end.fit.sum_of_squares)
         left = channel_squares(first, found.rest) / weights
         own = FittedSet(found, left, _prior_cost(found.effects) + _log_volume(found))
@@ -149,25 +150,6 @@ def _prior(quantity: Quantity) -> float:
     if quantity.is_strength or len(quantity.grid) < 2:
         return quantity.usual_size
     return 0.5 * (max(quantity.grid) - min(quantity.grid))
-
-
-def _bent(
-    first: Projected, effects: tuple[CatalogueEffect, ...]
-) -> Iterator[tuple[CatalogueEffect, ...]]:
-    """Fitted effects with a wave bent halfway to each limit of a shape that screening tries at one
-    value only: a sine whose phase made up for a wrong frequency is a minimum of its own, where
-    strokes would follow the data."""
-    for place, effect in enumerate(effects):
-        for q in type(effect).shapes() if is_wave(effect) else ():
-            if q.is_choice or len(q.grid) != 1:
-                continue
-            value = float(getattr(effect, q.name))
-            for limit in (q.lower, q.upper):
-                bent = replace(effect, **{q.name: 0.5 * (value + limit)})  # type: ignore[type-var]
-                given = (*effects[:place], *effects[place + 1 :])
-                model = Model(first.model.parameters, (*first.model.effects, *given))
-                best = best_phase(bent, replace(first, model=model))
-                yield (*effects[:place], best, *effects[place + 1 :])
 
 
 def _with_steps(

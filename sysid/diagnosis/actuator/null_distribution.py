@@ -28,8 +28,7 @@ class Null:
 
     `sums` maps a channel to the twins' whitened sums of squares a row, (twins,), `sensors` to
     that of the sensors' noise along the logs' own motion. `twins_of`: twins of a model with further
-    effects, next to its residual; `own_twins`: the twins, or those of the model of `given`'s
-    residual. `is_of_twins` false where none could be simulated: the twins are
+    effects, next to its residual. `is_of_twins` false where none could be simulated: the twins are
     the logs then.
     """
 
@@ -44,13 +43,13 @@ class Null:
         self.is_of_twins = is_of_twins
         self.sensors = dict(sensors)
         self._twins_of = twins_of
-        self._twins = self.own_twins = tuple(twins)
+        self._twins = tuple(twins)
         self.sums = _by_channel(_mean_square, twins)
         self._expected = self.sums, _by_channel(typical_square, twins)
 
     @property
     def twins(self) -> tuple[Projected, ...]:
-        """The twins' residuals."""
+        """The twins' residuals; `given`: of its residual's own model."""
         return self._twins
 
     def given(self, base: Projected) -> Null:
@@ -64,13 +63,13 @@ class Null:
             return self
         found = copy.copy(self)
         found._expected = _by_channel(_mean_square, twins), _by_channel(typical_square, twins)
-        found.own_twins = tuple(twins)
+        found._twins = tuple(twins)
         return found
 
     def alone(self) -> Null:
         """What is expected without the twins themselves, which are large."""
         found = copy.copy(self)
-        found._twins, found.own_twins, found._twins_of = (), (), None
+        found._twins, found._twins_of = (), None
         return found
 
     def excess(self, base: Projected) -> dict[str, float]:

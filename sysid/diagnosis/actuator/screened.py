@@ -224,7 +224,7 @@ class Bias:
     """
 
     def __init__(self, twins: Sequence[Projected]) -> None:
-        self._twins = tuple(twins)
+        self._twins: Sequence[Projected] = twins
         # (twins, channels, columns) of each effect, in standard deviations of the columns.
         self._known: dict[str, FloatArray] = {}
 
@@ -276,13 +276,12 @@ class Bias:
         if not own:
             return np.zeros(len(weights))
         gradients = np.concatenate(parts, axis=2) * _lengths(some.columns, own)
-        gram = np.einsum("c,cij->ij", weights, some.columns.gram[:, own][:, :, own])
+        grams = some.columns.gram[:, own][:, :, own]
+        gram = np.einsum("c,cij->ij", weights, grams)
         slopes = np.einsum("c,tci->it", weights, gradients)
         found = np.linalg.solve(gram + np.eye(len(own)), slopes)
-        bent = np.einsum("cij,jt->cit", some.columns.gram[:, own][:, :, own], found)
-        falls = np.einsum("tci,it->ct", 2.0 * gradients, found) - np.einsum(
-            "cit,it->ct", bent, found
-        )
+        falls = 2.0 * np.einsum("tci,it->ct", gradients, found)
+        falls -= np.einsum("it,cij,jt->ct", found, grams, found)
         return np.asarray(MARGIN**2 * np.mean(falls, axis=1))
 
 

@@ -6,7 +6,6 @@ nothing changes, so that a slope says nothing, or what the step of a difference 
 
 from __future__ import annotations
 
-import cmath
 import dataclasses
 import math
 from collections.abc import Callable
@@ -26,8 +25,6 @@ _RISE = 3.84
 _FIRST_STEP, _CLOSELY = 1e-4, 1e-3
 # How many sizes are tried around one of a grid.
 _TRIED = 57
-# Phases of a wave that are tried: half a step is within reach of a fit.
-_PHASES = 16
 # Sums of squares that differ by less are the same.
 _ALIKE = 1e-6
 
@@ -38,31 +35,10 @@ def best_near(effect: CatalogueEffect, base: Projected) -> CatalogueEffect:
     channels = channels_of(effect, base.model.effects)
     sizes = float(getattr(effect, name)) * np.geomspace(1.0 / NEARBY, NEARBY, _TRIED)
     forms = [dataclasses.replace(effect, **{name: float(size)}) for size in sizes]  # type: ignore[type-var]
-    found = [_squares(base, base.model + form, channels) for form in forms]
+    found = [squares_in(base, base.model + form, channels) for form in forms]
     # In the middle of those that are alike.
     alike = np.flatnonzero(np.array(found) <= min(found) * (1.0 + _ALIKE))
     return forms[int(alike[len(alike) // 2])]
-
-
-def is_wave(effect: CatalogueEffect) -> bool:
-    """Whether an effect's two strengths are a wave's sine and cosine: two of one unit."""
-    strengths = type(effect).strengths()
-    return len(strengths) == 2 and len({q.unit for q in strengths}) == 1
-
-
-def best_phase(effect: CatalogueEffect, base: Projected) -> CatalogueEffect:
-    """A wave at the phase of `_PHASES` with which the balances are smallest."""
-    strengths = type(effect).strengths()
-    sine, cosine = (float(getattr(effect, q.name)) for q in strengths)
-    channels = channels_of(effect, base.model.effects)
-
-    def turned(angle: float) -> CatalogueEffect:
-        wave = complex(cosine, sine) * cmath.rect(1.0, angle)
-        values = zip(strengths, (wave.imag, wave.real), strict=True)
-        return dataclasses.replace(effect, **{q.name: value for q, value in values})  # type: ignore[type-var]
-
-    forms = [turned(2.0 * math.pi * k / _PHASES) for k in range(_PHASES)]
-    return min(forms, key=lambda form: _squares(base, base.model + form, channels))
 
 
 def with_steps(
@@ -83,7 +59,7 @@ def with_steps(
 
     def squares(value: float) -> float:
         effects[count + place] = dataclasses.replace(effect, **{quantity.name: value})  # type: ignore[type-var]
-        return _squares(base, Model(model.parameters, tuple(effects)), channels)
+        return squares_in(base, Model(model.parameters, tuple(effects)), channels)
 
     most = squares(size) + limit
 
@@ -125,10 +101,10 @@ def _wider(own: float, end: float, which: Callable[[float, float], float]) -> fl
     return which(own, end) if math.isfinite(own) else end
 
 
-def _squares(base: Projected, model: Model, channels: tuple[str, ...]) -> float:
+def squares_in(base: Projected, model: Model, channels: tuple[str, ...]) -> float:
     """Sum of the whitened squares of a model in these channels."""
     rest = base.frame.residual(model, channels)[base.frame.belongs(channels)]
     return float(rest @ rest)
 
 
-__all__ = ["best_near", "best_phase", "is_wave", "with_steps"]
+__all__ = ["best_near", "squares_in", "with_steps"]

@@ -27,7 +27,7 @@ FLOWS = ("choked_flow_fill_kg_s", "c_fill", "choked_flow_dis_kg_s", "c_dis")
 """The numbers of the thesis' law, filling first."""
 DELAYS = ("on_delay_s", "off_delay_s")
 # Of central differences: at the delays themselves, and before and after each.
-_DELAYS_KEPT = 5
+_DELAYS_KEPT = 1 + 2 * len(DELAYS)
 
 
 @dataclass(frozen=True)

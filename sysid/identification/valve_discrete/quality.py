@@ -12,10 +12,9 @@ from sysid.errors import NotIdentifiedError
 from sysid.estimation.quality import FitQuality, root_mean_square, scatter_test
 from sysid.identification.valve_discrete.curve import CurveFit
 from sysid.identification.valve_discrete.trials import FEWEST_ROWS, Piece
-from sysid.parameters.valves import LAW_NAMES
+from sysid.parameters.valves import DIRECTIONS, LAW_NAMES, WAYS
 from sysid.types import BoolArray
 
-_WAY = {"fill": "fill", "discharge": "dis"}
 # From either end of the pressure, in standard deviations of the noise.
 _AWAY = 5.0
 
@@ -61,12 +60,10 @@ def judged(curves: CurveFit, title: str, better: Mapping[str, str]) -> dict[str,
 
     `better`: by direction, "fill" and "dis", a law that follows it decidedly better.
     """
-    found = {
-        direction: replace(one, outdone_by=LAW_NAMES[better[_WAY[direction]]])
-        if _WAY[direction] in better
-        else one
-        for direction, one in qualities(curves).items()
-    }
+    found = qualities(curves)
+    for direction, way in zip(DIRECTIONS, WAYS, strict=True):
+        if direction in found and way in better:
+            found[direction] = replace(found[direction], outdone_by=LAW_NAMES[better[way]])
     wrong = [f"{title}, {q.shortfall}" for q in found.values() if q.explains_too_little]
     if wrong:
         raise NotIdentifiedError(
