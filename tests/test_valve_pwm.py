@@ -322,6 +322,13 @@ def test_the_same_seed_gives_the_same_network() -> None:
     assert bundled(first) == bundled(second)
 
 
+def test_a_grid_of_duties_that_is_shifted_in_the_other_direction_has_no_gaps() -> None:
+    filling = np.linspace(0.05, 1.0, 19)
+    discharging = 1.0 - filling
+    assert duty_gaps(filling, discharging) == duty_gaps(discharging, filling) == []
+    assert duty_gaps([0.1, 0.2, 0.3, 0.4], [0.15, 0.25, 0.35, 0.45]) == []
+
+
 # --- which valve, which tests ------------------------------------------------------------
 
 
@@ -384,7 +391,7 @@ def test_a_missing_duty_is_named_with_the_gap() -> None:
     fit = fit_valve_pwm(trials, make_rig())
     line = one_line(fit, "filling", "between duties 0.26 and 0.38")
     assert "domain spans the gap" in line
-    assert duty_gaps([0.1, 0.2, 0.3], [0.25]) == [(0.2, 0.3)]
+    assert duty_gaps([0.1, 0.2, 0.3], [0.2, 0.25, 0.3]) == [(0.2, 0.3)]
 
 
 def test_a_piston_that_moves_is_left_out_or_refused() -> None:

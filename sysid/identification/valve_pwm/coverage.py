@@ -44,8 +44,11 @@ def coverage(
 
 def _missing_ends(own: FloatArray, others: Sequence[float]) -> list[str]:
     lines = []
+    # The grids of both directions need not meet: the other one reaches further where it has a
+    # test that is half a step beyond.
+    near = max(1e-3, 0.5 * _usual_step(own))
     for side, mine in (("below", own.min()), ("above", own.max())):
-        beyond = [d for d in others if (d < mine - 1e-3 if side == "below" else d > mine + 1e-3)]
+        beyond = [d for d in others if (d < mine - near if side == "below" else d > mine + near)]
         if beyond:
             lines.append(
                 f"no usable test {side} duty {mine:.4g}, though the other direction has one at "
@@ -104,19 +107,26 @@ def off_surface_tests(samples: FlowSamples) -> list[tuple[float, float]]:
     return [(float(u[i]), float(departure[i])) for i in peaks]
 
 
+def _usual_step(duties: FloatArray) -> float:
+    """Median step between neighbouring duties; 0 of a single one."""
+    steps = np.diff(np.unique(np.round(duties, 4)))
+    return float(np.median(steps)) if len(steps) else 0.0
+
+
 def duty_gaps(duties: Iterable[float], others: Iterable[float] = ()) -> list[tuple[float, float]]:
     """Gaps in the grid of duties: neighbours more than one and a half usual steps apart.
 
-    `others`: duties of the other direction's tests, each of which is expected here too.
+    `others`: duties of the other direction's tests. Where their grid is the finer one, its step is
+    what is usual next to each of them; a grid that is merely shifted shows no gap.
     """
     own = np.unique(np.round(np.fromiter(duties, dtype=float), 4))
     if len(own) < 3:
         return []
     steps = np.diff(own)
-    usual = float(np.median(steps))
-    wide = steps > 1.5 * usual + 1e-4
+    wide = steps > 1.5 * _usual_step(own) + 1e-4
     other = np.unique(np.round(np.fromiter(others, dtype=float), 4))
-    for place in np.searchsorted(own, [d for d in other if np.abs(own - d).min() > 1e-3]):
-        if 0 < place < len(own):
-            wide[place - 1] = True
+    if len(other) > 1:
+        missing = np.array([np.abs(own - d).min() > 1e-3 for d in other])
+        between = np.histogram(other[missing], own)[0] > 0
+        wide |= between & (steps > 1.5 * _usual_step(other) + 1e-4)
     return [(float(own[i]), float(own[i + 1])) for i in np.flatnonzero(wide)]
