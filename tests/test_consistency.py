@@ -20,12 +20,15 @@ from sysid.checks.consistency.campaign import (
     readings_of,
 )
 from sysid.checks.consistency.comparison import disagreements
+from sysid.checks.consistency.flow import filling_flows
 from sysid.checks.consistency.kinds import other_kind
+from sysid.checks.consistency.levels import filled_pressures
 from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
 from sysid.checks.log_check import check_campaign
 from sysid.checks.shown import quality_section
 from sysid.commands.app import main
 from sysid.io.campaign import Campaign, read_campaign
+from sysid.io.logs import Trial
 
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
@@ -311,3 +314,44 @@ def test_logs_under_each_others_kind_are_told(tmp_path: Path) -> None:
     assert "none of its tests commands duty_a or duty_b" in str(said["motion_motor.parquet"])
     lines = check_consistency(campaign)
     assert {line for line in said.values() if line} <= set(lines)
+
+
+@pytest.mark.parametrize("slowness", [0.01, 1.0, 100.0])
+def test_a_chamber_is_filled_where_neither_pressure_nor_piston_moves_at_any_pace(
+    campaign: Campaign, slowness: float
+) -> None:
+    time = slowness * np.linspace(0.0, 8.0, 801)
+    turns = time / slowness
+    on = (turns >= 1.0) & (turns < 5.0)
+    rig = campaign.rig
+
+    def found(pressure: np.ndarray, angle: np.ndarray) -> list[float]:
+        channels = {"valve_a": on.astype(float), "pressure_a_pa": pressure, "theta_rad": angle}
+        return filled_pressures([Trial("1", time, channels, "slow.csv")], "a", rig)
+
+    def rising(share: float) -> np.ndarray:
+        """Exponentially to 300 kPa, with a time constant of that share of the time it is on."""
+        return 1e5 + 2e5 * (1.0 - np.exp(-np.clip(turns - 1.0, 0.0, None) / (4.0 * share)))
+
+    still = np.zeros(len(time))
+    assert found(rising(0.05), still) == pytest.approx([3e5], rel=1e-3)
+    assert found(rising(0.5), still) == []  # it is filled to 270 kPa by then
+    # Held at what moves the piston, below the supply.
+    assert found(rising(0.05), 0.1 * np.clip(turns - 1.0, 0.0, 4.0)) == []
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.002, 0.05])
+def test_a_valve_s_delay_is_no_part_of_its_filling_flow(campaign: Campaign, delay: float) -> None:
+    rig = campaign.rig
+    cylinder, air = rig.require("cylinder", ""), rig.require("air", "")
+    time = 0.001 * np.arange(1000)
+    entered = 1e-4 * np.clip(time - 0.2 - delay, 0.0, None)
+    volume = cylinder.offset_a_m * cylinder.area_a_m2
+    per_mass = air.heat_capacity_ratio * air.gas_constant_j_per_kg_k * air.temperature_k / volume
+    channels = {
+        "valve_a": (time >= 0.2).astype(float),
+        "pressure_a_pa": air.atmospheric_pressure_pa + per_mass * entered,
+        "theta_rad": np.zeros(len(time)),
+    }
+    (flow,) = filling_flows(Trial("1", time, channels, "slow.csv"), "a", rig)
+    assert flow == pytest.approx(1e-4, rel=0.03)

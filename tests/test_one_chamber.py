@@ -45,12 +45,14 @@ from sysid.parameters import Bundle, Parts, write_bundle
 from sysid.parameters.effects import EffectEntry
 from sysid.parameters.friction import Friction
 from sysid.parameters.valves import FittedValves
+from sysid.pipeline.fit import fit
 from sysid.plant import base, plant
 from sysid.plant.base import ValveParameters, parameters_from_rig
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.ports import Model, Point
 from sysid.plant.trials import simulate_trials
 from sysid.recording.even import recorded
+from sysid.recording.friction_kind import balances
 from sysid.recording.motion_tests import prepare
 from sysid.refinement import candidates as candidates_of_motion
 from sysid.refinement.advice import begin
@@ -216,6 +218,20 @@ def test_friction_of_a_motion_that_air_and_spring_drive(
     bare = rig_from_content({k: v for k, v in without.content.items() if k != "spring"}, "rig.toml")
     wrong = fit_friction(log.trials, bare).parameters["coulomb"]
     assert not wrong.identified or abs(wrong.value / t.coulomb_friction - 1.0) > 0.2
+
+
+def test_a_campaign_s_motion_that_air_and_spring_drive_gives_friction(
+    made: GeneratedCampaign, folder: Path
+) -> None:
+    log = log_of(folder, "motion_discrete_2")
+    assert log.rig is not None and "motor_force_n" not in log.channels
+    assert all(balances(t, log.rig) for t in log.trials)
+    path = folder / "motion_alone.toml"
+    entry = '[[log]]\nkind = "motion-discrete"\nfile = "motion_discrete.csv"\n'
+    path.write_text(f'rig = "rig.toml"\n{entry}')
+    friction = fit(read_campaign(path)).friction
+    assert friction is not None and friction.coulomb_n is not None
+    assert friction.coulomb_n.value == pytest.approx(made.rig.truth.coulomb_friction, rel=0.15)
 
 
 def test_a_crest_between_the_readings_leaves_static_friction_open(

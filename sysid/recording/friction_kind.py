@@ -20,12 +20,14 @@ KINDS = (STATIC, SLIDING, MOTION)
 
 def balances(trial: Trial, rig: Rig) -> bool:
     """Whether a motion trial has every channel of the balance that friction closes: without a
-    pressure, the cylinder's effort would be mistaken for friction."""
+    pressure, the cylinder's effort would be mistaken for friction. Where air alone drives the rig,
+    no effort is needed."""
     pressures = () if rig.cylinder is None else rig.pressure_channels
     shows_motion = rig.position_channel in trial or (
         velocity_channel(rig) in trial and place_needed(rig) is None
     )
-    return shows_motion and all(c in trial for c in (rig.effort_channel, *pressures))
+    efforts = () if rig.air_alone_drives(trial.channels) else (rig.effort_channel,)
+    return shows_motion and all(c in trial for c in (*efforts, *pressures))
 
 
 def classify_trial(trial: Trial, rig: Rig) -> str:

@@ -278,7 +278,7 @@ def _air(trials: Sequence[Trial], name: str, rig: Rig) -> Iterator[Reading]:
         rests = rest_pressures(trials, f"pressure_{side}_pa", ambient) if vents else []
         if rests:
             yield Reading(_RESTS[side], name, *interval_of(rests, LEAST_OF_PRESSURE))
-        filled = filled_pressures(trials, side, ambient)
+        filled = filled_pressures(trials, side, rig)
         if filled:
             yield Reading(_FILLED[side], name, *interval_of(filled, LEAST_OF_PRESSURE))
 

@@ -1,8 +1,9 @@
 """The choked filling flow of a valve, as any log shows it in which the valve is open.
 
 V dP/dt + k P dV/dt = k R T m (thesis 3.5.2), integrated over each stretch in which the valve is
-open and the chamber's pressure stays in the choked regime. Under PWM the flow is over the open
-share of the period.
+open and the chamber's pressure stays in the choked regime, from where a quarter of the stretch's
+air has entered: before, the valve and its tube may not have answered yet, however slow they are.
+Under PWM the flow is over the open share of the period.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from sysid.plant.base import CRITICAL_RATIO, chamber_volume_a, chamber_volume_b
 from sysid.types import FloatArray
 
 _LEAST_DUTY = 0.8  # below, the exhaust takes part
-_SETTLING_S = 0.003  # a valve's delay and its tube's
+_ANSWERED = 0.25  # of a stretch's air
 # Share of the supply: close to the choked boundary the flow falls.
 _HIGHEST = 0.95 * CRITICAL_RATIO
 
@@ -43,7 +44,7 @@ def filling_flows(trial: Trial, valve: str, rig: Rig) -> list[float]:
             (taken[stop] - taken[start])
             / np.sum(share[start:stop] * np.diff(trial.time)[start:stop])
         )
-        for start, stop in _stretches(share, low, trial)
+        for start, stop in _stretches(share, low, taken)
     ]
 
 
@@ -76,16 +77,21 @@ def _taken(trial: Trial, valve: str, rig: Rig) -> FloatArray:
 
 
 def _stretches(
-    share: FloatArray, low: NDArray[np.bool_], trial: Trial
+    share: FloatArray, low: NDArray[np.bool_], taken: FloatArray
 ) -> Iterator[tuple[int, int]]:
-    """[start, stop] rows of every stretch that is open, settled and choked."""
+    """[start, stop] rows of every stretch that is open, answered and choked."""
     for opened, closed in signals.runs(share > 0.0):
-        settled = int(np.searchsorted(trial.time, trial.time[opened] + _SETTLING_S))
-        above = np.flatnonzero(~low[settled:closed])
-        stop = settled + int(above[0]) if above.size else closed
-        stop = min(stop, len(trial)) - 1
-        if stop > settled + 1:
-            yield settled, stop
+        above = np.flatnonzero(~low[opened:closed])
+        stop = opened + int(above[0]) if above.size else closed
+        stop = min(stop, len(share)) - 1
+        if stop <= opened + 1:
+            continue
+        entered = taken[opened : stop + 1] - taken[opened]
+        start = opened
+        if entered[-1] > 0.0:
+            start += int(np.argmax(entered >= _ANSWERED * entered[-1]))
+        if stop > start + 1:
+            yield start, stop
 
 
 __all__ = ["filling_flows"]

@@ -19,7 +19,6 @@ from sysid.types import FloatArray
 _START_ROWS = 10
 # Share of a pressure: repeats within one log do not show what changes from log to log.
 LEAST_OF_PRESSURE = 0.03
-_PLATEAU_S = 0.1
 
 
 def rest_pressures(trials: Sequence[Trial], pressure: str, ambient_pa: float) -> list[float]:
@@ -40,23 +39,41 @@ def _off_at_start(trial: Trial) -> bool:
     )
 
 
-def filled_pressures(trials: Sequence[Trial], valve: str, ambient_pa: float) -> list[float]:
-    """The chamber's steady pressure, Pa, where its valve has been on until it no longer fills."""
+def filled_pressures(trials: Sequence[Trial], valve: str, rig: Rig) -> list[float]:
+    """The chamber's steady pressure, Pa, where its valve has been on until it no longer fills.
+
+    It no longer does where the second half of the time that the valve is on shows neither a rise
+    nor a moving piston, whatever that time is: a chamber that grows is below its supply.
+    """
+    air = rig.require("air", "and the air's readings need it")
     found = []
     for trial in trials:
         if f"valve_{valve}" not in trial or f"pressure_{valve}_pa" not in trial:
             continue
         values, on = trial[f"pressure_{valve}_pa"], trial[f"valve_{valve}"] > 0.0
-        rows = max(_START_ROWS, round(_PLATEAU_S / trial.period))
-        closing = np.flatnonzero(on[:-1] & ~on[1:])
-        for stop in closing:
-            last = values[max(0, stop - rows) : stop]
-            before = values[max(0, stop - 2 * rows) : max(0, stop - rows)]
-            held = len(before) == rows and on[max(0, stop - 2 * rows) : stop].all()
-            steady = 0.1 * LEAST_OF_PRESSURE * ambient_pa
-            if held and abs(float(np.mean(last) - np.mean(before))) < steady:
-                found.append(float(np.median(last)))
+        room = _room(trial, valve, rig)
+        edges = np.flatnonzero(np.diff(on.astype(np.int8), prepend=0))
+        for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=False):
+            rows = (stop - start) // 4
+            if rows < _START_ROWS:
+                continue
+            before, last = (slice(stop - 2 * rows, stop - rows), slice(stop - rows, stop))
+            steady = 0.1 * LEAST_OF_PRESSURE
+            rise = float(np.mean(values[last]) - np.mean(values[before]))
+            grows = float(np.mean(room[last]) / np.mean(room[before])) - 1.0
+            if abs(rise) < steady * air.atmospheric_pressure_pa and abs(grows) < steady:
+                found.append(float(np.median(values[last])))
     return found
+
+
+def _room(trial: Trial, valve: str, rig: Rig) -> FloatArray:
+    """Length of a valve's chamber, m (rows,); 1 where it does not change or is not known."""
+    own = rig.cylinder
+    if own is None or rig.position_channel not in trial or not trial.place_known:
+        return np.ones(len(trial))
+    y = own.pitch_radius_m * trial[rig.position_channel]
+    room = np.asarray(own.offset_a_m + y if valve == "a" else own.offset_b_m - y)
+    return room if np.all(room > 0.0) else np.ones(len(trial))
 
 
 def sliding_fit(trials: Sequence[Trial], kind: str, rig: Rig) -> FrictionResult | None:
