@@ -15,7 +15,7 @@ import numpy as np
 from sysid import signals
 from sysid.io.channels import CHAMBER_PRESSURES, DUTIES, VALVE_COMMANDS
 from sysid.io.rig import Load, Rig
-from sysid.io.samples import Trial
+from sysid.io.samples import Trial, with_channels
 from sysid.plant.base import cylinder_effort, gravity_effort, spring_effort
 from sysid.types import BoolArray, FloatArray
 
@@ -81,6 +81,12 @@ class Recording:
         channels = {name: values[rows] for name, values in self.trial.channels.items()}
         trial = replace(self.trial, label=label, time=self.time[rows], channels=channels)
         return replace(self, trial=trial, lost=self.lost[rows])
+
+    def with_position(self, position: FloatArray) -> Recording:
+        """The same with another position (n,), and what depends on it."""
+        return replace(
+            self, trial=with_channels(self.trial, **{self.rig.position_channel: position})
+        )
 
     # --- motion ---------------------------------------------------------------------------
 

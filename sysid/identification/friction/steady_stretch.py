@@ -103,7 +103,8 @@ def _settled(
     off = np.flatnonzero(np.abs(speed - reference) > STEADY * reference + noise)
     first = int(off[-1]) + 1 if len(off) else 0
     start = int(marks[first]) if first < len(speed) else stop
-    steady = (stop - start) * trial.period >= MIN_STRETCH_S
+    long_enough = (stop - start) * trial.period >= MIN_STRETCH_S
+    steady = long_enough and not _load_changes(trial, start, stop)
     if not steady:
         settle = round(SETTLE_S / trial.period)
         start = min(int(marks[0]) + settle, stop - round(MIN_STRETCH_S / trial.period))
@@ -128,6 +129,7 @@ def _before_rest(
     from_, to = _longest_steady(speed[first:last], noise)
     # The top of a swing is flat, too, but most of a swing is not.
     steady = to - from_ >= max(least, (last - first) // 2)
+    steady = steady and not _load_changes(trial, int(marks[first + from_]), int(marks[first + to]))
     if steady:
         first, last = first + from_, first + to
     elif last - first > least:
@@ -135,6 +137,17 @@ def _before_rest(
     inside = speed[first:last]
     drift = float(np.ptp(inside)) / float(np.median(inside))
     return SteadyStretch(int(marks[first]), int(marks[last]), steady, drift)
+
+
+def _load_changes(trial: Recording, start: int, stop: int) -> bool:
+    """Whether the known load changes over rows [start, stop) by more than a steady speed allows.
+
+    Gravity on an arm, or a spring, then changes the speed, even where a coarse encoder does not
+    show it. How far the arm gets, hence its mean load, depends on the friction: the set effort of
+    such a test is not the experimenter's.
+    """
+    load, applied = trial.load_effort[start:stop], trial.applied[start:stop]
+    return float(np.ptp(load)) > STEADY * abs(float(np.mean(applied)))
 
 
 def _longest_steady(speed: FloatArray, noise: float) -> tuple[int, int]:
