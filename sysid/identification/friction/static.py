@@ -30,7 +30,14 @@ from sysid.estimation.linear import (
 )
 from sysid.estimation.multiple_tests import SIGNIFICANCE
 from sysid.estimation.quality import FitQuality, repeats_lack_of_fit
-from sysid.identification.friction.counted_onset import FEWEST, MOST, begins_by_counts
+from sysid.identification.friction.counted_onset import (
+    FEWEST,
+    MOST,
+    MOST_PUSHED,
+    CountedStart,
+    Pushed,
+    begins_by_counts,
+)
 from sysid.identification.friction.effort import TrialUse, titles
 from sysid.io.motion import MotionUnits
 from sysid.recording.friction_kind import STATIC
@@ -63,12 +70,17 @@ CRITERION = (
 
 @dataclass(frozen=True)
 class Onset:
-    """When sustained motion starts: `time` s, `index` of the last sample before it."""
+    """When sustained motion starts: `time` s, `index` of the last sample before it.
+
+    `place`, by the edges of a coarse encoder: where the shaft rested less what was read, rad or m;
+    None of a fine one.
+    """
 
     time: float
     index: int
     direction: int
     threshold: float
+    place: float | None = None
 
 
 @dataclass(frozen=True)
@@ -185,9 +197,13 @@ def breakaway(trial: Recording, units: MotionUnits) -> TrialUse:
     first = max(0, onset.index + 1 - round(AVERAGE_S / trial.period))
     window = slice(first, onset.index + 1)
     times = trial.time[window]
-    motor = _carried_on(times, trial.motor[window], onset.time)
+    # A command holds from its row to the next: friction lies between the last two. Where a fine
+    # encoder shows the motion, its start is found early by as much, as drag bends it.
+    lag = 0.0 if onset.place is None else 0.5 * trial.period
+    motor = _carried_on(times, trial.motor[window], onset.time - lag)
     cylinder = _carried_on(times, trial.cylinder[window], onset.time)
-    effort = motor + cylinder - float(np.mean(trial.load_effort[window]))
+    at_rest = trial.with_position(trial.position + (onset.place or 0.0))
+    effort = motor + cylinder - float(np.mean(at_rest.load_effort[window]))
     use.values = {"breakaway": effort, "direction": float(onset.direction)}
     if effort * onset.direction <= 0.0:
         use.exclude(
@@ -250,8 +266,10 @@ def find_onset(trial: Recording) -> Onset | str:
                 return "it moves from its first samples: not at rest when the ramp starts"
             began = _by_edges(trial, counts[counts >= before])
             if began is not None:
-                index = int(np.searchsorted(trial.time, began, side="right")) - 1
-                return Onset(began, max(index, 1), 1 if travel > 0.0 else -1, threshold)
+                index = int(np.searchsorted(trial.time, began.time, side="right")) - 1
+                way = 1 if travel > 0.0 else -1
+                place = way * began.place * trial.position_noise.quantum
+                return Onset(began.time, max(index, 1), way, threshold, place)
             return _locate(trial, before, after, threshold, hold)
     return (
         f"it never moves by more than {threshold:.2g} (noise, counts, presliding): the ramp ends "
@@ -322,17 +340,73 @@ def _counts(trial: Recording, presliding: float) -> NDArray[np.intp]:
     return np.array(kept, dtype=np.intp)
 
 
-def _by_edges(trial: Recording, counts: NDArray[np.intp]) -> float | None:
-    """When the motion begins whose first counts are after these samples (k,), s; None where fewer
+def _by_edges(trial: Recording, counts: NDArray[np.intp]) -> CountedStart | None:
+    """The start of the motion whose first counts are after these samples (k,); None where fewer
     than it takes go one way."""
+    efforts = _Efforts.of(trial)
+    most = MOST if efforts is None else MOST_PUSHED
     change = trial.position[counts + 1] - trial.position[counts]
-    sizes = np.rint(change / trial.position_noise.quantum).astype(np.intp)
-    rows = np.repeat(counts, np.abs(sizes))[:MOST]
-    ways = np.repeat(np.sign(sizes), np.abs(sizes))[:MOST]
-    if len(rows) < FEWEST or abs(int(ways.sum())) < len(ways):
+    quantum = trial.position_noise.quantum
+    sizes = np.rint(change / quantum).astype(np.intp)
+    rows = np.repeat(counts, np.abs(sizes))[:most]
+    ways = np.repeat(np.sign(sizes), np.abs(sizes))[:most]
+    one_way = signals.runs(ways == ways[0])[0][1] if len(ways) else 0
+    rows = rows[: max(one_way, MOST)]
+    if len(rows) < FEWEST or one_way < len(rows):
         return None
     edges = 0.5 * (trial.time[rows] + trial.time[rows + 1])
-    return max(begins_by_counts(edges, trial.period), float(trial.time[0]))
+    pushed = None
+    if efforts is not None:
+        places = trial.position[rows[0]] + ways[0] * quantum * (np.arange(len(rows)) + 0.5)
+        pushed = efforts.along(edges, places, quantum * ways[0])
+    found = begins_by_counts(edges, trial.period, pushed)
+    return replace(found, time=max(found.time, float(trial.time[0])))
+
+
+@dataclass(frozen=True)
+class _Efforts:
+    """The known efforts on a shaft of known inertia: of motor, cylinder, gravity and spring.
+
+    Gravity, a spring and the air that the piston moves change them on a way of few counts.
+    """
+
+    trial: Recording
+    inertia: float
+
+    @staticmethod
+    def of(trial: Recording) -> _Efforts | None:
+        """None where the rig file declares no inertia."""
+        inertia = trial.rig.total_inertia()
+        if inertia is None or not trial.rig.has_declared_inertia:
+            return None
+        return _Efforts(trial, inertia + trial.added_inertia)
+
+    def along(self, edges: FloatArray, places: FloatArray, count: float) -> Pushed:
+        """What they do to a motion that is at `places` (k,) at its `edges` (k,), s; `count` rad or
+        m, below zero where it goes down."""
+        trial = self.trial
+        time, period = trial.time, trial.period
+        read = np.where(time > edges[0], np.interp(time, edges, places), trial.position)
+        effort = trial.with_position(read).applied / (self.inertia * count)
+        once = _running(effort, period)
+        twice = _running(once, period)
+
+        def pushed(start: FloatArray) -> FloatArray:
+            begin = np.maximum(start, time[0] + period)[:, None]
+            rest = np.minimum(REST_S, begin - time[0])
+            at = np.interp(begin, time, once)
+            held = (at - np.interp(begin - rest, time, once)) / rest  # its mean at rest
+            s = edges - begin
+            moved = np.interp(edges, time, twice) - np.interp(begin, time, twice) - at * s
+            return np.asarray(moved - 0.5 * held * s**2)
+
+        return pushed
+
+
+def _running(values: FloatArray, period: float) -> FloatArray:
+    """Integral (n,) from the first sample on, by trapezoids."""
+    steps = 0.5 * period * (values[1:] + values[:-1])
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _rest_in_counts(counts: NDArray[np.intp]) -> int:
