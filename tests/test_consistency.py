@@ -22,7 +22,7 @@ from sysid.checks.consistency.campaign import (
 from sysid.checks.consistency.comparison import disagreements
 from sysid.checks.consistency.flow import filling_flows
 from sysid.checks.consistency.kinds import other_kind
-from sysid.checks.consistency.levels import filled_pressures
+from sysid.checks.consistency.levels import filled_pressures, rest_pressures
 from sysid.checks.consistency.quantities import RIG, Reading, SharedQuantity
 from sysid.checks.log_check import check_campaign
 from sysid.checks.shown import quality_section
@@ -355,3 +355,23 @@ def test_a_valve_s_delay_is_no_part_of_its_filling_flow(campaign: Campaign, dela
     }
     (flow,) = filling_flows(Trial("1", time, channels, "slow.csv"), "a", rig)
     assert flow == pytest.approx(1e-4, rel=0.03)
+
+
+@pytest.mark.parametrize("slowness", [0.01, 1.0, 100.0])
+def test_a_chamber_that_empties_is_not_at_rest_at_any_pace(
+    campaign: Campaign, slowness: float
+) -> None:
+    turns = np.linspace(0.0, 8.0, 8001)
+    emptying = 1e5 + 2e5 * np.exp(-turns / 2.0)
+
+    def found(pressure: np.ndarray) -> list[float]:
+        channels = {
+            "duty_a": np.zeros(8001),
+            "pressure_a_pa": pressure,
+            "theta_rad": np.zeros(8001),
+        }
+        trial = Trial("1", slowness * turns, channels, "slow.csv")
+        return rest_pressures([trial], "a", campaign.rig)
+
+    assert found(emptying) == []
+    assert found(np.full(8001, 1e5)) == [1e5]

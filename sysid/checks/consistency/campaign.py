@@ -268,14 +268,13 @@ def _friction_quantity(part: str, rig: Rig) -> SharedQuantity:
 
 
 def _air(trials: Sequence[Trial], name: str, rig: Rig) -> Iterator[Reading]:
-    ambient = rig.require("air", "and the air's readings need it").atmospheric_pressure_pa
     for side in rig.sides:
         flows = [f for t in trials for f in filling_flows(t, side, rig)]
         if flows:
             yield Reading(_FLOWS[side], name, *interval_of(flows, _LEAST_OF_FLOW))
         vents = rig.valves is not None and not rig.bleeds
         # Without valves that vent it, a chamber may be under a regulator's pressure.
-        rests = rest_pressures(trials, f"pressure_{side}_pa", ambient) if vents else []
+        rests = rest_pressures(trials, side, rig) if vents else []
         if rests:
             yield Reading(_RESTS[side], name, *interval_of(rests, LEAST_OF_PRESSURE))
         filled = filled_pressures(trials, side, rig)

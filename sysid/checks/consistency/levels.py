@@ -21,14 +21,27 @@ _START_ROWS = 10
 LEAST_OF_PRESSURE = 0.03
 
 
-def rest_pressures(trials: Sequence[Trial], pressure: str, ambient_pa: float) -> list[float]:
-    """The chamber's steady pressure, Pa, at the start of each test with its valves off."""
+def rest_pressures(trials: Sequence[Trial], side: str, rig: Rig) -> list[float]:
+    """The chamber's steady pressure, Pa, at the start of each test with its valves off.
+
+    Steady is what stays as it is until a valve opens or the piston moves: a chamber that begins to
+    empty at the supply's pressure is not at rest, however slowly it does.
+    """
+    air = rig.require("air", "and the air's readings need it")
+    least = LEAST_OF_PRESSURE * air.atmospheric_pressure_pa
     found = []
     for trial in trials:
-        if pressure not in trial or len(trial) < _START_ROWS or not _off_at_start(trial):
+        pressure = trial.channels.get(f"pressure_{side}_pa")
+        if pressure is None or len(trial) < _START_ROWS or not _off_at_start(trial):
             continue
-        first = trial[pressure][:_START_ROWS]
-        if np.ptp(first) < LEAST_OF_PRESSURE * ambient_pa:
+        room = _room(trial, side, rig)
+        left = np.abs(room / room[0] - 1.0) > 0.1 * LEAST_OF_PRESSURE
+        for name in VALVE_COMMANDS:
+            if name in trial:
+                left |= trial[name] != 0.0
+        stop = max(int(np.argmax(left)) if left.any() else len(trial), _START_ROWS)
+        first, last = pressure[:_START_ROWS], pressure[stop - _START_ROWS : stop]
+        if np.ptp(first) < least and abs(float(np.median(last) - np.median(first))) < least:
             found.append(float(np.median(first)))
     return found
 
