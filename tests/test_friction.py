@@ -766,3 +766,16 @@ def test_the_measured_positioning_system(shared_data: Path) -> None:
         assert result[name].value == pytest.approx(published, rel=percent / 100.0)
         assert result[name].holds(published)
     assert friction_rmse(result, [emps_trial("DATA_EMPS_PULSES")], rig) < 3.0
+
+
+@pytest.mark.parametrize("heavier", [1.0, 30.0, 300.0])
+def test_a_heavy_load_that_begins_slowly_breaks_away_where_it_does(heavier: float) -> None:
+    """It moved ten counts before it counted as moving: static friction came out 7 % too large."""
+    rate, static, coulomb, inertia = 0.02, 0.1, 0.08, heavier * INERTIA
+    time = PERIOD * np.arange(round(15.0 / PERIOD))
+    since = np.maximum(time - static / rate, 0.0)
+    theta = ((static - coulomb) * since**2 / 2.0 + rate * since**3 / 6.0) / inertia
+    stop = int(np.argmax(theta > 0.1)) or len(theta)
+    ramp_of_it = trial("slow", rate * time[:stop], theta[:stop])
+    found = fit_friction([ramp_of_it], RIG, kind="static").parameters["static"]
+    assert found.value == pytest.approx(static, rel=0.015)

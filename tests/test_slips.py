@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,8 @@ from sysid.friction import fit_friction
 from sysid.identification.friction.result import FrictionResult
 from sysid.io.conversion import convert
 from sysid.io.logs import Log, read_log
-from sysid.io.rig import Rig, read_rig
+from sysid.io.plausibility import check_supply
+from sysid.io.rig import Rig, read_rig, rig_from_content
 from sysid.io.trust.misread import spikes
 
 
@@ -281,3 +283,16 @@ def test_chambers_under_a_regulator_are_no_slip(rig: Rig, tmp_path: Path) -> Non
     )
     regulated = dataclasses.replace(rig, valves=None, motor=None)
     assert not any("added twice" in n for n in read(twice, regulated, tmp_path).notices)
+
+
+def test_a_piston_that_compresses_a_chamber_above_the_supply_is_no_slip(rig_text: str) -> None:
+    rig = rig_from_content(tomllib.loads(rig_text), "rig.toml")
+    air, cylinder = rig.require("air", ""), rig.require("cylinder", "")
+    angle = np.linspace(0.0, -0.5, 1000)
+    room = cylinder.offset_a_m + cylinder.pitch_radius_m * angle
+    pressure = air.supply_pressure_pa * (room[0] / room) ** 1.4
+    columns = {"valve_a": np.ones(1000), "pressure_a_pa": pressure, rig.position_channel: angle}
+    assert pressure.max() > 1.3 * air.supply_pressure_pa
+    assert check_supply("log.csv", columns, rig) is None
+    still = columns | {rig.position_channel: np.zeros(1000)}
+    assert "one of the two is wrong" in (check_supply("log.csv", still, rig) or "")

@@ -17,7 +17,7 @@ from sysid.errors import SysidError, input_error
 from sysid.io.declaration import range_of
 from sysid.io.rig import Air, Rig
 from sysid.io.unit_text import TAKEN_FOR_SI
-from sysid.signals import quantum
+from sysid.signals import quantum, runs
 from sysid.types import FloatArray
 
 # Least noise of a real sensor, as a share of the atmospheric pressure.
@@ -37,6 +37,8 @@ _HIGHEST_SHARE_OF_SUPPLY = 4.0
 _FEW = 0.2
 # Pressures within this factor may be one: gauges, supplies and the weather differ by less.
 SAME_PRESSURE = 1.15
+# Share of a chamber's room by which it has become smaller: the pressure rises by little more.
+_COMPRESSED = 0.01
 TWICE = 0.05
 """Pressures within this share of twice the atmosphere's: gauges and the weather differ by less."""
 _HIGH = 0.9
@@ -356,7 +358,8 @@ def check_rest(where: str, pressures: Mapping[str, FloatArray], rig: Rig) -> str
 def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str | None:
     """A log's columns (n,), SI: a line where its supply is not the rig file's, else None.
 
-    The logged supply, or the pressure of a chamber while its valve connects it to the supply.
+    The logged supply, or the pressure of a chamber while its valve connects it to the supply. A
+    piston that moves into the chamber compresses its air above that of the supply.
     """
     if rig.air is None:
         return None
@@ -379,13 +382,28 @@ def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str
                     f"{said}: one of the two is wrong (a gauge pressure in the rig file?)"
                 )
             continue
-        high = float(np.quantile(pressure[valve > 0.0], _HIGH))
+        judged = (valve > 0.0) & ~_compressed(columns, side, rig)
+        high = float(np.quantile(pressure[judged], _HIGH)) if judged.any() else 0.0
         if high > SAME_PRESSURE * declared:
             return (
                 f"{where}: pressure_{side}_pa reaches {high:.4g} Pa while its valve is on, {said}: "
                 "one of the two is wrong (a gauge pressure in the rig file?)"
             )
     return None
+
+
+def _compressed(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> NDArray[np.bool_]:
+    """Rows (n,) in which a chamber is smaller than it was since its valve opened."""
+    smaller = np.zeros(len(columns[f"valve_{side}"]), dtype=bool)
+    position, cylinder = columns.get(rig.position_channel), rig.cylinder
+    if position is None or cylinder is None:
+        return smaller
+    y = cylinder.pitch_radius_m * position
+    room = cylinder.offset_a_m + y if side == "a" else cylinder.offset_b_m - y
+    for start, stop in runs(columns[f"valve_{side}"] > 0.0):
+        own = room[start:stop]
+        smaller[start:stop] = own < (1.0 - _COMPRESSED) * np.maximum.accumulate(own)
+    return smaller
 
 
 def check_temperature(where: str, target: str, column: str, values: FloatArray) -> None:

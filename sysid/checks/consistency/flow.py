@@ -86,10 +86,10 @@ def _stretches(
         stop = min(stop, len(share)) - 1
         if stop <= opened + 1:
             continue
-        entered = taken[opened : stop + 1] - taken[opened]
-        start = opened
-        if entered[-1] > 0.0:
-            start += int(np.argmax(entered >= _ANSWERED * entered[-1]))
+        # While it is still shut air may leave; where that is all, it answers after the stretch.
+        shut = opened + int(np.argmin(taken[opened : stop + 1]))
+        entered = taken[shut : stop + 1] - taken[shut]
+        start = shut + int(np.argmax(entered >= _ANSWERED * entered[-1]))
         if stop > start + 1:
             yield start, stop
 

@@ -270,7 +270,7 @@ def find_onset(trial: Recording) -> Onset | str:
                 way = 1 if travel > 0.0 else -1
                 place = way * began.place * trial.position_noise.quantum
                 return Onset(began.time, max(index, 1), way, threshold, place)
-            return _locate(trial, before, after, threshold, hold)
+            return _locate(trial, _before_a_slow_start(trial, before, hold), after, threshold, hold)
     return (
         f"it never moves by more than {threshold:.2g} (noise, counts, presliding): the ramp ends "
         "below breakaway, ramp higher"
@@ -429,6 +429,21 @@ def _first_of_its_counts(counts: NDArray[np.intp], start: int) -> int:
             break
         row -= 1
     return min(start, int(counts[row])) if row < len(counts) else start
+
+
+def _before_a_slow_start(trial: Recording, before: int, hold: int) -> int:
+    """The sample at which a movement that is under way at `before` has not begun yet.
+
+    A heavy load begins so slowly that it counts as at rest while a rest is judged. Longer and
+    longer stretches before show it: where they lead back by more than presliding, they are motion.
+    """
+    x, row, reach = trial.position, before, 2 * hold
+    _, _, _, presliding = _scales(trial)
+    still = _still(trial, hold, presliding)
+    while row >= reach and abs(float(x[row] - x[row - reach])) > still:
+        row -= reach
+        reach *= 2
+    return row if abs(float(x[before] - x[row])) > presliding else before
 
 
 def _locate(trial: Recording, before: int, after: int, threshold: float, hold: int) -> Onset:
