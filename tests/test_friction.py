@@ -361,8 +361,8 @@ def test_a_swing_that_is_sampled_slowly_has_its_friction() -> None:
 
 
 def test_swings_that_end_at_one_place_do_not_share_a_part_of_a_count() -> None:
-    """All end within the same count, at the same part of it: by its readings viscous friction was 2.9 %
-    too small."""
+    """All end within the same count, at the same part of it: by its readings viscous friction was
+    2.9 % too small."""
     result, viscous = swing_of(500, 0.0002)
     assert result["viscous_nm_s_per_rad"].value == pytest.approx(viscous, rel=0.01)
 
