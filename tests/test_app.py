@@ -19,6 +19,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from small_campaign import write_small
 
@@ -28,13 +29,14 @@ from sysid.app import edits
 from sysid.app.jobs import Job
 from sysid.app.journal import FileChange, Journal
 from sysid.app.screens.identify import IdentifyScreen
-from sysid.app.screens.mapping import Assigned
+from sysid.app.screens.mapping import Assigned, Mapping, plausibility
 from sysid.app.server import Gate
 from sysid.app.traces import BUCKETS, Curve, TracePanel, TraceView
 from sysid.app.workbench import Workbench
 from sysid.blocks.figures import Scale
 from sysid.errors import InputError
 from sysid.io.campaign import read_campaign
+from sysid.io.listing import channels_of
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 _TEXT_OF = """(place) => {
@@ -297,8 +299,6 @@ def test_two_windows_on_one_campaign(window: Page) -> None:
 
 
 def test_a_labs_file_becomes_a_log(window: Page) -> None:
-    import numpy as np
-
     folder = window.server.folder
     time_ms = np.arange(3000)
     angle = np.degrees(0.4 * np.sin(time_ms / 300.0))
@@ -320,7 +320,15 @@ def test_a_labs_file_becomes_a_log(window: Page) -> None:
         page.locator(f"input[data-do='map:{place}:unit']").fill(unit)
     page.locator("input[data-do='map:2:unit']").press("Enter")
     wait_until(lambda: "3,000 rows, 2.999 s, every 0.001 s" in window.text("#main"))
+    # A first guess of the kind follows the channels, until a person has said it.
+    wait_until(lambda: page.locator("select[data-do=add-kind]").input_value() == "friction-motion")
     page.locator("select[data-do=add-kind]").select_option("motion-motor")
+    page.locator("input[data-do='map:2:unit']").fill("furlong")
+    page.locator("input[data-do='map:2:unit']").press("Enter")
+    page.locator("button[data-do=add][disabled]").wait_for()
+    page.get_by_text("furlong").first.wait_for()
+    page.locator("input[data-do='map:2:unit']").fill("V")
+    page.locator("input[data-do='map:2:unit']").press("Enter")
     page.locator("button[data-do=add]:not([disabled])").click()
     wait_until(lambda: 'file = "lab-2.csv"' in (folder / "campaign.toml").read_text("utf-8"))
     assert "--map time_s=clock:ms" in window.text(".strip")
@@ -444,6 +452,67 @@ def test_what_a_menu_says_is_an_entry_of_map(assigned: Assigned, entry: str) -> 
     assert parse_map([entry])[assigned.target].column == "t"
 
 
+def scope_file(folder: Path, name: str, *, channels: int = 2, offset: float = 0.0) -> Path:
+    """A scope's export: a preamble, the time in ms without a unit, a transducer's volts."""
+    lines = ["Model,MSO44", "", ",".join(["TIME", *(f"CH{i}" for i in range(1, channels + 1))])]
+    for i in range(400):
+        cells = [0.6 + 0.2 * np.sin(i / 40.0) + offset] * channels
+        lines.append(",".join([f"{i}.0", *(f"{v:.5f}" for v in cells)]))
+    (folder / name).write_text("\n".join(lines), "utf-8")
+    return folder / name
+
+
+def opened(path: Path) -> Mapping:
+    (listing,) = channels_of([path])
+    return Mapping(path, listing)
+
+
+def test_a_file_says_here_what_the_command_line_would(tmp_path: Path) -> None:
+    mapping = opened(scope_file(tmp_path, "fill_1.CSV"))
+    mapping.further = [scope_file(tmp_path, "fill_2.CSV").name]
+    assert mapping.assigned["TIME"].target == "time_s"  # it counts, but its name says what
+    mapping.chosen(0, "unit", "ms")
+    mapping.chosen(1, "target", "pressure_a_pa")
+    refused = plausibility(mapping, None).text
+    assert "--map" not in refused and "sysid-app-" not in refused
+    assert (
+        "fill_1.CSV: pressure_a_pa runs from" in refused
+        and "give the sensor&#x27;s range" in refused
+    )
+    for key, text in {"r0": "0.5", "r1": "4.5", "v0": "0", "v1": "10", "unit": "bar"}.items():
+        mapping.chosen(1, key, text)
+    mapping.more["atmosphere_pa"] = "100000"
+    mapping.chosen(1, "is_gauge", True)
+    text = plausibility(mapping, None).text
+    assert "fill_1.CSV and 1 more: the table begins in line 3" in text
+    assert str(tmp_path) not in text
+
+
+def test_a_channel_is_what_it_was_in_the_last_file(tmp_path: Path) -> None:
+    first = opened(scope_file(tmp_path, "fill_1.CSV"))
+    first.chosen(1, "target", "pressure_a_pa")
+    first.chosen(1, "unit", "bar")
+    known = {json.dumps(first.names): first.choices()}
+    other = opened(scope_file(tmp_path, "ramp.CSV", channels=3))
+    other.follow(known)
+    assert other.is_guessed and other.assigned["CH1"] == Assigned("pressure_a_pa", "bar")
+    assert other.assigned["CH3"].target == "" and "check it" in other.form()
+    same = opened(scope_file(tmp_path, "fill_2.CSV"))
+    same.follow(known)
+    assert not same.is_guessed and same.choices() == first.choices()
+
+
+def test_a_log_of_a_series_has_its_name(tmp_path: Path) -> None:
+    mapping = opened(scope_file(tmp_path, "fill_1.CSV"))
+    assert (mapping.series, mapping.output) == ("fill", "fill_1.csv")
+    mapping.further = [scope_file(tmp_path, "fill_2.CSV").name]
+    assert mapping.output == "fill.csv"
+    (tmp_path / "fill.csv").touch()
+    assert mapping.output == "fill-2.csv"
+    mapping.further = [scope_file(tmp_path, "ramp.CSV").name]
+    assert mapping.output == "fill_1.csv"
+
+
 def test_a_campaign_is_checked_log_by_log(tmp_path: Path) -> None:
     path = write_small(tmp_path)
     bench = Workbench(tmp_path, path, tmp_path / "results")
@@ -478,8 +547,6 @@ def test_a_campaign_is_checked_log_by_log(tmp_path: Path) -> None:
 
 
 def test_a_million_samples_are_thinned_to_the_window() -> None:
-    import numpy as np
-
     time_s = np.arange(1_000_000) * 1e-3
     values = np.sin(time_s)
     values[654_321] = 9.0
@@ -489,6 +556,23 @@ def test_a_million_samples_are_thinned_to_the_window() -> None:
     traces.range.start, traces.range.end = 654.0, 655.0
     shown = source.data["x"]
     assert 1000 <= len(shown) <= 1004 and shown[0] >= 653.9 and shown[-1] <= 655.1
+
+
+def test_a_window_asks_no_other_host_for_its_styles(tmp_path: Path) -> None:
+    from bokeh.document import Document
+    from bokeh.models import ImportedStyleSheet
+    from panel.io.state import set_curdoc
+
+    from sysid.app.page import window
+
+    bench = Workbench(tmp_path, tmp_path / "campaign.toml", tmp_path / "results")
+    document = Document()
+    with set_curdoc(document):  # no page was written for it
+        window(bench).server_doc(document)
+    sheets = [
+        sheet.url for root in document.roots for sheet in root.select({"type": ImportedStyleSheet})
+    ]
+    assert sheets and not [url for url in sheets if "//" in url]
 
 
 def test_a_gate_is_as_strict_for_its_own_page() -> None:

@@ -164,6 +164,15 @@ def test_stages_leave_the_time_that_is_expected_of_them() -> None:
     stages.enter("diagnose")
     now = 75.0
     assert stages.completed == 25.0
+    # 75 s for 25: the 15 that remain take three times as long too.
+    assert stages.left == pytest.approx(45.0)
+
+
+def test_a_command_without_named_stages_comes_forward() -> None:
+    now = 0.0
+    stages = Stages({"convert": 20.0}, lambda: now)
+    now = 5.0
+    assert (stages.completed, stages.left) == (5.0, 15.0)
 
 
 def test_a_bar_over_stages_says_what_is_done_and_the_time_left() -> None:

@@ -150,8 +150,7 @@ class Job:
         spent = time.monotonic() - self._since
         left = ""
         if self.share is not None:
-            rest = sum(self.expected.values()) * (1.0 - self.share)
-            left = f", about {time_text(max(rest, 1.0))} left"
+            left = f", about {time_text(max(self._stages.left, 1.0))} left"
         said = next((line for line in reversed(self.lines) if line.startswith("sysid: ")), "")
         said = said.removeprefix("sysid: ")
         return f"{self.what}: {said or 'starting'} ({time_text(spent)}{left})"

@@ -27,7 +27,10 @@ from sysid.blocks.interactive import Scheme
 from sysid.errors import Failure, InputError, SysidError, one_line, some_of
 
 _LOOK_MS = 700
+_OWN_STYLES = import_module("panel.io.resources").LOCAL_DIST
 _MOST_LINES = 14
+# Notices of a command that are shown next to its end; all are in what it printed.
+_MOST_NOTICES = 3
 # Panes of a screen that are sent at once when it is shown again: its head and what stands below.
 _FIRST_PANES = 2
 # What the other screens need at their first visit: a second's work, most of it scipy's.
@@ -52,7 +55,7 @@ class Window:
         self.strip = parts.html("")
         self.main = parts.column()
         self.done = parts.html("")
-        self.asked = pn.widgets.TextInput(name="", visible=False)
+        self.asked = pn.widgets.TextInput(visible=False)
         self._stamp: tuple[Any, ...] = ()
         self._job: Job | None = None
         self._filling = 0
@@ -137,7 +140,7 @@ class Window:
             screen.later = []
             panes = screen.draw(content)
         except SysidError as error:
-            panes = [parts.html(_lacking(screen, str(error)))]
+            panes = [parts.html(_lacking(screen, self.bench.brief(str(error))))]
         except Exception as error:
             if os.environ.get("SYSID_DEBUG"):
                 traceback.print_exc()
@@ -270,7 +273,7 @@ class Window:
 
     def tell(self, text: str, *, is_error: bool = False) -> None:
         """A line at the top."""
-        self.message, self.is_error = text, is_error
+        self.message, self.is_error = self.bench.brief(text), is_error
 
     def start(self, what: str, words: Sequence[str], expected: Any = None) -> None:
         """Start a command, once the code that it would run was allowed."""
@@ -308,9 +311,12 @@ def _job_bar(job: Job) -> str:
     if job.is_done:
         kind = "info" if job.code == 0 else "error"
         output = "\n".join((*job.lines, job.output))[-8000:]
-        more = parts.fold("what it printed", f"<pre>{parts.words(output)}</pre>") if output else ""
+        printed = f"<pre>{parts.words(output)}</pre>" if output else ""
+        notices = list(dict.fromkeys(job.notices))
+        told = parts.listed(notices[:_MOST_NOTICES])
+        more = parts.fold("the command and what it printed", command + printed)
         close = parts.button("×", "close-job", kind="small", title="Dismiss")
-        return f'<div class="{kind} job">{parts.words(job.state)} {close}{command}{more}</div>'
+        return f'<div class="{kind} job">{parts.words(job.state)} {close}{told}{more}</div>'
     share = job.share
     value = "" if share is None else f' value="{share:.3f}"'
     cancel = parts.button("Cancel", "cancel", kind="small danger")
@@ -333,6 +339,10 @@ def _import_soon() -> None:
 def window(bench: Workbench) -> pn.Template:
     """The page of one window."""
     given = pn.state.session_args
+    document: Any = pn.state.curdoc
+    # Panel says so when it writes the page; a window that comes back later than its session was
+    # kept has a new one, and would ask the network for its style sheets.
+    document.template_variables["dist_url"] = _OWN_STYLES
     said = [value.decode("utf-8", "replace") for value in given.get("scheme", [])]
     scheme: Scheme = "dark" if said[:1] == ["dark"] else "light"
     first = [value.decode("utf-8", "replace") for value in given.get("screen", [])]
@@ -344,8 +354,6 @@ def window(bench: Workbench) -> pn.Template:
         page.add_panel(name, getattr(made, name))
     made.draw_frame()
     made.wait()
-
-    document: Any = pn.state.curdoc
 
     def heard(event: Any) -> None:
         document.add_next_tick_callback(partial(made.heard, event.new))

@@ -252,7 +252,7 @@ def _server(bench: Workbench, gate: Gate, port: int) -> Any:
         use_index=False,
         redirect_root=False,
         check_unused_sessions_milliseconds=5_000,
-        unused_session_lifetime_milliseconds=20_000,
+        unused_session_lifetime_milliseconds=60_000,
         session_token_expiration=24 * 3600,
         extra_patterns=[
             (r"/", _Entry, {"gate": gate}),

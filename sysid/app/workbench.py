@@ -7,6 +7,7 @@ change, an editor's and a restart are the same thing.
 from __future__ import annotations
 
 import json
+import os
 import secrets
 import shlex
 import threading
@@ -184,6 +185,10 @@ class Workbench:
             return path.relative_to(self.folder).as_posix()
         except ValueError:
             return str(path)
+
+    def brief(self, text: str) -> str:
+        """A line of the library with the files of the folder by their names alone."""
+        return text.replace(f"{self.folder}{os.sep}", "")
 
     def result(self, name: str) -> Path:
         """A file of the results."""

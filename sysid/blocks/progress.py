@@ -75,7 +75,10 @@ class Stages:
 
     def __init__(self, expected: Mapping[str, float], clock: Callable[[], float]) -> None:
         self._expected, self._clock = dict(expected), clock
-        self._before, self._own, self._since = 0.0, 0.0, clock()
+        self._start = clock()
+        # Until a stage is named it is the first one.
+        self._own = next(iter(self._expected.values()), 0.0)
+        self._before, self._since = 0.0, self._start
 
     @property
     def total(self) -> float:
@@ -94,6 +97,13 @@ class Stages:
         """Seconds of the expected ones that are over; a late stage stays short of its end."""
         spent = self._clock() - self._since
         return self._before + min(spent, 0.98 * self._own)
+
+    @property
+    def left(self) -> float:
+        """Seconds still to go, at the pace so far where that is slower than expected."""
+        completed, spent = self.completed, self._clock() - self._start
+        pace = max(1.0, spent / completed) if completed > 0.0 else 1.0
+        return (self.total - completed) * pace
 
 
 @contextmanager
@@ -120,8 +130,8 @@ def stage_bar(
         task = bar.add_task("starting", total=max(stages.total, 1e-9), left="")
 
         def show() -> None:
-            left = stages.total - stages.completed
-            bar.update(task, completed=stages.completed, left=f"about {time_text(left)} left")
+            left = f"about {time_text(stages.left)} left"
+            bar.update(task, completed=stages.completed, left=left)
 
         def follow() -> None:
             while not over.wait(0.5):

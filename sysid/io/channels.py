@@ -59,7 +59,7 @@ def _pressure(key: str, meaning: str, title: str, least_noise: float | None = No
 
 
 CHANNELS: tuple[Channel, ...] = (
-    Channel("time_s", "s", "strictly increasing within a test"),
+    Channel("time_s", "s", "time, strictly increasing within a test"),
     Channel(TEST_COLUMN, None, "which test of this file the row belongs to, integer or text"),
     _pressure("pressure_a_pa", "pressure of chamber A", "Pressure A", 1.0),
     _pressure("pressure_b_pa", "pressure of chamber B", "Pressure B", 1.0),
@@ -82,13 +82,18 @@ CHANNELS: tuple[Channel, ...] = (
         "Speed", "mm/s", 1e3, "mm/s", 1e3,
     ),
     Channel("encoder_counts", "count", "the encoder's reading in place of the position"),
-    Channel(
-        "valve_a", "dimensionless",
-        "on/off command of valve A: 1 connects the chamber to the supply, 0 to the exhaust",
+    *(
+        Channel(
+            f"valve_{side}", "dimensionless",
+            f"on/off command of valve {side.upper()}: 1 connects the chamber to the supply, 0 to "
+            "the exhaust",
+        )
+        for side in SIDES
     ),
-    Channel("valve_b", "dimensionless", "the same of valve B"),
-    Channel("duty_a", "dimensionless", "PWM duty of valve A, 0 to 1"),
-    Channel("duty_b", "dimensionless", "the same of valve B"),
+    *(
+        Channel(f"duty_{side}", "dimensionless", f"PWM duty of valve {side.upper()}, 0 to 1")
+        for side in SIDES
+    ),
     *(
         Channel(
             f"{stem}_{side}_{valve}", "dimensionless",

@@ -6,13 +6,14 @@ import asyncio
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from sysid.app import edits, parts
 from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
-from sysid.app.screens.mapping import Mapping, plausibility
+from sysid.app.screens.mapping import Mapping, Plausible, plausibility, series_of
 from sysid.blocks import numbers
 from sysid.errors import InputError
 from sysid.io.bare_rig import read_bare_logs
@@ -21,7 +22,7 @@ from sysid.io.conversion import sources_of
 from sysid.io.declaration import ChoiceKey, Key, NumberKey, declared_keys
 from sysid.io.files import stamp_of
 from sysid.io.foreign import names_in
-from sysid.io.kinds import KINDS
+from sysid.io.kinds import KINDS, TEST_KINDS
 from sysid.io.listing import channels_of
 from sysid.io.rig import constant_in, read_toml
 from sysid.io.rig_file import RIG_TABLES
@@ -31,6 +32,11 @@ _HIDDEN = (".toml", ".py", ".md", ".html", ".h", ".png", ".txt~")
 _MOST_FILES = 200
 # What was chosen for a file's channels, by their names: another one's with the same are the same.
 _MAPPINGS = "channels of files"
+_WOULD_BE = "What this log would be"
+_ASSUMED = (
+    "What is marked assumed is the reference rig's value: write your rig's over it, or click the "
+    "mark where it is right."
+)
 
 
 @dataclass(frozen=True)
@@ -64,7 +70,8 @@ class FilesScreen(Screen):
         self.adding = parts.html("")
         self.logs = parts.html("")
         self.rig = parts.html("")
-        self._asked = 0
+        self._checking: asyncio.Future[None] | None = None
+        self._is_stale = self._is_log = False
 
     # --- reading --------------------------------------------------------------------------
 
@@ -134,12 +141,17 @@ class FilesScreen(Screen):
             self.plausible.object = ""
 
     def _adding(self, mapping: Mapping) -> str:
-        kinds = [("", "kind of test"), *((k, k) for k in KINDS)]
+        kinds = [("", "kind of test"), *((k.name, f"{k.name}: {k.content}") for k in TEST_KINDS)]
         uses = [("fit", "training"), ("holdout", "held out")]
         valves = [("", "no valve"), ("a", "valve A"), ("b", "valve B")]
         text = "Add to the campaign" if mapping.is_in_format else "Convert and add to the campaign"
         files = "".join(parts.tick(f"also:{i}", name, name in mapping.further)
                         for i, name in enumerate(mapping.alike))  # fmt: skip
+        whole = [name for name in mapping.alike if series_of(name) == mapping.series]
+        if len(whole) > 1 and mapping.series:
+            text = f"all {len(whole) + 1} of {mapping.series}"
+            every = not set(whole) <= set(mapping.further)
+            files = parts.button(text, "also-all", kind="small", off=not every) + " " + files
         also = f"<p>Further tests of this log, from files with the same channels: {files}</p>"
         return (
             (also if mapping.alike else "")
@@ -147,7 +159,7 @@ class FilesScreen(Screen):
             + parts.select("add-kind", kinds, mapping.kind, "Kind of test")
             + parts.select("add-use", uses, mapping.use, "Use")
             + parts.select("add-valve", valves, mapping.valve, "Valve")
-            + parts.button(text, "add", kind="primary", off=not mapping.kind)
+            + parts.button(text, "add", kind="primary", off=not (mapping.kind and self._is_log))
             + parts.button("Close", "close-file")
             + "</div>"
         )
@@ -195,8 +207,9 @@ class FilesScreen(Screen):
         rest = [name for name in RIG_TABLES if name not in given]
         cards = "".join(self._section(name, content.rig) for name in given)
         folds = "".join(self._section(name, content.rig) for name in rest)
+        said = parts.note(_ASSUMED) if content.rig.get("assumed") else ""
         return (
-            f"<h2>Rig</h2><p>{ask}</p><div class='cards'>{cards}</div>"
+            f"<h2>Rig</h2>{said}<p>{ask}</p><div class='cards'>{cards}</div>"
             f"<div class='cards'>{folds}</div>"
         )
 
@@ -220,6 +233,8 @@ class FilesScreen(Screen):
         assumed = f"{section}.{key}" in content.get("assumed", ())
         mark = parts.button("assumed", f"keep:{section}:{key}", kind="small",
                             title="It is right: no longer assumed") if assumed else ""  # fmt: skip
+        if value == "" and key in self.needs:
+            mark = '<small class="error">is needed</small>'
         if f"{section}:{key}" in self.refused:
             value = self.refused[f"{section}:{key}"] or ""
             mark = '<small class="error">not taken</small>'
@@ -234,7 +249,8 @@ class FilesScreen(Screen):
             limits = declared.range
             reach = f"{limits.lower:g} to {limits.upper:g}"
             unit = f'<small title="{reach}">{parts.words(numbers.unit(limits.unit))}</small>'
-        name = f'<span title="{parts.words(declared.description)}">{parts.words(key)}</span> {mark}'
+        about = parts.words(declared.description)
+        name = f'{parts.words(key)} {mark}<small class="about">{about}</small>'
         shown = self.shown.get(f"{section}.{key}")
         take = "" if shown is None else parts.button(
             f"{shown:.6g}" if isinstance(shown, float) else str(shown), f"take:{section}:{key}",
@@ -252,12 +268,17 @@ class FilesScreen(Screen):
             await self._map(act, rest, value)
         elif act in ("add-kind", "add-use", "add-valve") and self.mapping is not None:
             setattr(self.mapping, act.removeprefix("add-"), str(value))
+            self.mapping.by_hand.add(act)
             self.adding.object = self._adding(self.mapping)
         elif act == "also" and self.mapping is not None:
             name = self.mapping.alike[int(rest)]
             others = [one for one in self.mapping.further if one != name]
             self.mapping.further = sorted([*others, name] if value else others)
-            await self._check()
+            self._check()
+        elif act == "also-all" and self.mapping is not None:
+            own = (n for n in self.mapping.alike if series_of(n) == self.mapping.series)
+            self.mapping.further = sorted({*self.mapping.further, *own})
+            self._check()
         elif act == "add" and self.mapping is not None:
             self._add_log(self.mapping)
         elif act == "close-file":
@@ -283,10 +304,10 @@ class FilesScreen(Screen):
         listings = await asyncio.to_thread(channels_of, [path])
         self.mapping = Mapping(path, listings[0])
         known = self.bench.journal.kept.get(_MAPPINGS, {})
-        self.mapping.follow(known.get(json.dumps(self.mapping.names), {}))
+        self.mapping.follow(known)
         self.mapping.alike = await asyncio.to_thread(self._alike, self.mapping)
         self._draw_mapping()
-        await self._check()
+        self._check()
 
     def _alike(self, mapping: Mapping) -> tuple[str, ...]:
         """Other files of the folder, in no log yet, that have the same channels."""
@@ -317,39 +338,54 @@ class FilesScreen(Screen):
         else:
             place, _, key = rest.partition(":")
             self.mapping.chosen(int(place), key, value)
-        await self._check()
+            if key == "target":  # its row stands out, and its unit has another hint
+                self.form.object = self.mapping.form()
+        self._check()
 
-    async def _check(self) -> None:
-        """What the log would be, anew after each choice; an older answer is not shown."""
-        mapping = self.mapping
-        assert mapping is not None
-        self._asked += 1
-        number = self._asked
-        found = await asyncio.to_thread(plausibility, mapping, self.bench.rig_file)
-        if number != self._asked or mapping is not self.mapping:
+    def _check(self) -> None:
+        """Ask what the log would be, after a choice; choices made meanwhile are asked together."""
+        assert self.mapping is not None
+        self._is_stale, self._is_log = True, False
+        self.plausible.object = parts.card(_WOULD_BE, parts.note("is being checked …"))
+        self.adding.object = self._adding(self.mapping)
+        if self._checking is None or self._checking.done():
+            document: Any = parts.pn.state.curdoc
+            self._checking = asyncio.ensure_future(self._check_until_settled(document))
+
+    async def _check_until_settled(self, document: Any) -> None:
+        """The answer for the last choices, outside of the document's lock."""
+        while self._is_stale and self.mapping is not None:
+            self._is_stale = False
+            mapping = self.mapping
+            found = await asyncio.to_thread(plausibility, mapping, self.bench.rig_file)
+            if not self._is_stale:
+                document.add_next_tick_callback(partial(self._draw_check, mapping, found))
+
+    def _draw_check(self, mapping: Mapping, found: Plausible) -> None:
+        if mapping is not self.mapping or self._is_stale:
             return
-        self.plausible.object = parts.card("What this log would be", found.text)
+        self._is_log = found.is_log
+        self.plausible.object = parts.card(_WOULD_BE, found.text)
         if found.asks and not mapping.is_asked:
             mapping.is_asked = True
             self.form.object = mapping.form()
-        if not mapping.kind:
-            mapping.kind, mapping.valve = found.kind, found.valve
+        if found.kind and "add-kind" not in mapping.by_hand:
+            mapping.kind = found.kind
+        if found.kind and "add-valve" not in mapping.by_hand:
+            mapping.valve = found.valve
         self.adding.object = self._adding(mapping)
 
     def _add_log(self, mapping: Mapping) -> None:
         journal = self.bench.journal
-        own = {json.dumps(mapping.names): mapping.choices()}
-        journal.keep(_MAPPINGS, {**journal.kept.get(_MAPPINGS, {}), **own})
+        key = json.dumps(mapping.names)
+        known = {k: v for k, v in journal.kept.get(_MAPPINGS, {}).items() if k != key}
+        journal.keep(_MAPPINGS, {**known, key: mapping.choices()})  # the latest last
         if mapping.is_in_format:
             for path in mapping.paths:
                 self._enter(mapping, path.name)
             return
-        output = f"{mapping.path.stem}.csv"
-        number = 2
-        while (self.bench.folder / output).exists():
-            output, number = f"{mapping.path.stem}-{number}.csv", number + 1
         self.pending = mapping
-        self.window.start(f"converting {mapping.path.name}", mapping.words(output))
+        self.window.start(f"converting {mapping.path.name}", mapping.words(mapping.output))
 
     async def finished(self, job: Job) -> None:
         mapping, self.pending = self.pending, None

@@ -31,8 +31,8 @@ PIPELINES: Mapping[str, tuple[str, tuple[str, ...]]] = {
 _SECTIONS = ("friction", "valves", "surfaces", "component", "part", "refinement")
 
 _NOTHING = (
-    "Nothing was fitted yet. A part takes seconds; everything, with checks, diagnosis, validation "
-    "and report, minutes."
+    "Nothing was fitted yet. A part, or all of them, takes seconds; everything, with checks, "
+    "diagnosis, validation on the held-out logs and report, minutes."
 )
 
 
@@ -86,9 +86,11 @@ class FitScreen(Screen):
         buttons = ""
         for name, (title, kinds) in PIPELINES.items():
             logs = content.campaign.select(kinds)
-            hint = f"sysid fit {name}, {len(logs)} training logs" if logs else "no training log"
+            hint = f"sysid fit {name}, {len(logs)} training logs"
+            if not logs:
+                hint = f"No training log of {' or '.join(kinds)} in the campaign"
             buttons += parts.button(title, f"fit-part:{name}", off=not logs, title=hint)
-        buttons += parts.button("The campaign's parts", "fit-campaign",
+        buttons += parts.button("All of these", "fit-campaign",
                                 title="sysid fit campaign.toml")  # fmt: skip
         buttons += parts.button(
             "Run everything", "fit-run", kind="primary",
@@ -183,7 +185,7 @@ def part_words(campaign: Campaign, entries: Sequence[CampaignLog]) -> Iterator[s
     maps = [{**entry.shared, **entry.mapping} for entry in entries]
     if any(other != maps[0] for other in maps):
         what = "these logs have columns of different names"
-        raise InputError(f"{what}; fit the campaign's parts instead")
+        raise InputError(f"{what}; fit all of the parts instead")
     for entry in entries:
         yield entry.file
     for one in maps[0].values():

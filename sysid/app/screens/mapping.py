@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import os
+import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +28,10 @@ _PRESSURE = "_pa"
 # More channels than these are not all shown; those that are mapped are.
 _MOST_CHANNELS = 60
 _HOW = "How the file is read"
+_FIX = re.compile(r'give --map "(\w+)=[^":]*:([^"]+?)(\(g\))?"')
+_TIME = re.compile(r"(?i)(time|t|zeit|timestamp|clock|seconds)\b.*")
+# What stands for a test's number at the end of a file's name.
+_NUMBER = re.compile(r"[\W_]*\d+$")
 # What `convert` is told besides, as it is written on the command line, and its name there.
 _MORE = (
     ("period_s", "--period", "Sampling period, s, if no column holds the time"),
@@ -84,7 +91,9 @@ class Mapping:
     """A file's listing, and what was chosen for each of its channels.
 
     `alike` are further files of the folder with the same channels, `further` those of them that
-    become tests of the same log; `is_asked`: how the file is read has to be said.
+    become tests of the same log; `is_asked`: how the file is read has to be said; `by_hand` are
+    the menus under the channels that a person has set; `is_guessed`: the channels are what those
+    of their names were in another file.
     """
 
     path: Path
@@ -97,6 +106,8 @@ class Mapping:
     alike: tuple[str, ...] = ()
     further: list[str] = field(default_factory=list)
     is_asked: bool = False
+    by_hand: set[str] = field(default_factory=set)
+    is_guessed: bool = False
 
     def __post_init__(self) -> None:
         clock = _clock(self.listing.channels)
@@ -117,17 +128,38 @@ class Mapping:
         """The file and the further ones."""
         return [self.path, *(self.path.with_name(name) for name in self.further)]
 
+    @property
+    def series(self) -> str:
+        """What the file's name is but for a test's number at its end; empty where it has none."""
+        return series_of(self.path.name)
+
+    @property
+    def output(self) -> str:
+        """A name for the log, that of the series where it has several of it; none is replaced."""
+        together = all(series_of(path.name) == self.series for path in self.paths)
+        stem = self.series if self.further and self.series and together else self.path.stem
+        names = (f"{stem}{end}.csv" for end in ("", *(f"-{n}" for n in range(2, 10_000))))
+        return next(name for name in names if not self.path.with_name(name).exists())
+
     def choices(self) -> dict[str, Any]:
         """What was chosen, as plain values."""
         assigned = {name: vars(one) for name, one in self.assigned.items()}
         return {"assigned": assigned, "more": self.more}
 
-    def follow(self, choices: dict[str, Any]) -> None:
-        """Take what was chosen for another file of the same channels; {}: nothing was."""
-        for name, one in choices.get("assigned", {}).items():
-            pairs = {key: tuple(one[key]) for key in ("readings", "values")}
-            self.assigned[name] = Assigned(**{**one, **pairs})
-        self.more.update(choices.get("more", {}))
+    def follow(self, known: dict[str, dict[str, Any]]) -> None:
+        """Take what was chosen for other files, by their channels' names, the latest last.
+
+        All of it where one had the same channels; else what channels of the same names are.
+        """
+        own = known.get(json.dumps(self.names))
+        for choices in [own] if own else known.values():
+            for name, one in choices.get("assigned", {}).items():
+                if name in self.assigned and (own or one["target"]):
+                    pairs = {key: tuple(one[key]) for key in ("readings", "values")}
+                    self.assigned[name] = Assigned(**{**one, **pairs})
+                    self.is_guessed = own is None
+        if own:
+            self.more.update(own.get("more", {}))
 
     @property
     def is_in_format(self) -> bool:
@@ -184,8 +216,8 @@ class Mapping:
         shown = self.listing.channels[:_MOST_CHANNELS]
         empty = {channel.name: "holds no value" for channel in shown if _is_empty(channel)}
         lines = [self._line(i, c) for i, c in enumerate(shown) if c.name not in empty]
-        head = ("Channel", "Unit", "Rate", "First values", "", "is", "in", "gauge", "reversed",
-                "two-point range (reading → value)")  # fmt: skip
+        head = ("Channel", "Unit", "Rate", "First values", "", "is", "in unit", "gauge", "reversed",
+                "sensor's range: readings → values")  # fmt: skip
         hidden = len(self.listing.channels) - len(shown)
         said = parts.note(f"{hidden} more channels are not shown") if hidden > 0 else ""
         skipped = "".join(
@@ -199,6 +231,9 @@ class Mapping:
             for name, _, text in _MORE
         )
         caption = f"{self.path.name}: {self.listing.format}, {len(self.listing.channels)} channels"
+        if self.is_guessed:
+            guessed = "Filled in as for the last file with such channels: check it."
+            said += parts.note(guessed, "warn")
         return (
             parts.rows(head, lines, caption) + said + listed
             + parts.fold(_HOW, f'<div class="fields">{more}</div>', is_open=self.is_asked)
@@ -236,12 +271,13 @@ class Mapping:
 class Plausible:
     """What a log would be, as markup; the kind of test, and the valve, that it seems to be of.
 
-    `asks`: how the file is read has to be said first.
+    `is_log`: it could be converted and read; `asks`: how the file is read has to be said first.
     """
 
     text: str
     kind: str = ""
     valve: str = ""
+    is_log: bool = False
     asks: bool = False
 
 
@@ -250,7 +286,11 @@ def plausibility(chosen: Mapping, rig: Path | None) -> Plausible:
     try:
         entries = chosen.entries()
         if not any(one.target not in ("", "time_s") for one in chosen.assigned.values()):
-            said = "Say what each channel is that you need: the time, what was measured."
+            said = (
+                "Say under “is” what the channels are that you need, the time first, and under “in "
+                "unit” their units. A transducer's volts become a pressure by its sensor's range, "
+                "such as 0.5, 4.5 → 0, 10 in bar."
+            )
             return Plausible(parts.note(said))
         with tempfile.TemporaryDirectory(prefix="sysid-app-") as folder:
             output = Path(folder) / f"{chosen.path.stem}.parquet"
@@ -260,10 +300,9 @@ def plausibility(chosen: Mapping, rig: Path | None) -> Plausible:
     except InputError as error:
         asked = (text for _, option, text in _MORE if option in str(error))
         here = "; ".join(f"here: “{text}”, under “{_HOW}”" for text in asked)
-        said = parts.note(str(error), "error") + (parts.note(here) if here else "")
+        said = parts.note(_here(str(error), chosen), "error") + (parts.note(here) if here else "")
         return Plausible(said, asks=bool(here))
-    lines = (*found.contradicts, *made.notices, *assumed, *found.notices)
-    listed = parts.listed(dict.fromkeys(lines))
+    lines = _lines((*found.contradicts, *found.notices, *made.notices), chosen)
     tables = "".join(block_html(table) for table in found.tables() if table.rows)
     kinds = ", ".join(f"{count} × {kind}" for kind, count in found.kinds.items())
     head = (
@@ -272,17 +311,53 @@ def plausibility(chosen: Mapping, rig: Path | None) -> Plausible:
     )
     bad = "warn" if found.contradicts else ""
     text = (
-        f'<p class="{bad}"><b>{parts.words(found.answer)}</b></p><p>{parts.words(head)}</p>'
-        f"{listed}{tables}"
+        f'<p class="{bad}"><b>{parts.words(head)}</b></p>'
+        f"<p>{parts.words(_here(found.answer, chosen))}.</p>{parts.listed(lines)}"
+        + (parts.fold("what is assumed", parts.listed(_lines(assumed, chosen))) if assumed else "")
+        + parts.fold("its channels, and what each parameter needs", tables)
     )
-    # The log was thrown away: what it says is said of the file.
-    for name in (str(output), output.name, str(chosen.path)):
-        text = text.replace(parts.words(name), parts.words(chosen.path.name))
     kind = next((kind for kind in found.kinds if kind in KINDS), "")
     of_valve = any(one.of_a_valve for one in TEST_KINDS if one.name == kind)
     shown = [item.parameter for item in found.identifies if item.identified and of_valve]
     sides = (side for side in SIDES if any(f"valve {side.upper()}" in name for name in shown))
-    return Plausible(text, kind, next(sides, ""))
+    return Plausible(text, kind, next(sides, ""), is_log=True)
+
+
+def _here(text: str, chosen: Mapping) -> str:
+    """A line of the commands as this page says it: of the file that is open, with its fields.
+
+    The log that was checked is another file, which is gone.
+    """
+    stem = re.escape(chosen.path.stem)
+    text = re.sub(rf"\S*sysid-app-\w+[/\\]{stem}\.parquet|{stem}\.parquet", chosen.path.name, text)
+    text = text.replace(f"{chosen.path.parent}{os.sep}", "")
+    return _FIX.sub(_fix, text)
+
+
+def _fix(found: re.Match[str]) -> str:
+    gauge = " and tick “gauge”" if found[3] else ""
+    volts = "; if it is a transducer's voltage, give the sensor's range"
+    more = volts if found[1].endswith(_PRESSURE) else ""
+    return f"write {found[2]} under “in unit”{gauge}{more}"
+
+
+def _lines(texts: Iterable[str], chosen: Mapping) -> Iterator[str]:
+    """Lines as this page says them; what is said of several files is said once."""
+    places: dict[str, list[str]] = {}
+    for text in texts:
+        place, _, said = _here(text, chosen).partition(": ")
+        places.setdefault(said, []).append(place)
+    for said, found in places.items():
+        names = list(dict.fromkeys(found))
+        place = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
+        yield f"{place}: {said}" if said else place
+
+
+def series_of(name: str) -> str:
+    """What a file's name is but for a number at its end; empty where it ends with none."""
+    stem = Path(name).stem
+    found = _NUMBER.search(stem)
+    return stem[: found.start()] if found else ""
 
 
 def _named_target(channel: Channel) -> str:
@@ -294,14 +369,16 @@ def _named_target(channel: Channel) -> str:
 def _clock(channels: Sequence[ListedChannel]) -> str:
     """The channel that holds the time: it grows from row to row, and is no count of the rows.
 
-    Of several that with a unit; none where the file states its period.
+    One that counts may be a time in its own sampling period, if its name says so. Of several that
+    with a unit; none where the file states its period.
     """
     found = []
     for channel in channels:
         values = np.asarray(channel.values)
         if channel.period_s is None and values.dtype.kind in "fiu" and len(values) > 1:
             steps = np.diff(values)
-            if bool((steps > 0.0).all()) and bool((steps != 1.0).any()):
+            counts = bool((steps == 1.0).all()) and not _TIME.fullmatch(channel.name)
+            if bool((steps > 0.0).all()) and not counts:
                 found.append(channel)
     return next((c.name for c in sorted(found, key=lambda c: c.unit is None)), "")
 
@@ -315,4 +392,4 @@ def _short(value: float | str) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)[:24]
 
 
-__all__ = ["Assigned", "Mapping", "Plausible", "plausibility"]
+__all__ = ["Assigned", "Mapping", "Plausible", "plausibility", "series_of"]

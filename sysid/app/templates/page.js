@@ -15,6 +15,7 @@ function send(what, value) {
   const model = asked();
   if (model === null) return;
   last = [what, value];
+  if (what === "screen") scrollTo(0, 0);
   count += 1;
   recent.push({ do: what, value: value ?? null, count });
   if (recent.length > 40) recent.shift();
