@@ -580,6 +580,14 @@ def test_a_start_by_counts_is_unbiased() -> None:
     assert np.std(errors) < 0.006
 
 
+def test_counts_of_one_row_are_at_one_time() -> None:
+    """Twelve counts in seven rows of 10 ms, pushed by nothing but the drop of friction."""
+    edges = 0.005 + 0.01 * np.array([3, 5, 6, 7, 8, 8, 9, 9, 9, 10, 10, 10])
+    with np.errstate(all="raise", under="ignore"):
+        found = begins_by_counts(edges, 0.01, lambda start: np.zeros((len(start), len(edges))))
+    assert 0.0 < found.time < edges[0]
+
+
 @pytest.mark.parametrize("orientation", ["vertical", "horizontal"])
 def test_a_start_by_counts_follows_the_known_efforts(orientation: str) -> None:
     """By 500 counts breakaway was up to 2.4 and 1.5 % too small: gravity, air and drag bend the

@@ -86,9 +86,9 @@ def _left(
 def _integral(way: FloatArray, s: FloatArray) -> FloatArray:
     """Integral (times, places, edges) of a way (1, places, edges) over times s (times, 1, edges)
     since the start, from one edge to the next by the power of time that goes through both."""
-    growth = np.log(way[..., 1:] / way[..., :-1]) / np.log(s[..., 1:] / s[..., :-1])
+    longer = np.log(s[..., 1:] / s[..., :-1])
     area = way * s
-    steps = np.diff(area, axis=-1) / (growth + 1.0)
+    steps = np.diff(area, axis=-1) * longer / (np.log(way[..., 1:] / way[..., :-1]) + longer)
     first = area[..., :1] / 3.0  # a square's
     return np.asarray(np.cumsum(np.concatenate([first, steps], axis=-1), axis=-1))
 
