@@ -9,6 +9,7 @@ before; half a sample of delay would appear as viscous friction.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -155,3 +156,13 @@ def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
         if spans and not tied:
             return True
     return False
+
+
+def tell_speeds(speeds: Sequence[FloatArray], loads: Sequence[FloatArray]) -> bool:
+    """`tells_speeds` of several tests, (n,) each.
+
+    What one test shows, others do not hide: next to one that air drives faster than the motor the
+    other, the speed follows the load from test to test though it does not within each.
+    """
+    together = np.concatenate(list(speeds)), np.concatenate(list(loads))
+    return tells_speeds(*together) or any(map(tells_speeds, speeds, loads))

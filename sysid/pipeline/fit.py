@@ -251,6 +251,9 @@ def _add_friction(assembly: _Assembly, load: str | None) -> None:
         assembly.notices.append(Notice(line, _OF))
     elif own is not None:
         assembly.merge(own)
+        if why_moving is not None:
+            line = f"nor do the motion logs identify sliding friction: {why_moving.reason}"
+            assembly.notices.append(Notice(line, _OF))
     else:
         for lacking in dict.fromkeys(filter(None, (why, why_moving))):
             assembly.lack(lacking, _OF)

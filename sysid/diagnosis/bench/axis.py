@@ -28,7 +28,7 @@ from sysid.balance.imposed import (
     effort_that_arrives,
     imposed_motion,
 )
-from sysid.balance.samples import only_way, tells_speeds
+from sysid.balance.samples import only_way, tell_speeds
 from sysid.diagnosis.bench.component import (
     NOT_SIMULATED,
     Component,
@@ -382,23 +382,27 @@ def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
 
     Three or more trials are left out one by one; fewer are cut into stretches.
     """
-    cases: list[ImposedMotion] = []
+    by_trial: list[list[ImposedMotion]] = []
     pieces = 1 if len(trials) >= _FEWEST_TESTS else math.ceil(_STRETCHES / max(len(trials), 1))
     for trial in trials:
         # The friction fit has already reported notices about its channels.
-        cases += _cases(recorded(trial, rig, []), pieces)
+        by_trial.append(_cases(recorded(trial, rig, []), pieces))
+    by_trial = [own for own in by_trial if own]
+    cases = [case for own in by_trial for case in own]
     if not cases:
         raise NotIdentifiedError(
             "friction: the axis hardly moves in these tests; give motion that crosses the stroke "
             "in both directions"
         )
-    speed = np.concatenate([np.asarray(c.point.velocity)[c.rows] for c in cases])
-    load = np.concatenate([c.recording.cylinder[c.rows] for c in cases])
-    way = only_way(speed)
+    speeds = [
+        np.concatenate([np.asarray(c.point.velocity)[c.rows] for c in own]) for own in by_trial
+    ]
+    loads = [np.concatenate([c.recording.cylinder[c.rows] for c in own]) for own in by_trial]
+    way = only_way(np.concatenate(speeds))
     if way:
         # The few samples against it are those of a start or an end, blurred by the filter.
         cases = [_along(case, way) for case in cases]
-    return Axis(rig, tuple(cases), tuple(trials), tells_speeds(speed, load), way)
+    return Axis(rig, tuple(cases), tuple(trials), tell_speeds(speeds, loads), way)
 
 
 def _along(case: ImposedMotion, way: float) -> ImposedMotion:

@@ -26,7 +26,7 @@ from sysid.balance.samples import (
     MotionSamples,
     motion_samples,
     only_way,
-    tells_speeds,
+    tell_speeds,
 )
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.covariance import JointCovariance, shrunk
@@ -281,9 +281,9 @@ def _long_enough(samples: Sequence[MotionSamples]) -> list[MotionSamples]:
 
 def separation(samples: Sequence[MotionSamples]) -> Separation:
     """Whether the motion has both directions and several speeds."""
-    speed, load = (np.concatenate([getattr(s, n) for s in samples]) for n in ("speed", "load"))
-    way = only_way(speed)
-    return Separation(not way, tells_speeds(speed, load), way or 1.0)
+    way = only_way(np.concatenate([s.speed for s in samples]))
+    speeds = tell_speeds([s.speed for s in samples], [s.load for s in samples])
+    return Separation(not way, speeds, way or 1.0)
 
 
 @dataclass(frozen=True)
