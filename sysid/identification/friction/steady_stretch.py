@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -23,9 +23,11 @@ from sysid.types import FloatArray
 STEADY = 0.05  # an interval is steady while its blocks stay within this share of its speed
 STALL = 0.02  # of the fastest block: slower is a stall
 COAST = 0.2  # of the fastest block: a trial that comes to rest counts while it is faster
-MIN_STRETCH_S = 4.0 * BLOCK_S
-SETTLE_S = 2.0 * BLOCK_S
+# Of blocks: the shortest stretch, and how long a kick settles.
+_LEAST, _SETTLE = 4, 2
 _FEWEST_BLOCKS = 8
+# A fast rig's test is over in less than a stretch of the usual blocks: it has so many shorter ones.
+_SHORT = 16
 STALLED = "it stalls: the shaft comes to rest under the constant effort"
 
 
@@ -42,8 +44,9 @@ class SteadyStretch:
 def find_stretch(trial: Recording) -> SteadyStretch | str:
     """The interval of constant effort and, if possible, steady speed; or why none exists.
 
-    Starts after the kick, once all later blocks of 50 ms stay within 5 % of the median speed
-    of the later half; where they never do, 0.1 s after the kick, as an unsteady interval.
+    Starts after the kick, once all later blocks of 50 ms (in a test of less than 0.4 s a sixteenth
+    of it) stay within 5 % of the median speed of the later half; where they never do, two blocks
+    after the kick, as an unsteady interval.
     Ends before the end stop. A trial that comes to rest counts for the stretch before. Blocks are
     longer where a coarse encoder needs that to tell motion from rest.
     """
@@ -57,9 +60,13 @@ def find_stretch(trial: Recording) -> SteadyStretch | str:
         stop = start + int(later[0]) if len(later) else stop
     first, last = signals.longest_run(~trial.lost[start:stop])
     start, stop = start + first, start + last
-    block = max(2, round(BLOCK_S / trial.period))
-    if (stop - start) * trial.period < MIN_STRETCH_S or stop - start < 4 * block:
-        return "its effort is constant for less than 0.2 s away from the end stops"
+    unit_s = _block_s(trial)
+    block = max(2, round(unit_s / trial.period))
+    if (stop - start) * trial.period < _LEAST * unit_s or stop - start < _LEAST * block:
+        return (
+            f"its effort is constant for less than {_LEAST * unit_s:.2g} s, or "
+            f"{_LEAST * block} rows, away from the end stops"
+        )
     marks, speed = _blocks(trial, start, stop, block)
     while _noise(trial, marks) > COAST * np.max(speed) and len(speed) >= 2 * _FEWEST_BLOCKS:
         block *= 2
@@ -70,6 +77,12 @@ def find_stretch(trial: Recording) -> SteadyStretch | str:
     if not _stalls(speed, noise):
         return _settled(trial, speed, marks, noise, stop)
     return _before_rest(trial, speed, marks, noise)
+
+
+def _block_s(trial: Recording) -> float:
+    """How long a block is over which the speed is averaged, s: 50 ms, or less in a short test."""
+    length = len(trial) * trial.period
+    return BLOCK_S if length >= 2 * _LEAST * BLOCK_S else length / _SHORT
 
 
 def _blocks(
@@ -103,15 +116,28 @@ def _settled(
     off = np.flatnonzero(np.abs(speed - reference) > STEADY * reference + noise)
     first = int(off[-1]) + 1 if len(off) else 0
     start = int(marks[first]) if first < len(speed) else stop
-    long_enough = (stop - start) * trial.period >= MIN_STRETCH_S
+    unit_s = _block_s(trial)
+    long_enough = (stop - start) * trial.period >= _LEAST * unit_s
     steady = long_enough and not _load_changes(trial, start, stop)
     if not steady:
-        settle = round(SETTLE_S / trial.period)
-        start = min(int(marks[0]) + settle, stop - round(MIN_STRETCH_S / trial.period))
+        settle = round(_SETTLE * unit_s / trial.period)
+        start = min(int(marks[0]) + settle, stop - round(_LEAST * unit_s / trial.period))
         start = max(start, int(marks[0]))
         first = int(np.searchsorted(marks[:-1], start))
     inside = speed[min(first, len(speed) - 1) :]
     return SteadyStretch(start, stop, steady, float(np.ptp(inside)) / reference)
+
+
+def _as_settled(trial: Recording, stretch: SteadyStretch) -> SteadyStretch:
+    """The part of a steady stretch in which its speed changes by no more than its noise, at least
+    its last quarter: what the change of momentum takes is not known without an inertia."""
+    rows = stretch.stop - stretch.start
+    block = max(2, rows // _SHORT)
+    marks, speed = _blocks(trial, stretch.start, stretch.stop, block)
+    last = speed[-(len(speed) // 4) :]
+    off = np.flatnonzero(np.abs(speed - np.mean(last)) > _noise(trial, marks) + float(np.ptp(last)))
+    first = min(int(off[-1]) + 1 if len(off) else 0, len(speed) - len(last))
+    return replace(stretch, start=int(marks[first])) if first else stretch
 
 
 def _before_rest(
@@ -122,7 +148,8 @@ def _before_rest(
     Its longest steady stretch while it is fast, since what stops it may not be in the model;
     without one (an arm that swings uphill), all of its motion while it is fast.
     """
-    least = max(2, math.ceil(MIN_STRETCH_S / (trial.period * (marks[1] - marks[0]))))
+    unit_s = _block_s(trial)
+    least = max(2, math.ceil(_LEAST * unit_s / (trial.period * (marks[1] - marks[0]))))
     first, last = signals.longest_run(speed >= max(COAST * float(np.max(speed)), noise))
     if last - first < least:
         return STALLED
@@ -133,7 +160,7 @@ def _before_rest(
     if steady:
         first, last = first + from_, first + to
     elif last - first > least:
-        first = min(first + math.ceil(SETTLE_S / BLOCK_S), last - least)
+        first = min(first + _SETTLE, last - least)
     inside = speed[first:last]
     drift = float(np.ptp(inside)) / float(np.median(inside))
     return SteadyStretch(int(marks[first]), int(marks[last]), steady, drift)
@@ -220,7 +247,7 @@ def _levels(trial: Recording) -> Iterator[Recording]:
     number = 0
     for start, stop in pairwise(bounds.tolist()):
         own = drive[start:stop]
-        long_enough = (stop - start) * trial.period >= 2.0 * MIN_STRETCH_S
+        long_enough = (stop - start) * trial.period >= 2 * _LEAST * _block_s(trial)
         if not long_enough or np.ptp(own) > 2.0 * tolerance or abs(own[0]) <= tolerance:
             continue
         number += 1
@@ -269,6 +296,8 @@ def _use(trial: Recording, inertia: float | None) -> TrialUse:
     if not stretch.steady and inertia is None:
         use.exclude("its speed is not steady, and the rig file gives no inertia")
         return use
+    if inertia is None:
+        stretch = _as_settled(trial, stretch)
     balance = momentum_balance(trial, stretch.start, stretch.stop, inertia)
     use.values = balance
     if balance["friction"] * balance["speed"] <= 0.0:
