@@ -78,7 +78,8 @@ class Axis(Component):
 
     `has_speeds`: whether they tell friction over speed. `only_way`: the one direction, 1 or -1, in
     which they move, 0 for both; in one direction, as at one speed, the law's Coulomb friction is
-    the sum that such tests identify.
+    the sum that such tests identify. `scattering`: the direction (n,) of a test's residual along
+    which its own friction lies, as long as the share that `whitened` takes off; none as measured.
     """
 
     rig: Rig
@@ -86,6 +87,7 @@ class Axis(Component):
     trials: tuple[Trial, ...]
     has_speeds: bool
     only_way: float = 0.0
+    scattering: Mapping[int, FloatArray] = field(default_factory=dict)
     # Filters and derivatives leave as much of an exact law on logs without noise.
     precision = 0.0025
     channel: str = field(default="", init=False)
@@ -205,9 +207,36 @@ class Axis(Component):
             if id(case.point) not in whole:
                 whole[id(case.point)] = effort_gaps(case, models)
         return [
-            [case.without_turns(whole[id(case.point)][k, case.rows]) for case in cases]
+            [
+                self._less_scatter(i, case.without_turns(whole[id(case.point)][k, case.rows]))
+                for i, case in zip(tests, cases, strict=True)
+            ]
             for k in range(len(laws))
         ]
+
+    def _less_scatter(self, test: int, left: FloatArray) -> FloatArray:
+        """A test's residual (n,) with its own friction weighed as one error of the test."""
+        along = self.scattering.get(test)
+        return left if along is None else left - along * float(along @ left)
+
+    def whitened(self, law: Law) -> Axis:
+        """Friction differs by some per cent from test to test: within a test these errors are one,
+        however many its samples (a random effect; Laird, Ware, Biometrics 38 (1982) 963-974).
+
+        By C^-1/2 of C = noise^2 I + scatter^2 g g', g a test's friction by the law. Stretches of
+        one recording share its friction: of these nothing is taken off.
+        """
+        scatter = self.relative_scatter(law)
+        if len(self.recordings) < len(self.tests) or not scatter > 0.0:
+            return self
+        every = range(len(self.tests))
+        own, left = self.of_each_test(law, every), self.residuals(law, every)
+        lengths = [float(np.linalg.norm(part)) for part in own]
+        units = [part / max(length, 1e-300) for part, length in zip(own, lengths, strict=True)]
+        noise = rmse([part - u * float(u @ part) for u, part in zip(units, left, strict=True)])
+        weights = [noise / max(math.hypot(noise, scatter * length), 1e-300) for length in lengths]
+        along = {i: math.sqrt(1.0 - weights[i]) * units[i] for i in every}
+        return dataclasses.replace(self, scattering=along)
 
     def measured(self, tests: Sequence[int]) -> list[FloatArray]:
         """What friction, and an inertia that is not declared, balance."""

@@ -200,11 +200,21 @@ class Component(ABC):
 
     def scatter(self, law: Law) -> float:
         """RMSE, in `unit`, that `of_each_test` leaves of a correct law's residual."""
+        own = self.of_each_test(law, range(len(self.tests)))
+        return self.relative_scatter(law) * rmse(own)
+
+    def relative_scatter(self, law: Law) -> float:
+        """Relative standard deviation, from test to test, of what `of_each_test` gives."""
         every = range(len(self.tests))
         own = self.of_each_test(law, every)
         test = np.repeat(np.arange(len(own)), [len(part) for part in own])
         left = np.concatenate(self.residuals(law, every))
-        return min(scatter_of_tests(left, np.concatenate(own), test), MOST_SCATTER) * rmse(own)
+        return min(scatter_of_tests(left, np.concatenate(own), test), MOST_SCATTER)
+
+    def whitened(self, law: Law) -> Component:
+        """The part whose residuals count what differs from test to test (`of_each_test`) as one
+        error of each test, as a law fitted before shows it; by default as it is."""
+        return self
 
     def further_errors(self, law: Law) -> dict[str, tuple[float, float]]:
         """RMSE and noise floor of further channels that a law is judged by; by default none.

@@ -97,7 +97,7 @@ def diagnose_component(
     structured = structured if is_visible else []
     found_any, ended = bool(selection.additions), not selection.record.cut_short
     undecided = ended and not (found_any or selection.record.is_decided)
-    far_off = _is_far_off(component, outside, selection, errors, error, floor)
+    far_off = _is_far_off(component, outside, selection, laws, errors, error, floor)
     far_off &= ended and is_visible
     reason = why_unexplained(bool(structured), far_off, undecided)
     if not many:
@@ -194,17 +194,19 @@ def _is_far_off(
     component: Component,
     outside: Component | None,
     selection: Selection,
+    laws: Sequence[Law],
     errors: Sequence[Mapping[str, float]],
     error: float,
     floor: float,
 ) -> bool:
     """Whether the error after the effects is a misfit, next to that of a correct law (`floor`).
 
-    Or whether no held-out error, by channel, is less with the effects than without.
+    Or whether no held-out error, by channel, is less with the effects than without, be it next to
+    what each test has of its own.
     """
     before, after = errors[0], errors[-1]
     helps = any(after[name] < own for name, own in before.items())
-    if selection.additions and outside is not None and not helps:
+    if selection.additions and outside is not None and not (helps or _follows(outside, laws)):
         return True
     # A real law, or effect, seldom has the form of ours to the last: what it leaves is small then.
     least = math.sqrt(LEAST_SHARE) * before.get(component.channel, math.nan)
@@ -232,10 +234,20 @@ def _typical(component: Component, outside: Component | None, fitted: FittedLaw)
     values = zip(fit.parameters, fit.values + more / sizes, strict=True)
     numbers = np.array([np.clip(value, p.lower, p.upper) for p, value in values])
     law, shown = law_at(component.parameters(), fitted.law.effects, numbers), outside or component
-    tests = range(len(shown.tests))
-    pairs = zip(shown.residuals(law, tests), shown.of_each_test(law, tests), strict=True)
-    left = np.concatenate([_less_its_own(*pair) for pair in pairs])
-    return deviation_by_median(left)
+    return deviation_by_median(_shared(shown, law))
+
+
+def _follows(outside: Component, laws: Sequence[Law]) -> bool:
+    """Whether held-out tests are nearer to the last law than to the first, next to their own."""
+    first, last = (rmse([_shared(outside, law)]) for law in (laws[0], laws[-1]))
+    return last < first
+
+
+def _shared(component: Component, law: Law) -> FloatArray:
+    """Residuals of all tests, end to end, less what each has of its own."""
+    tests = range(len(component.tests))
+    pairs = zip(component.residuals(law, tests), component.of_each_test(law, tests), strict=True)
+    return np.concatenate([_less_its_own(*pair) for pair in pairs])
 
 
 def _less_its_own(left: FloatArray, own: FloatArray) -> FloatArray:

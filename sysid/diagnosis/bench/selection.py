@@ -124,25 +124,56 @@ def select(
     Ends within the limit in force (`sysid.parallel`), but for the law itself and the first round.
     Raises NotIdentifiedError where the law is not identified.
     """
-    rounds = _HeldOutRounds(component, catalogue, progress)
+    with limited():
+        plain = fit_law(component, (), range(len(component.tests)))
+    rounds = _HeldOutRounds(component.whitened(plain.law), plain, catalogue, progress)
     rounds.recorder.quick = quick
     history = run(rounds, rounds.recorder, progress)
-    additions, record = tuple(rounds.steps), rounds.recorder.closed()
-    return Selection(rounds.base, rounds.first, additions, history, rounds.undecided, record)
+    record = rounds.recorder.closed()
+    found = Selection(
+        rounds.base, rounds.first, tuple(rounds.steps), history, rounds.undecided, record
+    )
+    return found if rounds.component is component else _as_measured(found, component)
+
+
+def _as_measured(found: Selection, component: Component) -> Selection:
+    """A selection on whitened residuals, with its laws and errors shown on those as they are."""
+    folds = folds_of(component)
+
+    def errors(fitted: FittedLaw) -> FloatArray:
+        kinds = [type(effect) for effect in fitted.law.effects]
+        return cross_validated(component, kinds, folds, fitted.law)
+
+    with limited():
+        additions = tuple(
+            replace(a, fitted=replace(a.fitted, component=component), folds=errors(a.fitted))
+            for a in found.additions
+        )
+        base = replace(found.base, component=component)
+        return replace(found, base=base, folds=errors(base), additions=additions)
 
 
 class _HeldOutRounds(Rounds[Addition]):
-    """The rounds of a part: `base` is its law without effects, `first` the folds' errors."""
+    """The rounds of a part: `base` is its law without effects, `first` the folds' errors.
+
+    `plain`: that law, by the residuals as they are.
+    """
 
     stage = SearchStage.EFFECTS
 
     def __init__(
-        self, component: Component, catalogue: Mapping[str, Kind], progress: Progress
+        self,
+        component: Component,
+        plain: FittedLaw,
+        catalogue: Mapping[str, Kind],
+        progress: Progress,
     ) -> None:
         self.component, self.progress, self.recorder = component, progress, Recorder()
         self.folds = folds_of(component)
         with limited():
-            self.base = fit_law(component, (), range(len(component.tests)))
+            self.base = plain
+            if component is not plain.component:
+                self.base = fit_law(component, (), range(len(component.tests)), plain.law)
             self.first = cross_validated(component, (), self.folds, self.base.law)
         # Of a single test nothing can be left out, so that no effect can be judged.
         tried = component.effects(catalogue) if self.folds else ()
