@@ -434,6 +434,47 @@ def test_friction_that_scatters_from_test_to_test_is_no_structure() -> None:
     assert rest.rmse > 1.5 * rest.noise
 
 
+SCATTERS = (0.97, 1.04, 1.0, 0.95, 1.03)
+
+
+def scattering(more: Friction = lambda v: 0.0 * v, first: int = 1) -> Axis:
+    """Tests each with its own share of friction, and the same `more` in all."""
+    laws = [lambda v, f=f: f * plain(v) + more(v) for f in SCATTERS]
+    return axis([imposed(first + i, law) for i, law in enumerate(laws)], RIG)
+
+
+@pytest.mark.parametrize("first", [1, 21, 41])
+def test_friction_of_each_test_makes_no_effect_significant(first: int) -> None:
+    """The samples of a test share its friction: they are no evidence of a form of its own."""
+    selection = select(scattering(first=first), SHORT)
+    assert selection.additions == ()
+    (last,) = selection.rounds
+    assert min(tried.p_value for tried in last.tried) > 1e-3
+
+
+def test_friction_of_each_test_hides_no_effect() -> None:
+    part = scattering(lambda v: 100.0 * v * np.abs(v))
+    (found,) = select(part, SHORT).additions
+    assert found.id == "quadratic-drag"
+    (drag,) = found.fitted.estimates(found.effect).values()
+    assert abs(drag.value - 100.0) < 3.0 * drag.std and drag.std < 10.0
+    # Errors are shown on the residuals as they are, with each test's own friction.
+    everything = range(len(part.tests))
+    shown = rmse(part.residuals(found.fitted.law, everything))
+    assert shown == pytest.approx(float(np.sqrt(found.folds.mean())), rel=0.3)
+    assert found.fitted.component is part
+
+
+def test_a_held_out_test_with_friction_of_its_own_leaves_an_effect_as_it_is() -> None:
+    """Its error is larger with the effect by chance, but for its own friction it is smaller."""
+    factors = (*SCATTERS, 0.93, 0.93)
+    laws = [lambda v, f=f: f * plain(v) + 100.0 * v * np.abs(v) for f in factors]
+    found = verdict_on(laws, lambda trial: 0.0, "quadratic-drag")
+    assert all(error.after > error.before for error in found.residual.values())
+    assert [effect.id for effect in found.effects] == ["quadratic-drag"]
+    assert found.verdict == "effects-found", found.to_json()
+
+
 def test_errors_far_above_the_noise_are_not_adequate() -> None:
     """As of logs that do not belong together, though they share no structure."""
     offsets = (0.0, 40.0, -40.0, 0.0, 60.0, -60.0)

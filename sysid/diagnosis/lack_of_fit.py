@@ -311,17 +311,24 @@ def remainder(
     )
 
 
+def multiples_of_tests(left: FloatArray, modelled: FloatArray, test: IntArray) -> FloatArray:
+    """The multiple of an effort `modelled` (n,) that each test's residual `left` (n,) holds.
+
+    (k,) of the tests in which it acts.
+    """
+    which = np.unique(test, return_inverse=True)[1]
+    power = np.bincount(which, modelled**2)
+    known = power > 0.0
+    return np.asarray(np.bincount(which, left * modelled)[known] / power[known])
+
+
 def scatter_of_tests(left: FloatArray, modelled: FloatArray, test: IntArray) -> float:
     """Relative spread from test to test of an effort `modelled` (n,), one standard deviation.
 
     Of the multiples of it that each test's residual `left` (n,) holds; 0 of a single test.
     """
-    which = np.unique(test, return_inverse=True)[1]
-    power = np.bincount(which, modelled**2)
-    known = power > 0.0
-    if np.count_nonzero(known) < 2:
-        return 0.0
-    return float(np.std((np.bincount(which, left * modelled)[known] / power[known]), ddof=1))
+    found = multiples_of_tests(left, modelled, test)
+    return float(np.std(found, ddof=1)) if len(found) > 1 else 0.0
 
 
 __all__ = [
@@ -336,6 +343,7 @@ __all__ = [
     "Remainder",
     "ResidualTable",
     "dependences",
+    "multiples_of_tests",
     "per_direction",
     "remainder",
     "scatter_of_tests",

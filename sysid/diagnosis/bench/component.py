@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from sysid.diagnosis.lack_of_fit import MOST_SCATTER, scatter_of_tests
+from sysid.diagnosis.lack_of_fit import MOST_SCATTER, multiples_of_tests
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -203,13 +203,19 @@ class Component(ABC):
         own = self.of_each_test(law, range(len(self.tests)))
         return self.relative_scatter(law) * rmse(own)
 
-    def relative_scatter(self, law: Law) -> float:
-        """Relative standard deviation, from test to test, of what `of_each_test` gives."""
+    def own_shares(self, law: Law) -> FloatArray:
+        """By how much each test differs in what `of_each_test` gives, (k,), relative to it; empty
+        where nothing does."""
         every = range(len(self.tests))
         own = self.of_each_test(law, every)
         test = np.repeat(np.arange(len(own)), [len(part) for part in own])
         left = np.concatenate(self.residuals(law, every))
-        return min(scatter_of_tests(left, np.concatenate(own), test), MOST_SCATTER)
+        return multiples_of_tests(left, np.concatenate(own), test)
+
+    def relative_scatter(self, law: Law) -> float:
+        """Relative standard deviation, from test to test, of what `of_each_test` gives."""
+        shares = self.own_shares(law)
+        return min(float(np.std(shares, ddof=1)), MOST_SCATTER) if len(shares) > 1 else 0.0
 
     def whitened(self, law: Law) -> Component:
         """The part whose residuals count what differs from test to test (`of_each_test`) as one

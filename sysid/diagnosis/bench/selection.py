@@ -124,16 +124,14 @@ def select(
     Ends within the limit in force (`sysid.parallel`), but for the law itself and the first round.
     Raises NotIdentifiedError where the law is not identified.
     """
-    with limited():
-        plain = fit_law(component, (), range(len(component.tests)))
-    rounds = _HeldOutRounds(component.whitened(plain.law), plain, catalogue, progress)
+    rounds = _HeldOutRounds(component, catalogue, progress)
     rounds.recorder.quick = quick
     history = run(rounds, rounds.recorder, progress)
     record = rounds.recorder.closed()
     found = Selection(
         rounds.base, rounds.first, tuple(rounds.steps), history, rounds.undecided, record
     )
-    return found if rounds.component is component else _as_measured(found, component)
+    return _as_measured(found, component) if rounds.is_whitened else found
 
 
 def _as_measured(found: Selection, component: Component) -> Selection:
@@ -156,24 +154,19 @@ def _as_measured(found: Selection, component: Component) -> Selection:
 class _HeldOutRounds(Rounds[Addition]):
     """The rounds of a part: `base` is its law without effects, `first` the folds' errors.
 
-    `plain`: that law, by the residuals as they are.
+    `component` is the part with its residuals as a round weighs them, `measured` as they are.
     """
 
     stage = SearchStage.EFFECTS
 
     def __init__(
-        self,
-        component: Component,
-        plain: FittedLaw,
-        catalogue: Mapping[str, Kind],
-        progress: Progress,
+        self, component: Component, catalogue: Mapping[str, Kind], progress: Progress
     ) -> None:
-        self.component, self.progress, self.recorder = component, progress, Recorder()
+        self.component = self.measured = component
+        self.progress, self.recorder = progress, Recorder()
         self.folds = folds_of(component)
         with limited():
-            self.base = plain
-            if component is not plain.component:
-                self.base = fit_law(component, (), range(len(component.tests)), plain.law)
+            self.base = fit_law(component, (), range(len(component.tests)))
             self.first = cross_validated(component, (), self.folds, self.base.law)
         # Of a single test nothing can be left out, so that no effect can be judged.
         tried = component.effects(catalogue) if self.folds else ()
@@ -182,6 +175,11 @@ class _HeldOutRounds(Rounds[Addition]):
         self.undecided: tuple[Repeats, ...] = ()
         # Without each step that might be superfluous, the others fitted together.
         self._others: dict[str, tuple[FittedLaw, FloatArray]] = {}
+
+    @property
+    def is_whitened(self) -> bool:
+        """Whether a round weighed residuals otherwise than as they are."""
+        return self.component is not self.measured
 
     @property
     def so_far(self) -> FittedLaw:
@@ -196,6 +194,7 @@ class _HeldOutRounds(Rounds[Addition]):
     def proposal(self, number: int, barred: frozenset[str]) -> Addition | None:
         """The effect that predicts best, or the simplest that predicts about as well."""
         open_ones = [kind for kind in self.kinds if kind.id not in barred]
+        self._whiten(open_ones)
         fits = _attempts(self, open_ones)
         self.tried = attempts = tuple(attempt for attempt, _ in fits)
         fitting = [(a, f) for a, f in fits if a.p_value * len(open_ones) < SIGNIFICANCE]
@@ -224,6 +223,37 @@ class _HeldOutRounds(Rounds[Addition]):
             winner.folds,
             again,
         )
+
+    def _whiten(self, kinds: Sequence[Kind]) -> None:
+        """Weigh the residuals by what differs from test to test, and fit the law so far by it.
+
+        As the law so far leaves it, or with the effect that accounts for these differences, where
+        one does: friction that goes with a load that each test has its own of is no scatter.
+        """
+        if not len(self.measured.own_shares(self.so_far.law)):
+            return
+        self.component, laws = self.measured, [self._again()]
+        tried = attempt_all(
+            partial(_with_one_more, self.component, laws[0], kind) for kind in kinds
+        )
+        laws += [one for one in tried if isinstance(one, FittedLaw)]
+        p_values = [between_tests_p_value(one, laws[0]) for one in laws]
+        best = int(np.argmin(p_values))
+        accounts = p_values[best] * len(kinds) < SIGNIFICANCE
+        self.component = self.measured.whitened(laws[best if accounts else 0].law)
+        fitted = self._again()
+        kinds_so_far = [type(effect) for effect in fitted.law.effects]
+        folds = cross_validated(self.component, kinds_so_far, self.folds, fitted.law)
+        if self.steps:
+            self.steps[-1] = replace(self.steps[-1], fitted=fitted, folds=folds)
+        else:
+            self.base, self.first = fitted, folds
+
+    def _again(self) -> FittedLaw:
+        """The law so far, fitted to the residuals as they are weighed now."""
+        law = self.so_far.law
+        kinds = [type(effect) for effect in law.effects]
+        return fit_law(self.component, kinds, range(len(self.component.tests)), law)
 
     def _named(self, fits: Sequence[FittedLaw]) -> tuple[Repeats, ...]:
         """Which of the effects that fit, but do not predict, parts of the tests still name."""
@@ -291,6 +321,39 @@ def folds_of(component: Component) -> list[list[int]]:
     return [list(range(k, count, parts)) for k in range(parts)] if parts > 1 else []
 
 
+def _with_one_more(component: Component, without: FittedLaw, kind: Kind) -> FittedLaw | None:
+    """A law with one more effect; None where these tests do not identify it, or rule it out."""
+    kinds = [*map(type, without.law.effects), kind]
+    try:
+        fitted = fit_law(component, kinds, range(len(component.tests)), without.law)
+    except NotIdentifiedError:
+        return None
+    if not np.isfinite(fitted.fit.sum_of_squares) or not component.is_possible(fitted.law):
+        return None
+    return fitted
+
+
+def between_tests_p_value(fitted: FittedLaw, without: FittedLaw) -> float:
+    """p-value of how much less tests differ from one another with a law than without it.
+
+    F test on one number of each test, its share of what differs (`Component.own_shares`): the
+    samples of a test say nothing of its differences from others. 1 with too few tests.
+    """
+    # Numbers without influence fit nothing.
+    acting = [int(np.count_nonzero(np.any(f.fit.jacobian, axis=0))) for f in (without, fitted)]
+    more = acting[1] - acting[0]
+    before, after = (
+        float(np.sum((shares - shares.mean()) ** 2))
+        for shares in (f.component.own_shares(f.law) for f in (without, fitted))
+    )
+    free = len(fitted.tests) - 1 - more
+    if more < 1 or free < 1 or not before > after:
+        return 1.0
+    from scipy.special import fdtrc
+
+    return float(fdtrc(more, free, (before - after) / more * free / max(after, 1e-300)))
+
+
 def _attempts(rounds: _HeldOutRounds, kinds: Sequence[Kind]) -> list[tuple[Attempt, FittedLaw]]:
     """Every open effect with its fit, the best prediction first; computed in parallel.
 
@@ -327,11 +390,8 @@ def _attempt(
 
     None if these tests do not identify it, or a part with it could not have given them.
     """
-    try:
-        fitted = fit_law(component, kinds, range(len(component.tests)), without.law)
-    except NotIdentifiedError:
-        return None
-    if not np.isfinite(fitted.fit.sum_of_squares) or not component.is_possible(fitted.law):
+    fitted = _with_one_more(component, without, kinds[-1])
+    if fitted is None:
         return None
     p_value = fitted.p_value(without)
     if p_value >= SIGNIFICANCE:
