@@ -10,6 +10,10 @@ is plausible has another cause's form, and goes behind those that do not; so doe
 ends at a limit of its range behind those that explain about as much. It is ambiguous if
 parts of the tests would have added another effect (`sysid.diagnosis.bench.stability`); so is
 an effect that fits but does not predict, if parts of the tests name it.
+
+What differs from test to test, as friction, counts as one error of each test
+(`Component.whitened`): fits, significance and prediction errors are those of residuals weighed so;
+the laws and errors of a `Selection` are shown on the residuals as they are.
 """
 
 from __future__ import annotations
@@ -230,7 +234,7 @@ class _HeldOutRounds(Rounds[Addition]):
         As the law so far leaves it, or with the effect that accounts for these differences, where
         one does: friction that goes with a load that each test has its own of is no scatter.
         """
-        if not len(self.measured.own_shares(self.so_far.law)):
+        if self.measured.whitened(self.so_far.law) is self.measured:
             return
         self.component, laws = self.measured, [self._again()]
         tried = attempt_all(
