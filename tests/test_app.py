@@ -374,6 +374,8 @@ def test_a_narrow_dark_window(server: Server, browser: Any) -> None:
     page.show("2")
     wide = page.page.evaluate("document.documentElement.scrollWidth")
     colour = page.page.evaluate("getComputedStyle(document.body).backgroundColor")
+    tests = page.page.locator(".scroll").first
+    assert tests.evaluate("(node) => node.scrollWidth <= node.clientWidth")  # nothing is cut off
     assert wide <= 800
     assert colour == "rgb(21, 24, 28)"
     assert page.faults == []

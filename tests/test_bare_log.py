@@ -90,6 +90,23 @@ def test_the_literal_command(kind: str, folder: Path, capsys: pytest.CaptureFixt
     assert {key for one in told["assumed"] for key in one["keys"]} == set(told["rig"]["assumed"])
 
 
+def test_the_report_says_where_assumed_constants_are_corrected(folder: Path) -> None:
+    put(folder, "friction")
+    pages = []
+    for words in (
+        ["fit", "friction", "run.csv"],
+        ["fit", "friction", "run.csv", "--rig", "rig.toml"],
+    ):
+        assert main(words) == 0
+        pages.append((folder / "run.friction.report.html").read_text())
+        for written in folder.glob("run.friction.*"):
+            written.unlink()
+        main(["init", "--from", "run.csv", "rig.toml"])
+    bare, own = pages
+    assert "no rig file declares" in bare
+    assert "Assumed in the rig file" in own and "no rig file declares" not in own
+
+
 def test_files_of_another_fit_are_not_replaced(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -707,6 +707,7 @@ def test_the_next_step_is_weighed_by_what_it_does_to_the_motion() -> None:
     assert "No number is too uncertain" in next_line(bundle, None, None, lambda: moves, 0.06)
     section = next_section(bundle, None, "campaign.toml", None, lambda: moves)
     assert section is not None
+    assert not [text for text in section.intro if "Ordered" in text]  # of one block
     (lacking,) = (b for b in section.blocks if isinstance(b, Table))
     said = {row[0]: row[1] for row in lacking.rows}
     assert "the simulated model has no such term" in str(said["friction.offset_nm"])

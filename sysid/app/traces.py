@@ -23,6 +23,8 @@ _HEIGHT = 190
 _DASHES: Mapping[str, Any] = {"solid": "solid", "dashed": [6, 3], "dotted": [2, 2],
                               "dash-dot": [8, 2, 2, 2]}  # fmt: skip
 _OVERLAY: tuple[Role, ...] = ("model", "second", "third", "fourth", "measured", "band")
+# A measured test is none of a model's colour: alone it has that of its line in the list.
+_TESTS: tuple[Role, ...] = ("second", "third", "fourth", "model", "measured", "band")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +58,13 @@ Selected = Callable[[float, float], None]
 
 
 def overlay_role(number: int) -> Role:
-    """The colour of one of several tests over one another."""
+    """The colour of one of several models over one another."""
     return _OVERLAY[number % len(_OVERLAY)]
+
+
+def trial_role(number: int) -> Role:
+    """The colour of one of several measured tests over one another."""
+    return _TESTS[number % len(_TESTS)]
 
 
 class TraceView:
@@ -203,4 +210,4 @@ def sparkline(values: FloatArray, width: int = 130, height: int = 22) -> str:
     )
 
 
-__all__ = ["BUCKETS", "Curve", "TracePanel", "TraceView", "overlay_role", "sparkline"]
+__all__ = ["BUCKETS", "Curve", "TracePanel", "TraceView", "overlay_role", "sparkline", "trial_role"]

@@ -155,7 +155,8 @@ class LogCheck(Shown):
             ("\n".join(names), "yes" if identified else "no", reason)
             for (identified, reason), names in rows.items()
         )
-        yield table("Identifies", ("parameter", "", "reason, or test needed"), found)
+        headings = ("parameter", "", "reason, or test needed")
+        yield table("Identifies", headings, found, text=(1, 2))
 
     def left_out(self) -> Iterator[str]:
         """A line for each excluded test or span."""

@@ -135,7 +135,7 @@ class EffectsScreen(Screen):
             cells = ["", ""]
             if id in gains:
                 gain, chance = gains[id]
-                cells = [f"<nobr>{number(gain, 3)}</nobr>", _rounded(chance)]
+                cells = [f"<nobr>{one}</nobr>" for one in (number(gain, 3), _rounded(chance))]
             lines.append(["class:on" if on else "class:", show, *cells, mark])
         said = "p: how often logs that lack nothing show as much" if gains else ""
         return parts.rows(("Effect", "Evidence", "p", ""), lines, said)

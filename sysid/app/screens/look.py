@@ -13,7 +13,7 @@ from sysid import signals
 from sysid.app import edits, parts
 from sysid.app.parts import pn
 from sysid.app.screens.base import Screen
-from sysid.app.traces import Curve, TracePanel, TraceView, overlay_role, sparkline
+from sysid.app.traces import Curve, TracePanel, TraceView, sparkline, trial_role
 from sysid.blocks.figures import Scale
 from sysid.errors import InputError
 from sysid.io.campaign import Campaign, CampaignLog
@@ -188,7 +188,7 @@ class LookScreen(Screen):
     def _curves(
         self, trial: Trial, name: str, scale: float, number: int, label: str
     ) -> Iterator[Curve]:
-        role = overlay_role(number)
+        role = trial_role(number)
         is_step = name in VALVE_COMMANDS
         values, time = trial[name] * scale, trial.since_start
         if self.filtered and not is_step and len(values) > 30:
@@ -206,7 +206,7 @@ class LookScreen(Screen):
                 cutoff = min(signals.DEFAULT_CUTOFF_HZ, 0.2 / trial.period)
                 smooth = signals.lowpass(trial[name] * scale, trial.period, cutoff)
                 speed = signals.first_derivative(smooth, trial.period)
-                curves.append(Curve(trial.since_start, speed, "", overlay_role(number)))
+                curves.append(Curve(trial.since_start, speed, "", trial_role(number)))
         return TracePanel(Scale("Speed, filtered", f"{unit}/s"), tuple(curves))
 
     def _bar(self, shown: Sequence[TestRow]) -> str:

@@ -58,7 +58,8 @@ def validation_section(
     blocks += plots[:1]
     if plots[1:]:
         names = "; ".join(test.source for test in shown[1:])
-        blocks.append(Fold(f"{len(plots) - 1} further tests drawn: {names}", tuple(plots[1:])))
+        count = "1 further test" if len(plots) == 2 else f"{len(plots) - 1} further tests"
+        blocks.append(Fold(f"{count} drawn: {names}", tuple(plots[1:])))
     blocks += _folded(validation, recommended, others)
     if validation.notices:
         blocks.append(Lines(tuple(dict.fromkeys(validation.notices)), "Notices"))

@@ -61,11 +61,11 @@ def next_section(
     is_advised = is_of_actuator(found) and bundle.friction is not None and bundle.valves is not None
     if not blocks and not (found is not None and is_advised):
         return None
-    intro = (
-        ["Ordered by what they decide: which effect it is, what remains, how large it is."]
-        if blocks
-        else ["No question is open: an effect too small for these tests may still be there."]
-    )
+    intro = []
+    if len(blocks) > 1:
+        intro = ["Ordered by what they decide: which effect it is, what remains, how large it is."]
+    elif not blocks:
+        intro = ["No question is open: an effect too small for these tests may still be there."]
     if advice is not None:
         intro.append(
             "Predicted for this rig. To write such a test as a file that the rig can play: "
