@@ -29,6 +29,7 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, cross_validated, fit_law
 from sysid.diagnosis.bench.stability import Repeats, repeats
+from sysid.diagnosis.lack_of_fit import MOST_SCATTER
 from sysid.diagnosis.search import (
     MOST_EFFECTS,
     Round,
@@ -135,7 +136,7 @@ def select(
     found = Selection(
         rounds.base, rounds.first, tuple(rounds.steps), history, rounds.undecided, record
     )
-    return _as_measured(found, component) if rounds.is_whitened else found
+    return _as_measured(found, component) if rounds.has_whitened else found
 
 
 def _as_measured(found: Selection, component: Component) -> Selection:
@@ -158,7 +159,8 @@ def _as_measured(found: Selection, component: Component) -> Selection:
 class _HeldOutRounds(Rounds[Addition]):
     """The rounds of a part: `base` is its law without effects, `first` the folds' errors.
 
-    `component` is the part with its residuals as a round weighs them, `measured` as they are.
+    `component` is the part with its residuals as a round weighs them, `measured` as they are;
+    `has_whitened`: whether a round weighed them otherwise.
     """
 
     stage = SearchStage.EFFECTS
@@ -167,6 +169,7 @@ class _HeldOutRounds(Rounds[Addition]):
         self, component: Component, catalogue: Mapping[str, Kind], progress: Progress
     ) -> None:
         self.component = self.measured = component
+        self.has_whitened = False
         self.progress, self.recorder = progress, Recorder()
         self.folds = folds_of(component)
         with limited():
@@ -179,11 +182,6 @@ class _HeldOutRounds(Rounds[Addition]):
         self.undecided: tuple[Repeats, ...] = ()
         # Without each step that might be superfluous, the others fitted together.
         self._others: dict[str, tuple[FittedLaw, FloatArray]] = {}
-
-    @property
-    def is_whitened(self) -> bool:
-        """Whether a round weighed residuals otherwise than as they are."""
-        return self.component is not self.measured
 
     @property
     def so_far(self) -> FittedLaw:
@@ -231,20 +229,18 @@ class _HeldOutRounds(Rounds[Addition]):
     def _whiten(self, kinds: Sequence[Kind]) -> None:
         """Weigh the residuals by what differs from test to test, and fit the law so far by it.
 
-        As the law so far leaves it, or with the effect that accounts for these differences, where
-        one does: friction that goes with a load that each test has its own of is no scatter.
+        As they are where an effect accounts for these differences: friction that goes with a load
+        that each test has its own of is no scatter.
         """
-        if self.measured.whitened(self.so_far.law) is self.measured:
+        self.component = self.measured
+        weighed = self.measured.whitened(self.so_far.law)
+        if weighed is self.measured:
             return
-        self.component, laws = self.measured, [self._again()]
-        tried = attempt_all(
-            partial(_with_one_more, self.component, laws[0], kind) for kind in kinds
-        )
-        laws += [one for one in tried if isinstance(one, FittedLaw)]
-        p_values = [between_tests_p_value(one, laws[0]) for one in laws]
-        best = int(np.argmin(p_values))
-        accounts = p_values[best] * len(kinds) < SIGNIFICANCE
-        self.component = self.measured.whitened(laws[best if accounts else 0].law)
+        without = self._again()
+        tried = attempt_all(partial(_with_one_more, self.measured, without, k) for k in kinds)
+        fits = [one for one in tried if isinstance(one, FittedLaw)]
+        if all(between_tests_p_value(one, without) >= SIGNIFICANCE for one in fits):
+            self.component, self.has_whitened = self.measured.whitened(without.law), True
         fitted = self._again()
         kinds_so_far = [type(effect) for effect in fitted.law.effects]
         folds = cross_validated(self.component, kinds_so_far, self.folds, fitted.law)
@@ -340,8 +336,9 @@ def _with_one_more(component: Component, without: FittedLaw, kind: Kind) -> Fitt
 def between_tests_p_value(fitted: FittedLaw, without: FittedLaw) -> float:
     """p-value of how much less tests differ from one another with a law than without it.
 
-    F test on one number of each test, its share of what differs (`Component.own_shares`): the
-    samples of a test say nothing of its differences from others. 1 with too few tests.
+    By one number of each test, its share of what differs (`Component.own_shares`): the samples of
+    a test say nothing of its differences from others. By the spread that is left (F test), or as
+    scatter is `MOST_SCATTER` at most, where that says more, as with few tests.
     """
     # Numbers without influence fit nothing.
     acting = [int(np.count_nonzero(np.any(f.fit.jacobian, axis=0))) for f in (without, fitted)]
@@ -350,12 +347,14 @@ def between_tests_p_value(fitted: FittedLaw, without: FittedLaw) -> float:
         float(np.sum((shares - shares.mean()) ** 2))
         for shares in (f.component.own_shares(f.law) for f in (without, fitted))
     )
-    free = len(fitted.tests) - 1 - more
-    if more < 1 or free < 1 or not before > after:
+    if more < 1 or not before > after:
         return 1.0
-    from scipy.special import fdtrc
+    from scipy.special import chdtrc, fdtrc
 
-    return float(fdtrc(more, free, (before - after) / more * free / max(after, 1e-300)))
+    found, free = [chdtrc(more, (before - after) / MOST_SCATTER**2)], len(fitted.tests) - 1 - more
+    if free > 0:
+        found.append(fdtrc(more, free, (before - after) / more * free / max(after, 1e-300)))
+    return min(1.0, len(found) * float(min(found)))
 
 
 def _attempts(rounds: _HeldOutRounds, kinds: Sequence[Kind]) -> list[tuple[Attempt, FittedLaw]]:
