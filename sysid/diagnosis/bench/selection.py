@@ -29,7 +29,7 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, cross_validated, fit_law
 from sysid.diagnosis.bench.stability import Repeats, repeats
-from sysid.diagnosis.lack_of_fit import MOST_SCATTER
+from sysid.diagnosis.lack_of_fit import LEVEL, MOST_SCATTER
 from sysid.diagnosis.search import (
     MOST_EFFECTS,
     Round,
@@ -239,7 +239,8 @@ class _HeldOutRounds(Rounds[Addition]):
         without = self._again()
         tried = attempt_all(partial(_with_one_more, self.measured, without, k) for k in kinds)
         fits = [one for one in tried if isinstance(one, FittedLaw)]
-        if all(between_tests_p_value(one, without) >= SIGNIFICANCE for one in fits):
+        # It only decides how residuals count: an effect is judged by what it then predicts.
+        if all(between_tests_p_value(one, without) >= LEVEL for one in fits):
             self.component, self.has_whitened = self.measured.whitened(without.law), True
         fitted = self._again()
         kinds_so_far = [type(effect) for effect in fitted.law.effects]
