@@ -161,8 +161,11 @@ def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
 def tell_speeds(speeds: Sequence[FloatArray], loads: Sequence[FloatArray]) -> bool:
     """`tells_speeds` of several tests, (n,) each.
 
-    What one test shows, others do not hide: next to one that air drives faster than the motor the
-    other, the speed follows the load from test to test though it does not within each.
+    Where their speeds differ enough, and those of one test do while they do not follow its load,
+    the others do not hide it: next to one that air drives faster than the motor the other, the
+    speed follows the load from test to test though it does not within each.
     """
-    together = np.concatenate(list(speeds)), np.concatenate(list(loads))
-    return tells_speeds(*together) or any(map(tells_speeds, speeds, loads))
+    speed, load = np.concatenate(list(speeds)), np.concatenate(list(loads))
+    if tells_speeds(speed, load):
+        return True
+    return tells_speeds(speed, np.zeros(len(speed))) and any(map(tells_speeds, speeds, loads))

@@ -322,15 +322,6 @@ def multiples_of_tests(left: FloatArray, modelled: FloatArray, test: IntArray) -
     return np.asarray(np.bincount(which, left * modelled)[known] / power[known])
 
 
-def scatter_of_tests(left: FloatArray, modelled: FloatArray, test: IntArray) -> float:
-    """Relative spread from test to test of an effort `modelled` (n,), one standard deviation.
-
-    Of the multiples of it that each test's residual `left` (n,) holds; 0 of a single test.
-    """
-    found = multiples_of_tests(left, modelled, test)
-    return float(np.std(found, ddof=1)) if len(found) > 1 else 0.0
-
-
 __all__ = [
     "LEAST_SHARE",
     "LEAST_TOGETHER",
@@ -346,5 +337,4 @@ __all__ = [
     "multiples_of_tests",
     "per_direction",
     "remainder",
-    "scatter_of_tests",
 ]

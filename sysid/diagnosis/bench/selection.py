@@ -230,7 +230,7 @@ class _HeldOutRounds(Rounds[Addition]):
         """Weigh the residuals by what differs from test to test, and fit the law so far by it.
 
         As they are where an effect accounts for these differences: friction that goes with a load
-        that each test has its own of is no scatter.
+        of which each test has its own is no scatter.
         """
         self.component = self.measured
         weighed = self.measured.whitened(self.so_far.law)
@@ -241,7 +241,7 @@ class _HeldOutRounds(Rounds[Addition]):
         fits = [one for one in tried if isinstance(one, FittedLaw)]
         # It only decides how residuals count: an effect is judged by what it then predicts.
         if all(between_tests_p_value(one, without) >= LEVEL for one in fits):
-            self.component, self.has_whitened = self.measured.whitened(without.law), True
+            self.component, self.has_whitened = weighed, True
         fitted = self._again()
         kinds_so_far = [type(effect) for effect in fitted.law.effects]
         folds = cross_validated(self.component, kinds_so_far, self.folds, fitted.law)
