@@ -110,6 +110,12 @@ def first_derivative(values: FloatArray, period: float) -> FloatArray:
     return np.asarray(slope, dtype=np.float64)
 
 
+def integral(time: FloatArray, values: FloatArray) -> FloatArray:
+    """Integral (n,) from the first row on of values (n,) at times (n,) s, by trapezoids."""
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(time)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
 def second_derivative(values: FloatArray, period: float) -> FloatArray:
     """Three-point second difference, (n,) per second squared; the ends repeat theirs."""
     x = np.asarray(values, dtype=float)

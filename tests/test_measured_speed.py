@@ -17,7 +17,7 @@ from sysid.checks.log_check import check_log
 from sysid.errors import InputError
 from sysid.friction import fit_friction
 from sysid.io.logs import Log, read_log
-from sysid.io.measured_speed import are_readings, contradiction, integral
+from sysid.io.measured_speed import are_readings, contradiction
 from sysid.io.rig import Rig, rig_from_content
 from sysid.io.samples import Trial
 from sysid.types import FloatArray
@@ -136,7 +136,7 @@ def test_the_noise_of_the_filtered_speed_is_that_of_a_simulation() -> None:
     from sysid import signals
 
     noise = np.random.default_rng(5).standard_normal(200_000)
-    way = integral(PERIOD * np.arange(len(noise)), noise)
+    way = signals.integral(PERIOD * np.arange(len(noise)), noise)
     smooth = signals.lowpass(way, PERIOD, 30.0)
     found = [np.std(f(smooth, PERIOD)[500:-500]) for f in
              (signals.first_derivative, signals.second_derivative)]  # fmt: skip

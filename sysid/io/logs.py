@@ -24,7 +24,6 @@ from sysid.io.measured_speed import (
     check_motion,
     contradiction,
     instead_of_position,
-    integral,
     velocity_channel,
 )
 from sysid.io.reshaping import measured_period
@@ -393,7 +392,7 @@ def _use_speed(reading: LogReading, groups: list[tuple[str, Rows]]) -> None:
     if taken:
         way = np.zeros(len(time))
         for _, rows in groups:
-            way[rows] = integral(time[rows], columns[speed][rows])
+            way[rows] = signals.integral(time[rows], columns[speed][rows])
         columns[position] = way
         reading.origin[position] = speed
 

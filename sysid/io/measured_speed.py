@@ -48,12 +48,6 @@ def check_motion(where: str, present: Iterable[str], rig: Rig) -> None:
             )
 
 
-def integral(time: FloatArray, speed: FloatArray) -> FloatArray:
-    """Way (n,) from the first row, of speeds (n,) at times (n,) s, by the trapezoidal rule."""
-    steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(time)
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
 def moves(speed: FloatArray) -> bool:
     """Whether speeds (n,) show more than their noise."""
     if len(speed) < 2 * _FEWEST:
@@ -124,7 +118,7 @@ def with_position(trial: Trial, rig: Rig) -> Trial:
         raise input_error(
             trial.source, f"holds {speed} but no {name}, and {why}", f"log {name} as well"
         )
-    way = integral(trial.time, trial[speed])
+    way = signals.integral(trial.time, trial[speed])
     return replace(with_channels(trial, **{name: way}), place_known=False)
 
 
@@ -141,7 +135,7 @@ def contradiction(
         step = max(1, (len(time) - 1) // _WINDOWS)
         if len(time) > _FEWEST and np.ptp(position) > 0.0 and moves(speed):
             ways.append(np.diff(position[::step]))
-            sums.append(np.diff(integral(time, speed)[::step]))
+            sums.append(np.diff(signals.integral(time, speed)[::step]))
     if not ways:
         return None
     way, total = np.concatenate(ways), np.concatenate(sums)
@@ -168,7 +162,6 @@ __all__ = [
     "check_motion",
     "contradiction",
     "instead_of_position",
-    "integral",
     "moves",
     "place_needed",
     "velocity_channel",

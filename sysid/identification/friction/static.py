@@ -388,8 +388,8 @@ class _Efforts:
         time, period = trial.time, trial.period
         read = np.where(time > edges[0], np.interp(time, edges, places), trial.position)
         effort = trial.with_position(read).applied / (self.inertia * count)
-        once = _running(effort, period)
-        twice = _running(once, period)
+        once = signals.integral(time, effort)
+        twice = signals.integral(time, once)
 
         def pushed(start: FloatArray) -> FloatArray:
             begin = np.maximum(start, time[0] + period)[:, None]
@@ -401,12 +401,6 @@ class _Efforts:
             return np.asarray(moved - 0.5 * held * s**2)
 
         return pushed
-
-
-def _running(values: FloatArray, period: float) -> FloatArray:
-    """Integral (n,) from the first sample on, by trapezoids."""
-    steps = 0.5 * period * (values[1:] + values[:-1])
-    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _rest_in_counts(counts: NDArray[np.intp]) -> int:
