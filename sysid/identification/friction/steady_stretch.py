@@ -26,8 +26,6 @@ COAST = 0.2  # of the fastest block: a trial that comes to rest counts while it 
 # Of blocks: the shortest stretch, and how long a kick settles.
 _LEAST, _SETTLE = 4, 2
 _FEWEST_BLOCKS = 8
-# A fast rig's test is over in less than a stretch of the usual blocks: it has so many shorter ones.
-_SHORT = 16
 STALLED = "it stalls: the shaft comes to rest under the constant effort"
 
 
@@ -82,7 +80,7 @@ def find_stretch(trial: Recording) -> SteadyStretch | str:
 def _block_s(trial: Recording) -> float:
     """How long a block is over which the speed is averaged, s: 50 ms, or less in a short test."""
     length = len(trial) * trial.period
-    return BLOCK_S if length >= 2 * _LEAST * BLOCK_S else length / _SHORT
+    return BLOCK_S if length >= 2 * _LEAST * BLOCK_S else length / (2 * _FEWEST_BLOCKS)
 
 
 def _blocks(
@@ -132,7 +130,7 @@ def _as_settled(trial: Recording, stretch: SteadyStretch) -> SteadyStretch:
     """The part of a steady stretch in which its speed changes by no more than its noise, at least
     its last quarter: what the change of momentum takes is not known without an inertia."""
     rows = stretch.stop - stretch.start
-    block = max(2, rows // _SHORT)
+    block = max(2, rows // (2 * _FEWEST_BLOCKS))
     marks, speed = _blocks(trial, stretch.start, stretch.stop, block)
     last = speed[-(len(speed) // 4) :]
     off = np.flatnonzero(np.abs(speed - np.mean(last)) > _noise(trial, marks) + float(np.ptp(last)))

@@ -15,10 +15,9 @@ from __future__ import annotations
 import numpy as np
 
 from sysid.estimation.linear import linear_fit
+from sysid.identification.friction.counted_onset import FEWEST
 from sysid.recording.recording import Recording
 from sysid.types import FloatArray
-
-_FEWEST_EDGES = 8
 
 
 def trial_law(trial: Recording, start: int, stop: int, inertia: float) -> tuple[float, float]:
@@ -49,7 +48,7 @@ def between_edges(part: Recording) -> Recording:
     """
     x = part.position
     edges = np.flatnonzero(np.diff(x))
-    if 2 * len(edges) >= len(x) or len(edges) < _FEWEST_EDGES:
+    if 2 * len(edges) >= len(x) or len(edges) < FEWEST:
         return part
     from scipy.interpolate import PchipInterpolator  # slow to import
 
