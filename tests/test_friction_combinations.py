@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from friction_trials import BARE, PERIOD, RIG, constant, ramp, simulated, swing, trial
 
-from sysid.balance.samples import tell_speeds, tells_speeds
+from sysid.balance.samples import tells_speeds
 from sysid.commands.app import main
 from sysid.friction import FrictionResult, fit_friction
 from sysid.io.logs import Trial
@@ -178,6 +178,6 @@ def test_a_test_that_shows_friction_over_speed_is_not_hidden_by_a_faster_one() -
     slow, fast = rng.uniform(0.005, 0.015, 2000), rng.uniform(0.02, 0.04, 1000)
     speeds = [np.concatenate([v, -v]) for v in (slow, fast)]
     loads = [rng.normal(0.0, 0.01, 4000), speeds[1] * 50.0 + rng.normal(0.0, 0.1, 2000)]
-    assert not tells_speeds(np.concatenate(speeds), np.concatenate(loads))
-    assert tell_speeds(speeds, loads)
-    assert not tell_speeds(speeds[1:], loads[1:])
+    assert not tells_speeds([np.concatenate(speeds)], [np.concatenate(loads)])
+    assert tells_speeds(speeds, loads)
+    assert not tells_speeds(speeds[1:], loads[1:])

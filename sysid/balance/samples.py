@@ -131,7 +131,7 @@ def only_way(speed: FloatArray) -> float:
     return float(np.sign(mean)) if abs(mean) > _MOST_ONE_WAY else 0.0
 
 
-def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
+def _tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
     """Whether speeds (n,) differ enough within a direction to identify friction over speed.
 
     Where a screw drives the axis at one speed each way, Coulomb friction, viscous friction
@@ -158,14 +158,14 @@ def tells_speeds(speed: FloatArray, load: FloatArray) -> bool:
     return False
 
 
-def tell_speeds(speeds: Sequence[FloatArray], loads: Sequence[FloatArray]) -> bool:
-    """`tells_speeds` of several tests, (n,) each.
+def tells_speeds(speeds: Sequence[FloatArray], loads: Sequence[FloatArray]) -> bool:
+    """Whether speeds of several tests, (n,) each, identify friction over speed.
 
     Where their speeds differ enough, and those of one test do while they do not follow its load,
     the others do not hide it: next to one that air drives faster than the motor the other, the
     speed follows the load from test to test though it does not within each.
     """
     speed, load = np.concatenate(list(speeds)), np.concatenate(list(loads))
-    if tells_speeds(speed, load):
+    if _tells_speeds(speed, load):
         return True
-    return tells_speeds(speed, np.zeros(len(speed))) and any(map(tells_speeds, speeds, loads))
+    return _tells_speeds(speed, np.zeros(len(speed))) and any(map(_tells_speeds, speeds, loads))

@@ -28,7 +28,7 @@ from sysid.balance.imposed import (
     effort_that_arrives,
     imposed_motion,
 )
-from sysid.balance.samples import only_way, tell_speeds
+from sysid.balance.samples import only_way, tells_speeds
 from sysid.diagnosis.bench.component import (
     NOT_SIMULATED,
     Component,
@@ -431,7 +431,7 @@ def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
     if way:
         # The few samples against it are those of a start or an end, blurred by the filter.
         cases = [_along(case, way) for case in cases]
-    return Axis(rig, tuple(cases), tuple(trials), tell_speeds(speeds, loads), way)
+    return Axis(rig, tuple(cases), tuple(trials), tells_speeds(speeds, loads), way)
 
 
 def _along(case: ImposedMotion, way: float) -> ImposedMotion:

@@ -26,7 +26,7 @@ from sysid.balance.samples import (
     MotionSamples,
     motion_samples,
     only_way,
-    tell_speeds,
+    tells_speeds,
 )
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.covariance import JointCovariance, shrunk
@@ -282,7 +282,7 @@ def _long_enough(samples: Sequence[MotionSamples]) -> list[MotionSamples]:
 def separation(samples: Sequence[MotionSamples]) -> Separation:
     """Whether the motion has both directions and several speeds."""
     way = only_way(np.concatenate([s.speed for s in samples]))
-    speeds = tell_speeds([s.speed for s in samples], [s.load for s in samples])
+    speeds = tells_speeds([s.speed for s in samples], [s.load for s in samples])
     return Separation(not way, speeds, way or 1.0)
 
 
