@@ -232,17 +232,19 @@ class _HeldOutRounds(Rounds[Addition]):
         As they are where an effect accounts for these differences: friction that goes with a load
         of which each test has its own is no scatter.
         """
-        self.component = self.measured
+        before, self.component = self.component, self.measured
         weighed = self.measured.whitened(self.so_far.law)
         if weighed is self.measured:
             return
-        without = self._again()
+        without = self.so_far if before is self.measured else self._again()
         tried = attempt_all(partial(_with_one_more, self.measured, without, k) for k in kinds)
         fits = [one for one in tried if isinstance(one, FittedLaw)]
         # It only decides how residuals count: an effect is judged by what it then predicts.
         if all(between_tests_p_value(one, without) >= LEVEL for one in fits):
             self.component, self.has_whitened = weighed, True
-        fitted = self._again()
+        if self.component is before:
+            return
+        fitted = self._again() if self.component is weighed else without
         kinds_so_far = [type(effect) for effect in fitted.law.effects]
         folds = cross_validated(self.component, kinds_so_far, self.folds, fitted.law)
         if self.steps:
