@@ -398,8 +398,7 @@ def _compressed(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> NDArr
     position, cylinder = columns.get(rig.position_channel), rig.cylinder
     if position is None or cylinder is None:
         return smaller
-    y = cylinder.pitch_radius_m * position
-    room = cylinder.offset_a_m + y if side == "a" else cylinder.offset_b_m - y
+    room = cylinder.chamber_length(position, side)
     for start, stop in runs(columns[f"valve_{side}"] > 0.0):
         own = room[start:stop]
         smaller[start:stop] = own < (1.0 - _COMPRESSED) * np.maximum.accumulate(own)

@@ -20,6 +20,7 @@ from sysid.io.declaration import (
     TomlSection,
     WaysKey,
 )
+from sysid.types import FloatArray
 
 
 class Air(TomlSection):
@@ -154,6 +155,11 @@ class Cylinder(TomlSection):
             (SIDES[:1], SIDES),
         ),
     ] = SIDES
+
+    def chamber_length(self, position: FloatArray, side: str) -> FloatArray:
+        """Length (n,) of a side's chamber, m, at positions (n,), rad or m; dead volume included."""
+        y = self.pitch_radius_m * position
+        return self.offset_a_m + y if side == "a" else self.offset_b_m - y
 
 
 class Spring(TomlSection):

@@ -20,7 +20,7 @@ import numpy as np
 
 from sysid.errors import input_error
 from sysid.io.channels import SIDES
-from sysid.io.rig import Rig, require_inertia
+from sysid.io.rig import Cylinder, Rig, require_inertia
 
 Array = Any
 """A float, or an array of any library that follows the array API standard."""
@@ -414,6 +414,14 @@ def chamber_volume_a(position: Array, area: Array, offset: Array, pitch_radius: 
 def chamber_volume_b(position: Array, area: Array, offset: Array, pitch_radius: Array) -> Array:
     """Volume of chamber B, m3: (yb0 - r theta) Ab."""
     return (offset - pitch_radius * position) * area
+
+
+def chamber_volume(position: Array, cylinder: Cylinder, side: str) -> Array:
+    """Volume of a side's chamber, m3, by the rig file's lengths."""
+    c = cylinder
+    if side == "a":
+        return chamber_volume_a(position, c.area_a_m2, c.offset_a_m, c.pitch_radius_m)
+    return chamber_volume_b(position, c.area_b_m2, c.offset_b_m, c.pitch_radius_m)
 
 
 def pressure_rate(

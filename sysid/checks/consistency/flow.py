@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sysid import signals
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.plant.base import CRITICAL_RATIO, chamber_volume_a, chamber_volume_b
+from sysid.plant.base import CRITICAL_RATIO, chamber_volume
 from sysid.types import FloatArray
 
 _LEAST_DUTY = 0.8  # below, the exhaust takes part
@@ -64,11 +64,9 @@ def _open_share(trial: Trial, valve: str, rig: Rig) -> FloatArray | None:
 
 def _taken(trial: Trial, valve: str, rig: Rig) -> FloatArray:
     """(n,): mass that entered the chamber since the first row, kg."""
-    c, air = rig.cylinder, rig.air
-    assert c is not None and air is not None
-    area, offset = (c.area_a_m2, c.offset_a_m) if valve == "a" else (c.area_b_m2, c.offset_b_m)
-    volume_of = chamber_volume_a if valve == "a" else chamber_volume_b
-    volume = np.asarray(volume_of(trial[rig.position_channel], area, offset, c.pitch_radius_m))
+    cylinder, air = rig.cylinder, rig.air
+    assert cylinder is not None and air is not None
+    volume = np.asarray(chamber_volume(trial[rig.position_channel], cylinder, valve))
     pressure, k = trial[f"pressure_{valve}_pa"], air.heat_capacity_ratio
     middle_v, middle_p = 0.5 * (volume[1:] + volume[:-1]), 0.5 * (pressure[1:] + pressure[:-1])
     steps = middle_v * np.diff(pressure) + k * middle_p * np.diff(volume)

@@ -84,8 +84,7 @@ def _room(trial: Trial, valve: str, rig: Rig) -> FloatArray:
     own = rig.cylinder
     if own is None or rig.position_channel not in trial or not trial.place_known:
         return np.ones(len(trial))
-    y = own.pitch_radius_m * trial[rig.position_channel]
-    room = np.asarray(own.offset_a_m + y if valve == "a" else own.offset_b_m - y)
+    room = own.chamber_length(trial[rig.position_channel], valve)
     return room if np.all(room > 0.0) else np.ones(len(trial))
 
 

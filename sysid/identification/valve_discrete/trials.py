@@ -19,7 +19,7 @@ from sysid.identification.valve_discrete.held_chamber import HeldChamber
 from sysid.io.logs import Trial
 from sysid.io.rig import Air, Cylinder, Rig
 from sysid.io.trial_kind import HELD_SHARE
-from sysid.plant.base import CRITICAL_RATIO, chamber_volume_a, chamber_volume_b
+from sysid.plant.base import CRITICAL_RATIO, chamber_volume
 from sysid.plant.valve_timing import switched_intervals
 from sysid.types import BoolArray, FloatArray
 
@@ -152,10 +152,7 @@ def _volume(trial: Trial, valve: str, rig: Rig) -> tuple[float, float]:
     cylinder: Cylinder = rig.require("cylinder", "which gives the chamber's volume")
     position = trial[rig.position_channel]
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(position, min(5, len(position))), 1)
-    volume = chamber_volume_a if valve == "a" else chamber_volume_b
-    area = cylinder.area_a_m2 if valve == "a" else cylinder.area_b_m2
-    offset = cylinder.offset_a_m if valve == "a" else cylinder.offset_b_m
-    volumes = np.asarray(volume(smooth, area, offset, cylinder.pitch_radius_m))
+    volumes = np.asarray(chamber_volume(smooth, cylinder, valve))
     middle = float(np.median(volumes))
     return middle, float(np.ptp(volumes)) / middle
 

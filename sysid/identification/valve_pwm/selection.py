@@ -24,7 +24,7 @@ from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import HELD_SHARE
-from sysid.plant.base import chamber_volume_a, chamber_volume_b
+from sysid.plant.base import chamber_volume
 from sysid.surfaces.domain import SAME_SUPPLY
 from sysid.types import BoolArray, FloatArray
 
@@ -134,12 +134,8 @@ def _unusable(
 
 def _volume(position: FloatArray, rig: Rig, valve: str) -> FloatArray:
     """Volume of the valve's chamber, (n,) m3."""
-    c = rig.require("cylinder", "which the chamber's volume follows from")
-    if valve == "a":
-        volume = chamber_volume_a(position, c.area_a_m2, c.offset_a_m, c.pitch_radius_m)
-    else:
-        volume = chamber_volume_b(position, c.area_b_m2, c.offset_b_m, c.pitch_radius_m)
-    return np.asarray(volume, dtype=float)
+    cylinder = rig.require("cylinder", "which the chamber's volume follows from")
+    return np.asarray(chamber_volume(position, cylinder, valve), dtype=float)
 
 
 def _on_grid(
