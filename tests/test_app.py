@@ -102,6 +102,9 @@ class Server:
         return int(code)
 
 
+_BACKGROUND = "(node) => getComputedStyle(node).backgroundColor"
+
+
 def wait_until(holds: Callable[[], bool]) -> None:
     """Until something holds; an assertion that it does after a while."""
     until = time.monotonic() + WAIT_MS / 1000.0
@@ -319,6 +322,11 @@ def test_a_labs_file_becomes_a_log(window: Page) -> None:
         page.locator(f"select[data-do='map:{place}:target']").select_option(target)
         page.locator(f"input[data-do='map:{place}:unit']").fill(unit)
     page.locator("input[data-do='map:2:unit']").press("Enter")
+    row = page.locator("tr", has=page.locator("select[data-do='map:2:target']"))
+    chosen = row.locator("td").first.evaluate(_BACKGROUND)
+    page.locator("select[data-do='map:2:target']").select_option("")
+    assert row.locator("td").first.evaluate(_BACKGROUND) != chosen  # what a channel is stands out
+    page.locator("select[data-do='map:2:target']").select_option("motor_volts")
     wait_until(lambda: "3,000 rows, 2.999 s, every 0.001 s" in window.text("#main"))
     # A first guess of the kind follows the channels, until a person has said it.
     wait_until(lambda: page.locator("select[data-do=add-kind]").input_value() == "friction-motion")
@@ -338,6 +346,28 @@ def test_a_labs_file_becomes_a_log(window: Page) -> None:
     assert log.trials[0]["theta_rad"] == pytest.approx(np.radians(angle), abs=1e-7)
     page.locator("button[data-do=undo]").click()
     wait_until(lambda: (folder / "campaign.toml").read_text("utf-8") == kept)
+    assert window.faults == []
+
+
+def test_a_page_that_is_drawn_anew_keeps_what_is_being_typed(window: Page) -> None:
+    rig = window.server.folder / "rig.toml"
+    kept = rig.read_text("utf-8")
+    window.show("1")
+    keyboard = window.page.keyboard
+    window.page.locator("input[data-do='rig:cylinder:pitch_radius_m']").click()
+    # The first value is written while the second is typed, which draws the form anew; a digit or a
+    # "z" that missed its field would show another screen, or undo.
+    for text in ("0.025123456", "0.0187654321"):
+        keyboard.press("ControlOrMeta+a")
+        keyboard.type(text, delay=150)
+        keyboard.press("Tab")
+    given = ("pitch_radius_m = 0.025123456\n", "equivalent_kg_m2 = 0.0187654321\n")
+    wait_until(lambda: all(line in rig.read_text("utf-8") for line in given))
+    assert window.lacking(("Recordings", "pitch_radius_m")) == []
+    window.page.locator("#main").focus()
+    for _ in range(2):
+        keyboard.press("z")
+    wait_until(lambda: rig.read_text("utf-8") == kept)
     assert window.faults == []
 
 

@@ -338,8 +338,6 @@ class FilesScreen(Screen):
         else:
             place, _, key = rest.partition(":")
             self.mapping.chosen(int(place), key, value)
-            if key == "target":  # its row stands out, and its unit has another hint
-                self.form.object = self.mapping.form()
         self._check()
 
     def _check(self) -> None:

@@ -254,13 +254,12 @@ class Mapping:
             )
         )  # fmt: skip
         return [
-            "class:on" if one.target else "class:",
             f"<b>{parts.words(channel.name)}</b>", parts.words(channel.unit or ""),
             f"<nobr>{rate}</nobr>", f"<nobr>{parts.words(first)}</nobr>",
             sparkline(channel.values) if np.asarray(channel.values).dtype.kind in "fiu" else "",
             parts.select(f"{what}target", targets, one.target, f"{channel.name} is"),
             parts.entry(f"{what}unit", one.unit, f"{channel.name}, unit", size=5,
-                        hint=channel.unit or CANONICAL_UNITS.get(one.target) or ""),
+                        hint=channel.unit or "SI"),
             parts.tick(f"{what}is_gauge", "", one.is_gauge),
             parts.tick(f"{what}is_reversed", "", one.is_reversed),
             f'<span class="ends">{ends}</span>',

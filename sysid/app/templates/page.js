@@ -3,7 +3,6 @@
 // data-do. They stand in shadow roots, so that one listener for all follows the composed path.
 let count = 0;
 const recent = [];
-let last = null;
 function asked() {
   for (const doc of Bokeh.documents) {
     const model = doc.get_model_by_name("asked");
@@ -14,7 +13,6 @@ function asked() {
 function send(what, value) {
   const model = asked();
   if (model === null) return;
-  last = [what, value];
   if (what === "screen") scrollTo(0, 0);
   count += 1;
   recent.push({ do: what, value: value ?? null, count });
@@ -50,14 +48,64 @@ document.addEventListener("click", (event) => {
 document.addEventListener("pointerdown", (event) => {
   if (element(event, "button[data-do=cancel]") !== null) send("cancel");
 });
+// --- what has the focus: a part of the page may be drawn anew at any time, under one's typing too.
+// The element that stands for the one that went takes its place, with the text and the caret.
+let held = null;
+const begun = new Set(); // fields whose text is not complete yet
+function isText(node) { return node.matches("input:not([type=checkbox]):not([type=range]), textarea"); }
+function focused() {
+  let node = document.activeElement;
+  while (node?.shadowRoot?.activeElement) node = node.shadowRoot.activeElement;
+  return node;
+}
+function successor(node, root = document) {
+  for (const other of root.querySelectorAll("*")) {
+    if (other.dataset?.do === node.dataset.do && other.dataset.value === node.dataset.value
+        && other.localName === node.localName) return other;
+    const inner = other.shadowRoot ? successor(node, other.shadowRoot) : null;
+    if (inner !== null) return inner;
+  }
+  return null;
+}
+function follow() {
+  const now = focused();
+  if (now !== document.body) held = now?.dataset?.do ? now : null;
+  for (const node of begun) {
+    const next = node.isConnected ? null : successor(node);
+    if (next === null) continue; // it is there still, or not drawn yet
+    begun.delete(node);
+    next.value = node.value;
+    begun.add(next);
+  }
+  if (held === null || now !== document.body || !document.hasFocus()) return;
+  const next = held.isConnected ? held : successor(held); // one that was moved loses the focus too
+  if (next === null) return;
+  next.focus({ preventScroll: true });
+  if (next.type === "text") next.setSelectionRange(held.selectionStart, held.selectionEnd);
+  held = next;
+}
+document.addEventListener("pointerdown", () => { held = null; }, true);
+// Movements of the focus within a shadow root are not heard of outside: it is looked at, after each
+// drawing, and before a key is taken as a letter or as a command of the page.
+(function watch() { follow(); requestAnimationFrame(watch); })();
+document.addEventListener("keydown", (event) => {
+  follow();
+  const isGone = held !== null && !held.isConnected && isText(held);
+  if (!isGone || event.key.length !== 1) return;
+  if (isCommand(event)) { // of those, what is selected counts for what is typed next
+    if (event.key === "a") held.select();
+    return;
+  }
+  held.setRangeText(event.key, held.selectionStart, held.selectionEnd, "end");
+  begun.add(held);
+  event.preventDefault();
+}, true);
 // Of the events of a field only clicks and inputs leave a shadow root. A text is sent when it is
 // complete: when the field was left, Enter is pressed, or before anything else is sent.
-const begun = new Set();
-function isText(node) { return node.matches("input:not([type=checkbox]):not([type=range]), textarea"); }
-function isLeft(node) { return !node.isConnected || node.getRootNode().activeElement !== node; }
 function complete(all) {
+  follow();
   for (const node of begun) {
-    if (!all && !isLeft(node)) continue;
+    if (!all && (node === held || !node.isConnected)) continue;
     begun.delete(node);
     send(node.dataset.do, node.value);
   }
@@ -72,34 +120,17 @@ document.addEventListener("input", (event) => {
 document.addEventListener("keydown", (event) => { if (event.key === "Enter") complete(true); }, true);
 setInterval(() => complete(false), 150);
 // --- keys: 1 to 8 are the screens, z takes a change back, y makes it again
-function isTyping(event) {
-  const node = element(event, "input, select, textarea");
-  return node !== null && node.type !== "checkbox";
+function isCommand(event) { return event.ctrlKey || event.metaKey || event.altKey; }
+function isTyping() {
+  const node = held ?? focused();
+  return node.matches("input, select, textarea") && node.type !== "checkbox";
 }
 document.addEventListener("keydown", (event) => {
-  if (isTyping(event) || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (isTyping() || isCommand(event)) return;
   if (/^[1-8]$/.test(event.key)) send("screen", event.key);
   else if (event.key === "z") send("undo");
   else if (event.key === "y") send("redo");
 });
-// A part of the page that is drawn anew keeps the focus on what was used last.
-function find(root, wanted) {
-  for (const node of root.querySelectorAll("*")) {
-    if (node.dataset && node.dataset.do === wanted[0]
-        && (node.dataset.value === undefined || node.dataset.value === wanted[1])) return node;
-    if (node.shadowRoot) {
-      const inner = find(node.shadowRoot, wanted);
-      if (inner !== null) return inner;
-    }
-  }
-  return null;
-}
-setInterval(() => {
-  if (last === null || document.activeElement !== document.body) return;
-  const node = find(document, last);
-  if (node !== null) node.focus({ preventScroll: true });
-  last = null;
-}, 400);
 // --- files
 async function upload(files) {
   const written = [];
