@@ -31,11 +31,8 @@ def flows(valve: Valve, step: float = 0.08) -> MeanFlows:
     std = np.full(int(kept.sum()), 5e-6)
     per_flow = np.full(len(std), KRT / VOLUME)
     supply = np.full(len(std), valve.supply)
-    none = np.zeros(len(std))
-    phases = np.full(len(std), 1, dtype=np.intp)
-    return MeanFlows(
-        *(p[kept] for p in parts), std, test[kept], per_flow, supply, none + np.nan, phases, none
-    )
+    centre, phases = np.full(len(std), np.nan), np.full(len(std), 1, dtype=np.intp)
+    return MeanFlows(*(p[kept] for p in parts), std, test[kept], per_flow, supply, centre, phases)
 
 
 def fitted(valve: Valve) -> AveragedFit:

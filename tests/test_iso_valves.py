@@ -292,7 +292,7 @@ def test_mean_flows_of_pwm_tests_choose_the_law() -> None:
         noise = 3e-6 * rng.standard_normal(len(true))
         none = np.zeros(len(true))
         test = np.repeat(np.arange(9), 30)
-        columns = (none + 3e-6, test, none, none + 5e5, none + np.nan, np.ones_like(test), none)
+        columns = (none + 3e-6, test, none, none + 5e5, none + np.nan, np.ones_like(test))
         flows = MeanFlows(duty, pressure, true + noise, *columns)
         found, _ = fit_by_law(flows, Conditions(5e5, 1e5, 0.005), "auto")
         assert found.conditions.by_iso is by_iso

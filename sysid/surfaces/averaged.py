@@ -167,8 +167,16 @@ class AveragedLaw:
 
     def flow(self, duty: Array, pressure: Array) -> Array:
         """Mean flow into the chamber, kg/s, at a duty (0 to 1) and pressure in Pa."""
-        share = self.open_share(duty)
-        return share * self.open_flow(pressure) + (1.0 - share) * self.closed_flow(pressure)
+        return self.flow_of_share(self.open_share(duty), pressure, (self.supply, self.atmosphere))
+
+    def flow_of_share(self, share: Array, pressure: Array, lines: tuple[Array, Array]) -> Array:
+        """Flow, kg/s, of a valve open for that share of a time in which the pressure stays.
+
+        `lines`: the supply's and the exhaust's pressure, Pa.
+        """
+        supply, exhaust = lines
+        opened, closed = self._filling(pressure, supply), self._exhausting(pressure, exhaust)
+        return share * opened + (1.0 - share) * closed
 
     fill = flow
     discharge = flow

@@ -34,14 +34,19 @@ from sysid.estimation.nonlinear import (
 from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.plant.iso6358 import ANR_TEMPERATURE, DEFAULT_INDEX, HIGHEST_RATIO, choked_flow
 from sysid.surfaces.averaged import AveragedLaw, sampled_period
+from sysid.surfaces.windows import FlowWindows
 from sysid.types import FloatArray
 
 N_PARAMETERS = 5
 # A sample's least standard error, as a share of the largest flow: what the mean over a
 # window, the ripple and the supply omit from the law.
 _LEAST_ERROR = 0.002
-# A rough fit: how many samples it takes, and the relative fall of its sum of squares at which it
-# ends.
+# Rounds of windows and numbers, and the change of the windows' flows, as a share of the samples'
+# errors, with which they have stayed.
+_MOST_ROUNDS = 10
+_STAYS = 0.1
+# A rough fit: of how many samples one is that is compared alone, and the relative fall of the sum
+# of squares at which each ends.
 _SOME = 500
 _ROUGH = 1e-3
 _UNITS = {
@@ -74,7 +79,8 @@ class MeanFlows:
     number of the sample's test, `per_flow` = k R T / V of its chamber [Pa/kg], which
     says how far the pressure ripples, the `supply` of its test [Pa], the `centre` of its test's
     pulses, as a share of the PWM period after a row (NaN: not known), how many `phases` of the
-    period the rows show, and the `spread` of the pressure's course over the sample [Pa], all (n,).
+    period the rows show, all (n,), and the `windows` that they are of (None: flows are given at
+    their pressures).
     """
 
     duty: FloatArray
@@ -86,7 +92,7 @@ class MeanFlows:
     supply: FloatArray
     centre: FloatArray
     phases: NDArray[np.intp]
-    spread: FloatArray
+    windows: FlowWindows | None = None
 
     def select(self, rows: NDArray[np.bool_]) -> MeanFlows:
         """The samples in `rows` (mask)."""
@@ -100,7 +106,7 @@ class MeanFlows:
             self.supply[rows],
             self.centre[rows],
             self.phases[rows],
-            self.spread[rows],
+            None if self.windows is None else self.windows.select(rows),
         )
 
     def sampled(self, share: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -150,15 +156,33 @@ class Conditions:
 
 
 @dataclass(frozen=True, eq=False)
+class Bend:
+    """By how much windows show another flow than the law at their mean pressure, kg/s (n,).
+
+    What the law's mean over a ripple and over a window leaves out: pressures that move on while
+    the pulses move them, and a flow that falls as a root next to the supply. `error` (n,): what
+    the law makes of the errors of the pressures.
+    """
+
+    level: FloatArray
+    error: FloatArray
+
+    def select(self, rows: NDArray[np.bool_]) -> Bend:
+        """That of the samples in `rows` (mask)."""
+        return Bend(self.level[rows], self.error[rows])
+
+
+@dataclass(frozen=True, eq=False)
 class AveragedFit:
     """A valve's averaged law, its parameters by name and how well it follows the samples.
 
-    `rmse_flow` kg/s over `n_samples` of `n_tests`.
+    `bend`: of the samples' windows, as fitted; `rmse_flow` kg/s over `n_samples` of `n_tests`.
     """
 
     conditions: Conditions
     solution: LeastSquaresFit
     tests: NDArray[np.intp]
+    bend: Bend
     rmse_flow: float
 
     @property
@@ -181,13 +205,21 @@ class AveragedFit:
         return {name: self.solution.estimate(name, covariance) for name in self.solution.names}
 
 
-def fit_averaged(flows: MeanFlows, conditions: Conditions, *, rough: bool = False) -> AveragedFit:
+def fit_averaged(
+    flows: MeanFlows,
+    conditions: Conditions,
+    other: AveragedFit | None = None,
+    *,
+    rough: bool = False,
+) -> AveragedFit:
     """The averaged law by bounded least squares over the samples of both directions.
 
-    `rough`: of some of the samples, and only until its evidence is known; a law that does not
-    describe the valve can take thousands of steps along a bound to its last digits. Raises
-    NotIdentifiedError for fewer than three tests or where the pressure never leaves one regime far
-    enough to show any parameter.
+    What the samples' windows show of the law is simulated with its numbers, and these are fitted
+    anew until they stay. `other`: of another law, whose windows are taken at first. `rough`: of
+    some of the samples, with the other law's windows, and only until its evidence is known; a law
+    that does not describe the valve can take thousands of steps along a bound to its last digits.
+    Raises NotIdentifiedError for fewer than three tests or where the pressure never leaves one
+    regime far enough to show any parameter.
     """
     n_tests = len(np.unique(flows.test))
     if n_tests < FEWEST_REPEATS:
@@ -196,21 +228,27 @@ def fit_averaged(flows: MeanFlows, conditions: Conditions, *, rough: bool = Fals
             f"{FEWEST_REPEATS} duties or more would"
         )
     start = (_iso_start if conditions.by_iso else _start)(flows, conditions)
+    none = np.zeros(len(flows.flow))
+    bend = Bend(none, none) if other is None else other.bend
     if rough:
         every = np.arange(len(flows.flow)) % max(1, len(flows.flow) // _SOME) == 0
-        some = _residuals(flows.select(every), conditions)
+        some = _residuals(flows.select(every), conditions, bend.select(every))
         solution = minimise(some, start, tolerance=_ROUGH, polish=False)
-        left = _mean_flow(solution.values, flows, conditions) - flows.flow
     else:
-        first = minimise(_residuals(flows, conditions), start).values
-        start = [
-            replace(p, value=float(np.clip(v, p.lower, p.upper)))
-            for p, v in zip(start, first, strict=True)
-        ]
-        bend = _bend(first, flows, conditions)
+        for _ in range(_MOST_ROUNDS if flows.windows is not None else 0):
+            residuals = _residuals(flows, conditions, bend)
+            found = minimise(residuals, start, tolerance=_ROUGH, polish=False).values
+            start = [
+                replace(p, value=float(np.clip(v, p.lower, p.upper)))
+                for p, v in zip(start, found, strict=True)
+            ]
+            before, bend = bend, _bend(found, flows, conditions, bend)
+            moved = (bend.level - before.level) / _errors(flows, bend)
+            if np.mean(moved**2) < _STAYS**2:
+                break
         solution = minimise(_residuals(flows, conditions, bend), start)
-        left = solution.residuals * _errors(flows)
-    return AveragedFit(conditions, solution, flows.test, math.sqrt(float(np.mean(left**2))))
+    left = _mean_flow(solution.values, flows, conditions) + bend.level - flows.flow
+    return AveragedFit(conditions, solution, flows.test, bend, math.sqrt(float(np.mean(left**2))))
 
 
 def law_without(fit: AveragedFit, flows: MeanFlows, left_out: NDArray[np.bool_]) -> AveragedLaw:
@@ -219,9 +257,8 @@ def law_without(fit: AveragedFit, flows: MeanFlows, left_out: NDArray[np.bool_])
     From the fit's numbers, which are next to it. Raises as `fit_averaged` does.
     """
     kept, whole = flows.select(~left_out), fit.solution
-    bend = _bend(whole.values, kept, fit.conditions)
-    residuals = _residuals(kept, fit.conditions, bend)
-    weight = _errors(flows)[~left_out] / _errors(kept)
+    residuals = _residuals(kept, fit.conditions, fit.bend.select(~left_out))
+    weight = _errors(flows, fit.bend)[~left_out] / _errors(kept, fit.bend.select(~left_out))
     slopes = whole.jacobian[~left_out] * weight[:, None]
     values = without_rows(whole, FitStart(whole.values, residuals(whole.values), slopes), residuals)
     if values is None or len(np.unique(kept.test)) < FEWEST_REPEATS:
@@ -229,21 +266,22 @@ def law_without(fit: AveragedFit, flows: MeanFlows, left_out: NDArray[np.bool_])
     return fit.conditions.law(values)
 
 
-def _residuals(
-    flows: MeanFlows, conditions: Conditions, bend: FloatArray | float = 0.0
-) -> Residuals:
-    """Weighted residuals (n,) of the samples by the law of parameter values (5,).
+def _residuals(flows: MeanFlows, conditions: Conditions, bend: Bend) -> Residuals:
+    """Weighted residuals (n,) of the samples by the law of parameter values (5,)."""
+    error = _errors(flows, bend)
 
-    `bend` (n,): of the flow over each sample's window, kg/s (`_bend`).
-    """
-    error, seen = _errors(flows), flows.flow - bend
-    return lambda values: np.asarray((_mean_flow(values, flows, conditions) - seen) / error)
+    def residuals(values: FloatArray) -> FloatArray:
+        found = _mean_flow(values, flows, conditions) + bend.level
+        return np.asarray((found - flows.flow) / error)
+
+    return residuals
 
 
-def _errors(flows: MeanFlows) -> FloatArray:
+def _errors(flows: MeanFlows, bend: Bend) -> FloatArray:
     """Standard errors (n,) that weigh the samples, kg/s."""
     known = np.where(np.isfinite(flows.std), flows.std, 0.0)
-    return np.asarray(np.hypot(known, _LEAST_ERROR * float(np.abs(flows.flow).max())))
+    least = _LEAST_ERROR * float(np.abs(flows.flow).max())
+    return np.asarray(np.sqrt(known**2 + least**2 + bend.error**2))
 
 
 def _mean_flow(values: FloatArray, flows: MeanFlows, conditions: Conditions) -> FloatArray:
@@ -256,17 +294,27 @@ def _mean_flow(values: FloatArray, flows: MeanFlows, conditions: Conditions) -> 
     return np.asarray(pulse.mean(share))
 
 
-def _bend(values: FloatArray, flows: MeanFlows, conditions: Conditions) -> FloatArray:
-    """By how much a sample's mean flow (n,) differs from that at its mean pressure, kg/s.
+def _bend(values: FloatArray, flows: MeanFlows, conditions: Conditions, before: Bend) -> Bend:
+    """The bend by the law of parameter values (5,): simulated along the samples' own pressures.
 
-    A window near the supply's pressure holds a flow that falls as a root: Gauss' two points of the
-    pressure's course over it.
+    `before`: that of the round before, by which the law missed the samples' flows. These are added
+    to it, so that the simulated pressures stay with the measured ones: next to a choked boundary
+    they would settle beyond it otherwise.
     """
-    at = [
-        _mean_flow(values, replace(flows, pressure=flows.pressure + way * flows.spread), conditions)
-        for way in (-1.0, 1.0)
-    ]
-    return 0.5 * (at[0] + at[1]) - _mean_flow(values, flows, conditions)
+    assert flows.windows is not None
+    law = conditions.law(values)
+    share = law.open_share(flows.duty)
+
+    def by_law(pressure: FloatArray) -> FloatArray:
+        return _mean_flow(values, replace(flows, pressure=pressure), conditions)
+
+    missed = flows.flow - by_law(flows.pressure) - before.level
+    chamber = flows.supply, flows.per_flow, missed
+    pressure, flow = flows.windows.under(law, share, flows.centre, chamber)
+    error = flows.windows.error
+    # Next to the supply the flow falls as a root: a few pascals are all of it.
+    by_pressure = 0.5 * np.abs(by_law(flows.pressure + error) - by_law(flows.pressure - error))
+    return Bend(flow - missed - by_law(pressure), by_pressure)
 
 
 def _start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:
@@ -315,7 +363,7 @@ def evidence_for(other: AveragedFit, over: AveragedFit, flows: MeanFlows) -> dic
     """
     found = {}
     left = {
-        fit: _mean_flow(fit.solution.values, flows, fit.conditions) - flows.flow
+        fit: _mean_flow(fit.solution.values, flows, fit.conditions) + fit.bend.level - flows.flow
         for fit in (over, other)
     }
     floor = 0.1 * _LEAST_ERROR * float(np.abs(flows.flow).max())

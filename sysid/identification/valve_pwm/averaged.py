@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,7 @@ from sysid.surfaces.averaged_fit import (
 from sysid.surfaces.comparison import SurfaceError, duty_errors
 from sysid.surfaces.holdout import group_folds
 from sysid.surfaces.samples import SurfacePoints
+from sysid.surfaces.windows import FlowWindows
 from sysid.types import BoolArray, FloatArray
 
 
@@ -139,14 +141,14 @@ def fit_by_law(
     if law == THESIS:
         return thesis, ()
     by_iso = replace(conditions, by_iso=True)
-    rough = on_its_own(partial(fit_averaged, flows, by_iso, rough=True))
+    rough = on_its_own(partial(fit_averaged, flows, by_iso, thesis, rough=True))
     if isinstance(rough, Failure):
         return thesis, ()
     # Twice the log evidence of n samples grows by at most n for each share of the sum of squares.
     within_reach = DECISIVE + _STILL_TO_GAIN * len(flows.flow)
     if sum(evidence_for(rough, thesis, flows).values()) < -within_reach:
         return thesis, ()
-    iso = on_its_own(partial(fit_averaged, flows, by_iso))
+    iso = on_its_own(partial(fit_averaged, flows, by_iso, thesis))
     if isinstance(iso, Failure):
         return thesis, ()
     evidence = evidence_for(iso, thesis, flows)
@@ -190,17 +192,20 @@ def _together(found: Sequence[DirectionFit]) -> tuple[MeanFlows, list[int]]:
 
     Each direction's tests are numbered on from an offset.
     """
-    parts, offsets = [], [0]
+    parts, windows, offsets = [], [], [0]
     for direction in found:
         s = direction.samples
         kept = direction.domain.holds_duty(s.duty) & ~s.crosses
         sampling = np.array(s.sampling)[s.test]
         phases = sampling[:, 1].astype(np.intp)
-        of_tests = s.per_flow_of(s.test), s.supply_of(s.test), sampling[:, 0], phases, s.spread
+        of_tests = s.per_flow_of(s.test), s.supply_of(s.test), sampling[:, 0], phases
         columns = (s.duty, s.pressure, s.flow, s.std, s.test + offsets[-1], *of_tests)
         parts.append([column[kept] for column in columns])
+        windows.append(s.windows.select(kept))
         offsets.append(offsets[-1] + len(s.labels))
-    return MeanFlows(*(np.concatenate(c) for c in zip(*parts, strict=True))), offsets[:-1]
+    joined: list[Any] = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    joined.append(FlowWindows.joined(windows))
+    return MeanFlows(*joined), offsets[:-1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,6 +30,7 @@ import numpy as np
 from sysid.io.rig import Air, Rig
 from sysid.plant.base import CRITICAL_RATIO, flow_from_pressure_rate
 from sysid.signals import deviation_by_median
+from sysid.surfaces.windows import FlowWindows
 from sysid.types import BoolArray, FloatArray, IntArray
 
 TRAVEL_SHARE = 0.03
@@ -41,6 +42,8 @@ FLOW_NOISE_SHARE = 0.005
 FEWEST_PHASES = 3
 # Standard errors of white noise by which a fundamental exceeds nothing.
 _FUNDAMENTAL_SHOWS = 4.0
+# Mean square of parabolic weights over a window, of mean 1.
+_PARABOLIC = 1.2
 # Length of the mean of the tests' pulse starts as unit vectors: 0 where they are anywhere, and this
 # where they scatter by a twentieth of a period.
 _TOGETHER = 0.95
@@ -76,19 +79,18 @@ class PwmTest:
 class FlowSamples:
     """Samples of mean flow: `duty`, `pressure` [Pa], `flow` [kg/s], `std` [kg/s], all (n,).
 
-    `spread` (n,) Pa: the standard deviation of the pressure's course over the window, without its
-    ripple. `crosses` (n,): the samples of the window lie on both sides of a choked boundary, so
-    that the mean is of two laws. `test` (n,) is the number of the sample's test, an index into
-    `labels`, `supplies` [Pa], `volumes` [m3], `per_flow` (tests,), k R T / V of each test's
-    chamber, Pa/kg, and `sampling` (tests,): the centre of its pulses, as a share of the PWM period
-    after a row (NaN: not known), and how many phases of the period its rows show.
+    `windows`: of which rows they are. `crosses` (n,): these rows lie on both sides of a choked
+    boundary, so that the mean is of two laws. `test` (n,) is the number of the sample's test, an
+    index into `labels`, `supplies` [Pa], `volumes` [m3], `per_flow` (tests,), k R T / V of each
+    test's chamber, Pa/kg, and `sampling` (tests,): the centre of its pulses, as a share of the PWM
+    period after a row (NaN: not known), and how many phases of the period its rows show.
     """
 
     duty: FloatArray
     pressure: FloatArray
     flow: FloatArray
     std: FloatArray
-    spread: FloatArray
+    windows: FlowWindows
     crosses: BoolArray
     test: IntArray
     labels: tuple[str, ...]
@@ -115,7 +117,7 @@ class FlowSamples:
             self.pressure[rows],
             self.flow[rows],
             self.std[rows],
-            self.spread[rows],
+            self.windows.select(rows),
             self.crosses[rows],
             self.test[rows],
             self.labels,
@@ -189,7 +191,7 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
     means = [_PulseMean.of(t, pulse_block(pwm_period, t.period), skip) for t in tests]
     noise = _pooled_noise(means, rig)
     fastest = max((m.fastest() for m in means), default=0.0)
-    parts = []
+    parts, windows = [], []
     for number, (test, mean) in enumerate(zip(tests, means, strict=True)):
         begin, end = _windows(test, mean, air, noise, fastest)
         if len(begin) == 0:
@@ -209,9 +211,20 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
             for value in (rate, noise * gains / test.period)
         )
         size = len(begin)
-        within = _within(test, mean, begin, end, air, noise)
+        crosses = _crosses(test, mean, begin, end, air)
         parts.append(
-            (np.full(size, test.duty), pressure, flow, std, *within, np.full(size, number))
+            (np.full(size, test.duty), pressure, flow, std, crosses, np.full(size, number))
+        )
+        row, rows = mean.first + begin, end - begin + mean.block - 1
+        windows.append(
+            FlowWindows(
+                row,
+                rows,
+                test.pressure[row],
+                np.full(size, mean.block),
+                np.full(size, test.period),
+                noise * np.sqrt(_PARABOLIC / rows) if math.isfinite(noise) else np.zeros(size),
+            )
         )
     labels = tuple(t.label for t in tests)
     heat = air.heat_capacity_ratio * air.gas_constant_j_per_kg_k
@@ -223,12 +236,14 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
         _sampling(means, tests, rig),
     )
     if not parts:
-        none = np.empty(0)
-        parts.append((none, none, none, none, none, none.astype(bool), none))
+        none, numbers = np.empty(0), np.empty(0, dtype=np.intp)
+        parts.append((none, none, none, none, none.astype(bool), numbers))
+        windows.append(FlowWindows(numbers, numbers, none, numbers, none, none))
     columns = zip(*parts, strict=True)
-    duty, level, mass_flow, error, spread, crosses, own = map(np.concatenate, columns)
+    duty, level, mass_flow, error, crosses, own = map(np.concatenate, columns)
+    made_of = FlowWindows.joined(windows)
     return FlowSamples(
-        duty, level, mass_flow, error, spread, crosses, own.astype(np.intp), *of_tests
+        duty, level, mass_flow, error, made_of, crosses, own.astype(np.intp), *of_tests
     )
 
 
@@ -404,36 +419,21 @@ def _stretches(test: PwmTest, mean: _PulseMean, air: Air) -> list[tuple[int, int
     return [(start, stop) for start, stop in pairs if mean.usable[start]]
 
 
-def _within(
-    test: PwmTest, mean: _PulseMean, begin: IntArray, end: IntArray, air: Air, noise: float
-) -> tuple[FloatArray, BoolArray]:
-    """How far the means spread within each window, Pa, and which windows cross a boundary.
+def _crosses(
+    test: PwmTest, mean: _PulseMean, begin: IntArray, end: IntArray, air: Air
+) -> BoolArray:
+    """Which windows (n,) cross a boundary.
 
-    The spread is a standard deviation with the slope's own weights, less that of the noise. The
-    means of a window stay on one side of a choked boundary; its samples, over which they are taken,
-    may not.
+    The means of a window stay on one side of a choked boundary; its samples, over which they are
+    taken, may not.
     """
-    spread, crosses = np.zeros(len(begin)), np.zeros(len(begin), dtype=bool)
+    crosses = np.zeros(len(begin), dtype=bool)
     boundaries = choked_boundaries(air, test.supply)
-    of_noise = noise**2 / mean.block if math.isfinite(noise) else 0.0
-    halfway = 0.5 * (mean.values[1:] + mean.values[:-1])
     for i, (start, stop) in enumerate(zip(begin.tolist(), end.tolist(), strict=True)):
         own = test.pressure[mean.first + start : mean.first + stop + mean.block - 1]
         low, high = own.min(), own.max()
         crosses[i] = any(low < boundary < high for boundary in boundaries)
-        weights = _slope_weights(stop - start)
-        between = halfway[start : stop - 1]
-        off = between - weights @ between
-        spread[i] = math.sqrt(max(float(weights @ (off * off)) - of_noise, 0.0))
-    return spread, crosses
-
-
-@lru_cache(maxsize=4096)
-def _slope_weights(points: int) -> FloatArray:
-    """Weights (points - 1,) of the differences between neighbours in a slope; their sum is 1."""
-    place = np.arange(1.0, points)
-    weights = place * (points - place)
-    return np.asarray(weights / np.sum(weights))
+    return crosses
 
 
 def _slopes(
@@ -446,7 +446,7 @@ def _slopes(
     alike.
     """
     n = (end - begin).astype(float)
-    # Windows may leave gaps: every second segment of reduceat is one of them.
+    # FlowWindows may leave gaps: every second segment of reduceat is one of them.
     bounds = np.column_stack((begin, end)).ravel()
     c = np.arange(len(values)) - np.repeat(*_centres(begin, end, len(values)))
     padded = np.concatenate((values, [0.0]))

@@ -1,0 +1,155 @@
+"""What the windows of a held chamber's pressure make of a valve's law.
+
+A sample of mean flow is the slope of a moving mean over a window of rows. Where pulses move the
+pressure far, next to how far the law stays the same, no formula says which flow and which pressure
+come out: the chamber is simulated over the window, pulse by pulse, and what its rows give is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sysid.plant.base import Array
+from sysid.plant.steps import heun
+from sysid.surfaces.averaged import AveragedLaw
+from sysid.types import FloatArray
+
+# Of a PWM period, at least. Half of them move the numbers of a chamber that fills in six periods by
+# four tenths of their standard errors, these by a tenth.
+_STEPS = 40
+# Places of the pulses that stand for all of them where it is not known.
+_PLACES = (np.arange(4) + 0.5) / 4
+
+Chamber = tuple[FloatArray, ...]
+"""Of each window's chamber (n,): supply [Pa], k R T / V [Pa/kg], a further flow into it [kg/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class FlowWindows:
+    """Of which rows of its test each sample is made; all (n,).
+
+    `row`: the first one, `rows`: how many, `start`: the pressure there [Pa], `block`: how many rows
+    a moving mean takes, `period`: from row to row [s], `error`: of the mean pressure [Pa].
+    """
+
+    row: NDArray[np.intp]
+    rows: NDArray[np.intp]
+    start: FloatArray
+    block: NDArray[np.intp]
+    period: FloatArray
+    error: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> FlowWindows:
+        """Those of the samples in `rows`."""
+        return FlowWindows(*(getattr(self, field.name)[rows] for field in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: list[FlowWindows]) -> FlowWindows:
+        """The windows of all parts, one after the other."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+
+    def under(
+        self, law: AveragedLaw, share: FloatArray, centre: FloatArray, chamber: Chamber
+    ) -> tuple[FloatArray, FloatArray]:
+        """Mean pressure, Pa, and flow, kg/s, (n,) that the windows show of a valve of this law.
+
+        `share` of the PWM period in which it is open, about `centre` of it, counted from the test's
+        first row (NaN: the mean over all places), both (n,).
+        """
+        pressure, flow = np.empty(len(self)), np.empty(len(self))
+        known = np.isfinite(centre)
+        for rows, places in (
+            (known, (centre,)),
+            (~known, [np.full(len(self), p) for p in _PLACES]),
+        ):
+            for own in self._alike(rows):
+                windows, given = self.select(own), tuple(column[own] for column in chamber)
+                found = [_seen(law, windows, share[own], place[own], given) for place in places]
+                pressure[own], flow[own] = np.mean(found, axis=0)
+        return pressure, flow
+
+    def _alike(self, rows: NDArray[np.bool_]) -> Iterator[NDArray[np.intp]]:
+        """Numbers of those windows in `rows` that have one period and block, the longest first."""
+        order = np.argsort(-self.rows, kind="stable")
+        kinds = np.unique(np.column_stack((self.period, self.block)), axis=0)
+        for period, block in kinds:
+            own = rows & (self.period == period) & (self.block == block)
+            if own.any():
+                yield order[own[order]]
+
+
+def _seen(
+    law: AveragedLaw,
+    windows: FlowWindows,
+    share: FloatArray,
+    centre: FloatArray,
+    chamber: Chamber,
+) -> tuple[FloatArray, FloatArray]:
+    """`FlowWindows.under` for windows of one period and block, the longest first."""
+    period, block = float(windows.period[0]), int(windows.block[0])
+    course = _course(law, windows, share, centre, chamber)
+    total = np.vstack((np.zeros(len(share)), np.cumsum(course, axis=0)))
+    means = (total[block:] - total[:-block]) / block
+    # The slope over n means is that of the differences between neighbours, weighted by i (n - i).
+    place = np.arange(1.0, len(means))[:, None]
+    weights = np.maximum(place * (windows.rows - block + 1 - place), 0.0)
+    weights /= weights.sum(axis=0)
+    rate = (weights * np.diff(means, axis=0)).sum(axis=0) / period
+    pressure = (weights * 0.5 * (means[1:] + means[:-1])).sum(axis=0)
+    return pressure, rate / chamber[1]
+
+
+def _course(
+    law: AveragedLaw,
+    windows: FlowWindows,
+    share: FloatArray,
+    centre: FloatArray,
+    chamber: Chamber,
+) -> FloatArray:
+    """Pressure (rows, n), Pa, at the windows' rows; 0 beyond a window's end."""
+    pwm, period = float(law.period), float(windows.period[0])
+    parts = int(np.ceil(_STEPS * period / pwm))
+    step = period / parts
+    course = np.zeros((int(windows.rows[0]), len(share)))
+    course[0] = pressure = windows.start
+    begun = _opened(windows.row * period / pwm, share, centre)
+    for row in range(1, len(course)):
+        n = int(np.count_nonzero(windows.rows > row))
+        pressure, begun = pressure[:n], begun[:n]
+        own = tuple(column[:n] for column in chamber)
+        for part in range(1, parts + 1):
+            at = (windows.row[:n] + row - 1) * period + part * step
+            until = _opened(at / pwm, share[:n], centre[:n])
+            # The valve moves within a step: it is open for a part of it.
+            rates = partial(_rates, law, (until - begun) * pwm / step, own)
+            (pressure,) = heun([pressure], rates([pressure]), rates, step)
+            begun = until
+        course[row, :n] = pressure
+    return course
+
+
+def _rates(
+    law: AveragedLaw, share: FloatArray, chamber: Chamber, state: Sequence[Array]
+) -> list[Array]:
+    """dP/dt (n,), Pa/s, of held chambers at the pressures in `state`."""
+    supply, per_flow, added = chamber
+    return [per_flow * (law.flow_of_share(share, state[0], (supply, law.atmosphere)) + added)]
+
+
+def _opened(turns: Array, share: FloatArray, centre: FloatArray) -> FloatArray:
+    """For how many PWM periods, of so many turns since a test's first row, the valve was open."""
+    since = turns - (centre - 0.5 * share)
+    whole = np.floor(since)
+    return np.asarray(whole * share + np.minimum(since - whole, share))
+
+
+__all__ = ["FlowWindows"]
