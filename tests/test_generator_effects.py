@@ -24,6 +24,7 @@ from datasets.generator.effects.integrator import (
     SENSED_SUPPLY,
 )
 from datasets.generator.effects.knobs import knobs_of, plant_record
+from datasets.generator.effects.simulate import Way
 from datasets.generator.effects.timing import (
     drifting_movements,
     partly_opening_pulses,
@@ -33,7 +34,14 @@ from datasets.generator.effects.timing import (
 )
 from datasets.generator.plant import N_MODES, PRESSURE_A, PRESSURE_B, FloatArray
 from datasets.generator.rigs import GeneratedRig, reference_rig
-from datasets.generator.runs import Commands, Start, at_atmosphere, simulated
+from datasets.generator.runs import (
+    NO_BAND,
+    Commands,
+    Start,
+    at_atmosphere,
+    position_after,
+    simulated,
+)
 from datasets.generator.valve_tests import held_start
 
 ROW_S = 0.001
@@ -162,6 +170,27 @@ def as_plain(rows: FloatArray) -> FloatArray:
 def test_every_effect_has_a_place_where_it_shows() -> None:
     assert set(SHOWS) == set(FORMS) and len(FORMS) - len(OUT_OF_CATALOGUE) == 48
     assert len(OUT_OF_CATALOGUE) >= 8 and set(OUT_OF_CATALOGUE) < set(FORMS)
+
+
+@pytest.mark.parametrize(
+    ("id", "form"),
+    [("torque-offset", "constant"), ("duty-dead-zone", "vanish"), ("time-skew", "delay")],
+)
+def test_a_run_that_goes_on_is_where_one_from_the_start_is(id: str, form: str) -> None:
+    """To the last bit; also where a pulse that had moved the valve is cut too short to do so."""
+    rig = dataclasses.replace(reference_rig(), effects=(drawn(id, form),))
+    start, motor, valves = at_atmosphere(rig, 0.05), np.zeros(600), np.zeros((2, 600))
+    way = Way()
+    pulses = ((0, 50, 90), (1, 200, 260), (0, 205, 206), (0, 400, 450))
+    for (valve, low, high), rows in zip(pulses, (200, 300, 400, 600), strict=True):
+        valves[valve, low:high] = 1.0
+        if low == 205:
+            valves[1, 201:260] = 0.0
+        commands = Commands(motor[:rows], valve_a=valves[0, :rows], valve_b=valves[1, :rows])
+        went_on = position_after(rig, rig.plant(), commands, start, NO_BAND, 1.0, way)
+        assert way.reached[0] == rows - 1
+        assert went_on == simulated(rig, rig.plant(), commands, start)[-1, SENSED_POSITION]
+    assert position_after(rig, rig.plant(), commands, start, (0.04, 0.0501), 1.0, Way()) is None
 
 
 @pytest.mark.parametrize(("id", "form"), ALL_FORMS)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from datasets.generator.effects.simulate import Way
 from datasets.generator.friction_tests import (
     clipped_sine,
     factors_truth,
@@ -17,7 +18,14 @@ from datasets.generator.friction_tests import (
 )
 from datasets.generator.plant import POSITION, FloatArray, Plant
 from datasets.generator.rigs import GeneratedRig
-from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, logged, simulated
+from datasets.generator.runs import (
+    Commands,
+    GeneratedTest,
+    at_atmosphere,
+    logged,
+    position_after,
+    simulated,
+)
 from datasets.generator.sensors import rounded_duty, rounded_effort
 
 LIMIT = 0.92  # of the half travel, never passed
@@ -139,15 +147,15 @@ def _sequence(
     start = at_atmosphere(rig, position)
     commands = Commands(motor, valve_a=valves[0], valve_b=valves[1])
     row = round(rng.uniform(0.25, 0.6) / rig.row_period)
-    search = SEARCH_TOLERANCE if rig.effects else 1.0
+    search, way = SEARCH_TOLERANCE if rig.effects else 1.0, Way()
     while row < n:
         # Valve A pushes up, B down: mostly towards the middle, as a careful operator would.
         now = row + 1
         so_far = Commands(motor[:now], valve_a=valves[0, :now], valve_b=valves[1, :now])
-        states = simulated(rig, plant, so_far, start, (-limit, limit), search)
-        if len(states) <= row:
+        here = position_after(rig, plant, so_far, start, (-limit, limit), search, way)
+        if here is None:
             return None
-        towards = 1 if states[row, POSITION] > 0.0 else 0
+        towards = 1 if here > 0.0 else 0
         valve = towards if rng.random() < 0.8 else 1 - towards
         length = round(_pulse(rng) / rig.row_period)
         valves[valve, row : row + length] = 1.0

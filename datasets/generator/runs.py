@@ -9,7 +9,7 @@ import numpy as np
 
 from datasets.generator.effects import simulate as with_effects
 from datasets.generator.integrator import integrate
-from datasets.generator.plant import SHUT, FloatArray, Plant
+from datasets.generator.plant import POSITION, SHUT, FloatArray, Plant
 from datasets.generator.rigs import GeneratedRig
 from datasets.generator.sensors import measured
 from datasets.generator.timing import (
@@ -94,14 +94,7 @@ def simulated(
     `tolerance` scales the error allowed a step. With undeclared effects it scales the step itself,
     and the states are (m, 8): the columns of `effects.simulate` after the four states.
     """
-    asked = (
-        _command_edges(rig, commands.valve_a, commands.duty_a, start.opened[0]),
-        _command_edges(rig, commands.valve_b, commands.duty_b, start.opened[1]),
-    )
-    if rig.bleeds:
-        pulsed = commands.duty_a is not None
-        levels, duties = (None, commands.bleed) if pulsed else (commands.bleed, None)
-        asked = asked[0], _command_edges(rig, levels, duties, 0)
+    asked = _asked(rig, commands, start)
     initial = np.array([start.position, 0.0, start.pressure_a, start.pressure_b])
     if rig.effects:
         motor = np.ascontiguousarray(commands.motor, dtype=np.float64)
@@ -129,6 +122,43 @@ def simulated(
     if rows == 0:
         raise RuntimeError("the integration needs too many steps: is the rig plausible?")
     return np.asarray(states[:rows])
+
+
+def position_after(
+    rig: GeneratedRig,
+    plant: Plant,
+    commands: Commands,
+    start: Start,
+    band: tuple[float, float],
+    tolerance: float,
+    way: with_effects.Way,
+) -> float | None:
+    """Position before the commands' last row, or None: outside `band` by then.
+
+    The `way` of a rig with effects, new for each start, spares the rows that the run before it had.
+    """
+    if rig.effects:
+        motor = np.ascontiguousarray(commands.motor[:-1], dtype=np.float64)
+        initial = np.array([start.position, 0.0, start.pressure_a, start.pressure_b])
+        asked = _asked(rig, commands, start)
+        return with_effects.position_after(
+            rig, plant, motor, asked, initial, start.opened, start.held, band, tolerance, way
+        )
+    states = simulated(rig, plant, commands, start, band, tolerance)
+    return float(states[-1, POSITION]) if len(states) == len(commands.motor) else None
+
+
+def _asked(rig: GeneratedRig, commands: Commands, start: Start) -> tuple[Edges, Edges]:
+    """Both valves' command edges; of a chamber with two valves, of these two."""
+    asked = (
+        _command_edges(rig, commands.valve_a, commands.duty_a, start.opened[0]),
+        _command_edges(rig, commands.valve_b, commands.duty_b, start.opened[1]),
+    )
+    if rig.bleeds:
+        pulsed = commands.duty_a is not None
+        levels, duties = (None, commands.bleed) if pulsed else (commands.bleed, None)
+        asked = asked[0], _command_edges(rig, levels, duties, 0)
+    return asked
 
 
 def _command_edges(

@@ -40,7 +40,6 @@ from datasets.generator.effects.mechanics import (
 from datasets.generator.plant import (
     CRITICAL_RATIO,
     HELD,
-    N_MODES,
     N_STATES,
     OPEN_A,
     OPEN_B,
@@ -252,26 +251,33 @@ def integrate_with_effects(
     opened: IntArray,
     held: bool,
     band: FloatArray,
+    x: FloatArray,
+    mode: IntArray,
+    reached: FloatArray,
 ) -> tuple[FloatArray, int]:
     """Rows (n, 8), and how many were reached: four states, sensed position, pressures, supply.
 
     `plant` and `knobs` are `PLANT` and `KNOBS` arrays of one record, `substeps` the steps a row;
-    the other arguments are those of `generator.integrator.integrate`.
+    the arguments from `motor` to `band` are those of `generator.integrator.integrate`. The last
+    three are how far a run has come: all states, the mode, and the row (0: it starts), the edges
+    passed and the time at rest. They are left as they are after the last row; only the rows since
+    are filled in, their pressures without `k.skew_s_a` and `k.skew_s_b` unless the run started.
     """
     p, k = plant[0], knobs[0]
     n = motor.size
     rows = np.empty((n, N_COLUMNS))
-    x = _start(start, p, k)
+    first, edge, stuck = int(reached[0]), int(reached[1]), reached[2]
+    if first == 0:
+        x[:] = _start(start, p, k)
+        mode[:] = 0
+        mode[HELD] = 1 if held else 0
+        mode[OPEN_A], mode[OPEN_A + 1] = opened[0], opened[1]
     one, two, three = np.empty_like(x), np.empty_like(x), np.empty_like(x)
-    mode = np.zeros(N_MODES, dtype=np.int64)
-    mode[HELD] = 1 if held else 0
-    mode[OPEN_A], mode[OPEN_A + 1] = opened[0], opened[1]
     on_arm = k.use_encoder_on_arm > 0.0 and k.arm_inertia > 0.0
-    late = max(k.skew_s_a, k.skew_s_b) > 0.0
+    late = max(k.skew_s_a, k.skew_s_b) > 0.0 and first == 0
     history = np.empty((n * substeps + 1 if late else 1, 2))
     step = period / substeps
-    edge, stuck = 0, 0.0
-    for row in range(n):
+    for row in range(first, n):
         now = row * period
         rows[row, :N_STATES] = x[:N_STATES]
         rows[row, SENSED_POSITION] = x[ARM] if on_arm else x[POSITION]
@@ -287,19 +293,21 @@ def integrate_with_effects(
         _after_step(x, mode, now, stuck, motor[row], p, k)
         for part in range(substeps):
             begin, end = row * period + part * step, row * period + (part + 1) * step
-            while edge < edge_time.size and edge_time[edge] < end:
-                until = max(edge_time[edge], begin)
-                if until - begin > SHORTEST_S:
-                    h = until - begin
+            while True:
+                switches = edge < edge_time.size and edge_time[edge] < end
+                until = max(edge_time[edge], begin) if switches else end
+                h = until - begin
+                if h > SHORTEST_S or not switches:
                     stuck = _advance(x, mode, begin, h, stuck, motor[row], p, k, one, two, three)
                     begin = until
+                if not switches:
+                    break
                 mode[OPEN_A + edge_valve[edge]] = edge_state[edge]
                 edge += 1
-            h = end - begin
-            stuck = _advance(x, mode, begin, h, stuck, motor[row], p, k, one, two, three)
             if late:
                 history[at + part + 1, 0] = _sensed(x, 0, k)
                 history[at + part + 1, 1] = _sensed(x, 1, k)
         if not (np.isfinite(x[POSITION]) and x[PRESSURE_A] > 0.0 and x[PRESSURE_B] > 0.0):
             return rows, 0
+    reached[0], reached[1], reached[2] = n, edge, stuck
     return rows, n

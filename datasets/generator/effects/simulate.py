@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from datasets.generator.effects.gas import N_EFFECT_STATES
 from datasets.generator.effects.integrator import (
     SENSED_A,
     SENSED_B,
@@ -14,9 +16,34 @@ from datasets.generator.effects.integrator import (
 )
 from datasets.generator.effects.knobs import changed_plant, knobs_of, plant_record, step_s
 from datasets.generator.effects.timing import changed_movements
-from datasets.generator.plant import SHUT, FloatArray, IntArray, Plant
+from datasets.generator.plant import N_MODES, POSITION, SHUT, FloatArray, IntArray, Plant
 from datasets.generator.rigs import GeneratedRig
 from datasets.generator.timing import Edges, merged, no_edges, of_two_valves
+
+
+@dataclass
+class Way:
+    """How far the runs of one test have come, whose commands grow from one run to the next."""
+
+    states: FloatArray = field(default_factory=lambda: np.zeros(N_EFFECT_STATES))
+    mode: IntArray = field(default_factory=lambda: np.zeros(N_MODES, dtype=np.int64))
+    reached: FloatArray = field(default_factory=lambda: np.zeros(3))
+    steps: int = 0
+    edges: tuple[FloatArray, IntArray, IntArray] | None = None
+
+    def start_or_go_on(
+        self, steps: int, edges: tuple[FloatArray, IntArray, IntArray], period: float
+    ) -> None:
+        """Back to the start, unless all valves have moved up to here as they do now."""
+        row, passed = int(self.reached[0]), int(self.reached[1])
+        last = (row - 1) * period + steps * (period / steps)
+        same = self.edges is not None and steps == self.steps
+        if same and self.edges is not None:
+            pairs = zip(self.edges, edges, strict=True)
+            same = all(np.array_equal(was[:passed], now[:passed]) for was, now in pairs)
+        if not same or (edges[0][passed:] < last).any():
+            self.reached[:] = 0.0
+        self.steps, self.edges = steps, edges
 
 
 def simulated(
@@ -38,8 +65,44 @@ def simulated(
     the integration runs away.
     """
     knobs = knobs_of(rig.effects, rig)
+    plant = changed_plant(plant, knobs[0], rig)
+    rows = _rows(rig, plant, knobs, motor, commands, start, opened, held, band, tolerance, Way())
+    return sensed(rows, motor[: len(rows)], plant, knobs[0], rig.row_period)
+
+
+def position_after(
+    rig: GeneratedRig,
+    plant: Plant,
+    motor: FloatArray,
+    commands: tuple[Edges, Edges],
+    start: FloatArray,
+    opened: tuple[int, int],
+    held: bool,
+    band: tuple[float, float],
+    tolerance: float,
+    way: Way,
+) -> float | None:
+    """Position at the end of all rows, from where the `way` has come to; None: outside `band`."""
+    knobs = knobs_of(rig.effects, rig)
+    plant = changed_plant(plant, knobs[0], rig)
+    rows = _rows(rig, plant, knobs, motor, commands, start, opened, held, band, tolerance, way)
+    return float(way.states[POSITION]) if len(rows) == len(motor) else None
+
+
+def _rows(
+    rig: GeneratedRig,
+    plant: Plant,
+    knobs: Any,
+    motor: FloatArray,
+    commands: tuple[Edges, Edges],
+    start: FloatArray,
+    opened: tuple[int, int],
+    held: bool,
+    band: tuple[float, float],
+    tolerance: float,
+    way: Way,
+) -> FloatArray:
     k = knobs[0]
-    plant = changed_plant(plant, k, rig)
     delays = rig.content["valves"]
     edges = [
         changed_movements(
@@ -58,13 +121,16 @@ def simulated(
     opened_array: IntArray = np.array(opened, dtype=np.int64)
     step = tolerance * step_s(rig.effects, time.size > 0)
     steps = max(1, round(rig.row_period / step))
+    way.start_or_go_on(steps, (time, valve, state), rig.row_period)
     rows, count = integrate_with_effects(
         plant_record(plant), knobs, rig.row_period, steps, motor, time, valve, state,
-        start, opened_array, held, np.array(band),
+        start, opened_array, held, np.array(band), way.states, way.mode, way.reached,
     )  # fmt: skip
+    if count < len(motor) or len(motor) == 0:
+        way.reached[:] = 0.0
     if count == 0:
         raise RuntimeError("the integration with effects diverged: are their sizes plausible?")
-    return sensed(np.asarray(rows[:count]), motor[:count], plant, k, rig.row_period)
+    return np.asarray(rows[:count])
 
 
 def sensed(
