@@ -380,8 +380,9 @@ def test_the_refinement_is_told_whole(made: Made) -> None:
     assert "did not converge: it stalled after 41 simulations" in text
     assert "2 of 32 segments are excluded" in text
     assert "2.1 % for sliding and 3.4 % for static friction" in text
-    assert "of friction.static_nm they say less than what was known before" in text
-    assert "hardly distinguish: friction.coulomb_nm and friction.static_nm (−0.93)" in text
+    assert "They say less than what was known before of static friction." in text
+    assert "hardly distinguish: Coulomb friction and static friction (−0.93)" in text
+    assert "Coulomb friction friction.coulomb_nm" in text and "1 Coulomb friction" in text
     # The inertia moved by 3 of its standard errors before, 15 after.
     assert "rig.inertia: the rig file says 0.02" in text and "[inertia] equivalent_kg_m2" in text
     assert "held out Position (mrad) 30.0 33.0 +10 %" in text
@@ -443,9 +444,9 @@ def test_the_least_certain_parameters_are_worth_another_test() -> None:
     assert section is not None
     (lacking,) = (b for b in section.blocks if isinstance(b, Table))
     named = {row[0]: row[1] for row in lacking.rows}
-    assert "friction.offset_nm" not in named
+    assert "Offset of friction" not in named
     # In the parameter's unit: a share of a value about 0 says nothing.
-    assert "to 0.026 Nm" in str(named["friction.coulomb_nm"])
+    assert "to 0.026 Nm" in str(named["Coulomb friction"])
 
 
 def test_a_part_alone_says_on_the_first_screen_what_is_missing(made: Made) -> None:
@@ -661,7 +662,7 @@ def test_what_to_do_next_is_what_advise_predicts(made: Made) -> None:
     assert section is not None
     tests = next(b for b in section.blocks if isinstance(b, Table) and "could run" in b.caption)
     row = [str(cell) for cell in tests.rows[0]]
-    assert row == ["motion-motor: sine 1 Hz, 5 s", "—", "18", "friction.coulomb_nm, by 50 %"]
+    assert row == ["motion-motor: sine 1 Hz, 5 s", "—", "18", "Coulomb friction, by 50 %"]
     plain = {**DIAGNOSIS, "verdict": "effects-found", "unexplained": [], "effects": []}
     assert next_line(made.bundle, plain, advice).startswith(
         "Record motion-motor: sine 1 Hz, 5 s: standard"
@@ -699,10 +700,10 @@ def test_the_next_step_is_weighed_by_what_it_does_to_the_motion() -> None:
     assert bundle.friction is not None
     wide = Estimate(0.003, 0.001, "Nm", (0.001, 0.005))
     bundle = bundle.replaced(friction=bundle.friction.replaced(offset_nm=wide))
-    assert next_line(bundle, None).startswith("friction.offset_nm (95 % interval of")
+    assert next_line(bundle, None).startswith("Offset of friction (95 % interval of")
     moves = {"friction.viscous_nm_s_per_rad": 0.004, "friction.coulomb_nm": 0.001}
     line = next_line(bundle, None, None, lambda: moves, 0.006)
-    assert line.startswith("friction.viscous_nm_s_per_rad: its standard error moves")
+    assert line.startswith("Viscous friction: its standard error moves")
     assert "4.0 mrad (held-out RMSE 6.0 mrad)" in line
     assert "No number is too uncertain" in next_line(bundle, None, None, lambda: moves, 0.06)
     section = next_section(bundle, None, "campaign.toml", None, lambda: moves)
@@ -710,7 +711,7 @@ def test_the_next_step_is_weighed_by_what_it_does_to_the_motion() -> None:
     assert not [text for text in section.intro if "Ordered" in text]  # of one block
     (lacking,) = (b for b in section.blocks if isinstance(b, Table))
     said = {row[0]: row[1] for row in lacking.rows}
-    assert "the simulated model has no such term" in str(said["friction.offset_nm"])
+    assert "the simulated model has no such term" in str(said["Offset of friction"])
 
 
 def test_messages_have_a_page_s_signs() -> None:
@@ -731,7 +732,25 @@ def test_unidentified_parameters_are_named(made: Made) -> None:
     static = Estimate.unidentified("Nm", reason)
     bundle = made.bundle.replaced(friction=made.bundle.friction.replaced(static_nm=static))
     notes = verdict(bundle, made.validation).notes
-    assert any("friction.static_nm" in n and reason in n for n in notes)
+    assert any("Static friction" in n and reason in n for n in notes)
+
+
+def test_the_first_screen_says_what_a_refinement_made_worse(made: Made) -> None:
+    first = made.html[made.html.index("Verdict</") : made.html.index("Data and their quality</h2>")]
+    said = "Refinement . It made the held-out position worse: RMSE from 30.0 to 33.0 mrad."
+    assert said in plain(first)
+    better = json.loads(json.dumps(REFINEMENT))
+    better["rmse"]["holdout"] = position(0.03, 0.0301)
+    better["effort_rmse"] = {"holdout": {"motor_torque_nm": {"before": 0.1, "after": 0.1}}}
+
+    def refined_as(content: Any) -> str:
+        bundle = made.bundle.replaced(refinement=Refinement.model_validate(content))
+        return verdict(bundle, made.validation).refined
+
+    assert refined_as(better) == ""
+    better["effort_rmse"]["holdout"]["motor_torque_nm"]["after"] = 0.12
+    assert "held-out torque worse: RMSE from 100 to 120 mN·m" in refined_as(better)
+    assert verdict(made.bundle.replaced(refinement=None), made.validation).refined == ""
 
 
 def plain(html: str) -> str:

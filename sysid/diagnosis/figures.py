@@ -41,7 +41,7 @@ _ROW = 0.33  # inches
 _FRAME = 0.83  # inches above and below the rows
 LEAST_REDUCTION = 0.1
 """Smaller reductions are drawn at this value."""
-_NAME = re.compile(r"[^A-Za-z0-9 ._+,:()/-]")
+_NAME = re.compile(r"[^A-Za-z0-9 ._+,:()'/-]")
 _LONGEST_NAME = 40
 _LONGEST_TITLE = 41
 

@@ -27,7 +27,7 @@ from sysid.blocks.figures import Figure, Mark, Panel, Points, Role, Scale, Span
 from sysid.blocks.numbers import estimate_cells as cells_of
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.shown import Shown
-from sysid.blocks.tables import Table, table
+from sysid.blocks.tables import NotedCell, Table, table
 from sysid.errors import InputError, input_error
 from sysid.estimation.linear import LEVEL, Estimate, finite_or_none, t_p_value, t_quantile
 from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted
@@ -36,6 +36,7 @@ from sysid.io.rig import differing_sections
 from sysid.parameters import Bundle
 from sysid.parameters.correlation import ROUNDING
 from sysid.parameters.table import ParameterTable
+from sysid.parameters.titles import part_title, short_title, title_of
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -124,15 +125,19 @@ class Comparison(Shown):
         """The movements that are significant."""
         return tuple(m for m in self.movements if m.is_significant)
 
-    def headline(self) -> str:
-        """What moved against the first, in one line."""
-        moved = list(dict.fromkeys(_label(m) for m in self.moved))
+    def headline(self, *, is_titled: bool = False) -> str:
+        """What moved against the first, in one line; by keys, as commands have them, or titles."""
+        moved = list(dict.fromkeys(_label(m, is_titled=is_titled) for m in self.moved))
         none = "no parameter moved significantly"
         if not self.movements:
             none = "no parameter has a standard error in both: no movement was tested"
         said = [f"moved: {', '.join(moved)}" if moved else none]
         for state in ("appeared", "disappeared", "grew", "shrank"):
-            effects = dict.fromkeys(e.effect for e in self.effects if e.state == state)
+            effects = dict.fromkeys(
+                part_title(f"effect {e.effect}") if is_titled else e.effect
+                for e in self.effects
+                if e.state == state
+            )
             said += [f"{state}: {', '.join(effects)}"] if effects else []
         what = "valves" if self.names == VALVES else "bundles"
         return f"{len(self.names)} {what}, against {self.names[0]}: {'; '.join(said)}"
@@ -168,20 +173,21 @@ class Comparison(Shown):
         """The numbers next to each other, what moved, the effects, and the valves' responses."""
         yield table(
             "Parameters with 95 % intervals; * moved significantly against the first",
-            ("part", "parameter", "unit", *self.names),
+            (*_heads("part", "parameter", "unit"), *self.names),
             tuple(self._row(part, key) for part, key in self._keys()),
             text=(1, 2),
         )
         yield table(
             "What moved, most significant first",
-            ("bundle", "part", "parameter", "change", "in std. errors", "p, adjusted"),
+            (*_heads("bundle", "part", "parameter", "change", "in std. errors"), "p, adjusted"),
             tuple(self._moved_row(m) for m in sorted(self.moved, key=lambda m: m.p_value)),
             text=(1, 2),
         )
         yield table(
             "Effects against the first",
-            ("bundle", "effect", "change"),
-            tuple((e.bundle, e.effect, e.state) for e in self.effects if e.state != "same"),
+            _heads("bundle", "effect", "change"),
+            tuple((e.bundle, _part_cell(f"effect {e.effect}", is_short=True), e.state)
+                  for e in self.effects if e.state != "same"),
             text=(1, 2),
         )
         if self.responses is not None:
@@ -196,23 +202,25 @@ class Comparison(Shown):
         keys = list(dict.fromkeys((m.part, m.name) for m in self.movements if m.name))
         roles: tuple[Role, ...] = ("model", "second", "third", "fourth", "ink")
         half = t_quantile(math.inf, LEVEL)
+        last = len(keys) - 1  # the first is at the top, as in the table
         marks: list[Mark] = [Span(-half, half, is_upright=True)]
         for place, name in enumerate(self.names[1:]):
             found = {(m.part, m.name): m for m in self.movements if m.bundle == name}
             role = roles[place % len(roles)]
             for is_moved in (False, True):
-                own = [(found[k].z, float(i)) for i, k in enumerate(keys)
+                own = [(found[k].z, float(last - i)) for i, k in enumerate(keys)
                        if k in found and found[k].is_significant == is_moved]  # fmt: skip
                 if own:
                     said = f"{name}, moved" if is_moved else name
                     x, y = np.transpose(own)
                     marks.append(Points(x, y, role, said, is_filled=is_moved))
-        ticks = tuple((float(i), f"{part} {name}") for i, (part, name) in enumerate(keys))
+        ticks = tuple((float(last - i), _title(*key)) for i, key in enumerate(keys))
         scale = Scale("Change in standard errors of the difference (shaded: 95 % if none moved)")
         panel = Panel(scale, Scale(ticks=ticks), tuple(marks))
         size = (7.0, max(2.6, 0.22 * len(keys) + 1.0))
         title = "Each number against the first"
-        return Figure("fig-moved", title, self.headline(), (panel,), size=size)
+        described = self.headline(is_titled=True)
+        return Figure("fig-moved", title, described, (panel,), size=size)
 
     def to_json(self) -> dict[str, Any]:
         """The object that `sysid compare --json` prints."""
@@ -243,8 +251,10 @@ class Comparison(Shown):
             between = interval if interval.startswith("(") else f"({interval})"
             # A power of ten that the interval has too is written once, behind both.
             short = value.partition(" × ")[0] if " × " in between else value
-            cells.append(f"{short} {between}{star}" if found.identified else value)
-        return (part, key, unit, *cells)
+            plain = f"{short} {between}{star}" if found.identified else value
+            small = interval if found.identified else ""
+            cells.append(NotedCell(f"{value}{star}", small, plain))
+        return (_part_cell(part), _key_cell(part, key), unit, *cells)
 
     def _moved_row(self, m: Movement) -> tuple[str, ...]:
         change = number(m.change)
@@ -256,7 +266,8 @@ class Comparison(Shown):
         if first is not None and first.value != 0.0:
             change += f" ({percent(100.0 * m.change / abs(first.value))})"
         p = "<1e-20" if m.p_adjusted < 1e-20 else number(m.p_adjusted, 2)
-        return (m.bundle, m.part, m.name or "all of it", change, number(m.z), p)
+        key = _key_cell(m.part, m.name) if m.name else "all of it"
+        return (m.bundle, _part_cell(m.part), key, change, number(m.z), p)
 
 
 def _plain(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -465,7 +476,36 @@ def _effects(
         yield EffectChange(bundle, place.removeprefix("effect "), state)
 
 
-def _label(movement: Movement) -> str:
+def _heads(*names: str) -> tuple[str, ...]:
+    """Columns by their names, which begin with a capital on a page."""
+    return tuple(NotedCell(f"{name[:1].upper()}{name[1:]}", plain=name) for name in names)
+
+
+def _title(part: str, key: str) -> str:
+    """A number's title; its place and key where it has none."""
+    path = f"{part}.{key}"
+    return f"{part} {key}" if title_of(path) == path else short_title(path)
+
+
+def _part_cell(part: str, *, is_short: bool = False) -> NotedCell:
+    """A part by its title, in a terminal by its place (`is_short`: without what kind it is)."""
+    plain = part.removeprefix("effect ") if is_short else part
+    return NotedCell(part_title(part), plain=plain)
+
+
+def _key_cell(part: str, key: str) -> NotedCell:
+    """A number by what it is called within its part, with its key beneath."""
+    title, whole = title_of(f"{part}.{key}"), part_title(part)
+    if title == f"{part}.{key}":
+        return NotedCell(key)
+    own = title.removeprefix(f"{whole}: ").removeprefix(f"{whole.partition(',')[0]}, ")
+    return NotedCell(f"{own[:1].upper()}{own[1:]}", key)
+
+
+def _label(movement: Movement, *, is_titled: bool) -> str:
+    if is_titled:
+        whole = f"{part_title(movement.part)} as a whole"
+        return _title(movement.part, movement.name) if movement.name else whole
     part = movement.part.removeprefix("effect ")
     return f"{part} {movement.name}" if movement.name else f"{part} as a whole"
 

@@ -53,6 +53,7 @@ _TITLES = {
     "wall_conductance_w_per_k": "Conductance of the tank's wall",
     "on_delay": "Delay, on",
     "off_delay": "Delay, off",
+    "delay_difference_s": "Closing delay less opening delay",
     "critical_ratio_fill": "Critical ratio, filling",
     "critical_ratio_dis": "Critical ratio, exhaust",
     "jump_fill_percent": "Jump at the boundary, filling",
@@ -90,12 +91,17 @@ class ParameterRow:
     @property
     def title(self) -> str:
         """Its name for readers."""
-        return _TITLES.get(self.key) or _TITLES.get(self.name, self.key)
+        return title_of_key(self.key) or title_of_key(self.name) or self.key
 
     @property
     def field(self) -> str:
         """Its name in the plant's parameters."""
         return field_of(self.name, self.side)
+
+
+def title_of_key(key: str) -> str:
+    """The title of a number by its key in a part, or by its name inside; empty without any."""
+    return _TITLES.get(key) or _TITLES.get(_NAMES.get(key, key), "")
 
 
 def field_of(name: str, side: str = "") -> str:

@@ -30,13 +30,14 @@ from sysid.blocks.numbers import number, unit
 from sysid.estimation.linear import LEVEL, t_quantile
 from sysid.parameters.base import read_number
 from sysid.parameters.refinement import ProfileRecord, RefinedValue
+from sysid.parameters.titles import short_title, title_of
 from sysid.types import BoolArray, FloatArray
 
 LEAST_WRITTEN = 0.5
 """Correlations of this size and above are written into their cells."""
 _ROW = 0.32  # inches
 _FRAME = 0.83  # inches above and below the rows
-_NAME = re.compile(r"[^A-Za-z0-9 ._+-]")
+_NAME = re.compile(r"[^A-Za-z0-9 ._+,:;()'/\N{HORIZONTAL ELLIPSIS}-]")
 
 
 def movement(values: Sequence[RefinedValue]) -> Figure:
@@ -62,7 +63,7 @@ def movement(values: Sequence[RefinedValue]) -> Figure:
     x = Scale("Movement", "standard errors before", (-1.12 * reach, 1.12 * reach))
     y_axis = Scale(limits=(-count + 0.5, 0.62))
     panel = Panel(_stretched(x, reach), y_axis, tuple(marks), legend="none", has_names=True)
-    told = "; ".join(f"{v.name} {number(_moved(v)[0], 2)}" for v in values)
+    told = "; ".join(f"{title_of(v.name)} {number(_moved(v)[0], 2)}" for v in values)
     description = (
         f"Movement in standard errors of the value before: {told}. Blue: informed by the motion "
         "tests; grey: by the bench tests alone."
@@ -125,7 +126,8 @@ def correlation(values: Sequence[RefinedValue], matrix: Sequence[Sequence[float]
         ((abs(matrix[i][j]), i, j) for i in range(count) for j in range(i)), reverse=True
     )
     told = "; ".join(
-        f"{values[j].name} and {values[i].name} {number(float(matrix[i][j]), 2)}"
+        f"{title_of(values[j].name)} and {title_of(values[i].name)} "
+        f"{number(float(matrix[i][j]), 2)}"
         for _, i, j in pairs[:5]
     )
     description = f"Blue: positive, orange: negative. The strongest correlations: {told}."
@@ -156,13 +158,13 @@ def profile(place: int, value: RefinedValue, found: ProfileRecord) -> Figure:
     y = Scale("Rise of the cost", limits=(0.0, 1.25 * max(float(rise.max()), line)))
     shown = [number(limit, 5) for limit in (low, high)]
     description = (
-        f"{value.name}: 95 % interval by profile likelihood from {shown[0]} to {shown[1]} "
+        f"{title_of(value.name)}: 95 % interval by profile likelihood from {shown[0]} to {shown[1]} "
         f"{unit(value.after.unit)}, best value {number(best, 5)}."
     )
     axis = Scale("Value", f"{prefix}{unit(value.after.unit)}".strip())
     return Figure(
         f"fig-refinement-profile-{place}",
-        f"Profile of {value.name}",
+        f"Profile of {title_of(value.name)}",
         description,
         (Panel(axis, y, tuple(marks)),),
         _drawable(value.name),
@@ -179,7 +181,8 @@ def _readable_scale(size: float) -> tuple[float, str]:
 
 
 def _drawable(name: str) -> str:
-    return _NAME.sub("?", name)[:40]
+    """A number's title without unusual characters."""
+    return _NAME.sub("?", short_title(name))
 
 
 __all__ = ["LEAST_WRITTEN", "correlation", "movement", "profile"]

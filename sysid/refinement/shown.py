@@ -21,6 +21,7 @@ from sysid.parameters.refinement import (
     Refinement,
     ScatterOfFriction,
 )
+from sysid.parameters.titles import named, title_of
 from sysid.refinement import figures
 
 HIGHLY_CORRELATED = 0.9
@@ -63,12 +64,12 @@ def before_and_after_table(values: Iterable[RefinedValue]) -> Table:
         unit = estimate_cells(value.after)[3]
         moved = number(read_number(value.movement), 2)
         cells = (_with_error(before), _with_error(value.after), unit)
-        rows.append((str(place), value.name, moved, _known_from(value), *cells))
+        rows.append((str(place), named(value.name), moved, _known_from(value), *cells))
     caption = (
         "Parameters before and after, ± one standard error; the movement is in standard errors "
         "of the value before"
     )
-    return table(caption, _COLUMNS, rows, text=(3, 6), code=(1,))
+    return table(caption, _COLUMNS, rows, text=(1, 3, 6))
 
 
 def intervals_table(refinement: Refinement) -> Table:
@@ -83,9 +84,11 @@ def intervals_table(refinement: Refinement) -> Table:
             low, high = (_limit(limit) for limit in found.interval)
             own = Estimate(value.after.value, value.after.std, value.after.unit, (low, high))
             by_profile = estimate_cells(own)[2]
-        rows.append((value.name, interval, by_profile, unit))
-    columns = ("Parameter", "By standard error", "By profile likelihood", "Unit")
-    return table("95 % intervals after", columns, rows, text=(3,), code=(0,))
+        rows.append((named(value.name), interval, by_profile, unit))
+    columns = ["Parameter", "By standard error", "By profile likelihood", "Unit"]
+    if not profiles:
+        columns, rows = columns[:2] + columns[3:], [(*row[:2], row[3]) for row in rows]
+    return table("95 % intervals after", columns, rows, text=(len(columns) - 1,))
 
 
 def _limit(value: Number | None) -> float:
@@ -165,16 +168,23 @@ def _excluded(refinement: Refinement) -> list[Block]:
 
 
 def _informed(values: list[RefinedValue]) -> str:
-    told = [v.name for v in values if v.informed_by_motion]
-    rest = [v.name for v in values if not v.informed_by_motion]
+    told = [_within(v.name) for v in values if v.informed_by_motion]
+    rest = [_within(v.name) for v in values if not v.informed_by_motion]
     if not rest:
         return "The motion tests inform every parameter."
     if not told:
         return "The motion tests inform none of them beyond what was known before."
     return (
-        f"The motion tests inform {', '.join(told)}; of {', '.join(rest)} they say less than what "
-        "was known before."
+        f"The motion tests inform {'; '.join(told)}. They say less than what was known before of "
+        f"{'; '.join(rest)}."
     )
+
+
+def _within(name: str) -> str:
+    """A number's title within a sentence."""
+    title = title_of(name)
+    is_own = title == name or not title[1:2].islower() or title.startswith(("Coulomb", "Valve "))
+    return title if is_own else f"{title[:1].lower()}{title[1:]}"
 
 
 def _pictures(refinement: Refinement, values: list[RefinedValue]) -> list[Block]:
@@ -200,11 +210,11 @@ def _pictures(refinement: Refinement, values: list[RefinedValue]) -> list[Block]
 def _tied(values: list[RefinedValue], matrix: list[list[float]]) -> str:
     """The pairs that these tests hardly distinguish."""
     pairs = [
-        f"{values[i].name} and {values[j].name} ({number(matrix[i][j], 2)})"
+        f"{_within(values[i].name)} and {_within(values[j].name)} ({number(matrix[i][j], 2)})"
         for i, j in itertools.combinations(range(len(values)), 2)
         if abs(matrix[i][j]) > HIGHLY_CORRELATED
     ]
-    return f" The tests hardly distinguish: {', '.join(pairs)}." if pairs else ""
+    return f" The tests hardly distinguish: {'; '.join(pairs)}." if pairs else ""
 
 
 def _profiles(refinement: Refinement) -> list[Block]:

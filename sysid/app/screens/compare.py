@@ -87,7 +87,7 @@ class CompareScreen(Screen):
         responses = content.compared.responses
         figures = [content.compared.figure(), *(responses.figures() if responses else ())]
         panes = [parts.figure_pane(figure, self.window.scheme) for figure in figures]
-        heading = f"<p class='sentence'>{parts.words(content.compared.headline())}</p>"
+        heading = f"<p class='sentence'>{parts.words(content.compared.headline(is_titled=True))}</p>"
         why = parts.note(content.why, "warn") if content.why else ""
         return [
             self.head, parts.html(heading + why), self.plot, parts.grid(panes),

@@ -16,6 +16,8 @@ from sysid.io.channels import channel_of
 from sysid.io.motion import FRICTION
 from sysid.parameters import Bundle
 from sysid.parameters.table import effect_names
+from sysid.parameters.titles import named as named_number
+from sysid.parameters.titles import title_of
 from sysid.pipeline.pages.opening import unidentified
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.entry import Quantity
@@ -105,7 +107,7 @@ def next_line(
     if bundle.rig.is_tank_alone:
         return ""
     for name, lacks, helps in (*_missing(bundle), *(() if moves() else _wide(bundle))):
-        return f"{name} ({lacks}): {helps}."
+        return f"{title_of(name)} ({lacks}): {helps}."
     return _most_moved(bundle, moves(), rmse) or ("" if found is None else "No question is open.")
 
 
@@ -131,7 +133,7 @@ def _most_moved(bundle: Bundle, moves: Mapping[str, float], rmse: float | None) 
         return ""
     name = max(moves, key=moves.__getitem__)
     by = _shown(bundle, moves[name])
-    moved = f"{name}: its standard error moves the simulated position by {by}"
+    moved = f"{title_of(name)}: its standard error moves the simulated position by {by}"
     if rmse is None:
         return f"{moved}: {_MORE}."
     of_all = f"(held-out RMSE {_shown(bundle, rmse)})"
@@ -160,7 +162,7 @@ def _advised(advice: Content) -> list[Block]:
             if std is not None and units[name][1]
         }
         most = min(after, key=after.__getitem__, default=None)
-        helped = "" if most is None else f"{most}, by {_share(1.0 - after[most])} %"
+        helped = "" if most is None else f"{title_of(most)}, by {_share(1.0 - after[most])} %"
         moved = _smaller(test, "motion_gain") if test.get("motion_gain") else MISSING
         rows.append((test["test"], moved, _smaller(test), helped))
     blocks: list[Block] = []
@@ -173,14 +175,15 @@ def _advised(advice: Content) -> list[Block]:
         )
         blocks.append(table(caption, columns, rows, text=(0, 3)))
     ties = [
-        (*tie["pair"], number(tie["correlation_now"], 2), tie["test"] or "none of these")
+        (*map(named_number, tie["pair"]), number(tie["correlation_now"], 2),
+         tie["test"] or "none of these")
         for tie in advice["ties"]
         if abs(tie["correlation_now"]) >= _TIED
-    ]
+    ]  # fmt: skip
     if ties:
         heads = ("One", "Other", "Correlation", "Test that lowers it most")
         caption = "Hard to distinguish in these tests, by the correlation of their errors"
-        blocks.append(table(caption, heads, ties, text=(1, 3), code=(0,)))
+        blocks.append(table(caption, heads, ties, text=(1, 3)))
     return blocks
 
 
@@ -265,11 +268,12 @@ def _lacking(bundle: Bundle, moves: Moves) -> list[Block]:
         return "; the simulated model has no such term" if moved else ""
 
     wide.sort(key=lambda row: -moved.get(row[0], 0.0))
-    rows = [*_missing(bundle), *((n, f"{lacks}{moves_it(n)}", helps) for n, lacks, helps in wide)]
-    if not rows:
+    found = [*_missing(bundle), *((n, f"{lacks}{moves_it(n)}", helps) for n, lacks, helps in wide)]
+    if not found:
         return []
+    rows = [(named_number(name), lacks, helps) for name, lacks, helps in found]
     columns = ("Parameter", "What is missing", "What would help")
-    return [table("Parameters that lack information", columns, rows, text=(1, 2), code=(0,))]
+    return [table("Parameters that lack information", columns, rows, text=(1, 2))]
 
 
 def _unidentified(bundle: Bundle) -> Iterator[tuple[str, str, str]]:

@@ -13,7 +13,10 @@ from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import sentence
 from sysid.io.channels import VELOCITY_CHANNELS, Channel, channel_of
+from sysid.io.motion import LINEAR, ROTARY
 from sysid.parameters import Bundle, ComponentRecord
+from sysid.parameters.base import read_number
+from sysid.parameters.titles import title_of
 from sysid.pipeline.pages import concerns
 from sysid.pipeline.pages.concerns import Concern, level_of_fit
 from sysid.validation.shown_tests import MODEL_NAMES, recommended_models, shown_channels
@@ -22,13 +25,20 @@ if TYPE_CHECKING:
     from sysid.validation import ChannelResult, LogResult, ValidationResult
 
 
+# What moves, and what moves it.
+_TOLD = {*VELOCITY_CHANNELS, *(units.effort_channel for units in (ROTARY, LINEAR))}
+# A refinement that raises a held-out error by less than this is told by its table alone.
+_WORSE = 1.01
+
+
 @dataclass(frozen=True)
 class ReportVerdict:
     """`level` ("good", "fair", "poor" or "none") is that of the worst of what is below.
 
     `sentence` says how well the model follows the rig, `notes` are reservations. `diagnosis` is
-    its verdict in one sentence, `following` what to do next, `held_back` what makes the level worse
-    than the sentence, else empty. `concerns` are all findings from which the level was chosen.
+    its verdict in one sentence, `refined` what a refinement made worse, `following` what to do
+    next, `held_back` what makes the level worse than the sentence, else empty. `concerns` are all
+    findings from which the level was chosen.
     """
 
     level: str
@@ -36,6 +46,7 @@ class ReportVerdict:
     table: Table | None
     notes: tuple[str, ...] = ()
     diagnosis: str = ""
+    refined: str = ""
     following: str = ""
     held_back: str = ""
     concerns: tuple[Concern, ...] = ()
@@ -59,7 +70,7 @@ def verdict(
     diagnosis: Mapping[str, Any] | None = None,
 ) -> ReportVerdict:
     """Judged on the held-out logs; without any, on the training logs, which the text states."""
-    judged = _validated(bundle, validation)
+    judged = replace(_validated(bundle, validation), refined=worsened(bundle))
     if diagnosis is not None and "verdict" in diagnosis:
         said = sentence(diagnosis, _titles(diagnosis))
         judged = replace(judged, diagnosis=said)
@@ -280,6 +291,29 @@ def _other_models(
     return (said,), (Concern(level, f"the position under PWM with the {best}"),)
 
 
+def worsened(bundle: Bundle) -> str:
+    """What the refinement made worse on held-out tests, with what to do; empty where it did not.
+
+    The position's error, and where a motor alone drives that of the equation of motion.
+    """
+    part = bundle.refinement
+    if part is None:
+        return ""
+    for errors in (part.errors(), part.effort_errors()):
+        for name, found in errors.get("holdout", {}).items():
+            before, after = read_number(found.before), read_number(found.after)
+            if name not in _TOLD or not before or after is None or after < _WORSE * before:
+                continue
+            channel = channel_of(name)
+            sizes = span(channel.residual(before), channel.residual(after), 3)
+            return (
+                f"It made the held-out {channel.name} worse: RMSE from {sizes} "
+                f"{channel.residual_unit}. The numbers before it follow held-out tests better; "
+                "where the training tests gained, they make up for something that the model lacks."
+            )
+    return ""
+
+
 def position_rmse(validation: ValidationResult | None) -> float | None:
     """Open-loop RMSE of an actuator's position over whole held-out tests, rad or m; None without
     any."""
@@ -306,7 +340,7 @@ def _unidentified(bundle: Bundle) -> Iterator[str]:
     if bundle.rig.is_tank_alone:
         return
     for name, reason in unidentified(bundle):
-        yield f"Not identified: {name} ({reason})"
+        yield f"Not identified: {title_of(name)} ({reason})"
 
 
 def unidentified(bundle: Bundle) -> Iterator[tuple[str, str]]:
