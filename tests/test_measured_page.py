@@ -43,7 +43,7 @@ def test_the_page_holds_what_was_found() -> None:
     curve = {
         "channel": "motor_force_n",
         "regressor": "velocity",
-        "unit": "m/s",
+        "unit": "N",  # of the channel, as the diagnosis writes it
         "centres": [-0.1, 0.0, 0.1],
         "before": [-3.0, None, 3.0],
         "after": [-0.1, 0.0, 0.1],
@@ -70,6 +70,7 @@ def test_the_page_holds_what_was_found() -> None:
     ):
         assert said in parsed.text, said
     assert page.count("<svg ") == 2
+    assert "Velocity (mm/s)" in page and "Mean residual (N)" in page
     assert not re.search(r"<script|(?:src|href)=\"https?:", page)
 
 

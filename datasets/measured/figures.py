@@ -16,7 +16,9 @@ from sysid.blocks import svg
 from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
 from sysid.blocks.svg import COLOUR
-from sysid.diagnosis.wording import regressor_name
+from sysid.diagnosis.figures import regressor_axis
+from sysid.diagnosis.wording import regressor_key, regressor_name
+from sysid.io.motion import ROTARY
 from sysid.io.units import CANONICAL_UNITS
 from sysid.types import FloatArray
 
@@ -65,7 +67,7 @@ def bars(id: str, errors: Mapping[int, Errors]) -> Picture:
 
 
 def curve(id: str, content: Mapping[str, Any]) -> Picture:
-    """The mean residual over a regressor, before and after; `unit` is the regressor's.
+    """The mean residual over a regressor, before and after, in the units of a report's figures.
 
     `centres`, `before` and `after` are lists of equal length, an empty bin None.
     """
@@ -74,7 +76,9 @@ def curve(id: str, content: Mapping[str, Any]) -> Picture:
     before, after = _array(content["before"]), _array(content["after"])
     means = [float(m) for m in (*before, *after) if np.isfinite(m)]
     unit, scale = scaled(unit_of(channel), means)
-    x_unit, x_scale = scaled(str(content.get("unit") or ""), [float(c) for c in centres])
+    is_linear = channel not in (ROTARY.effort_channel, ROTARY.position_channel)
+    axis, x_scale = regressor_axis(regressor_key(str(content["regressor"])), is_linear)
+    x_unit = axis.unit
     figure, ax = svg.panel(f"{_drawable(title_of(channel)).capitalize()} over {_drawable(name)}")
     ax.axhline(0.0, color=COLOUR["muted"], linewidth=0.7)
     for label, role, values in (("before", "measured", before), ("after", "model", after)):

@@ -27,10 +27,11 @@ from sysid.blocks import svg
 from sysid.blocks.html import fill
 from sysid.blocks.numbers import MISSING, estimate_cells, number
 from sysid.blocks.sections import Block, FigureGroup, Heading, Lines, Section
-from sysid.blocks.tables import table
+from sysid.blocks.tables import NotedCell, table
 from sysid.diagnosis.wording import joined, p_text, parameter_rows
 from sysid.estimation.linear import Estimate
 from sysid.io.files import write_atomic
+from sysid.parameters.titles import named
 
 Content = Mapping[str, Any]
 
@@ -53,9 +54,9 @@ def render_page(results: Content) -> str:
         sections = [_section(measured) for measured in results["sets"]]
     summary = table(
         "The campaigns fitted and diagnosed, with the errors on held-out recordings (SI units)",
-        _without_base(COLUMNS),
-        [_without_base(row) for row in overview(results)],
-        text=(1, 2, 8),
+        ("Set", "Found", "RMSE of", "Before", "After", "Correct model", "Remains"),
+        [_on_page(row) for row in overview(results)],
+        text=(1, 2, 6),
     )
     return fill(
         _TEMPLATE.name,
@@ -67,10 +68,18 @@ def render_page(results: Content) -> str:
     )
 
 
-def _without_base(row: Sequence[str]) -> tuple[str, ...]:
-    """A row of the overview without the base model, which each section gives."""
-    place = COLUMNS.index("Base model")
-    return (*row[:place], *row[place + 1 :])
+def _on_page(row: Sequence[str]) -> tuple[str, ...]:
+    """A row of the overview with its ratios beneath what they are of.
+
+    The base model stands in each section.
+    """
+    cells = dict(zip(COLUMNS, row, strict=True))
+    down, times = cells["Down by"], cells["After / correct"]
+    after = NotedCell(cells["After"], "" if down == MISSING else f"down by {down}")
+    correct = NotedCell(cells["Correct model"], "" if times == MISSING else f"after: {times} times")
+    of = cells["Held-out RMSE of"]
+    named = NotedCell(figures.title_of(of), figures.unit_of(of)) if figures.unit_of(of) else of
+    return (cells["Set"], cells["Found"], named, cells["Before"], after, correct, cells["Remains"])
 
 
 def _sentence(results: Content) -> str:
@@ -158,7 +167,7 @@ def _verdict_line(diagnosis: Content) -> str:
 
 
 def _law_table(law: Mapping[str, Content]) -> Block:
-    rows = [(name, *estimate_cells(Estimate.from_json(e))) for name, e in law.items()]
+    rows = [(named(name), *estimate_cells(Estimate.from_json(e))) for name, e in law.items()]
     columns = ("Parameter", "Value", "Standard error", "95 % interval", "Unit")
     return table("Base law, as fitted before any effect was added", columns, rows, text=(4,))
 
@@ -174,7 +183,7 @@ def _diagnosis_blocks(main: Content, diagnosis: Content) -> list[Block]:
         blocks.append(table(caption, heads, [error_cells(e) for e in errors]))
     if diagnosis["unexplained"]:
         rows = [
-            (e["channel"], e["regressor"], f"{number(100.0 * e['share'], 2)} %")
+            (figures.title_of(e["channel"]), e["regressor"], f"{number(100.0 * e['share'], 2)} %")
             for e in diagnosis["unexplained"]
         ]
         columns = ("Channel", "Follows most", "Share of the residual's variance")

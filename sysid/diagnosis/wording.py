@@ -294,6 +294,11 @@ def regressor_name(name: str) -> str:
     return _REGRESSORS.get(name, name)
 
 
+def regressor_key(name: str) -> str:
+    """The key of a regressor that is given in words; other names are their own."""
+    return next((key for key, words in _REGRESSORS.items() if words == name), name)
+
+
 def parameter_rows(effect: Mapping[str, Any]) -> Iterator[tuple[str, Estimate | str]]:
     """An effect's parameters: estimates, and the side that it acts on as text."""
     for name, estimate in effect["parameters"].items():
@@ -340,6 +345,7 @@ __all__ = [
     "own_friction",
     "p_text",
     "parameter_rows",
+    "regressor_key",
     "regressor_name",
     "remainder_lines",
     "sentence",
