@@ -1089,7 +1089,10 @@ def test_a_part_s_report_begins_with_its_finding_and_names_its_logs(
     """Held-out logs by name, gauge pressures, nothing of the valves that a cylinder alone lacks."""
     text = part_reports["cylinder"].read_text()
     box = text[text.index('id="verdict"') : text.index('id="data"')]
-    assert box.index("Effects found: seal friction") < box.index("The part was tested alone")
+    assert box.index("The part, tested alone, follows its held-out tests") < box.index(
+        "Effects found: seal friction"
+    )
+    assert re.search(r": force to [\d.]+ %, with an RMSE of [\d.]+ N \(a correct model", box)
     assert "PWM surfaces" not in box and "run sysid refine" not in box
     assert "held-out test: test_4.csv" in text and "Force, test_4.csv" in text
     assert "gauge pressure sum times direction" in text
@@ -1100,7 +1103,7 @@ def test_what_was_asked_for_of_a_part_gives_its_colour(part_reports: dict[str, P
     """Static friction, of which there is no test, is listed, and no concern."""
     text = part_reports["cylinder"].read_text()
     box = text[text.index('id="verdict"') : text.index('id="data"')]
-    assert "Not identified: friction.static_n" in box and "unidentified parameter" not in box
+    assert "Not identified: Static friction" in box and "unidentified parameter" not in box
 
 
 def test_a_section_starts_an_a4_page(part_reports: dict[str, Path], browser: Any) -> None:

@@ -33,6 +33,19 @@ _FLOW_NAMES = {
 }
 
 
+# As pages name those which commands call by their keys.
+_READABLE = {
+    "c_fill": "unchoked filling coefficient",
+    "c_dis": "unchoked exhaust coefficient",
+}
+
+
+def readable(parameter: str) -> str:
+    """A parameter of a check as a page names it."""
+    place, _, name = parameter.rpartition(" ")
+    return f"{place} {_READABLE[name]}".lstrip() if name in _READABLE else parameter
+
+
 def identifications(
     by_kind: TrialsByKind, rig: Rig, declared: str | None = None
 ) -> Iterator[Identification]:

@@ -14,7 +14,7 @@ from sysid import signals
 from sysid.blocks.drawing import plot_panels
 from sysid.blocks.figures import Panel, Scale, grouped_bars
 from sysid.blocks.shown import Shown
-from sysid.blocks.tables import Table, table
+from sysid.blocks.tables import NotedCell, Table, table
 from sysid.checks.bench import BENCH_LAWS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import (
     LogReadings,
@@ -23,7 +23,7 @@ from sysid.checks.consistency.campaign import (
 )
 from sysid.checks.consistency.repeats import repeated_tests
 from sysid.checks.friction import Identification
-from sysid.checks.identifiability import excitation, identifications
+from sysid.checks.identifiability import excitation, identifications, readable
 from sysid.io.campaign import FRICTION_POINTS, Campaign, CampaignLog
 from sysid.io.channels import DUTIES, PRESSURES, READINGS, SWITCHES
 from sysid.io.exclusion import Excluded
@@ -152,7 +152,7 @@ class LogCheck(Shown):
         for item in self.identifies:
             rows.setdefault((item.identified, item.reason), []).append(item.parameter)
         found = tuple(
-            ("\n".join(names), "yes" if identified else "no", reason)
+            (_named(names), "yes" if identified else "no", reason)
             for (identified, reason), names in rows.items()
         )
         headings = ("parameter", "", "reason, or test needed")
@@ -202,6 +202,11 @@ def _channel_row(channel: ChannelCheck) -> tuple[str, ...]:
     numbers = (channel.low, channel.high, channel.quantum or None, channel.sample_std)
     cells = ("-" if n is None else f"{n:.5g}" for n in numbers)
     return (channel.name, *cells, ", ".join(remark))
+
+
+def _named(names: Sequence[str]) -> str:
+    """Parameters, one a line; a terminal has those names which other commands take."""
+    return NotedCell("\n".join(map(readable, names)), plain="\n".join(names))
 
 
 def _listed(items: Sequence[Identification]) -> str:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from sysid.blocks.numbers import MISSING, duration, number
 from sysid.blocks.sections import Block, Fold, Lines, Section
 from sysid.blocks.tables import Table, table
+from sysid.checks.identifiability import readable
+from sysid.checks.log_check import listed
 from sysid.io.channels import channel_of
 
 if TYPE_CHECKING:
@@ -134,8 +136,11 @@ def _identifies_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
     """What each log identifies, in one cell; what it does not identify is omitted."""
     rows = []
     for entry, check in pairs:
-        good = [i for i in check.identifies if i.identified]
-        shown = "; ".join(f"{i.parameter} ({i.reason})" for i in good)
+        by_reason: dict[str, list[str]] = {}
+        for one in check.identifies:
+            if one.identified:
+                by_reason.setdefault(one.reason, []).append(readable(one.parameter))
+        shown = "; ".join(f"{listed(n)} ({why})" for why, n in by_reason.items())
         rows.append((entry.file, shown or "nothing by itself"))
     return table("What each log can identify", ("Log", "Parameters"), rows, text=(1,))
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from sysid.blocks.numbers import MISSING, estimate_cells, number
+from sysid.blocks.numbers import MISSING, estimate_cells, number, unit
 from sysid.blocks.tables import NotedCell, Table, estimate_row, table
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import (
@@ -184,7 +184,8 @@ def remainder_table(content: Content) -> Table:
     for rest in content.get("remainder") or ():
         sizes = (number(rest[k], 3) for k in ("rmse", "repeatable", "scatter", "noise"))
         balance = balance_of(rest["channel"])
-        rows.append((f"{balance[:1].upper()}{balance[1:]}", *sizes, rest["unit"]))
+        shown = NotedCell(unit(rest["unit"]), plain=rest["unit"])
+        rows.append((f"{balance[:1].upper()}{balance[1:]}", *sizes, shown))
     columns = ("Residual of", "RMSE", "Repeats", "Differs between tests", "Noise", "Unit")
     return table("Remainder after the effects; the squares add up", columns, rows, text=(5,))
 

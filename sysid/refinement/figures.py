@@ -158,8 +158,8 @@ def profile(place: int, value: RefinedValue, found: ProfileRecord) -> Figure:
     y = Scale("Rise of the cost", limits=(0.0, 1.25 * max(float(rise.max()), line)))
     shown = [number(limit, 5) for limit in (low, high)]
     description = (
-        f"{title_of(value.name)}: 95 % interval by profile likelihood from {shown[0]} to {shown[1]} "
-        f"{unit(value.after.unit)}, best value {number(best, 5)}."
+        f"{title_of(value.name)}: 95 % interval by profile likelihood from {shown[0]} to "
+        f"{shown[1]} {unit(value.after.unit)}, best value {number(best, 5)}."
     )
     axis = Scale("Value", f"{prefix}{unit(value.after.unit)}".strip())
     return Figure(

@@ -75,7 +75,7 @@ def before_and_after_table(values: Iterable[RefinedValue]) -> Table:
 def intervals_table(refinement: Refinement) -> Table:
     """The 95 % interval of every parameter: by its standard error, and by profile where known."""
     profiles = refinement.profiled()
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for value in refinement.values():
         _, _, interval, unit = estimate_cells(value.after)
         found = profiles.get(value.name)

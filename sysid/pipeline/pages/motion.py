@@ -13,7 +13,7 @@ from sysid.blocks.numbers import MISSING, number, percent
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Plot, Section
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis.wording import joined, own_friction
-from sysid.io.channels import Channel
+from sysid.io.channels import Channel, channel_of
 from sysid.pipeline.pages.interactive import overlay_document, overlay_samples
 from sysid.validation.shown_tests import (
     MODEL_NAMES,
@@ -183,7 +183,7 @@ def _loudest(log: LogResult, channel: str) -> str:
         for name, test in result.channels[channel].inputs.items()
         if not test.passed
     ]
-    return max(found)[1] if found else MISSING
+    return channel_of(max(found)[1]).name if found else MISSING
 
 
 # --- figures ---------------------------------------------------------------------------

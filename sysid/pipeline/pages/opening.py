@@ -7,6 +7,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from sysid.blocks.numbers import number, percent, span
 from sysid.blocks.quality import quality_name
 from sysid.blocks.tables import Table, table
@@ -75,7 +77,11 @@ def verdict(
         said = sentence(diagnosis, _titles(diagnosis))
         judged = replace(judged, diagnosis=said)
         if not is_of_actuator(diagnosis) and validation is None:
-            judged = replace(judged, sentence=said, diagnosis=_ALONE)
+            followed = _part_followed(diagnosis)
+            if followed:
+                judged = replace(judged, sentence=followed, notes=(*judged.notes, _ALONE))
+            else:
+                judged = replace(judged, sentence=said, diagnosis=_ALONE)
     asked = _asked(diagnosis)
     missing = [name for name, _ in unidentified(bundle) if asked is None or _last(name) in asked]
     found = (
@@ -107,6 +113,31 @@ _ALONE = (
     "The part was tested alone: its law was fitted to its own tests and judged on held-out "
     "tests; there is no actuator whose motion it could be compared with."
 )
+
+
+def _part_followed(diagnosis: Mapping[str, Any]) -> str:
+    """How well the law of a part follows its held-out tests; empty where none is drawn."""
+    figures = diagnosis.get("figures", {})
+    errors = diagnosis["residual"].get(figures.get("channel"))
+    tests = figures.get("tests") or ()
+    if figures.get("use") != "holdout" or not tests or errors is None:
+        return ""
+    measured = [np.array(test["measured"], dtype=float) for test in tests]
+    off = [m - np.array(t["after"], dtype=float) for m, t in zip(measured, tests, strict=True)]
+    spread = sum(float(np.sum((m - m.mean()) ** 2)) for m in measured)
+    if not spread > 0.0:
+        return ""
+    fit = 100.0 * (1.0 - math.sqrt(sum(float(np.sum(d**2)) for d in off) / spread))
+    channel = channel_of(figures["channel"])
+    rmse, floor = (channel.residual(errors[key]) for key in ("after", "noise_floor"))
+    unit = channel.residual_unit
+    correct = f" (a correct model: {number(floor)} {unit})" if floor else ""
+    how = {"good": "follows its held-out tests well", "fair": "follows its held-out tests roughly",
+           "poor": "does not follow its held-out tests"}[level_of_fit(fit)]  # fmt: skip
+    return (
+        f"The part, tested alone, {how}: {channel.name} to {percent(fit)}, with an RMSE of "
+        f"{number(rmse)} {unit}{correct}."
+    )
 
 
 def own_verdict(part: ComponentRecord, validation: ValidationResult) -> ReportVerdict:

@@ -14,6 +14,7 @@ from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Section
 from sysid.blocks.standing import section_or_why
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis.evidence import is_of_actuator
+from sysid.diagnosis.wording import effect_name
 from sysid.errors import Failure, input_error, on_its_own
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
@@ -369,13 +370,13 @@ def _fill(
 def held_parts(bundle: Bundle) -> str:
     """What the model is made of, and from how many logs it was fitted."""
     sides = {} if bundle.valves is None else dict(sorted(bundle.valves.sides().items()))
-    known = for_rig(catalogue(), bundle.is_linear)
+    titles = {id: one.title for id, one in for_rig(catalogue(), bundle.is_linear).items()}
     parts = [
         *(["friction"] if bundle.friction is not None else []),
         *(f"valve {s.upper()} on/off" for s, v in sides.items() if v.discrete is not None),
         *(f"valve {s.upper()} under PWM" for s, v in sides.items() if v.pwm is not None),
         *([] if bundle.component is None else [bundle.component.name]),
-        *(known[e.id].title.lower() if e.id in known else e.id for e in bundle.effects),
+        *(effect_name(e.id, titles) for e in bundle.effects),
     ]
     logs = bundle.provenance.logs
     training = sum(log.use != "holdout" for log in logs)
