@@ -28,11 +28,15 @@ pytest.importorskip("panel", reason="panel is absent")
 from sysid.app import edits
 from sysid.app.jobs import Job
 from sysid.app.journal import FileChange, Journal
+from sysid.app.page import Window as PageWindow
+from sysid.app.screens.export import ExportScreen
+from sysid.app.screens.files import FilesScreen
+from sysid.app.screens.fit import FitScreen
 from sysid.app.screens.identify import IdentifyScreen
 from sysid.app.screens.mapping import Assigned, Mapping, plausibility
 from sysid.app.server import Gate
 from sysid.app.traces import BUCKETS, Curve, TracePanel, TraceView
-from sysid.app.workbench import Workbench
+from sysid.app.workbench import StepMissingError, Workbench
 from sysid.blocks.figures import Scale
 from sysid.errors import InputError
 from sysid.io.campaign import read_campaign
@@ -269,6 +273,18 @@ def test_a_screen_shows_its_content(key: str, window: Page) -> None:
     window.show(key)
     wait_until(lambda: set(window.lacking(SHOWN[key])) == set())
     assert window.faults == []
+
+
+def test_a_screen_before_its_step_leads_to_that_step(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, tmp_path / "campaign.toml", tmp_path / "results")
+    screens = {"files": FilesScreen, "fit": FitScreen, "export": ExportScreen}
+    host = SimpleNamespace(bench=bench, scheme="light")
+    page = SimpleNamespace(bench=bench, screens={k: made(host) for k, made in screens.items()})
+    for key, lacking, goes_to in (("fit", "No campaign yet", 1), ("export", "Nothing was", 2)):
+        with pytest.raises(StepMissingError) as missing:
+            page.screens[key].read()
+        text = PageWindow._lacking(page, page.screens[key], missing.value)
+        assert lacking in text and f'data-do="screen" data-value="{goes_to}"' in text
 
 
 def test_a_file_that_is_no_log_is_one_line(window: Page) -> None:

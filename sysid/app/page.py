@@ -22,7 +22,7 @@ from sysid.app.jobs import Job, own_code
 from sysid.app.screens import SCREENS, Screen
 from sysid.app.screens.base import Later
 from sysid.app.server import template_text
-from sysid.app.workbench import Workbench, command_line
+from sysid.app.workbench import StepMissingError, Workbench, command_line
 from sysid.blocks.interactive import Scheme
 from sysid.errors import Failure, InputError, SysidError, one_line, some_of
 
@@ -140,7 +140,7 @@ class Window:
             screen.later = []
             panes = screen.draw(content)
         except SysidError as error:
-            panes = [parts.html(_lacking(screen, self.bench.brief(str(error))))]
+            panes = [parts.html(self._lacking(screen, error))]
         except Exception as error:
             if os.environ.get("SYSID_DEBUG"):
                 traceback.print_exc()
@@ -149,6 +149,16 @@ class Window:
         screen.panes, screen.stamp = panes, self._stamp
         self.main.objects = panes
         self._go_on(number)
+
+    def _lacking(self, screen: Screen, error: SysidError) -> str:
+        """Why a screen shows nothing, and the way to the one where that is mended."""
+        reason = self.bench.brief(str(error))
+        head = f"<h2>{parts.words(screen.title)}</h2>"
+        if not isinstance(error, StepMissingError):
+            return head + parts.note(reason, "warn")
+        number, title = 1 + list(self.screens).index(error.screen), self.screens[error.screen].title
+        go = parts.button(f"Go to {title}", "screen", value=str(number), kind="primary")
+        return f"{head}<p class='sentence'>{parts.words(reason)}</p><p>{go}</p>"
 
     def _go_on(self, number: int) -> None:
         """What the current screen left for later, piece by piece: what a person does comes between.
@@ -325,10 +335,6 @@ def _job_bar(job: Job) -> str:
         f"</progress> {parts.words(job.state)} {cancel}"
         f"{command}</div>"
     )
-
-
-def _lacking(screen: Screen, reason: str) -> str:
-    return f"<h2>{parts.words(screen.title)}</h2>{parts.note(reason, 'warn')}"
 
 
 def _import_soon() -> None:

@@ -37,6 +37,17 @@ _MOST_SMALL = 4096
 _DURATIONS = "seconds by command"
 
 
+class StepMissingError(InputError):
+    """A screen shows nothing before a step on another one, `screen`, has been taken."""
+
+    def __init__(self, said: str, screen: str) -> None:
+        super().__init__(said)
+        self.screen = screen
+
+
+NOTHING_FITTED = "Nothing was fitted yet: fit the campaign first."
+
+
 @dataclass
 class Workbench:
     """A folder with its campaign file, results next to it, and what is done with them.
@@ -91,7 +102,7 @@ class Workbench:
         """The campaign as it stands. Raises InputError."""
         path = self.campaign_file
         if path is None or not path.is_file():
-            raise InputError("no campaign yet; add a recording on the screen Files")
+            raise StepMissingError("No campaign yet: add a recording first.", "files")
         if self.component is not None:
             self.check_allowed(self.component)
         files = [path, self._rig_path, *sorted(path.parent.glob("*.toml"))]

@@ -186,8 +186,11 @@ class Comparison(Shown):
         yield table(
             "Effects against the first",
             _heads("bundle", "effect", "change"),
-            tuple((e.bundle, _part_cell(f"effect {e.effect}", is_short=True), e.state)
-                  for e in self.effects if e.state != "same"),
+            tuple(
+                (e.bundle, _part_cell(f"effect {e.effect}", is_short=True), e.state)
+                for e in self.effects
+                if e.state != "same"
+            ),
             text=(1, 2),
         )
         if self.responses is not None:

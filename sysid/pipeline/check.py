@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from sysid.checks.campaign_check import Answer, CampaignCheck, check_whole
+from sysid.checks.identifiability import readable
 from sysid.checks.log_check import CheckedLog, LogCheck, check_entry, check_log, listed
 from sysid.checks.log_check import check_campaign as check_logs
 from sysid.components.loading import component_in
@@ -102,4 +103,5 @@ __all__ = [
     "check_file",
     "checks_of",
     "listed",
+    "readable",
 ]

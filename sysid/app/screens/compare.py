@@ -10,7 +10,7 @@ from sysid.app import parts
 from sysid.app.parts import pn
 from sysid.app.screens.base import Screen
 from sysid.app.traces import Curve, TracePanel, TraceView, overlay_role
-from sysid.app.workbench import command_line
+from sysid.app.workbench import NOTHING_FITTED, StepMissingError, command_line
 from sysid.blocks.figures import Scale
 from sysid.blocks.html import block_html
 from sysid.blocks.numbers import number
@@ -53,6 +53,8 @@ class CompareScreen(Screen):
         bench = self.bench
         paths = tuple(bench.bundles())
         names = {bench.named(path): path for path in paths}
+        if not paths:
+            raise StepMissingError(NOTHING_FITTED, "fit")
         if self.chosen is None:
             # What a diagnosis and a refinement have changed of the fit.
             usual = [n for n in map(bench.named, map(bench.result, _USUAL)) if n in names]
@@ -79,15 +81,16 @@ class CompareScreen(Screen):
         self.content = content
         self.head.object = self._head(content)
         if content.compared is None:
-            said = "Choose two bundles or more." if content.paths else "No bundle yet: fit first."
-            return [self.head, parts.html(parts.note(said))]
+            return [self.head, parts.html(parts.note("Choose two bundles or more."))]
         self._draw_traces()
         tables = "".join(block_html(t) for t in content.compared.tables() if t.rows)
         notices = parts.listed(content.compared.notices)
         responses = content.compared.responses
         figures = [content.compared.figure(), *(responses.figures() if responses else ())]
         panes = [parts.figure_pane(figure, self.window.scheme) for figure in figures]
-        heading = f"<p class='sentence'>{parts.words(content.compared.headline(is_titled=True))}</p>"
+        heading = (
+            f"<p class='sentence'>{parts.words(content.compared.headline(is_titled=True))}</p>"
+        )
         why = parts.note(content.why, "warn") if content.why else ""
         return [
             self.head, parts.html(heading + why), self.plot, parts.grid(panes),

@@ -78,7 +78,8 @@ class EffectsScreen(Screen):
         base = next((p for p in (bench.result("fitted.json"), bench.best_bundle())
                      if p is not None and p in bench.bundles()), None)  # fmt: skip
         if base is None:
-            why = "no bundle yet: fit the campaign on the screen Fit"
+            why = "Nothing was fitted yet: an effect is tried on a fitted model. Fit the campaign, "
+            why += "or run the diagnosis, which fits it first."
             return EffectsContent(campaign, None, None, (), why, found, None, known)
         bundle, why = bench.bundle(base), ""
         path = base

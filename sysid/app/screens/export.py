@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from sysid.app import parts
 from sysid.app.screens.base import Screen
-from sysid.errors import InputError
+from sysid.app.workbench import NOTHING_FITTED, StepMissingError
 from sysid.io.files import make_folder
 from sysid.pipeline.export import SUFFIXES
 
@@ -48,7 +48,7 @@ class ExportContent:
     """The bundles, the one that is exported, and the files that there are."""
 
     bundles: tuple[Path, ...]
-    chosen: Path | None
+    chosen: Path
     files: tuple[Path, ...]
 
 
@@ -67,6 +67,8 @@ class ExportScreen(Screen):
         bundles = tuple(bench.bundles())
         if self.chosen not in bundles:
             self.chosen = bench.best_bundle()
+        if self.chosen is None:
+            raise StepMissingError(NOTHING_FITTED, "fit")
         return ExportContent(bundles, self.chosen, tuple(self._files()))
 
     def _files(self) -> Iterator[Path]:
@@ -77,8 +79,6 @@ class ExportScreen(Screen):
 
     def draw(self, content: ExportContent) -> list[Any]:
         text = "<h2>Export</h2>"
-        if content.chosen is None:
-            return [parts.html(text + parts.note("No bundle yet: fit the campaign first."))]
         names = [(self.bench.named(p), self.bench.named(p)) for p in content.bundles]
         menu = parts.select("out-bundle", names, self.bench.named(content.chosen), "Bundle")
         report = parts.button("Report", "out-report", kind="primary",
@@ -120,7 +120,7 @@ class ExportScreen(Screen):
 
     def _source(self) -> Path:
         if self.chosen is None:
-            raise InputError("no bundle yet; fit the campaign first")
+            raise StepMissingError(NOTHING_FITTED, "fit")
         return self.chosen
 
     def _export(self, kind: str) -> None:

@@ -25,6 +25,7 @@ from sysid.pipeline.check import (
     LogCheck,
     check_campaign,
     listed,
+    readable,
 )
 
 # A matrix of more logs than these is read as a list.
@@ -209,7 +210,8 @@ def _so_far(content: IdentifyContent) -> str:
         elif isinstance(one, Failure):
             answer = f'<span class="error">{parts.words(one.reason)}</span>'
         else:
-            names = [item.parameter for item in one.check.identifies if item.identified]
+            found_by = (item for item in one.check.identifies if item.identified)
+            names = [readable(item.parameter) for item in found_by]
             answer = parts.words(listed(names) or "nothing by itself")
         use = "held out" if entry.use == "holdout" else "training"
         lines.append([f"<b>{parts.words(entry.file)}</b>", parts.words(entry.kind), use, answer])
@@ -243,7 +245,7 @@ def _missing(answers: Iterable[Answer]) -> Iterator[str]:
     for one in answers:
         if not one.identified:
             # Where a kind of test is missing, what its law lacks says no more.
-            lacking.setdefault(one.needs or one.reason, []).append(one.parameter)
+            lacking.setdefault(one.needs or one.reason, []).append(readable(one.parameter))
     for why, names in lacking.items():
         inner = f"<p>{parts.words(why[:1].upper() + why[1:])}.</p>"
         yield parts.card(f"Not identified: {listed(names)}", inner, "fair")
@@ -263,7 +265,8 @@ def _matrix(check: CampaignCheck) -> str:
         else:
             said = "" if one.identified else "not identified"
         kind = "class:" if one.identified else "class:broken"
-        lines.append([kind, f"<b>{parts.words(one.parameter)}</b>", *cells, parts.words(said)])
+        named = parts.words(readable(one.parameter))
+        lines.append([kind, f"<b>{named}</b>", *cells, parts.words(said)])
     text = parts.rows(("", *names, ""), lines, "Which log identifies which parameter by itself")
     return f'<div class="matrix">{text}</div>'
 
@@ -271,7 +274,8 @@ def _matrix(check: CampaignCheck) -> str:
 def _log(check: LogCheck) -> str:
     tables = "".join(block_html(table) for table in check.tables() if table.rows)
     notes = parts.listed((*check.contradicts, *check.notices, *check.left_out()))
-    return parts.fold(check.headline(), notes + tables)
+    headline = check.headline().replace(check.file, PurePath(check.file).name, 1)
+    return parts.fold(headline, f'<div class="each">{notes}{tables}</div>')
 
 
 __all__ = ["IdentifyScreen"]

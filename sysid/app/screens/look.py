@@ -224,6 +224,7 @@ class LookScreen(Screen):
             f"to {parts.entry('look-to', high, 'To, s', size=7)} s because "
             f"{parts.entry('look-why', self.why, 'Reason', size=22, hint='reason')} "
             + parts.button("Exclude the span", "look-exclude-span", off=self.span is None)
+            + " "
             + parts.button("Exclude the whole test", "look-exclude-test")
         )
         named = parts.words(row.trial.title)

@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid.app import parts
 from sysid.app.traces import sparkline
-from sysid.blocks.html import block_html
+from sysid.blocks.html import block_html, coded
 from sysid.errors import InputError
 from sysid.io.channels import LOG_COLUMNS, SIDES, Channel
 from sysid.io.conversion import convert
@@ -235,7 +235,7 @@ class Mapping:
             guessed = "Filled in as for the last file with such channels: check it."
             said += parts.note(guessed, "warn")
         return (
-            parts.rows(head, lines, caption) + said + listed
+            f'<div class="mapping">{parts.rows(head, lines, caption)}</div>' + said + listed
             + parts.fold(_HOW, f'<div class="fields">{more}</div>', is_open=self.is_asked)
         )  # fmt: skip
 
@@ -255,7 +255,7 @@ class Mapping:
         )  # fmt: skip
         return [
             f"<b>{parts.words(channel.name)}</b>", parts.words(channel.unit or ""),
-            f"<nobr>{rate}</nobr>", f"<nobr>{parts.words(first)}</nobr>",
+            f"<nobr>{rate}</nobr>" if rate else "", f"<nobr>{parts.words(first)}</nobr>",
             sparkline(channel.values) if np.asarray(channel.values).dtype.kind in "fiu" else "",
             parts.select(f"{what}target", targets, one.target, f"{channel.name} is"),
             parts.entry(f"{what}unit", one.unit, f"{channel.name}, unit", size=5,
@@ -311,7 +311,7 @@ def plausibility(chosen: Mapping, rig: Path | None) -> Plausible:
     bad = "warn" if found.contradicts else ""
     text = (
         f'<p class="{bad}"><b>{parts.words(head)}</b></p>'
-        f"<p>{parts.words(_here(found.answer, chosen))}.</p>{parts.listed(lines)}"
+        f"<p>{coded(_here(found.answer, chosen))}.</p>{parts.listed(lines)}"
         + (parts.fold("what is assumed", parts.listed(_lines(assumed, chosen))) if assumed else "")
         + parts.fold("its channels, and what each parameter needs", tables)
     )

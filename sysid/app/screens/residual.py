@@ -13,6 +13,7 @@ from sysid.app import parts
 from sysid.app.parts import pn
 from sysid.app.screens.base import Screen
 from sysid.app.traces import Curve, TracePanel, TraceView
+from sysid.app.workbench import NOTHING_FITTED, StepMissingError
 from sysid.blocks.figures import Scale
 from sysid.blocks.interactive import SCHEMES, add_zoom, bokeh, empty_plot
 from sysid.blocks.numbers import number
@@ -64,7 +65,7 @@ class ResidualScreen(Screen):
         if self.chosen not in bundles:
             self.chosen = bench.best_bundle()
         if self.chosen is None:
-            raise InputError("no bundle yet; fit the campaign on the screen Fit")
+            raise StepMissingError(NOTHING_FITTED, "fit")
         found = bench.explored(self.chosen)
         if not found:
             what = "the campaign has no training test of motion; add one"
