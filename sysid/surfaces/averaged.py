@@ -167,7 +167,8 @@ class AveragedLaw:
 
     def flow(self, duty: Array, pressure: Array) -> Array:
         """Mean flow into the chamber, kg/s, at a duty (0 to 1) and pressure in Pa."""
-        return self.flow_of_share(self.open_share(duty), pressure, (self.supply, self.atmosphere))
+        share = self.open_share(duty)
+        return share * self.open_flow(pressure) + (1.0 - share) * self.closed_flow(pressure)
 
     def flow_of_share(self, share: Array, pressure: Array, lines: tuple[Array, Array]) -> Array:
         """Flow, kg/s, of a valve open for that share of a time in which the pressure stays.
