@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sysid.plant.base import Array
 from sysid.plant.steps import heun
 from sysid.surfaces.averaged import AveragedLaw
-from sysid.types import FloatArray
+from sysid.types import FloatArray, IntArray
 
 # Of a PWM period, at least. Half of them move the numbers of a chamber that fills in six periods by
 # four tenths of their standard errors, these by a tenth.
@@ -99,12 +99,10 @@ def _seen(
     course = _course(law, windows, share, centre, chamber)
     total = np.vstack((np.zeros(len(share)), np.cumsum(course, axis=0)))
     means = (total[block:] - total[:-block]) / block
-    # The slope over n means is that of the differences between neighbours, weighted by i (n - i).
-    place = np.arange(1.0, len(means))[:, None]
-    weights = np.maximum(place * (windows.rows - block + 1 - place), 0.0)
-    weights /= weights.sum(axis=0)
-    rate = (weights * np.diff(means, axis=0)).sum(axis=0) / period
-    pressure = (weights * 0.5 * (means[1:] + means[:-1])).sum(axis=0)
+    count = windows.rows - block + 1
+    kept = np.arange(len(means)) < count[:, None]
+    end = np.cumsum(count)
+    rate, pressure = slopes(means.T[kept], end - count, end, period)
     return pressure, rate / chamber[1]
 
 
@@ -152,4 +150,35 @@ def _opened(turns: Array, share: FloatArray, centre: FloatArray) -> FloatArray:
     return np.asarray(whole * share + np.minimum(since - whole, share))
 
 
-__all__ = ["FlowWindows"]
+def slopes(
+    values: FloatArray, begin: IntArray, end: IntArray, period: float
+) -> tuple[FloatArray, FloatArray]:
+    """Least-squares slope [Pa/s] of each window, and the mean pressure with its weights.
+
+    `values` [Pa] are evenly spaced by `period` [s]; `begin` and `end` bound each window, in order
+    and without overlap. The slope over n points is the mean of the differences between
+    neighbours, weighted by i (n - i), i = 1..n-1; the pressure is the mean of the neighbours'
+    midpoints, weighted alike.
+    """
+    n = (end - begin).astype(float)
+    # Windows may leave gaps: every second segment of reduceat is one of them.
+    bounds = np.column_stack((begin, end)).ravel()
+    c = np.arange(len(values)) - np.repeat(*_centres(begin, end, len(values)))
+    padded = np.concatenate((values, [0.0]))
+    c = np.concatenate((c, [0.0]))
+    sums = [np.add.reduceat(padded * c**k, bounds)[::2] for k in range(3)]
+    slope = 12.0 * sums[1] / (n * (n * n - 1.0)) / period
+    half = 0.25 * (n * n - 1.0)
+    pressure = 6.0 * (half * sums[0] - sums[2]) / (n * (n * n - 1.0))
+    return np.asarray(slope), np.asarray(pressure)
+
+
+def _centres(begin: IntArray, end: IntArray, size: int) -> tuple[FloatArray, IntArray]:
+    """Centre index of the window that each of `size` points belongs to, as repeats."""
+    centre = 0.5 * (begin + end - 1)
+    bounds = np.concatenate((begin, [size]))
+    bounds[0] = 0
+    return np.asarray(centre), np.diff(bounds)
+
+
+__all__ = ["FlowWindows", "slopes"]

@@ -30,7 +30,7 @@ import numpy as np
 from sysid.io.rig import Air, Rig
 from sysid.plant.base import CRITICAL_RATIO, flow_from_pressure_rate
 from sysid.signals import deviation_by_median
-from sysid.surfaces.windows import FlowWindows
+from sysid.surfaces.windows import FlowWindows, slopes
 from sysid.types import BoolArray, FloatArray, IntArray
 
 TRAVEL_SHARE = 0.03
@@ -196,7 +196,7 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
         begin, end = _windows(test, mean, air, noise, fastest)
         if len(begin) == 0:
             continue
-        rate, pressure = _slopes(mean.values, begin, end, test.period)
+        rate, pressure = slopes(mean.values, begin, end, test.period)
         gains = np.array([_slope_gain(int(n), mean.block) for n in end - begin])
         flow, std = (
             flow_from_pressure_rate(
@@ -434,36 +434,6 @@ def _crosses(
         low, high = own.min(), own.max()
         crosses[i] = any(low < boundary < high for boundary in boundaries)
     return crosses
-
-
-def _slopes(
-    values: FloatArray, begin: IntArray, end: IntArray, period: float
-) -> tuple[FloatArray, FloatArray]:
-    """Least-squares slope [Pa/s] of each window, and the mean pressure with its weights.
-
-    The slope over n points is the mean of the differences between neighbours, weighted by
-    i (n - i), i = 1..n-1; the pressure is the mean of the neighbours' midpoints, weighted
-    alike.
-    """
-    n = (end - begin).astype(float)
-    # FlowWindows may leave gaps: every second segment of reduceat is one of them.
-    bounds = np.column_stack((begin, end)).ravel()
-    c = np.arange(len(values)) - np.repeat(*_centres(begin, end, len(values)))
-    padded = np.concatenate((values, [0.0]))
-    c = np.concatenate((c, [0.0]))
-    sums = [np.add.reduceat(padded * c**k, bounds)[::2] for k in range(3)]
-    slope = 12.0 * sums[1] / (n * (n * n - 1.0)) / period
-    half = 0.25 * (n * n - 1.0)
-    pressure = 6.0 * (half * sums[0] - sums[2]) / (n * (n * n - 1.0))
-    return np.asarray(slope), np.asarray(pressure)
-
-
-def _centres(begin: IntArray, end: IntArray, size: int) -> tuple[FloatArray, IntArray]:
-    """Centre index of the window that each of `size` points belongs to, as repeats."""
-    centre = 0.5 * (begin + end - 1)
-    bounds = np.concatenate((begin, [size]))
-    bounds[0] = 0
-    return np.asarray(centre), np.diff(bounds)
 
 
 @lru_cache(maxsize=4096)
