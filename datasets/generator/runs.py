@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from datasets.generator.effects import simulate as with_effects
+from datasets.generator.effects.simulate import Way, integrated, sensed
 from datasets.generator.integrator import integrate
 from datasets.generator.plant import POSITION, SHUT, FloatArray, Plant
 from datasets.generator.rigs import GeneratedRig
@@ -92,24 +92,25 @@ def simulated(
     """States at the rows, (m, 4), m <= n: the run ends after the first row outside `band`.
 
     `tolerance` scales the error allowed a step. With undeclared effects it scales the step itself,
-    and the states are (m, 8): the columns of `effects.simulate` after the four states.
+    and the states are (m, 8): the columns of `effects.simulate.integrated` after the four states.
     """
     asked = _asked(rig, commands, start)
     initial = np.array([start.position, 0.0, start.pressure_a, start.pressure_b])
+    motor = np.ascontiguousarray(commands.motor, dtype=np.float64)
     if rig.effects:
-        motor = np.ascontiguousarray(commands.motor, dtype=np.float64)
-        return with_effects.simulated(
-            rig, plant, motor, asked, initial, start.opened, start.held, band, tolerance
+        rows, plant, knobs = integrated(
+            rig, plant, motor, asked, initial, start.opened, start.held, band, tolerance, Way()
         )
+        return sensed(rows, motor[: len(rows)], plant, knobs, rig.row_period)
     edges = [_movements(rig, asked[i], start.opened[i]) for i in (0, 1)]
     opened = start.opened
     if rig.bleeds:
         edges, opened = [of_two_valves(*edges), no_edges()], (SHUT, 0)
     time, valve, state = merged(*edges)
-    states, rows = integrate(
+    states, reached = integrate(
         plant,
         rig.row_period,
-        np.ascontiguousarray(commands.motor, dtype=np.float64),
+        motor,
         time,
         valve,
         state,
@@ -119,9 +120,9 @@ def simulated(
         np.array(band, dtype=np.float64),
         tolerance,
     )
-    if rows == 0:
+    if reached == 0:
         raise RuntimeError("the integration needs too many steps: is the rig plausible?")
-    return np.asarray(states[:rows])
+    return np.asarray(states[:reached])
 
 
 def position_after(
@@ -131,7 +132,7 @@ def position_after(
     start: Start,
     band: tuple[float, float],
     tolerance: float,
-    way: with_effects.Way,
+    way: Way,
 ) -> float | None:
     """Position before the commands' last row, or None: outside `band` by then.
 
@@ -141,9 +142,10 @@ def position_after(
         motor = np.ascontiguousarray(commands.motor[:-1], dtype=np.float64)
         initial = np.array([start.position, 0.0, start.pressure_a, start.pressure_b])
         asked = _asked(rig, commands, start)
-        return with_effects.position_after(
+        rows, _, _ = integrated(
             rig, plant, motor, asked, initial, start.opened, start.held, band, tolerance, way
         )
+        return float(way.states[POSITION]) if len(rows) == len(motor) else None
     states = simulated(rig, plant, commands, start, band, tolerance)
     return float(states[-1, POSITION]) if len(states) == len(commands.motor) else None
 

@@ -16,7 +16,7 @@ from datasets.generator.effects.integrator import (
 )
 from datasets.generator.effects.knobs import changed_plant, knobs_of, plant_record, step_s
 from datasets.generator.effects.timing import changed_movements
-from datasets.generator.plant import N_MODES, POSITION, SHUT, FloatArray, IntArray, Plant
+from datasets.generator.plant import N_MODES, SHUT, FloatArray, IntArray, Plant
 from datasets.generator.rigs import GeneratedRig
 from datasets.generator.timing import Edges, merged, no_edges, of_two_valves
 
@@ -37,16 +37,20 @@ class Way:
         """Back to the start, unless all valves have moved up to here as they do now."""
         row, passed = int(self.reached[0]), int(self.reached[1])
         last = (row - 1) * period + steps * (period / steps)
-        same = self.edges is not None and steps == self.steps
-        if same and self.edges is not None:
-            pairs = zip(self.edges, edges, strict=True)
-            same = all(np.array_equal(was[:passed], now[:passed]) for was, now in pairs)
-        if not same or (edges[0][passed:] < last).any():
+        if (
+            self.edges is None
+            or steps != self.steps
+            or (edges[0][passed:] < last).any()
+            or not all(
+                np.array_equal(was[:passed], now[:passed])
+                for was, now in zip(self.edges, edges, strict=True)
+            )
+        ):
             self.reached[:] = 0.0
         self.steps, self.edges = steps, edges
 
 
-def simulated(
+def integrated(
     rig: GeneratedRig,
     plant: Plant,
     motor: FloatArray,
@@ -55,54 +59,21 @@ def simulated(
     opened: tuple[int, int],
     held: bool,
     band: tuple[float, float],
-    tolerance: float = 1.0,
-) -> FloatArray:
-    """Rows (m, 8), m <= n, with the rig's effects: four states, sensed position, pressures, supply.
+    tolerance: float,
+    way: Way,
+) -> tuple[FloatArray, Plant, Any]:
+    """Rows (m, 8), m <= n, the plant with the rig's effects, and their knobs, as `sensed` has them.
 
-    `motor` (n,) Nm or N, `commands` both valves' command edges, `start` (4,), `opened` the valves
-    before the first row. The run ends after the first row outside `band`; `tolerance` times the
-    usual step is taken. Raises ValueError for effects that do not go together, RuntimeError where
-    the integration runs away.
+    A row has four states, sensed position, pressures, supply, each before its sensor. `motor` (n,)
+    Nm or N, `commands` both valves' command edges, `start` (4,), `opened` the valves before the
+    first row. The run ends after the first row outside `band`; `tolerance` times the usual step is
+    taken. Rows before where the `way` has come to are not filled in; it holds the states at the
+    end. Raises ValueError for effects that do not go together, RuntimeError where the integration
+    runs away.
     """
     knobs = knobs_of(rig.effects, rig)
-    plant = changed_plant(plant, knobs[0], rig)
-    rows = _rows(rig, plant, knobs, motor, commands, start, opened, held, band, tolerance, Way())
-    return sensed(rows, motor[: len(rows)], plant, knobs[0], rig.row_period)
-
-
-def position_after(
-    rig: GeneratedRig,
-    plant: Plant,
-    motor: FloatArray,
-    commands: tuple[Edges, Edges],
-    start: FloatArray,
-    opened: tuple[int, int],
-    held: bool,
-    band: tuple[float, float],
-    tolerance: float,
-    way: Way,
-) -> float | None:
-    """Position at the end of all rows, from where the `way` has come to; None: outside `band`."""
-    knobs = knobs_of(rig.effects, rig)
-    plant = changed_plant(plant, knobs[0], rig)
-    rows = _rows(rig, plant, knobs, motor, commands, start, opened, held, band, tolerance, way)
-    return float(way.states[POSITION]) if len(rows) == len(motor) else None
-
-
-def _rows(
-    rig: GeneratedRig,
-    plant: Plant,
-    knobs: Any,
-    motor: FloatArray,
-    commands: tuple[Edges, Edges],
-    start: FloatArray,
-    opened: tuple[int, int],
-    held: bool,
-    band: tuple[float, float],
-    tolerance: float,
-    way: Way,
-) -> FloatArray:
     k = knobs[0]
+    plant = changed_plant(plant, k, rig)
     delays = rig.content["valves"]
     edges = [
         changed_movements(
@@ -130,7 +101,7 @@ def _rows(
         way.reached[:] = 0.0
     if count == 0:
         raise RuntimeError("the integration with effects diverged: are their sizes plausible?")
-    return np.asarray(rows[:count])
+    return np.asarray(rows[:count]), plant, k
 
 
 def sensed(
