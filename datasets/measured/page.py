@@ -78,8 +78,9 @@ def _on_page(row: Sequence[str]) -> tuple[str, ...]:
     after = NotedCell(cells["After"], "" if down == MISSING else f"down by {down}")
     correct = NotedCell(cells["Correct model"], "" if times == MISSING else f"after: {times} times")
     of = cells["Held-out RMSE of"]
-    named = NotedCell(figures.title_of(of), figures.unit_of(of)) if figures.unit_of(of) else of
-    return (cells["Set"], cells["Found"], named, cells["Before"], after, correct, cells["Remains"])
+    unit = figures.unit_of(of)
+    judged = NotedCell(figures.title_of(of), unit) if unit else of
+    return (cells["Set"], cells["Found"], judged, cells["Before"], after, correct, cells["Remains"])
 
 
 def _sentence(results: Content) -> str:
