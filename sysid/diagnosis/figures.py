@@ -30,6 +30,7 @@ from sysid.blocks.figures import (
     grouped_bars,
 )
 from sysid.blocks.numbers import MINUS, fixed, number, span
+from sysid.blocks.titles import within
 from sysid.diagnosis.wording import errors_by_step, regressor_name, steps
 from sysid.estimation.linear import LEVEL, t_quantile
 from sysid.io.channels import Channel, channel_of
@@ -227,7 +228,7 @@ def influence(id: str, title: str, content: Mapping[str, Any], is_linear: bool) 
     ]
     description = (
         f"It adds {span(float(mean.min()), float(mean.max()))} {unit} to the "
-        f"{of[:1].lower()}{of[1:]}, on average in bins of {name}."
+        f"{within(of)}, on average in bins of {name}."
     )
     heading = drawable(title, _LONGEST_TITLE)
     whole = f"{title}: what it adds over {name}"

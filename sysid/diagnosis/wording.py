@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from sysid.blocks.numbers import number, percent, span
+from sysid.blocks.titles import within
 from sysid.diagnosis.search_record import QUICK, stage_text
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES, VELOCITY_CHANNELS, Channel, channel_of
@@ -22,7 +23,6 @@ CORRECT_MODEL = "Correct model"
 _MOST = 0.5
 SMALLEST_P = 1e-20
 """P-values extrapolate from a few twins: below this their size means nothing."""
-_PROPER_NAMES = ("Coulomb", "Stribeck", "LuGre", "PWM")
 _REGRESSORS = {
     "velocity": "velocity",
     "angle": "position",
@@ -54,8 +54,7 @@ def sentence(content: Content, titles: Mapping[str, str] | None = None) -> str:
 
 def effect_name(id: str, titles: Mapping[str, str]) -> str:
     """An effect within a sentence: by its title, else by its id."""
-    title = titles.get(id, id)
-    return title if title.startswith(_PROPER_NAMES) else title[:1].lower() + title[1:]
+    return within(titles.get(id, id))
 
 
 def _incomplete(content: Content) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import cache
 
 from sysid.blocks.tables import NotedCell
+from sysid.blocks.titles import within
 from sysid.io.motion import LINEAR, ROTARY
 from sysid.parameters.table import title_of_key
 
@@ -73,7 +74,7 @@ def _of_valve(valve: str, keys: Sequence[str]) -> str:
     """Keys from the law on; a direction's numbers are keys within keys."""
     title = title_of_key(".".join(keys[-2:])) or title_of_key(keys[-1])
     law = ", averaged law" if "averaged" in keys else ""
-    return f"{valve}{title[:1].lower()}{title[1:]}{law}" if title else ""
+    return f"{valve}{within(title)}{law}" if title else ""
 
 
 def _of_effect(id: str, number: str, side: str, count: str, label: str) -> str:

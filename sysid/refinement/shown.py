@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from sysid.blocks.numbers import MISSING, estimate_cells, number, percent
 from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Notes, Section
 from sysid.blocks.tables import NotedCell, Table, table
+from sysid.blocks.titles import within
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import channel_of
 from sysid.io.rig import Rig
@@ -183,8 +184,7 @@ def _informed(values: list[RefinedValue]) -> str:
 def _within(name: str) -> str:
     """A number's title within a sentence."""
     title = title_of(name)
-    is_own = title == name or not title[1:2].islower() or title.startswith(("Coulomb", "Valve "))
-    return title if is_own else f"{title[:1].lower()}{title[1:]}"
+    return title if title == name else within(title)
 
 
 def _pictures(refinement: Refinement, values: list[RefinedValue]) -> list[Block]:

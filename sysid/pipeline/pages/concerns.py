@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sysid.blocks.quality import quality_name
+from sysid.blocks.titles import within
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.lack_of_fit import MISFIT
 from sysid.identification.valve_pwm.choice import not_recommended
@@ -52,7 +53,7 @@ def of_bundle(bundle: Bundle, unidentified: Sequence[str]) -> Iterator[Concern]:
         if place in left_out:
             continue
         level = "poor" if one.is_doubtful else "good" if one.verdict == "good" else "fair"
-        yield Concern(level, f"the fit of {_named(place)}")
+        yield Concern(level, f"the fit of {within(quality_name(place))}")
     if unidentified:
         many = len(unidentified) > 1
         yield Concern("fair", f"{len(unidentified)} unidentified parameter{'s' * many}")
@@ -90,11 +91,6 @@ def sentence(level: str, concerns: Sequence[Concern], own: str) -> str:
     more = len(names) - _MOST_NAMED
     listed = "; ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
     return f"The colour is that of the worst part of the recommended model ({level}): {listed}."
-
-
-def _named(place: str) -> str:
-    name = quality_name(place)
-    return name if name.startswith("Valve") and name[6:7].isupper() else name[:1].lower() + name[1:]
 
 
 __all__ = [

@@ -9,6 +9,7 @@ from typing import Any
 from sysid.blocks.numbers import MISSING, number, span
 from sysid.blocks.sections import Block, Lines, Section
 from sysid.blocks.tables import table
+from sysid.blocks.titles import within
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.tables import named
 from sysid.diagnosis.wording import advice_on_rest, joined
@@ -98,7 +99,7 @@ def next_line(
     found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
     for effect in [] if found is None else found["effects"]:
         if effect["ambiguous_with"] and effect["advice"]:
-            return f"To know which effect it is: {_sentence(effect['advice'])}."
+            return f"To know which effect it is: {within(effect['advice'])}."
     said = () if found is None else advice_on_rest(found)
     if said:
         return said[0]
@@ -239,16 +240,12 @@ def _rivals(content: Content) -> list[Block]:
     for effect in content["effects"]:
         for rival in effect["ambiguous_with"]:
             tests = (effect["advice"] or telling.get(effect["id"], ""), telling.get(rival, ""))
-            said = "; or ".join(dict.fromkeys(_sentence(t) for t in tests if t))
+            said = "; or ".join(dict.fromkeys(within(t) for t in tests if t))
             rows.append((named(content, effect["id"]), named(content, rival), said or "none known"))
     if not rows:
         return []
     columns = ("Effect", "Indistinguishable from", "Test that would distinguish them")
     return [table("Which of them it is", columns, rows, text=(1, 2))]
-
-
-def _sentence(text: str) -> str:
-    return text[:1].lower() + text[1:]
 
 
 def _missing(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
