@@ -21,6 +21,7 @@ from sysid.parameters.base import read_number
 from sysid.parameters.titles import title_of
 from sysid.pipeline.pages import concerns
 from sysid.pipeline.pages.concerns import Concern, level_of_fit
+from sysid.validation.results import Errors
 from sysid.validation.shown_tests import MODEL_NAMES, recommended_models, shown_channels
 
 if TYPE_CHECKING:
@@ -122,12 +123,10 @@ def _part_followed(diagnosis: Mapping[str, Any]) -> str:
     tests = figures.get("tests") or ()
     if figures.get("use") != "holdout" or not tests or errors is None:
         return ""
-    measured = [np.array(test["measured"], dtype=float) for test in tests]
-    off = [m - np.array(t["after"], dtype=float) for m, t in zip(measured, tests, strict=True)]
-    spread = sum(float(np.sum((m - m.mean()) ** 2)) for m in measured)
-    if not spread > 0.0:
+    drawn = [[np.array(test[key], dtype=float) for key in ("measured", "after")] for test in tests]
+    fit = Errors.pooled([Errors.of(m, m - after) for m, after in drawn]).fit_percentage
+    if fit is None:
         return ""
-    fit = 100.0 * (1.0 - math.sqrt(sum(float(np.sum(d**2)) for d in off) / spread))
     channel = channel_of(figures["channel"])
     rmse, floor = (channel.residual(errors[key]) for key in ("after", "noise_floor"))
     unit = channel.residual_unit
@@ -146,10 +145,9 @@ def own_verdict(part: ComponentRecord, validation: ValidationResult) -> ReportVe
     logs = held or validation.logs
     fits = {}
     for name in dict.fromkeys(n for log in logs for n in log.channels):
-        errors = [log.channels[name].errors for log in logs]
-        squares, spread = sum(e.squares for e in errors), sum(e.spread for e in errors)
-        if spread > 0.0:
-            fits[name] = 100.0 * (1.0 - math.sqrt(squares / spread))
+        fit = Errors.pooled([log.channels[name].errors for log in logs]).fit_percentage
+        if fit is not None:
+            fits[name] = fit
     if not fits:
         return ReportVerdict("none", "No output of the component varies in the tests.", None)
     worst = min(fits, key=lambda name: fits[name])
@@ -223,17 +221,15 @@ def _primary(logs: Sequence[LogResult]) -> list[LogResult]:
 
 def _pool(logs: Sequence[LogResult], channel: Channel) -> _Pooled:
     parts = [log.channels[channel.key] for log in logs if channel.key in log.channels]
-    samples = sum(p.errors.samples for p in parts)
-    squares = sum(p.errors.squares for p in parts)
-    spread = sum(p.errors.spread for p in parts)
+    errors = Errors.pooled([p.errors for p in parts])
     scale = channel.residual_scale
     return _Pooled(
         channel=channel,
-        rmse=scale * math.sqrt(squares / samples),
+        rmse=scale * errors.rmse,
         rmse_second=channel.residual(_second(parts)),
-        largest=scale * max(p.errors.largest for p in parts),
-        fit=100.0 * (1.0 - math.sqrt(squares / spread)) if spread > 0.0 else None,
-        noise=scale * sum(p.noise_floor * p.errors.samples for p in parts) / samples,
+        largest=scale * errors.largest,
+        fit=errors.fit_percentage,
+        noise=scale * sum(p.noise_floor * p.errors.samples for p in parts) / errors.samples,
     )
 
 
