@@ -138,6 +138,27 @@ def test_the_end_of_a_name_is_a_unit_only_of_its_target_s_quantity(
     assert any("as the file states" in line for line in report.notices) == (worth != 1.0)
 
 
+@pytest.mark.parametrize(
+    ("name", "target", "worth"),
+    [
+        ("Friction [uN]", "motor_force_n", 1e-6),
+        ("pull (daN)", "motor_force_n", 10.0),
+        ("P1 [kgf/cm2]", "pressure_a_pa", 98066.5),
+        ("speed [in/s]", "velocity_m_per_s", 0.0254),
+        ("Friction [uN]", "position_m", 1.0),
+        ("pull (raw)", "motor_force_n", 1.0),
+    ],
+)
+def test_a_unit_in_brackets_is_any_that_can_be_read_as_one(
+    tmp_path: Path, name: str, target: str, worth: float
+) -> None:
+    (tmp_path / "a.csv").write_text(f"t,{name}\n" + "".join(f"{i},{2 * i}\n" for i in range(30)))
+    report = convert(tmp_path / "a.csv", tmp_path / "b.csv", maps=["time_s=t", f"{target}=#2"])
+    values = log_of(tmp_path / "b.csv")[target]
+    assert values.tolist() == pytest.approx((2 * worth * np.arange(30)).tolist())
+    assert any("as the file states" in line for line in report.notices) == (worth != 1.0)
+
+
 def test_names_of_the_log_format_are_si(tmp_path: Path) -> None:
     head, row = "time_s,motor_torque_nm,pressure_a_pa [kPa],encoder_counts\n", "{0},{0},{0},{0}\n"
     (tmp_path / "a.csv").write_text(head + "".join(row.format(i) for i in range(30)))

@@ -249,7 +249,7 @@ def in_stated_unit(
     """An entry, completed by the unit that the file states for its column; and a notice, or None.
 
     An entry without a unit takes the stated one if it fits its quantity (`si`); otherwise it keeps
-    its own. `in_name`: the unit is the end of the column's name, and is ignored if it is of another
+    its own. `in_name`: the unit is part of the column's name, and is ignored if it is of another
     quantity.
     """
     stated = stated.strip().strip("[]").strip()

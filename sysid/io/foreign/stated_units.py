@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 
 from sysid.io.foreign.table import ForeignTable
+from sysid.io.unit_text import ratio_of
 from sysid.io.units import CANONICAL_UNITS
 
 _BRACKETED = re.compile(r"(?P<name>.*?\S)[\s_]*[\[(](?P<unit>[^\[\]]*)[\])]\s*")
@@ -53,6 +54,16 @@ def _ending(name: str) -> str | None:
     return found["unit"] if found is not None and found["unit"].lower() in _AT_END else None
 
 
+def _parsed_in(name: str) -> str | None:
+    """What a name has in brackets, if it can be read as a unit: "kgf/cm2" of "P1 [kgf/cm2]".
+
+    Single letters that are no common unit distinguish channels.
+    """
+    found = _BRACKETED.fullmatch(name)
+    unit = found["unit"].strip() if found is not None else ""
+    return unit if len(unit) > 1 and ratio_of(unit, unit) is not None else None
+
+
 def is_unit(text: str) -> bool:
     """Whether a cell is a unit as people write them, with or without brackets."""
     return _REFERENCE.sub("", _unbracketed(text)).strip().lower() in _WORDS
@@ -71,10 +82,12 @@ def state_units(table: ForeignTable, names: Sequence[str], cells: Sequence[str])
     """
     for index, (column, name) in enumerate(zip(table.columns, names, strict=False)):
         cell = _unbracketed(cells[index]) if index < len(cells) else ""
-        unit = cell if is_unit(cell) else unit_in(name)
+        listed = cell if is_unit(cell) else unit_in(name)
+        unit = listed or _parsed_in(name)
         if unit:
             table.units[column] = unit
-            if unit == _ending(name) and unit != cell and name not in CANONICAL_UNITS:
+            ends = unit == _ending(name) and unit != cell and name not in CANONICAL_UNITS
+            if ends or not listed:
                 table.in_names.add(column)
 
 

@@ -65,8 +65,8 @@ class ForeignTable:
 
     `columns` maps each name to a (n,) array of numbers, text or time stamps; their lengths
     may differ (.mat, TDMS). `skipped` gives the reason why other contents are not columns;
-    `units` is each column's unit as the file states it (`in_names`: of these columns only by the
-    last letters of their names), `clocks` the times (n,) s of a column's own
+    `units` is each column's unit as the file states it (`in_names`: of these columns by letters
+    of their names that may mean something else), `clocks` the times (n,) s of a column's own
     samples on the file's one clock, where its channels are sampled at different instants;
     `starts` are the rows, after the first, at which the recording says that it starts again;
     `shape` are lines for the log's head that say how its rows were made.
