@@ -72,6 +72,17 @@ def steady(drag: float, seed: int = 0, torques: FloatArray = TORQUES) -> Frictio
     )
 
 
+def swept(
+    speed: FloatArray, seed: int = 0, stribeck: float = 0.0, scatter: float = 0.02
+) -> FrictionPoints:
+    """Torques that followed speeds which a controller set, each both ways."""
+    speed = np.concatenate([speed, -speed])
+    size = np.abs(speed)
+    torque = COULOMB + VISCOUS * size + stribeck * np.exp(-size / 0.3)
+    torque = np.sign(speed) * (torque + scatter * noise(len(speed), seed))
+    return friction_points([readings(speed, torque)], AXIS)
+
+
 def ids(component: FrictionPoints) -> set[str]:
     return {kind.id for kind in component.effects(catalogue())}
 
@@ -128,6 +139,55 @@ def test_the_slope_is_not_flattened_by_the_scatter_of_the_speeds() -> None:
     flattened = np.polyfit(speed, torques, 1)[0]
     fitted = fit_law(component, (), range(len(torques))).base_estimates()["viscous_nm_s_per_rad"]
     assert abs(fitted.value - VISCOUS) < 3.0 * fitted.std < VISCOUS - flattened
+
+
+def test_what_was_set_is_what_repeats_or_over_which_the_other_is_smooth() -> None:
+    assert not steady(0.0).is_speed_set
+    levels = np.repeat(np.linspace(0.3, 3.0, 5), 6)
+    assert swept(levels).is_speed_set
+    # Means over a stretch of each motion repeat no value; friction falls, then rises with speed.
+    means = np.linspace(0.01, 3.0, 40) * (1.0 + 1e-3 * noise(40, 3))
+    assert swept(means, stribeck=0.1, scatter=1e-3).is_speed_set
+    # Nothing shows it: as in the thesis.
+    assert not swept(np.array([0.5, 1.0, 1.6]), scatter=0.0).is_speed_set
+    assert not breakaways().is_speed_set
+
+
+def test_the_slope_is_not_steepened_by_the_scatter_of_the_torques() -> None:
+    component = swept(np.repeat(np.linspace(0.1, 1.0, 8), 12))
+    size, effort = np.abs(component.velocity), np.abs(component.torque)
+    steepened = 1.0 / np.polyfit(effort, size, 1)[0]
+    fitted = fit_law(component, (), range(len(size))).base_estimates()
+    viscous, coulomb = fitted["viscous_nm_s_per_rad"], fitted["coulomb_nm"]
+    assert abs(viscous.value - VISCOUS) < 3.0 * viscous.std < steepened - VISCOUS
+    assert abs(coulomb.value - COULOMB) < 3.0 * coulomb.std
+    assert (component.channel, component.unit) == (TORQUE, "Nm")
+    assert component.noise_floor(Law({})) == pytest.approx(0.02, rel=0.15)
+
+
+def test_readings_without_repeats_have_neighbours_of_one_way() -> None:
+    component = swept(np.linspace(0.01, 3.0, 60) * (1.0 + 1e-3 * noise(60, 3)), stribeck=0.1)
+    assert component.is_speed_set
+    assert component.noise_floor(Law({})) == pytest.approx(0.02, rel=0.25)
+
+
+def test_held_out_readings_are_of_what_followed_in_the_fitted_ones() -> None:
+    component = swept(np.repeat(np.linspace(0.1, 1.0, 8), 12))
+    fitted = fit_law(component, (), range(len(component.tests)))
+    part = component.part(fitted.base_estimates(), fitted.quality())
+    bundle = Bundle.new(AXIS, part, [])
+    few = friction_points([readings([0.2, 0.7], [0.21, 0.24])], AXIS)
+    assert not few.is_speed_set and few.in_form_of(bundle).channel == TORQUE
+    residuals = few.in_form_of(bundle).residuals(fitted.law, [0, 1])
+    known = [0.21 - COULOMB - 0.2 * VISCOUS, 0.24 - COULOMB - 0.7 * VISCOUS]
+    assert np.concatenate(residuals) == pytest.approx(known, abs=0.01)
+    assert steady(0.0).in_form_of(Bundle.new(AXIS, Parts(), [])).channel == SPEED
+
+
+def test_speeds_of_one_level_identify_nothing() -> None:
+    level = friction_points([readings([1.0, 1.0, -1.0], [0.3, 0.31, -0.32])], AXIS)
+    with pytest.raises(NotIdentifiedError, match="at another speed"):
+        fit_law(level, (), range(3))
 
 
 def test_effects_are_tried_only_where_the_conditions_tell_them_from_the_law() -> None:

@@ -5,16 +5,17 @@ The law is Coulomb and viscous friction with breakaway,
     breakaway = static direction,    effort = coulomb direction + viscous velocity,
 
 and what it lacks acts through the ports of static and sliding friction. Of a breakaway the
-torque is predicted. Of a steady motion the torque was set and the speed followed (3.4.3), so
-the speed is predicted: a line through torque over speed would be too flat, since it is the
-speeds that scatter (Table 3.4.2).
+torque is predicted. Of a steady motion one of the two was set and the other followed, which is
+predicted: a line through what was set over what followed would be too flat, since it is the latter
+that scatters. In the thesis the torque was set (3.4.3, Table 3.4.2), under a controller of the
+speed it is the speed.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,14 +42,18 @@ TORQUE = "motor_torque_nm"
 # A modelled speed is searched for up to this many times the fastest reading.
 _FASTEST = 4.0
 _HALVINGS = 50
+# Readings are of set levels where at least this share of them has the value of another.
+_REPEATED = 0.5
+# Probability at which one of two courses is smoother by chance.
+_BY_CHANCE = 0.05
 
 
 @dataclass(frozen=True)
 class FrictionPoints(Component):
     """Readings, all of breakaway or all of sliding: (n,) each, rad, rad/s, Nm; a row is a test.
 
-    `direction` is 1 or -1; `number` counts the readings of a log. Residuals of breakaway are
-    torques, Nm, those of sliding speeds at the torque that was set, rad/s.
+    `direction` is 1 or -1; `number` counts the readings of a log. Residuals are torques, Nm, of
+    breakaway and of motion whose speed was set, else speeds at the torque that was set, rad/s.
     """
 
     base_parameters: Parameters
@@ -59,12 +64,13 @@ class FrictionPoints(Component):
     torque: FloatArray
     direction: FloatArray
     number: FloatArray
+    is_speed_set: bool
     has_constant = False
     channel: str = field(default="", init=False)
     unit: str = field(default="", init=False)
 
     def __post_init__(self) -> None:
-        channel, unit = (TORQUE, "Nm") if self.is_breakaway else (SPEED, "rad/s")
+        channel, unit = (TORQUE, "Nm") if self._torque_follows else (SPEED, "rad/s")
         object.__setattr__(self, "channel", channel)
         object.__setattr__(self, "unit", unit)
 
@@ -86,20 +92,36 @@ class FrictionPoints(Component):
         """Whether the axis was at rest up to the effort that was read."""
         return not self.velocity.any()
 
+    @property
+    def _torque_follows(self) -> bool:
+        return self.is_breakaway or self.is_speed_set
+
+    def in_form_of(self, bundle: Bundle) -> FrictionPoints:
+        """The readings, of which that followed which followed in those that a bundle was fitted to:
+        few held-out readings do not show it."""
+        judged = bundle.friction.quality if bundle.friction is not None else None
+        record = judged.get(KIND) if isinstance(judged, dict) else None
+        if record is None or record.signal not in (SPEED, TORQUE):
+            return self
+        return replace(self, is_speed_set=record.signal == TORQUE)
+
     def parameters(self) -> list[Parameter]:
         u, effort, speed = self.units, np.abs(self.torque), np.abs(self.velocity)
         size = float(effort.mean())
         if self.is_breakaway:
             return [Parameter(u.key("static"), size, u.effort, 0.0, scale=size)]
-        centred = effort - size
-        if len(np.unique(effort)) < 2:
+        mean = float(speed.mean())
+        if len(np.unique(speed if self.is_speed_set else effort)) < 2:
+            level = f"{mean:g} rad/s" if self.is_speed_set else f"{size:g} {u.effort}"
             raise NotIdentifiedError(
                 f"{u.key('coulomb')} and {u.key('viscous')} are not identified: all readings are "
-                f"at {size:g} {u.effort}; take some at another torque"
+                f"at {level}; take some at another {'speed' if self.is_speed_set else 'torque'}"
             )
-        mean = float(speed.mean())
-        rise = float(centred @ speed)
-        slope = float(centred @ centred) / rise if rise > 0.0 else math.inf
+        rise = float((effort - size) @ (speed - mean))
+        if self.is_speed_set:
+            slope = max(rise, 0.0) / float(np.sum((speed - mean) ** 2))
+        else:
+            slope = float(np.sum((effort - size) ** 2)) / rise if rise > 0.0 else math.inf
         # A start from which the fit can move: a law that holds the axis at rest has no slope.
         slope = slope if slope * mean < size else 0.5 * size / mean
         return [
@@ -109,13 +131,14 @@ class FrictionPoints(Component):
 
     @property
     def _followed(self) -> FloatArray:
-        return self.torque if self.is_breakaway else self.velocity
+        return self.torque if self._torque_follows else self.velocity
 
     @property
     def _cells(self) -> IntArray:
-        """Which readings repeat one another, (n,): at one angle, one way, one torque set."""
-        torque = np.zeros_like(self.torque) if self.is_breakaway else self.torque
-        conditions = np.column_stack((self.angle, self.direction, torque))
+        """Which readings repeat one another, (n,): at one angle, one way, one torque or speed
+        set."""
+        level = self.velocity if self._torque_follows else self.torque  # of breakaway 0
+        conditions = np.column_stack((self.direction, self.angle, level))
         return np.unique(conditions, axis=0, return_inverse=True)[1].reshape(-1)
 
     def effects(
@@ -123,8 +146,8 @@ class FrictionPoints(Component):
     ) -> tuple[type[CatalogueEffect], ...]:
         """Those without states whose effort differs from the law's at the conditions read.
 
-        Judged at the mean of each condition: the scatter over speed of readings at one torque
-        contains no information on how friction depends on speed.
+        Judged at the mean of each condition: the scatter over speed of readings at one torque that
+        was set contains no information on how friction depends on speed.
         """
         law = Law({p.name: p.value for p in self.parameters()})
         cells = self._cells
@@ -218,9 +241,9 @@ class FrictionPoints(Component):
 
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         rows = np.asarray(tests, dtype=np.intp)
-        if self.is_breakaway:
+        if self._torque_follows:
             modelled = self._effort(
-                law, self.angle[rows], np.zeros(len(rows)), self.direction[rows]
+                law, self.angle[rows], self.velocity[rows], self.direction[rows]
             )
         else:
             modelled = self._speed(law, rows)
@@ -240,19 +263,23 @@ class FrictionPoints(Component):
             "direction": self.direction,
             "number of the reading": self.number,
         }
-        if not self.is_breakaway:
+        if self.is_speed_set:
+            known["velocity"] = self.velocity
+        elif not self.is_breakaway:
             known["torque"] = self.torque
         return {name: values[rows] for name, values in known.items()}
 
     def noise_floor(self, law: Law) -> float:
-        """Spread of readings that repeat one another; without such, between neighbours."""
+        """Spread of readings that repeat one another; without such, of neighbours one way."""
         cells = self._cells
         count = np.bincount(cells)
         dof = len(cells) - len(count)
         if dof > 0:
             means = np.bincount(cells, self._followed) / count
             return math.sqrt(float(np.sum((self._followed - means[cells]) ** 2)) / dof)
-        steps = np.diff(self._followed[np.argsort(cells)])
+        order = np.argsort(cells)
+        one_way = np.diff(self.direction[order]) == 0.0
+        steps = np.diff(self._followed[order])[one_way]
         return math.sqrt(0.5 * float(np.mean(steps**2))) if len(steps) else math.nan
 
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
@@ -295,6 +322,7 @@ def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
             "give each kind its own campaign",
         )
     channel = rig.position_channel
+    direction = np.sign(torque if at_rest.all() else velocity)
     return FrictionPoints(
         base_parameters=bare_parameters(rig),
         units=rig.units,
@@ -302,9 +330,46 @@ def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
         angle=np.concatenate([t[channel] if channel in t else np.zeros(len(t)) for t in trials]),
         velocity=velocity,
         torque=torque,
-        direction=np.sign(torque if at_rest.all() else velocity),
+        direction=direction,
         number=np.concatenate([np.arange(1.0, len(t) + 1.0) for t in trials]),
+        is_speed_set=not at_rest.any() and _is_speed_set(velocity, torque, direction),
     )
+
+
+def _is_speed_set(velocity: FloatArray, torque: FloatArray, direction: FloatArray) -> bool:
+    """Whether the readings (n,) are of speeds that were set, whose torque followed.
+
+    What was set takes levels, which repeat. Where both do or neither, what followed is the smoother
+    course over what was set: a friction curve that falls and rises again has one torque at each
+    speed, but two speeds at a torque. Without a decision it is the torque, as in the thesis.
+    """
+    from scipy.special import fdtri
+
+    speed_repeats, torque_repeats = map(_repeats, (np.abs(velocity), np.abs(torque)))
+    if speed_repeats != torque_repeats:
+        return speed_repeats
+    ways = [direction == way for way in np.unique(direction)]
+    steps = sum(int(np.count_nonzero(way)) - 1 for way in ways)
+    over_speed, over_torque = (
+        _roughness([(a[way], b[way]) for way in ways])
+        for a, b in ((velocity, torque), (torque, velocity))
+    )
+    if steps < 1 or not math.isfinite(over_speed + over_torque):
+        return False
+    return over_torque > float(fdtri(steps, steps, 1.0 - _BY_CHANCE)) * over_speed
+
+
+def _repeats(values: FloatArray) -> bool:
+    """Whether most of the values (n,) are those of others too."""
+    count = np.unique(values, return_counts=True)[1]
+    return bool(count[count > 1].sum() >= _REPEATED * len(values))
+
+
+def _roughness(courses: Sequence[tuple[FloatArray, FloatArray]]) -> float:
+    """Mean square of the steps of `b` in the order of `a`, over its variance, of pairs (a, b)."""
+    steps = sum(float(np.sum(np.diff(b[np.argsort(a, kind="stable")]) ** 2)) for a, b in courses)
+    spread = sum(float(np.sum((b - b.mean()) ** 2)) for _, b in courses)
+    return steps / spread if spread > 0.0 else math.nan
 
 
 def _check(trial: Trial) -> None:
