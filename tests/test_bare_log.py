@@ -33,6 +33,7 @@ LOGS = {
 }
 # Of the true rig: datasets/bundled/rig.toml.
 SUPPLY, ATMOSPHERE, END = 312e3, 100.2e3, 1.558
+RIG = {"rig": {"name": "axis", "orientation": "horizontal"}}
 
 
 @pytest.fixture
@@ -226,6 +227,32 @@ def test_an_angle_whose_unit_was_stated_is_not_asked_for_it(tmp_path: Path) -> N
     assert not asks(["theta_rad=theta_rad:turn", volts], "stated.csv")
     pd.DataFrame({**table, "theta_rad": 10.0 * time}).to_csv(tmp_path / "turns.csv", index=False)
     assert asks(["theta_rad=theta_rad", volts], "bare.csv")
+
+
+def test_a_speed_s_integral_is_not_asked_for_degrees(folder: Path) -> None:
+    time = np.arange(0.0, 4.0, 1e-3)
+    table = {"time_s": time, "velocity_rad_per_s": 20.0 + np.sin(time)}
+    pd.DataFrame({**table, "motor_torque_nm": np.sin(time)}).to_csv("wheel.csv", index=False)
+    found = read_bare_logs([Path("wheel.csv")], {})
+    (trial,) = found.logs[0].trials
+    assert np.ptp(trial["theta_rad"]) > 70.0
+    assert not any("in degrees" in line for line in found.notices)
+
+
+def test_a_period_that_varies_does_not_contradict_the_one_taken_from_it(folder: Path) -> None:
+    steps = np.random.default_rng(1).choice([0.016, 0.026, 0.049], 800, p=[0.4, 0.4, 0.2])
+    time = np.cumsum(steps)
+    assert np.mean(steps) > 1.02 * np.median(steps)
+    table = {"theta_rad": np.sin(time), "motor_torque_nm": np.cos(time)}
+    pd.DataFrame({"time_s": time, **table}).to_csv("uneven.csv", index=False)
+    found = read_bare_logs([Path("uneven.csv")], {})
+    (log,) = found.logs
+    assert not any("period_s is wrong" in line for line in (*log.notices, *log.contradictions))
+    declared = rig_from_content({**RIG, "sampling": {"period_s": 0.02}}, "rig.toml")
+    (wrong,) = [
+        line for line in si.read_log("uneven.csv", declared).contradictions if "is wrong" in line
+    ]
+    assert "sampled every 0.026 s, the rig file declares 0.02 s" in wrong
 
 
 def test_logged_supply_and_temperature_are_shown(folder: Path) -> None:

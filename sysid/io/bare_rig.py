@@ -296,9 +296,9 @@ def _doubts(logs: Sequence[Log], rig: Rig, mapping: Mapping[str, ColumnMap]) -> 
             yield slow
         if rig.is_linear or _has_stated_unit(log, name, mapping):
             continue
-        ends = [
-            float(end) for t in log.trials if name in t for end in (t[name].min(), t[name].max())
-        ]
+        # The integral of a speed has no unit of its own, and a wheel goes on turning.
+        read = [t[name] for t in log.trials if name in t and t.place_known]
+        ends = [float(end) for place in read for end in (place.min(), place.max())]
         if ends and max(max(ends), -min(ends)) > _FULL_TURN:
             yield (
                 f"{log.path}: {name} runs from {min(ends):.4g} to {max(ends):.4g} rad, more than a "

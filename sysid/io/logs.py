@@ -583,7 +583,8 @@ def check_time_column(reading: LogReading, groups: list[tuple[str, Rows]]) -> No
         every.append(steps)
         _check_mixed(reading, rows, steps, name)
     period, column = float(np.median(periods)), reading.origin["time_s"]
-    wrong = plausibility.check_sampling(reading.where, column, period, reading.rig)
+    mean = float(np.median([steps.mean() for steps in every]))
+    wrong = plausibility.check_sampling(reading.where, column, period, reading.rig, mean)
     if measured_period(reading.table.comments) is None:
         reading.contradict("sampling", wrong)
     elif wrong:

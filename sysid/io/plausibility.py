@@ -274,8 +274,14 @@ def check_fraction(where: str, target: str, column: str, values: FloatArray) -> 
     return input_error(where, f"{target} runs from {low:.4g} to {high:.4g}, outside 0 to 1", fix)
 
 
-def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | None:
-    """Sampling period (s) against the rig's: raises on a wrong unit, else a line or None."""
+def check_sampling(
+    where: str, column: str, period: float, rig: Rig, mean: float | None = None
+) -> str | None:
+    """Sampling period (s) against the rig's: raises on a wrong unit, else a line or None.
+
+    `period` is the median of the steps, `mean` their mean (None: the same): of steps that vary
+    either may be what the rig file declares.
+    """
     if period < _SHORTEST_S:
         raise input_error(
             where,
@@ -285,20 +291,21 @@ def check_sampling(where: str, column: str, period: float, rig: Rig) -> str | No
         )
     if rig.sampling is None:
         return None
-    ratio = period / rig.sampling.period_s
+    declared = rig.sampling.period_s
+    ratio = period / declared
     for unit, factor in TAKEN_FOR_SI["s"].items():
         if abs(ratio * factor - 1.0) < 0.02:
             raise input_error(
                 where,
                 f"time_s advances by {period:.4g} s per row, but the rig file declares "
-                f"{rig.sampling.period_s:.4g} s",
+                f"{declared:.4g} s",
                 _mapping("time_s", column, unit),
             )
-    if abs(ratio - 1.0) > 0.02:
+    if all(abs(one / declared - 1.0) > 0.02 for one in (period, mean or period)):
         return (
-            f"{where}: sampled every {period:.4g} s, the rig file declares "
-            f"{rig.sampling.period_s:.4g} s: time_s or [sampling] period_s is wrong by "
-            f"{max(ratio, 1.0 / ratio):.3g}; the log's is used"
+            f"{where}: sampled every {period:.4g} s, the rig file declares {declared:.4g} s: "
+            f"time_s or [sampling] period_s is wrong by {max(ratio, 1.0 / ratio):.3g}; the log's "
+            "is used"
         )
     return None
 
