@@ -655,6 +655,27 @@ def test_kinds_are_told_by_content_and_overruled() -> None:
         fit_friction([swing()], RIG, kind="stribeck")
 
 
+def test_a_move_that_ends_at_rest_is_motion() -> None:
+    """Under a controller, whose effort then stays: the shaft does not move under that."""
+    t = np.arange(0.0, 5.0, 1e-3)
+    moving = t < 2.0
+    theta = np.where(moving, t, 2.0)
+    effort = np.where(moving, 0.208 + 0.0488 + 0.002 * np.sin(40.0 * t), 0.1)
+    assert classify_trial(trial("move", effort, theta), RIG) == "friction-motion"
+    stuck = trial("stuck", np.full_like(t, 0.1), 1e-6 * np.sin(9.0 * t))
+    assert classify_trial(stuck, RIG) == "friction-sliding"
+
+
+def test_an_effort_that_its_noise_hides_is_not_constant() -> None:
+    """An effort that swings from one sample to the next looks like noise of that size."""
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 20.0, 1e-3)
+    swinging = trial("swinging", rng.normal(0.0, 0.1, len(t)), np.sin(t))
+    assert classify_trial(swinging, RIG) == "friction-motion"
+    measured = trial("measured", 0.27 + rng.normal(0.0, 0.01, len(t)), t)
+    assert classify_trial(measured, RIG) == "friction-sliding"
+
+
 def test_a_missing_channel_is_an_input_error() -> None:
     test = swing()
     with pytest.raises(InputError, match="theta_rad is missing"):

@@ -16,6 +16,8 @@ from sysid.types import FloatArray
 
 STATIC, SLIDING, MOTION = "friction-static", "friction-sliding", "friction-motion"
 KINDS = (STATIC, SLIDING, MOTION)
+# Of a test's way: a shaft that moves by less while the effort is constant rested then.
+_AT_REST = 0.01
 
 
 def balances(trial: Trial, rig: Rig) -> bool:
@@ -34,8 +36,10 @@ def classify_trial(trial: Trial, rig: Rig) -> str:
     """`friction-static`, `friction-sliding` or `friction-motion`, by the trial's content.
 
     Static: the motor's effort grows from zero, without falling back, for most of the test.
-    Sliding: it is constant to within 1 % for at least half of the test. A test in which a
-    valve moves, and any other test, is motion. A ramp whose start is excluded is still a ramp.
+    Sliding: it is constant to within 1 % for at least half of the test, at a level that its noise
+    does not hide, and the shaft moves under it. A test in which a valve moves, and any other test,
+    is motion: one that rests after a move under a controller's constant effort too. A ramp whose
+    start is excluded is still a ramp.
     """
     try:
         recording = recorded(trial, rig, [])
@@ -51,8 +55,21 @@ def classify(recording: Recording) -> str:
         return MOTION
     if _is_ramp(drive, recording.trial.has_its_start):
         return STATIC
+    return SLIDING if _is_under_constant_effort(recording) else MOTION
+
+
+def _is_under_constant_effort(recording: Recording) -> bool:
+    """Whether a level of the motor's effort lasts for half of a test, and is what the test shows.
+
+    A shaft that was never moved is under it, too.
+    """
+    drive, place = recording.motor, recording.position
     start, stop = constant_run(drive)
-    return SLIDING if stop - start >= 0.5 * len(drive) and drive[start] != 0.0 else MOTION
+    if stop - start < 0.5 * len(drive):
+        return False
+    level = abs(float(np.mean(drive[start:stop])))
+    moved, way = float(np.ptp(place[start:stop])), float(np.ptp(place))
+    return level > level_tolerance(drive) and moved >= _AT_REST * way
 
 
 def _is_ramp(drive: FloatArray, from_zero: bool) -> bool:
