@@ -215,6 +215,44 @@ def test_joins_that_are_refused(
     assert not (tmp_path / "run.csv").exists()
 
 
+def test_a_joined_file_keeps_the_label_of_its_test(tmp_path: Path) -> None:
+    drive, encoder, _ = two_files(tmp_path)
+    given = {"join": [encoder], "join_maps": MAPS}
+    report = convert(drive, tmp_path / "run.csv", constants=["test=up"], **given)
+    (trial,) = read_log(tmp_path / "run.csv", AXIS).trials
+    assert trial.label == "up" and report.rows == len(trial)
+    drive.write_text(drive.read_text() * 2)
+    with pytest.raises(InputError, match="holds several tests"):
+        convert(drive, tmp_path / "twice.csv", **given)
+
+
+def test_times_of_another_unit_are_no_shift_of_clocks(tmp_path: Path) -> None:
+    """The second file lies within the first one's times, which are read as seconds, not ms."""
+    drive, encoder, _ = two_files(tmp_path)
+    frame = pd.read_csv(drive)
+    frame.assign(time_s=1e3 * frame["time_s"]).to_csv(drive, index=False)
+    with pytest.raises(InputError, match=r"lies between rows of .* s apart; check the unit"):
+        convert(drive, tmp_path / "run.csv", join=[encoder], join_maps=MAPS, join_shift_s=0.2)
+
+
+def test_a_clock_that_stops_is_named_and_left_out_by_the_fix(tmp_path: Path) -> None:
+    drive, encoder, _ = two_files(tmp_path)
+    frame = pd.read_csv(drive)
+    frame.loc[300:, "time_s"] = frame["time_s"][299]
+    frame.to_csv(drive, index=False)
+    report = convert(drive, tmp_path / "run.csv")
+    (line,) = [one for one in report.notices if "repeats" in one]
+    assert f"line 302: time_s repeats {frame['time_s'][299]:.9g}" in line
+    assert f"the first of {len(frame) - 300} rows" in line
+    assert line.endswith("; --rows 0:300 keeps those before")
+    with pytest.raises(InputError, match=f"the first of {len(frame) - 300} rows"):
+        read_log(tmp_path / "run.csv", AXIS)
+    with pytest.raises(InputError, match="with --rows 0:300 keeps those before"):
+        convert(drive, tmp_path / "run.csv", join=[encoder], join_maps=MAPS)
+    kept = convert(drive, tmp_path / "kept.csv", rows="0:300")
+    assert kept.rows == 300 and not any("repeats" in one for one in kept.notices)
+
+
 def test_what_a_joined_file_leaves_out_and_adds_is_said(tmp_path: Path) -> None:
     drive, encoder, _ = two_files(tmp_path)
     frame = pd.read_csv(encoder).assign(junk=1.0, p=100.0)

@@ -57,6 +57,20 @@ def given_tests(table: ForeignTable, labels: NDArray[Any]) -> Tests:
     return Tests(table, len(labels), starts, labels)
 
 
+def _repeated(table: ForeignTable, time: FloatArray, kept: IntArray, stands: IntArray) -> str:
+    """The notice of rows `stands` (k,) that have the time of the row before."""
+    row = int(stands[0])
+    # A clock that stopped, and not one that is too coarse.
+    ends = row + stands.size == len(time)
+    fix = f"--rows 0:{kept[row]} keeps those before" if ends else "give each its own time"
+    count = "a row" if stands.size == 1 else f"the first of {stands.size} rows"
+    return (
+        f"{table.path}, {table.place(int(kept[row]))}: time_s repeats {time[row]:.9g}, {count} "
+        f"without a time of {'its' if stands.size == 1 else 'their'} own, with which no log is "
+        f"read; {fix}"
+    )
+
+
 def found_tests(table: ForeignTable, time: FloatArray, kept: IntArray, said: IntArray) -> Tests:
     """A test for each start that the file says, in rows `said`, and each at which time restarts.
 
@@ -73,6 +87,9 @@ def found_tests(table: ForeignTable, time: FloatArray, kept: IntArray, said: Int
                 f"{table.path}, {table.place(int(kept[row]))}: time_s goes back from "
                 f"{time[row - 1]:.9g} to {time[row]:.9g}: rows are out of order"
             )
+        stands = np.flatnonzero(np.diff(time[first:last]) == 0.0) + first + 1
+        if stands.size:
+            table.notices.append(_repeated(table, time, kept, stands))
         again += (first + breaks.starts).tolist()
     if again:
         table.notices.append(

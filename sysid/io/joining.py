@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.errors import input_error
+from sysid.errors import InputError, input_error
 from sysid.io.alignment import is_held, values_at, within
 from sysid.io.channels import TEST_COLUMN
 from sysid.io.reshaping import HELD_COLUMNS, check_increasing, median_period
@@ -74,7 +74,8 @@ def joined(
     overlap.
     """
     for one in (first, *others):
-        if TEST_COLUMN in one.frame:
+        # The rows' label is the first file's, where they have one.
+        if TEST_COLUMN in one.frame and (one is not first or _is_of_several(one.frame)):
             raise input_error(one.where, "holds several tests", "join the files of one test each")
     time = first.times(first)
     check_increasing(time, first.where)
@@ -84,12 +85,7 @@ def joined(
         check_increasing(clock, other.where)
         inside &= within(time, clock)
         if np.count_nonzero(inside) < 2:
-            raise input_error(
-                other.where,
-                f"its time, {clock[0]:.6g} to {clock[-1]:.6g} s, does not overlap with "
-                f"{time[0]:.6g} to {time[-1]:.6g} s of {first.where}",
-                "give the difference of their clocks with --join-shift SECONDS",
-            )
+            raise _apart(time, clock, first.where, other.where)
     frame = first.frame[inside].reset_index(drop=True)
     for clock, other in zip(clocks, others, strict=True):
         _add(frame, time[inside], clock, other, first.where, fill)
@@ -97,6 +93,28 @@ def joined(
     return frame, (
         f"{first.where}: joined with {', '.join(o.where for o in others)} by time, where all have "
         f"samples: {kept[0]:.6g} to {kept[-1]:.6g} s, {len(kept)} of {len(time)} rows"
+    )
+
+
+def _is_of_several(frame: pd.DataFrame) -> bool:
+    return frame[TEST_COLUMN].nunique() > 1
+
+
+def _apart(time: FloatArray, clock: FloatArray, first: str, other: str) -> InputError:
+    """The error where fewer than two of the first file's rows are within the other's times."""
+    own = f"its time, {clock[0]:.6g} to {clock[-1]:.6g} s,"
+    span = f"{time[0]:.6g} to {time[-1]:.6g} s of {first}"
+    if clock[-1] < time[0] or time[-1] < clock[0]:
+        return input_error(
+            other,
+            f"{own} does not overlap with {span}",
+            "give the difference of their clocks with --join-shift SECONDS",
+        )
+    return input_error(
+        other,
+        f"{own} lies between rows of {span}, which are {np.median(np.diff(time)):.4g} s apart",
+        "check the unit of either time, or give the difference of their clocks with --join-shift "
+        "SECONDS",
     )
 
 

@@ -606,10 +606,15 @@ def _time_error(reading: LogReading, rows: Rows, index: int, name: str) -> Input
     before, after = (float(t) for t in time[index : index + 2])
     where = f"{reading.where}, {_place(reading, rows, index + 1)}"
     if before == after:
+        count = int(np.count_nonzero(np.diff(time) == 0.0))
+        if count == 1:
+            fix = "delete the duplicate row or correct its time"
+            return input_error(where, f"time_s{name} repeats {after:.9g}", fix)
         return input_error(
             where,
-            f"time_s{name} repeats {after:.9g}",
-            "delete the duplicate row or correct its time",
+            f"time_s{name} repeats {after:.9g}, the first of {count} rows without a time of their "
+            "own",
+            "delete these rows, or correct their times",
         )
     what = f"time_s{name} goes back from {before:.9g} to {after:.9g}"
     file = reading.table.path

@@ -130,10 +130,24 @@ def measured_period(comments: Iterable[str]) -> float | None:
 
 def check_increasing(time: FloatArray, where: str) -> None:
     """InputError where times (n,) s do not rise from row to row."""
-    if np.any(np.diff(time) <= 0.0):
+    wrong = np.flatnonzero(np.diff(time) <= 0.0) + 1
+    if not wrong.size:
+        return
+    row = int(wrong[0])
+    if time[row] == time[row - 1]:
+        stopped = row + wrong.size == len(time)
+        keep = f"`sysid convert` of this file alone with --rows 0:{row} keeps those before"
         raise input_error(
-            where, "time_s does not increase from row to row", "sort the rows, or label the tests"
+            where,
+            f"time_s repeats {time[row]:.9g} at row {row} of the table, the first of {wrong.size} "
+            "rows without a time of their own",
+            keep if stopped else "delete these rows, or correct their times",
         )
+    raise input_error(
+        where,
+        f"time_s goes back from {time[row - 1]:.9g} to {time[row]:.9g} at row {row} of the table",
+        "sort the rows, or label the tests",
+    )
 
 
 def unwrapped(frame: pd.DataFrame) -> pd.DataFrame:
