@@ -203,6 +203,26 @@ def test_excel_with_a_chosen_sheet(tmp_path: Path) -> None:
         convert(foreign, out, maps=entries, sheet="Run 4")
 
 
+@pytest.mark.parametrize("top", [["100 g", None, "200 g"], ["Run of a Monday"]])
+def test_excel_names_are_below_a_title_or_one_of_several_columns(
+    tmp_path: Path, top: list[str | None]
+) -> None:
+    """Also where the maps give numbers: the units are those that the names state."""
+    foreign, out = tmp_path / "rec.xlsx", tmp_path / "log.csv"
+    book = openpyxl.Workbook()
+    book.active.append(top)
+    book.active.append(["Time (ms)", "P (kPa)", "Angle (deg)"])
+    for i in range(30):
+        book.active.append([10.0 * i, 200.0 + i, 90.0])
+    book.save(foreign)
+    report = convert(foreign, out, maps=["time_s=#1", "pressure_a_pa=#2", "theta_rad=#3"])
+    log = log_of(out)
+    assert log["time_s"].tolist() == pytest.approx(np.arange(30) / 100.0)
+    assert log["pressure_a_pa"].tolist() == pytest.approx(1e3 * (200.0 + np.arange(30)))
+    assert log["theta_rad"].tolist() == pytest.approx([np.pi / 2.0] * 30)
+    assert any("above the names passed over" in line for line in report.notices)
+
+
 def test_excel_cell_without_a_number_is_named(tmp_path: Path) -> None:
     foreign = tmp_path / "rec.xlsx"
     book = openpyxl.Workbook()

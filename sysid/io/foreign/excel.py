@@ -43,7 +43,8 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     rows = [["" if v is None or v != v else str(v) for v in row] for row in frame.values[:200]]
     above = _rows_above(rows, options.names)
     if above:
-        table.notices.append(f"{path}: {above} rows above the names passed over")
+        plural = "row" if above == 1 else "rows"
+        table.notices.append(f"{path}: {above} {plural} above the names passed over")
         frame, rows = frame.iloc[above:], rows[above:]
     names, _ = find_header(rows, options.header)
     under = [] if names is None else _rows_under(rows)
@@ -67,13 +68,20 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
 
 
 def _rows_above(rows: Sequence[Sequence[str]], asked: Sequence[str]) -> int:
-    """How many rows are above the one that holds the names asked for; 0 where none does."""
+    """How many rows are above the one that holds the names asked for, or else the most names.
+
+    A title above the names, or one for several columns, leaves cells empty.
+    """
     names = [name for name in asked if not name.startswith("#")]
     found = [
         sum(name in row or name in map(bare_name, row) for name in names) if names else 0
         for row in rows
     ]
-    return found.index(max(found)) if any(found) else 0
+    if any(found):
+        return found.index(max(found))
+    words = [rows[0], *_rows_under(rows)]
+    filled = [0 if are_units(row) else sum(map(bool, row)) for row in words]
+    return filled.index(max(filled))
 
 
 def _rows_under(rows: Sequence[Sequence[str]]) -> list[Sequence[str]]:
