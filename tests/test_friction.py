@@ -220,6 +220,19 @@ def test_sliding_trials_from_samples() -> None:
     assert not result["static_nm"].identified
 
 
+def test_starts_that_differ_by_less_than_a_motion_are_one_place() -> None:
+    """On a rig whose stroke is not known, the range of all starts is no measure of places."""
+    axis = Rig("axis", "horizontal", "rotary")
+
+    def places(starts: list[float]) -> list[int]:
+        static = fit_friction([ramp(0.333, 0.208, s, w) for s in starts for w in (1, -1)], axis)
+        assert static.static is not None
+        return [place.count for place in static.static.by_position]
+
+    assert places([0.0, 1e-4, 3e-4]) == [6]
+    assert places([-1.0, 0.0, 1e-4]) == [2, 4]
+
+
 def test_an_offset_between_directions_is_found() -> None:
     rng = np.random.default_rng(8)
     trials = [

@@ -181,7 +181,8 @@ def fit_static(
         )
     values = np.array([abs(use.values["breakaway"]) for use in used])
     starts = np.array([use.values["position"] for use in used])
-    places = _places(starts, trials[0].rig.travel)
+    still = max(use.values["travel_threshold"] for use in used)
+    places = _places(starts, trials[0].rig.travel, still)
     directions = np.array([use.values["direction"] for use in used])
     return static_summary(values, starts, places, directions, units.effort), uses
 
@@ -518,12 +519,15 @@ def _rest_then_motion(times: FloatArray, course: FloatArray, t0: float) -> float
     return best
 
 
-def _places(starts: FloatArray, travel: float | None) -> NDArray[np.intp]:
-    """Number of the position each ramp starts from, (n,); positions are separated by gaps."""
+def _places(starts: FloatArray, travel: float | None, still: float) -> NDArray[np.intp]:
+    """Number of the position each ramp starts from, (n,); positions are separated by gaps.
+
+    Starts within the way `still` that is no motion are one place, whatever the range of them all.
+    """
     gap = POSITION_GAP * (travel if travel is not None else 2.0 * float(np.ptp(starts)))
     order = np.argsort(starts)
     place = np.zeros(len(starts), dtype=np.intp)
-    place[order[1:]] = np.cumsum(np.diff(starts[order]) > gap)
+    place[order[1:]] = np.cumsum(np.diff(starts[order]) > max(gap, still))
     return place
 
 
