@@ -52,6 +52,12 @@ def test_names(name: str, expected: str) -> None:
     assert linear_name(name) == expected
 
 
+def test_no_text_speaks_of_torques_or_angles() -> None:
+    for effect in for_rig(catalogue(), True).values():
+        texts = (effect.title, effect.tie_breaker, effect.signature)
+        assert not re.search(r"\b[Tt]orques?\b|\bangles?\b|\barms?\b", " ".join(texts)), effect.id
+
+
 def test_sizes_come_over_at_the_reference_radius() -> None:
     """F = T / r and v = r w: a drag per squared speed is 1/r^3 as large."""
     drag = linear_form(friction.QuadraticDrag).quantities[0]

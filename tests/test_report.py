@@ -25,9 +25,12 @@ from shared_results import bundled_fit
 from sysid.blocks import numbers, standing, svg
 from sysid.blocks.tables import Table
 from sysid.checks.log_check import check_log
+from sysid.diagnosis.figures import regressor_axis, waterfall
+from sysid.diagnosis.wording import error_unit
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, read_campaign
+from sysid.io.channels import channel_of
 from sysid.parameters import Bundle, FittedValves, Surface, Valve, bundle_text, read_bundle
 from sysid.parameters.files import bundle_from_json
 from sysid.parameters.refinement import Refinement
@@ -35,7 +38,7 @@ from sysid.parameters.validation import Validation
 from sysid.parameters.valves import PwmDirections
 from sysid.pipeline.pages import concerns
 from sysid.pipeline.pages.interactive import packed
-from sysid.pipeline.pages.next_steps import next_section, open_questions
+from sysid.pipeline.pages.next_steps import next_line, next_section, open_questions
 from sysid.pipeline.pages.opening import _table, verdict
 from sysid.pipeline.pages.report import _json, render_report, write_report
 
@@ -1041,6 +1044,7 @@ def test_page_is_quiet_and_complete(
 LOOKS = {
     "desktop, light": {"viewport": {"width": 1400, "height": 900}, "color_scheme": "light"},
     "desktop, dark": {"viewport": {"width": 1400, "height": 900}, "color_scheme": "dark"},
+    "half a screen": {"viewport": {"width": 800, "height": 900}, "color_scheme": "light"},
     "phone, light": {"viewport": {"width": 390, "height": 800}, "color_scheme": "light"},
     "phone, dark": {"viewport": {"width": 390, "height": 800}, "color_scheme": "dark"},
     # A4 less its margins, at 96 px an inch.
@@ -1103,7 +1107,59 @@ def test_what_was_asked_for_of_a_part_gives_its_colour(part_reports: dict[str, P
     """Static friction, of which there is no test, is listed, and no concern."""
     text = part_reports["cylinder"].read_text()
     box = text[text.index('id="verdict"') : text.index('id="data"')]
-    assert "Not identified: Static friction" in box and "unidentified parameter" not in box
+    assert "Not identified: Static friction" in box and "static friction not identified" not in box
+
+
+def test_what_is_not_identified_is_named_and_said_once_a_reason(made: Made) -> None:
+    """Two numbers of which only a sum is known are one line, in words; all limit the colour."""
+    assert made.bundle.friction is not None
+    lacks = Estimate.unidentified("Nm", "only coulomb_nm + 0.5 viscous_nm_s_per_rad is identified")
+    static = Estimate.unidentified("Nm", "give ramps")
+    friction = made.bundle.friction.replaced(
+        coulomb_nm=lacks, viscous_nm_s_per_rad=lacks, static_nm=static
+    )
+    bundle = made.bundle.replaced(friction=friction)
+    found = verdict(bundle, made.validation)
+    said = "Coulomb friction + 0.5 rad/s × viscous friction is identified"
+    assert [n for n in found.notes if said in n] == [
+        f"Not identified: Coulomb friction and viscous friction: only {said}"
+    ]
+    names = "static friction, Coulomb friction and viscous friction not identified"
+    assert names in [c.name for c in found.concerns]
+    section = next_section(bundle, None, "campaign.toml")
+    assert section is not None
+    (lacking,) = (b for b in section.blocks if isinstance(b, Table))
+    helps = {row[0]: row[1:] for row in lacking.rows}
+    assert helps["Static friction"] == ("not identified", "ramps")
+
+
+def test_effects_that_tests_do_not_distinguish_are_told_on_the_first_screen(made: Made) -> None:
+    content = json.loads(json.dumps(DIAGNOSIS))
+    content["effects"][0] |= {"ambiguous_with": ["backlash"], "advice": "slow ramps"}
+    content["figures"]["titles"]["backlash"] = "Backlash in the motor's gear"
+    said = next_line(made.bundle, content)
+    assert "Stribeck friction; or backlash in the motor's gear. To distinguish them: slow" in said
+
+
+def test_errors_of_a_channel_are_in_one_unit() -> None:
+    """Where none reaches 1 kPa they are in Pa, in sentences, in the table and in the figure."""
+    pressure = channel_of("pressure_a_pa")
+    assert error_unit(pressure, (151.0, None, 2.07)) == ("Pa", 1.0)
+    assert error_unit(pressure, (2151.0, 151.0)) == ("kPa", 1e-3)
+    figure = waterfall(pressure, [151.0], [], 2.07)
+    assert figure.panels[0].x.unit == "Pa" and "correct model is 2.07 Pa" in figure.description
+
+
+def test_a_regressor_has_its_unit_by_either_name() -> None:
+    """A part names it in words, an actuator by its key."""
+    for name in ("position times direction", "angle times direction"):
+        axis, scale = regressor_axis(name, is_linear=True)
+        assert (axis.unit, scale) == ("mm", 1e3)
+
+
+def test_an_error_far_below_is_a_bound() -> None:
+    figure = waterfall(channel_of("position_m"), [8e-3, 6e-3], ["+ one"], 9e-10)
+    assert "correct model is less than 6 × 10⁻³ mm" in figure.description
 
 
 def test_a_section_starts_an_a4_page(part_reports: dict[str, Path], browser: Any) -> None:

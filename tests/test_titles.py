@@ -10,6 +10,7 @@ from golden_folder import golden_bundle
 import sysid as si
 from sysid.blocks.html import block_html
 from sysid.parameters import Bundle
+from sysid.parameters.table import in_words, title_of_field
 from sysid.parameters.titles import named, part_title, short_title, title_of
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.linear import linear_form
@@ -53,6 +54,21 @@ def test_every_number_of_a_model_has_a_title(bundle: Bundle) -> None:
         assert part_title(f"effect {id}") == effect.title
         for one in (effect, linear_form(effect)):
             assert all(title_of(f"{id}.{q.label}") != f"{id}.{q.label}" for q in one.quantities)
+
+
+def test_a_sum_of_numbers_is_in_words() -> None:
+    reason = "only coulomb_n + 0.01 viscous_n_s_per_m is identified: give motion"
+    said = "only Coulomb friction + 0.01 m/s × viscous friction is identified: give motion"
+    assert in_words(reason) == said
+    assert title_of("coulomb_nm - offset_nm") == "Coulomb friction - offset"
+    assert title_of("0.5 viscous_nm_s_per_rad") == "0.5 rad/s × viscous friction"
+    assert in_words("the friction of a motor_force_n") == "the friction of a motor_force_n"
+
+
+def test_the_plants_names_have_titles() -> None:
+    named = {"coulomb_effort": "Coulomb friction", "viscous": "Viscous friction"}
+    named |= {"choked_fill_a": "Valve A, choked filling flow", "of_no_one": ""}
+    assert {name: title_of_field(name) for name in named} == named
 
 
 def test_a_figure_has_room_for_a_title() -> None:

@@ -11,6 +11,7 @@ from sysid.diagnosis.result import Diagnosis
 from sysid.errors import Failure, on_its_own
 from sysid.plant.effects.catalogue import catalogue, catalogue_entry
 from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.linear import for_rig
 
 
 def content(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -71,7 +72,8 @@ def names(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def _known(diagnosis: Diagnosis) -> dict[str, type[CatalogueEffect]]:
     """The catalogue's effects by id, and those that were found, a user's own among them."""
-    return {**catalogue(), **{found.id: type(found.effect) for found in diagnosis.effects}}
+    own = for_rig(catalogue(), diagnosis.evidence.is_linear)
+    return {**own, **{found.id: type(found.effect) for found in diagnosis.effects}}
 
 
 __all__ = ["content", "figures", "names"]

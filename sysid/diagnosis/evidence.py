@@ -45,6 +45,11 @@ class ComponentEvidence(ABC):
         """What was examined, and what was not: as the budget ended, or as it failed."""
 
     @property
+    def is_linear(self) -> bool:
+        """Whether effects are named by forces and positions, as a linear rig has them."""
+        return False
+
+    @property
     @abstractmethod
     def effects(self) -> Sequence[CatalogueEffect]:
         """The steps' effects, all fitted together."""

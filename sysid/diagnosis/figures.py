@@ -31,7 +31,14 @@ from sysid.blocks.figures import (
 )
 from sysid.blocks.numbers import MINUS, fixed, number, span
 from sysid.blocks.titles import within
-from sysid.diagnosis.wording import errors_by_step, regressor_name, steps
+from sysid.diagnosis.wording import (
+    error_unit,
+    errors_by_step,
+    floor_text,
+    regressor_key,
+    regressor_name,
+    steps,
+)
 from sysid.estimation.linear import LEVEL, t_quantile
 from sysid.io.channels import Channel, channel_of
 from sysid.types import FloatArray
@@ -113,9 +120,9 @@ def waterfall(
 
     `errors` (1 + steps,) and `floor` in the channel's SI unit.
     """
-    shown = [channel.residual_scale * e for e in errors]
-    low = channel.residual_scale * floor
-    unit = channel.residual_unit
+    unit, scale = error_unit(channel, (*errors, floor))
+    shown, low = [scale * e for e in errors], scale * floor
+    lowest = floor_text(low, shown[-1])
     rows: list[tuple[str, float, float, Role, str]] = [
         ("original bundle", 0.0, shown[0], "measured", number(shown[0]))
     ]
@@ -130,7 +137,7 @@ def waterfall(
         rows.append((drawable(name), min(before, after), max(before, after), role, sign + size))
     if steps:
         rows.append(("extended model", 0.0, shown[-1], "model", number(shown[-1])))
-    rows.append(("correct model", 0.0, low, "muted", number(low)))
+    rows.append(("correct model", 0.0, low, "muted", lowest))
     marks: list[Mark] = []
     for place, (name, start, end, role, text) in enumerate(rows):
         y = np.array([-place - 0.14])
@@ -148,7 +155,7 @@ def waterfall(
     told = "; ".join(f"after {n.removeprefix('+ ')} {number(e)}" for n, e in pairs)
     description = (
         f"The original bundle has {number(shown[0])} {unit}{'; ' + told if told else ''}; the "
-        f"error of a correct model is {number(low)} {unit}."
+        f"error of a correct model is {lowest} {unit}."
     )
     title = f"Error of {channel.title} on held-out tests, effect by effect"
     return _rows_figure(
@@ -302,7 +309,7 @@ def regressor_axis(
     A part's further regressors are named with their units, or by a user's own columns (`is_own`).
     """
     others = _AS_NAMED if is_part else _PRESSURE
-    units = _AS_NAMED if is_own else _REGRESSOR_UNITS.get(regressor, others)
+    units = _AS_NAMED if is_own else _REGRESSOR_UNITS.get(regressor_key(regressor), others)
     unit, scale = units[is_linear]
     name = regressor_name(regressor)
     return Scale(f"{name[:1].upper()}{name[1:]}", unit), scale

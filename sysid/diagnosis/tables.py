@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from sysid.blocks.numbers import MISSING, estimate_cells, number, unit
@@ -18,7 +19,9 @@ from sysid.diagnosis.wording import (
     SMALLEST_P,
     balance_of,
     effect_name,
+    error_unit,
     errors_by_step,
+    floor_text,
     is_refined,
     joined,
     parameter_rows,
@@ -26,6 +29,7 @@ from sysid.diagnosis.wording import (
 )
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import channel_of
+from sysid.parameters.table import title_of_field, title_of_key
 
 Content = Mapping[str, Any]
 
@@ -115,12 +119,16 @@ def refitted_table(content: Content) -> Table:
     for entry in content["figures"].get("refitted") or []:
         value, unit = float(entry["after"]), entry["unit"]
         after = Estimate(value, float(entry["std"]), unit, (math.nan, math.nan))
-        before = Estimate(float(entry["before"]), math.nan, unit, (math.nan, math.nan))
+        # To the digit that the value after is written to.
+        before = replace(after, value=float(entry["before"]))
         # Across 0 a change has no size in per cent.
         is_sized = value * before.value > 0.0
         change = number(100.0 * (value / before.value - 1.0), 2) if is_sized else MISSING
         cells = estimate_cells(after)
-        rows.append((entry["name"], estimate_cells(before)[0], *cells[:2], change, cells[3]))
+        name = entry["name"]
+        title = title_of_key(name) or title_of_field(name)
+        shown = NotedCell(title, name) if title else name
+        rows.append((shown, estimate_cells(before)[0], *cells[:2], change, cells[3]))
     columns = ["Parameter", "From", "To", "Standard error", "Change, %", "Unit"]
     text: tuple[int, ...] = (len(columns) - 1,)
     # The names of an actuator's parameters have none in the model; they are in SI units.
@@ -136,11 +144,15 @@ def errors_table(content: Content) -> Table:
     for name, errors in errors_by_step(content).items():
         channel = channel_of(name)
         floor = content["residual"][name]["noise_floor"]
+        unit_of, scale = error_unit(channel, (*errors, floor))
         cells = [
-            NotedCell(number(channel.residual(e)), plain=MISSING if math.isnan(e) else f"{e:.4g}")
-            for e in (*errors, floor)
+            NotedCell(text, plain=MISSING if math.isnan(e) else f"{e:.4g}")
+            for e, text in (
+                *((e, number(scale * e)) for e in errors),
+                (floor, floor_text(scale * floor, scale * errors[-1])),
+            )
         ]
-        title = f"{channel.title} ({channel.residual_unit})"
+        title = f"{channel.title} ({unit_of})"
         rows.append((NotedCell(title, plain=name), *cells))
     caption = "RMSE on the held-out tests"
     if is_of_actuator(content):

@@ -6,7 +6,7 @@ Everything is read from the dict that `sysid.diagnosis.content.content` makes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from sysid.blocks.numbers import number, percent, span
@@ -119,17 +119,31 @@ def _error_change(content: Content) -> str:
 
 def _sizes(channel: Channel, errors: Mapping[str, float | None], *, is_changed: bool) -> str:
     """A channel's errors with their unit: "from 107 to 15.1 mrad (a correct model: 10.2)"."""
-    before, after, floor = (channel.residual(errors[k]) for k in ("before", "after", "noise_floor"))
-    unit = channel.residual_unit
-    if unit == "kPa" and all(e is None or abs(e) < 1.0 for e in (before, after, floor)):
-        unit = "Pa"
-        before, after, floor = (None if e is None else 1e3 * e for e in (before, after, floor))
+    kept = [errors[k] for k in ("before", "after", "noise_floor")]
+    unit, scale = error_unit(channel, kept)
+    before, after, floor = (None if e is None else scale * e for e in kept)
     change = f"from {span(before, after)}" if is_changed else number(before)
-    if floor is not None and after is not None and 0.0 < floor < LEAST_SHOWN * after:
-        correct = f"(a correct model: less than {number(LEAST_SHOWN * after, 1)})"
-    else:
-        correct = f"(a correct model: {number(floor)})"
+    correct = f"(a correct model: {floor_text(floor, after)})"
     return " ".join(filter(None, (change, unit, correct)))
+
+
+def error_unit(channel: Channel, errors: Iterable[float | None]) -> tuple[str, float]:
+    """The unit in which all errors (SI) of a channel are shown, and the scale to it.
+
+    Pa in place of kPa where none reaches 1 kPa.
+    """
+    unit, scale = channel.residual_unit, channel.residual_scale
+    known = [abs(scale * e) for e in errors if e is not None and math.isfinite(e)]
+    if unit == "kPa" and all(e < 1.0 for e in known):
+        return "Pa", 1e3 * scale
+    return unit, scale
+
+
+def floor_text(floor: float | None, after: float | None) -> str:
+    """A correct model's error next to the one after the effects, which it may be far below."""
+    if floor is not None and after is not None and 0.0 < floor < LEAST_SHOWN * after:
+        return f"less than {number(LEAST_SHOWN * after, 1)}"
+    return number(floor)
 
 
 LEAST_SHOWN = 1e-3
@@ -338,7 +352,9 @@ __all__ = [
     "advice_on_rest",
     "balance_of",
     "effect_name",
+    "error_unit",
     "errors_by_step",
+    "floor_text",
     "is_refined",
     "joined",
     "own_friction",

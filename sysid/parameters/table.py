@@ -6,16 +6,19 @@ reads it. `Bundle.with_estimates` is the way back.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from sysid.blocks.tables import Table, TableColumn, estimate_table
+from sysid.blocks.tables import NotedCell, Table, estimate_table
+from sysid.blocks.titles import within
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
+from sysid.io.motion import LINEAR, ROTARY
 from sysid.parameters.base import Part
 from sysid.parameters.content import BundleContent
 from sysid.parameters.correlation import CorrelatedPart
@@ -27,6 +30,9 @@ from sysid.types import FloatArray
 Origin = Literal["friction", "valve", "effect", "component", "rig"]
 Status = Literal["fitted", "declared", "assumed", "check", "alternative"]
 DELAYS = ("on_delay", "off_delay")
+_FRICTION = {key: name for units in (ROTARY, LINEAR) for name, key in units.keys.items()}
+# A friction parameter by its key, with its factor in a sum.
+_KEYED = re.compile(rf"(?:\b([0-9.e+-]+) )?\b({'|'.join(sorted(_FRICTION))})\b")
 # What a fit of an on/off law gives in addition to the law: checks, and what follows from it.
 _CHECKS = ("jump_", "critical_ratio_", "control_c_")
 _TITLES = {
@@ -61,6 +67,7 @@ _TITLES = {
 }
 _FIELDS = {"static": "static_effort", "coulomb": "coulomb_effort"}
 _NAMES = {key: name for name, key in (LAW_KEYS | ISO_KEYS).items()} | {f"{d}_s": d for d in DELAYS}
+_NAMES |= _FRICTION
 
 
 @dataclass(frozen=True)
@@ -102,6 +109,34 @@ class ParameterRow:
 def title_of_key(key: str) -> str:
     """The title of a number by its key in a part, or by its name inside; empty without any."""
     return _TITLES.get(key) or _TITLES.get(_NAMES.get(key, key), "")
+
+
+def title_of_field(field: str) -> str:
+    """The title of a number by its name in the plant's parameters; empty without any."""
+    names = {own: name for name, own in _FIELDS.items()}
+    if title := title_of_key(names.get(field, field)):
+        return title
+    name, _, side = field.rpartition("_")
+    title = title_of_key(name) if side in SIDES else ""
+    return f"Valve {side.upper()}, {within(title)}" if title else ""
+
+
+def in_words(text: str) -> str:
+    """A text with friction's keys by their titles: "only Coulomb friction + 0.01 m/s × viscous
+    friction is identified".
+    """
+    return _KEYED.sub(_in_words, text)
+
+
+def _in_words(found: re.Match[str]) -> str:
+    factor, key = found.groups()
+    name = _FRICTION[key]
+    title = within(title_of_key(name))
+    if factor is None:
+        return title
+    # By a speed viscous friction becomes an effort, as the rest of a sum is.
+    speed = "" if name != "viscous" else " rad/s" if key.endswith("rad") else " m/s"
+    return f"{factor}{speed} \N{MULTIPLICATION SIGN} {title}"
 
 
 def field_of(name: str, side: str = "") -> str:
@@ -152,10 +187,13 @@ class ParameterTable(Mapping[str, ParameterRow]):
         return {row.key: row.estimate for row in self.rows}
 
     def shown(self, caption: str) -> Table:
-        """One row per parameter of one part, with its interval and its key there."""
-        titled = {row.title: row.estimate for row in self.rows}
-        keys = (TableColumn("Key", "code"), [row.key for row in self.rows])
-        return estimate_table(caption, titled, "page", more=keys)
+        """One row per parameter of one part, with its interval, and its key there beneath it."""
+        titled: dict[str, Estimate] = {}
+        for row in self.rows:
+            reason = row.estimate.reason
+            said = replace(row.estimate, reason=None if reason is None else in_words(reason))
+            titled[NotedCell(row.title, row.key)] = said
+        return estimate_table(caption, titled, "page")
 
     def covariance(self, keys: Collection[str]) -> FloatArray:
         """Covariance (k, k) of the errors of these keys, in a table of one part."""
@@ -284,5 +322,8 @@ __all__ = [
     "Status",
     "effect_names",
     "field_of",
+    "in_words",
     "table_of",
+    "title_of_field",
+    "title_of_key",
 ]

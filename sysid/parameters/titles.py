@@ -8,10 +8,8 @@ from functools import cache
 
 from sysid.blocks.tables import NotedCell
 from sysid.blocks.titles import within
-from sysid.io.motion import LINEAR, ROTARY
-from sysid.parameters.table import title_of_key
+from sysid.parameters.table import in_words, title_of_key
 
-_FRICTION = {key: name for units in (ROTARY, LINEAR) for name, key in units.keys.items()}
 # An effect's place or the prefix of its numbers: its id, with a side or a count where it has one.
 _EFFECT = re.compile(r"(?:effect )?([a-z0-9-]+?)(?:-(\d+))?(?: \((\w+)\))?(?: (\d+))?\.(\w+)")
 _EFFECT_PLACE = re.compile(r"effect ([a-z0-9-]+)(?: \((\w+)\))?(?: (\d+))?")
@@ -32,12 +30,16 @@ _CONSTANTS = {
 
 
 def title_of(name: str) -> str:
-    """A number's title by its path or alias; the name itself where it has none that is known."""
+    """A number's title by its path or alias, of a sum those of its parts; the name itself where it
+    has none that is known.
+    """
+    if " " in name and (said := in_words(name)) != name:
+        return said
     place, _, key = name.rpartition(".")
     if place == "rig":
         return _CONSTANTS.get(key, name)
     if place in ("friction", "friction.cross_check"):
-        title = title_of_key(_FRICTION.get(key, key))
+        title = title_of_key(key)
         return "Offset of friction" if title == "Offset" else title or name
     first, *rest = name.split(".")
     if first == "valves" and len(rest) > 1:

@@ -46,7 +46,9 @@ def residuals_section(validation: ValidationResult) -> Section:
         if usable:
             blocks.append(_group(usable, channel))
     model = MODEL_NAMES[held[0].first.model]
-    used = "held-out tests" if held[0].use == "holdout" else "tests, all used for training"
+    many = "s" if len(held) > 1 else ""
+    is_held_out = held[0].use == "holdout"
+    used = f"held-out test{many}" if is_held_out else f"test{many}, all used for training"
     intro = (
         f"Measured less simulated, over the whole of {len(held)} {used}, under the {model} valve "
         "model. Line: median; shaded: the middle 90 %; dots: a sample of the data; dashed: the "

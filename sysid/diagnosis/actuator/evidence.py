@@ -45,6 +45,10 @@ class TwinEvidence(ComponentEvidence):
         return self.loop.record
 
     @property
+    def is_linear(self) -> bool:
+        return self.rig.is_linear
+
+    @property
     def effects(self) -> Sequence[CatalogueEffect]:
         joint = self.loop.search.joint
         return () if joint is None else joint.effects

@@ -15,6 +15,7 @@ from sysid.diagnosis.search import Round, Tried, mark_removed
 from sysid.diagnosis.search_record import SearchRecord
 from sysid.diagnosis.thresholds import LEAST_REDUCTION, SIGNIFICANCE
 from sysid.estimation.linear import Estimate
+from sysid.io.motion import LINEAR
 from sysid.parameters import Bundle
 from sysid.plant.effects.entry import CatalogueEffect
 
@@ -43,6 +44,10 @@ class HeldOutEvidence(ComponentEvidence):
     @property
     def record(self) -> SearchRecord:
         return self.selection.record
+
+    @property
+    def is_linear(self) -> bool:
+        return self.selection.final.component.channel == LINEAR.effort_channel
 
     @property
     def effects(self) -> Sequence[CatalogueEffect]:

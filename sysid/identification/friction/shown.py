@@ -9,12 +9,13 @@ import numpy as np
 from sysid.blocks.figures import Band, Figure, Intervals, Line, Mark, Panel, Points, Role, Scale
 from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, span, unit
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Notes, Section
-from sysid.blocks.tables import TableColumn, estimate_table, table
+from sysid.blocks.tables import NotedCell, TableColumn, estimate_table, table
 from sysid.estimation.linear import Estimate
 from sysid.identification.friction.cross_check import SLIDING_FIRST, disagreement
 from sysid.io.motion import MotionUnits
 from sysid.parameters import Bundle, Friction
 from sysid.parameters.friction import TestUse
+from sysid.parameters.table import in_words
 from sysid.recording.friction_kind import SLIDING, STATIC
 from sysid.types import FloatArray
 
@@ -77,9 +78,11 @@ def _combinations(friction: Friction) -> list[Block]:
     if not sums:
         return []
     caption = "Identified only together, and the test that would separate the parts"
-    found = {name: row.estimate for name, row in sums.items()}
+    found: dict[str, Estimate] = {
+        NotedCell(in_words(name), name): row.estimate for name, row in sums.items()
+    }
     tests = (TableColumn("Test", "text"), [row.test for row in sums.values()])
-    return [estimate_table(caption, found, "page", named=TableColumn("Sum", "code"), more=tests)]
+    return [estimate_table(caption, found, "page", named=TableColumn("Sum", "text"), more=tests)]
 
 
 def _position_table(friction: Friction, units: MotionUnits) -> list[Block]:

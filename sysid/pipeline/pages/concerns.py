@@ -10,9 +10,11 @@ from sysid.blocks.quality import quality_name
 from sysid.blocks.titles import within
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.lack_of_fit import MISFIT
+from sysid.diagnosis.wording import joined
 from sysid.identification.valve_pwm.choice import not_recommended
 from sysid.io.channels import VELOCITY_CHANNELS, channel_of
 from sysid.parameters import Bundle
+from sysid.parameters.titles import title_of
 
 LEVELS = ("good", "fair", "poor")
 """Colours of a verdict, from the best to the worst."""
@@ -55,8 +57,10 @@ def of_bundle(bundle: Bundle, unidentified: Sequence[str]) -> Iterator[Concern]:
         level = "poor" if one.is_doubtful else "good" if one.verdict == "good" else "fair"
         yield Concern(level, f"the fit of {within(quality_name(place))}")
     if unidentified:
-        many = len(unidentified) > 1
-        yield Concern("fair", f"{len(unidentified)} unidentified parameter{'s' * many}")
+        titles = [within(title_of(name)) for name in unidentified[:_MOST_NAMED]]
+        more = len(unidentified) - len(titles)
+        listed = joined([*titles, f"{more} more"] if more else titles)
+        yield Concern("fair", f"{listed} not identified")
 
 
 def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:

@@ -12,11 +12,11 @@ from sysid.blocks.tables import table
 from sysid.blocks.titles import within
 from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.tables import named
-from sysid.diagnosis.wording import advice_on_rest, joined
+from sysid.diagnosis.wording import advice_on_rest, effect_name, joined
 from sysid.io.channels import channel_of
 from sysid.io.motion import FRICTION
 from sysid.parameters import Bundle
-from sysid.parameters.table import effect_names
+from sysid.parameters.table import effect_names, in_words
 from sysid.parameters.titles import named as named_number
 from sysid.parameters.titles import title_of
 from sysid.pipeline.pages.opening import unidentified
@@ -97,9 +97,15 @@ def next_line(
     against the held-out `rmse` of the position, rad or m.
     """
     found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
+    titles = {} if found is None else found.get("figures", {}).get("titles", {})
     for effect in [] if found is None else found["effects"]:
         if effect["ambiguous_with"] and effect["advice"]:
-            return f"To know which effect it is: {within(effect['advice'])}."
+            names = [effect_name(id, titles) for id in (effect["id"], *effect["ambiguous_with"])]
+            return (
+                f"These tests do not say which it is: {'; '.join(names[:-1])}; or {names[-1]}. To "
+                "distinguish them: "
+                f"{within(effect['advice'])}."
+            )
     said = () if found is None else advice_on_rest(found)
     if said:
         return said[0]
@@ -275,9 +281,9 @@ def _lacking(bundle: Bundle, moves: Moves) -> list[Block]:
 
 def _unidentified(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
     for name, reason in unidentified(bundle):
-        # A reason may end with its fix: "only a + b is identified: give ...".
-        why, _, fix = reason.partition(": give ")
-        yield name, f"not identified: {why}", fix or "a test that moves it alone"
+        # A reason may end with its fix, "only a + b is identified: give ...", or be the fix alone.
+        why, _, fix = f": {in_words(reason)}".partition(": give ")
+        yield name, f"not identified{why}", fix or "a test that moves it alone"
 
 
 def _only_together(bundle: Bundle) -> Iterator[tuple[str, str, str]]:

@@ -12,12 +12,14 @@ import numpy as np
 from sysid.blocks.numbers import number, percent, span
 from sysid.blocks.quality import quality_name
 from sysid.blocks.tables import Table, table
+from sysid.blocks.titles import within
 from sysid.diagnosis.evidence import is_of_actuator
-from sysid.diagnosis.wording import sentence
+from sysid.diagnosis.wording import error_unit, floor_text, joined, sentence
 from sysid.io.channels import VELOCITY_CHANNELS, Channel, channel_of
 from sysid.io.motion import LINEAR, ROTARY
 from sysid.parameters import Bundle, ComponentRecord
 from sysid.parameters.base import read_number
+from sysid.parameters.table import in_words
 from sysid.parameters.titles import title_of
 from sysid.pipeline.pages import concerns
 from sysid.pipeline.pages.concerns import Concern, level_of_fit
@@ -84,7 +86,7 @@ def verdict(
             else:
                 judged = replace(judged, sentence=said, diagnosis=_ALONE)
     asked = _asked(diagnosis)
-    missing = [name for name, _ in unidentified(bundle) if asked is None or _last(name) in asked]
+    missing = [n for n, _ in unidentified(bundle) if asked is None or _last(n) in asked]
     found = (
         *judged.concerns,
         *concerns.of_bundle(bundle, missing),
@@ -128,9 +130,9 @@ def _part_followed(diagnosis: Mapping[str, Any]) -> str:
     if fit is None:
         return ""
     channel = channel_of(figures["channel"])
-    rmse, floor = (channel.residual(errors[key]) for key in ("after", "noise_floor"))
-    unit = channel.residual_unit
-    correct = f" (a correct model: {number(floor)} {unit})" if floor else ""
+    unit, scale = error_unit(channel, [errors[k] for k in ("before", "after", "noise_floor")])
+    rmse, floor = (scale * errors[key] for key in ("after", "noise_floor"))
+    correct = f" (a correct model: {floor_text(floor, rmse)} {unit})" if floor else ""
     how = {"good": "follows its held-out tests well", "fair": "follows its held-out tests roughly",
            "poor": "does not follow its held-out tests"}[level_of_fit(fit)]  # fmt: skip
     return (
@@ -363,11 +365,14 @@ def _doubtful(bundle: Bundle) -> Iterator[str]:
 
 
 def _unidentified(bundle: Bundle) -> Iterator[str]:
-    """One line per parameter of the bundle that the data do not identify, except for a tank."""
+    """What the data do not identify of the bundle, a line a reason, except for a tank."""
     if bundle.rig.is_tank_alone:
         return
+    found: dict[str, list[str]] = {}
     for name, reason in unidentified(bundle):
-        yield f"Not identified: {title_of(name)} ({reason})"
+        found.setdefault(reason, []).append(title_of(name))
+    for reason, (first, *more) in found.items():
+        yield f"Not identified: {joined([first, *map(within, more)])}: {in_words(reason)}"
 
 
 def unidentified(bundle: Bundle) -> Iterator[tuple[str, str]]:

@@ -85,8 +85,10 @@ def _linear(quantity: Quantity) -> Quantity:
 _TEXTS = ("title", "signature", "tie_breaker")
 _LINEAR_WORDS = {
     "torque": "force",
+    "torques": "forces",
     "Torque": "Force",
     "angle": "position",
+    "angles": "positions",
     "arm": "axis",
     "Nm": "N",
 }
