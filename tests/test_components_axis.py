@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -298,6 +299,21 @@ def test_an_axis_at_rest_is_refused() -> None:
     )
     with pytest.raises(NotIdentifiedError, match="hardly moves"):
         axis([nothing], RIG)
+
+
+def test_a_spring_leaves_the_offset_its_number() -> None:
+    """Where a spring is slack would be the same constant force again: neither was known then, and a
+    bundle held the one without the other."""
+    kinds = {"cable-spring": CATALOGUE["cable-spring"]}
+    (found,) = select(built(plain, spring=2000.0), kinds, quick=True).additions
+    offset = found.fitted.base_estimates()["offset_n"]
+    assert offset.identified and abs(offset.value - OFFSET) < 4.0 * offset.std
+    assert found.fitted.part().friction is not None
+    numbers = found.fitted.estimates(found.effect)
+    assert list(numbers) == ["stiffness_nm_per_rad"]
+    stiffness = numbers["stiffness_nm_per_rad"]
+    assert abs(stiffness.value - 2000.0) < 4.0 * stiffness.std
+    assert pickle.loads(pickle.dumps(found.effect)) == found.effect
 
 
 # --- waves over the position -------------------------------------------------------------

@@ -50,8 +50,8 @@ from sysid.parameters.quality import quality_field
 from sysid.plant.base import Parameters, bare_parameters
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.effects.friction import LoadDependentFriction
-from sysid.plant.effects.linear import ROTARY_ONLY
-from sysid.plant.effects.linkage import LEAST_INERTIA, InertiaMismatch
+from sysid.plant.effects.linear import ROTARY_ONLY, linear_form
+from sysid.plant.effects.linkage import LEAST_INERTIA, CableSpring, InertiaMismatch, SpringAtZero
 from sysid.plant.effects.motor import TorqueSaturation
 from sysid.plant.ports import Model, Point, overrides
 from sysid.recording.even import recorded
@@ -152,7 +152,18 @@ class Axis(Component):
         self, catalogue: Mapping[str, type[CatalogueEffect]]
     ) -> tuple[type[CatalogueEffect], ...]:
         """Those without states of their own that change the balance beyond rounding."""
-        return tuple(kind for kind in catalogue.values() if not kind.states and self._feels(kind))
+        kinds = map(self._form_of, catalogue.values())
+        return tuple(kind for kind in kinds if not kind.states and self._feels(kind))
+
+    def _form_of(self, kind: type[CatalogueEffect]) -> type[CatalogueEffect]:
+        """The effect without what is a number of the law, too.
+
+        A spring that is slack elsewhere differs by a constant force: the offset's, or that of
+        Coulomb friction where all motion is one way.
+        """
+        if kind.id != CableSpring.id:
+            return kind
+        return linear_form(SpringAtZero) if self.rig.is_linear else SpringAtZero
 
     def _feels(self, kind: type[CatalogueEffect]) -> bool:
         if not overrides(kind, *_PORTS):

@@ -126,9 +126,10 @@ def __getattr__(name: str) -> Any:
     """A class made by `linear_form`, found by its name, as worker processes unpickle it."""
     from sysid.plant.effects.catalogue import catalogue
 
-    for effect in catalogue().values():
-        if name == f"{_PREFIX}{effect.__name__}":
-            return linear_form(effect)
+    for kind in catalogue().values():
+        for effect in (kind, *kind.__subclasses__()):
+            if name == f"{_PREFIX}{effect.__name__}":
+                return linear_form(effect)
     raise AttributeError(name)
 
 

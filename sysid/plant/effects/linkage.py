@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -437,7 +437,7 @@ class CableSpring(CatalogueEffect):
     id = "cable-spring"
     title = "Spring of cables and hoses"
     subsystem = "mechanics"
-    quantities = (
+    quantities: ClassVar[tuple[Quantity, ...]] = (
         Quantity("stiffness_nm_per_rad", "Nm/rad", 0.05, -0.5, 5.0, "torque per angle"),
         Quantity(
             "spring_rest_rad",
@@ -458,6 +458,13 @@ class CableSpring(CatalogueEffect):
 
     def external_effort(self, effort: Array, point: Point) -> Array:
         return effort - self.stiffness_nm_per_rad * (point.position - self.spring_rest_rad)
+
+
+@dataclass(frozen=True)
+class SpringAtZero(CableSpring):
+    """The same, slack at 0: for a law with a constant effort of its own, which says where it is."""
+
+    quantities = tuple(q for q in CableSpring.quantities if q.is_strength)
 
 
 @dataclass(frozen=True)
