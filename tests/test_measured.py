@@ -306,7 +306,7 @@ def test_the_overview_has_a_row_a_campaign() -> None:
         "Correct model": "0.500",
         "After / correct": "2.0",
         "Down by": "75 %",
-        "Remains": "motor_force_n over velocity (12 %)",
+        "Remains": "force over velocity (12 %)",
         "Base model": "friction: coulomb_n",
     }
     results["sets"][0]["campaigns"][0]["known"] = "the seal was changed"

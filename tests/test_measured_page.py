@@ -7,7 +7,8 @@ from html.parser import HTMLParser
 
 from measured_samples import campaign, canned, diagnosis, effect
 
-from datasets.measured.figures import scaled, title_of
+from datasets.measured.figures import scaled, shown_in, title_of
+from datasets.measured.findings import remains_text
 from datasets.measured.page import render_page
 
 
@@ -84,7 +85,16 @@ def test_the_page_escapes_what_files_say() -> None:
 
 
 def test_channels_are_named_in_words() -> None:
-    assert title_of("motor_force_n") == "motor force"
-    assert title_of("log_time_to_pressure") == "log time to pressure"
+    """By the names, and in the units, that reports have."""
+    assert title_of("motor_force_n") == "force"
+    assert title_of("velocity_rad_per_s") == "speed" and title_of("pressure_a_pa") == "pressure A"
+    assert title_of("log_time_to_pressure") == "logarithm of the time"
+    assert shown_in("motor_torque_nm", [0.05]) == ("mN·m", 1e3)
+    assert shown_in("pressure_a_pa", [151.0]) == ("Pa", 1.0)
+    assert shown_in("motor_force_n", [0.05, -0.1]) == ("mN", 1e3)
+    assert shown_in("log_time_filling", [0.2]) == ("", 1.0)
+    left = {"channel": "motor_force_n", "regressor": "angle times direction", "share": 0.59}
+    said = remains_text({"unexplained": [left]})
+    assert said == "force over position times direction (59 %)"
     assert scaled("Pa", [250.0, 1300.0]) == ("kPa", 1e-3)
     assert scaled("Nm", [1300.0]) == ("Nm", 1.0)

@@ -17,7 +17,8 @@ from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
 from sysid.blocks.svg import COLOUR
 from sysid.diagnosis.figures import regressor_axis
-from sysid.diagnosis.wording import regressor_key, regressor_name
+from sysid.diagnosis.wording import error_unit, regressor_key, regressor_name
+from sysid.io.channels import channel_of
 from sysid.io.motion import ROTARY
 from sysid.io.units import CANONICAL_UNITS
 from sysid.types import FloatArray
@@ -41,7 +42,7 @@ def bars(id: str, errors: Mapping[int, Errors]) -> Picture:
     """RMSE of one channel before, after and of noise alone, by the campaign's number."""
     channel = next(iter(errors.values())).channel
     sizes = [getattr(e, key) for e in errors.values() for key, _, _ in _BARS]
-    unit, scale = scaled(unit_of(channel), [s for s in sizes if s is not None])
+    unit, scale = shown_in(channel, [s for s in sizes if s is not None])
     width = max(svg.PANEL[0], _MARGINS + _CAMPAIGN * len(errors))
     figure, ax = svg.panel(f"RMSE of {title_of(channel)}", (width, svg.PANEL[1]))
     for place, (key, label, role) in enumerate(_BARS):
@@ -75,11 +76,12 @@ def curve(id: str, content: Mapping[str, Any]) -> Picture:
     centres = _array(content["centres"])
     before, after = _array(content["before"]), _array(content["after"])
     means = [float(m) for m in (*before, *after) if np.isfinite(m)]
-    unit, scale = scaled(unit_of(channel), means)
+    unit, scale = shown_in(channel, means)
     is_linear = channel not in (ROTARY.effort_channel, ROTARY.position_channel)
     axis, x_scale = regressor_axis(regressor_key(str(content["regressor"])), is_linear)
     x_unit = axis.unit
-    figure, ax = svg.panel(f"{_drawable(title_of(channel)).capitalize()} over {_drawable(name)}")
+    of = _drawable(title_of(channel))
+    figure, ax = svg.panel(f"{of[:1].upper()}{of[1:]} over {_drawable(name)}")
     ax.axhline(0.0, color=COLOUR["muted"], linewidth=0.7)
     for label, role, values in (("before", "measured", before), ("after", "model", after)):
         ax.plot(
@@ -111,16 +113,18 @@ def unit_of(channel: str) -> str:
 
 
 def title_of(channel: str) -> str:
-    """A channel in words: its name without the unit."""
-    words = channel.split("_")
-    if channel in CANONICAL_UNITS and len(words) > 1 and unit_of(channel):
-        words = words[: -len(_suffix(words))]
-    return " ".join(words)
+    """A channel within a sentence, as reports call it."""
+    return channel_of(channel).name
 
 
-def _suffix(words: Sequence[str]) -> Sequence[str]:
-    """The words at the end that give the unit: `kg_s` of flow_kg_s, `n` of motor_force_n."""
-    return words[-2:] if len(words) > 2 and words[-2] == "kg" else words[-1:]
+def shown_in(channel: str, errors: Sequence[float]) -> tuple[str, float]:
+    """The unit in which reports show a channel's errors, and the scale to it from SI."""
+    shown = channel_of(channel)
+    if shown.residual_unit:
+        unit, scale = error_unit(shown, errors)
+        name, more = scaled("" if unit == "-" else unit, [scale * e for e in errors])
+        return name, scale * more
+    return scaled(unit_of(channel), errors)
 
 
 def scaled(unit: str, values: Sequence[float]) -> tuple[str, float]:

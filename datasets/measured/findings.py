@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from sysid.blocks.numbers import MISSING, number, percent
-from sysid.diagnosis.wording import LEAST_SHOWN, joined
+from sysid.diagnosis.wording import LEAST_SHOWN, joined, regressor_name
 from sysid.errors import input_error
+from sysid.io.channels import channel_of
 from sysid.io.files import write_atomic
 
 Content = Mapping[str, Any]
@@ -271,7 +272,8 @@ def found_text(diagnosis: Content) -> str:
 def remains_text(diagnosis: Content) -> str:
     """The unexplained structure, with its share of the residual's variance where there is any."""
     said = [
-        f"{e['channel']} over {e['regressor']} ({number(100.0 * e['share'], 2)} %)"
+        f"{channel_of(e['channel']).name} over {regressor_name(e['regressor'])} "
+        f"({number(100.0 * e['share'], 2)} %)"
         for e in diagnosis["unexplained"]
         if (e["share"] or 0.0) >= LEAST_SHOWN
     ]

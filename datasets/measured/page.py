@@ -28,9 +28,11 @@ from sysid.blocks.html import fill
 from sysid.blocks.numbers import MISSING, estimate_cells, number
 from sysid.blocks.sections import Block, FigureGroup, Heading, Lines, Section
 from sysid.blocks.tables import NotedCell, table
-from sysid.diagnosis.wording import joined, p_text, parameter_rows
+from sysid.diagnosis.tables import short_p
+from sysid.diagnosis.wording import joined, parameter_rows, regressor_name
 from sysid.estimation.linear import Estimate
 from sysid.io.files import write_atomic
+from sysid.parameters.table import in_words_of
 from sysid.parameters.titles import named
 
 Content = Mapping[str, Any]
@@ -79,7 +81,7 @@ def _on_page(row: Sequence[str]) -> tuple[str, ...]:
     correct = NotedCell(cells["Correct model"], "" if times == MISSING else f"after: {times} times")
     of = cells["Held-out RMSE of"]
     unit = figures.unit_of(of)
-    judged = NotedCell(figures.title_of(of), unit) if unit else of
+    judged = of if of == MISSING else NotedCell(figures.title_of(of), unit)
     return (cells["Set"], cells["Found"], judged, cells["Before"], after, correct, cells["Remains"])
 
 
@@ -168,7 +170,10 @@ def _verdict_line(diagnosis: Content) -> str:
 
 
 def _law_table(law: Mapping[str, Content]) -> Block:
-    rows = [(named(name), *estimate_cells(Estimate.from_json(e))) for name, e in law.items()]
+    rows = [
+        (named(name), *estimate_cells(in_words_of(Estimate.from_json(e))))
+        for name, e in law.items()
+    ]
     columns = ("Parameter", "Value", "Standard error", "95 % interval", "Unit")
     return table("Base law, as fitted before any effect was added", columns, rows, text=(4,))
 
@@ -181,10 +186,17 @@ def _diagnosis_blocks(main: Content, diagnosis: Content) -> list[Block]:
     if errors:
         caption = "RMSE on the held-out recordings, in each channel's SI unit"
         heads = ("Channel", "Before", "After", "Correct model", "After / correct", "Down by")
-        blocks.append(table(caption, heads, [error_cells(e) for e in errors]))
+        cells = [
+            (NotedCell(figures.title_of(n), n), *sizes) for n, *sizes in map(error_cells, errors)
+        ]
+        blocks.append(table(caption, heads, cells))
     if diagnosis["unexplained"]:
         rows = [
-            (figures.title_of(e["channel"]), e["regressor"], f"{number(100.0 * e['share'], 2)} %")
+            (
+                figures.title_of(e["channel"]),
+                regressor_name(e["regressor"]),
+                f"{number(100.0 * e['share'], 2)} %",
+            )
             for e in diagnosis["unexplained"]
         ]
         columns = ("Channel", "Follows most", "Share of the residual's variance")
@@ -197,7 +209,7 @@ def _effects_table(diagnosis: Content) -> Block:
     for effect in diagnosis["effects"]:
         p = effect.get("p_value")
         whole = (
-            MISSING if p is None else p_text(p),
+            MISSING if p is None else short_p(p),
             joined(effect["ambiguous_with"], "or") or MISSING,
         )
         head = effect["id"]

@@ -128,6 +128,12 @@ def in_words(text: str) -> str:
     return _KEYED.sub(_in_words, text)
 
 
+def in_words_of(estimate: Estimate) -> Estimate:
+    """An estimate with the reason why it is not identified in words."""
+    reason = estimate.reason
+    return estimate if reason is None else replace(estimate, reason=in_words(reason))
+
+
 def _in_words(found: re.Match[str]) -> str:
     factor, key = found.groups()
     name = _FRICTION[key]
@@ -190,9 +196,7 @@ class ParameterTable(Mapping[str, ParameterRow]):
         """One row per parameter of one part, with its interval, and its key there beneath it."""
         titled: dict[str, Estimate] = {}
         for row in self.rows:
-            reason = row.estimate.reason
-            said = replace(row.estimate, reason=None if reason is None else in_words(reason))
-            titled[NotedCell(row.title, row.key)] = said
+            titled[NotedCell(row.title, row.key)] = in_words_of(row.estimate)
         return estimate_table(caption, titled, "page")
 
     def covariance(self, keys: Collection[str]) -> FloatArray:
@@ -323,6 +327,7 @@ __all__ = [
     "effect_names",
     "field_of",
     "in_words",
+    "in_words_of",
     "table_of",
     "title_of_field",
     "title_of_key",
