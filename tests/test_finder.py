@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,10 +13,11 @@ from test_diagnosis import OTHERS, Tests, finder_of, made, null_of, seen_in
 
 from sysid.diagnosis.actuator import finder as finder_module
 from sysid.diagnosis.actuator.bent_waves import bent_waves
+from sysid.diagnosis.actuator.columns import Proposal
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT
-from sysid.diagnosis.actuator.finder import Finder
+from sysid.diagnosis.actuator.finder import Finder, _worth_fitting
 from sysid.diagnosis.actuator.fitted_set import fit_set, weighed
-from sysid.diagnosis.actuator.misfit import ResidualChannel, rise, weights_of
+from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, rise, weights_of
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.actuator.samples import Traces, commanded_lengths, prepare
@@ -129,6 +132,25 @@ def test_what_twins_gain_counts_as_misfit_does() -> None:
     assert rise([much], noise, gained) < 0.5 * fall < 0.5 * float(gained[0])
     # What twins gain as well leaves no evidence, however large the misfit.
     assert rise([much], noise, np.array([9_100.0])) == pytest.approx(fall)
+
+
+def test_what_explains_most_of_a_misfit_is_fitted_next_to_what_gains_most() -> None:
+    """A wave between two frequencies explains a part of a chamber's misfit, which counts by its
+    logarithm; a little in the torque, which is noise, counts in full."""
+    torque = ResidualChannel(1_000, 12.0, 1.0, 1_000.0)
+    chamber = ResidualChannel(1_000, 12.0, 1.0, 500_000.0)
+    little = Proposal((0,), (np.ones(1),), -5.0, np.array([960.0, 500_000.0]))
+    wave = Proposal((1,), (np.ones(1),), -5.0, np.array([1_000.0, 200_000.0]))
+    columns: Any = SimpleNamespace(
+        channels=(torque, chamber), squares=np.array([1_000.0, 500_000.0])
+    )
+    gains = [float(cost(columns.channels, p.squares)) for p in (little, wave)]
+    assert gains[0] < gains[1]
+    found = _worth_fitting(columns, [[little, wave]])
+    assert any(p is little for p in found) and any(p is wave for p in found)
+    # In channels that are noise alone, the one that gains most in all.
+    columns.squares = np.array([1_000.0, 900.0])
+    assert all(p is little for p in _worth_fitting(columns, [[little, wave]]))
 
 
 def test_signatures_serve_again_beside_a_set(rig: tuple[Traces, Model, Rig], null: Null) -> None:
