@@ -85,10 +85,9 @@ function follow() {
   held = next;
 }
 document.addEventListener("pointerdown", () => { held = null; }, true);
-// Movements of the focus within a shadow root are not heard of outside: it is looked at after what
-// moves it, before a key is taken as a letter or as a command of the page, and, as a part may be
-// drawn anew at any time, with what is sent (below).
-for (const moved of ["click", "keyup"]) document.addEventListener(moved, follow, true);
+// Movements of the focus within a shadow root are not heard of outside: it is looked at, after each
+// drawing, and before a key is taken as a letter or as a command of the page.
+(function watch() { follow(); requestAnimationFrame(watch); })();
 document.addEventListener("keydown", (event) => {
   follow();
   const isGone = held !== null && !held.isConnected && isText(held);
