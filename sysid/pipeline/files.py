@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from sysid.components.loading import ComponentSource, one_component, with_component
 from sysid.io import campaign as campaigns
 from sysid.io import logs
 from sysid.io import rig as rigs
@@ -17,6 +17,9 @@ from sysid.io.units import parse_map
 from sysid.parameters import Bundle, files
 from sysid.pipeline.request import require
 from sysid.types import Progress
+
+if TYPE_CHECKING:
+    from sysid.components.loading import ComponentSource
 
 
 def read_campaign(path: str | Path, *, component: ComponentSource | None = None) -> Campaign:
@@ -31,6 +34,8 @@ def read_campaign(path: str | Path, *, component: ComponentSource | None = None)
     ['friction_static.parquet']
     """
     if component is not None:
+        from sysid.components.loading import with_component
+
         return with_component(path, component)
     return campaigns.read_campaign(Path(path))
 
@@ -120,6 +125,8 @@ def own_kind(component: str | None, tell: Progress) -> OwnKind | None:
     """
     if component is None:
         return None
+    from sysid.components.loading import one_component
+
     loaded = one_component(component)
     tell(f"runs the user's own code: {loaded.path} ({loaded.name})")
     return loaded
