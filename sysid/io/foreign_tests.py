@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.errors import some_of
 from sysid.io.foreign import ForeignTable
-from sysid.io.time_breaks import TimeWraps, time_breaks, wraps_of
+from sysid.io.time_breaks import TimeWraps, time_breaks, without_own_time, wraps_of
 from sysid.types import BoolArray, FloatArray, IntArray
 
 
@@ -63,11 +63,9 @@ def _repeated(table: ForeignTable, time: FloatArray, kept: IntArray, stands: Int
     # A clock that stopped, and not one that is too coarse.
     ends = row + stands.size == len(time)
     fix = f"--rows 0:{kept[row]} keeps those before" if ends else "give each its own time"
-    count = "a row" if stands.size == 1 else f"the first of {stands.size} rows"
     return (
-        f"{table.path}, {table.place(int(kept[row]))}: time_s repeats {time[row]:.9g}, {count} "
-        f"without a time of {'its' if stands.size == 1 else 'their'} own, with which no log is "
-        f"read; {fix}"
+        f"{table.path}, {table.place(int(kept[row]))}: time_s repeats {time[row]:.9g}, "
+        f"{without_own_time(stands.size)}, with which no log is read; {fix}"
     )
 
 

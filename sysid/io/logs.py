@@ -31,7 +31,7 @@ from sysid.io.responses import response_notices
 from sysid.io.rig import Rig
 from sysid.io.samples import Log, Trial, any_contradiction, with_channels
 from sysid.io.tables import LogTable, read_table
-from sysid.io.time_breaks import time_breaks, wraps_of_seconds
+from sysid.io.time_breaks import time_breaks, without_own_time, wraps_of_seconds
 from sysid.io.trust.misread import folds, without_spikes
 from sysid.io.trust.repair import RepairedFile, Rows, repair, row_of
 from sysid.io.units import CANONICAL_UNITS, ColumnMap, check_size, find_column, has_column, to_si
@@ -612,8 +612,7 @@ def _time_error(reading: LogReading, rows: Rows, index: int, name: str) -> Input
             return input_error(where, f"time_s{name} repeats {after:.9g}", fix)
         return input_error(
             where,
-            f"time_s{name} repeats {after:.9g}, the first of {count} rows without a time of their "
-            "own",
+            f"time_s{name} repeats {after:.9g}, {without_own_time(count)}",
             "delete these rows, or correct their times",
         )
     what = f"time_s{name} goes back from {before:.9g} to {after:.9g}"

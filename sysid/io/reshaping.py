@@ -19,6 +19,7 @@ from sysid.errors import input_error
 from sysid.io.bounds import MOST_CELLS
 from sysid.io.channels import TEST_COLUMN, VALVE_COMMANDS
 from sysid.io.exclusion import parse_span
+from sysid.io.time_breaks import without_own_time
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -130,17 +131,17 @@ def measured_period(comments: Iterable[str]) -> float | None:
 
 def check_increasing(time: FloatArray, where: str) -> None:
     """InputError where times (n,) s do not rise from row to row."""
-    wrong = np.flatnonzero(np.diff(time) <= 0.0) + 1
-    if not wrong.size:
+    steps = np.diff(time)
+    if np.all(steps > 0.0):
         return
-    row = int(wrong[0])
-    if time[row] == time[row - 1]:
-        stopped = row + wrong.size == len(time)
+    row = int(np.argmax(steps <= 0.0)) + 1
+    if steps[row - 1] == 0.0:
+        count = int(np.count_nonzero(steps == 0.0))
+        stopped = row + count == len(time)
         keep = f"`sysid convert` of this file alone with --rows 0:{row} keeps those before"
         raise input_error(
             where,
-            f"time_s repeats {time[row]:.9g} at row {row} of the table, the first of {wrong.size} "
-            "rows without a time of their own",
+            f"time_s repeats {time[row]:.9g} at row {row} of the table, {without_own_time(count)}",
             keep if stopped else "delete these rows, or correct their times",
         )
     raise input_error(

@@ -56,6 +56,13 @@ class TimeWraps:
         return np.asarray(values + np.cumsum(turns))
 
 
+def without_own_time(count: int) -> str:
+    """What `count` rows that have the time of the row before are called, at the first of them."""
+    if count == 1:
+        return "a row without a time of its own"
+    return f"the first of {count} rows without a time of their own"
+
+
 def wraps_of(values: FloatArray) -> TimeWraps | None:
     """The wraps of a column of counts (n,), whole numbers of whatever unit; None without wraps.
 
@@ -154,4 +161,11 @@ def _starts_again(before: FloatArray, after: FloatArray) -> bool:
     return len(np.unique(places)) > 1
 
 
-__all__ = ["TimeBreaks", "TimeWraps", "time_breaks", "wraps_of", "wraps_of_seconds"]
+__all__ = [
+    "TimeBreaks",
+    "TimeWraps",
+    "time_breaks",
+    "without_own_time",
+    "wraps_of",
+    "wraps_of_seconds",
+]
