@@ -29,7 +29,7 @@ from sysid.diagnosis.wording import (
 )
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import channel_of
-from sysid.parameters.table import title_of_field, title_of_key
+from sysid.parameters.table import title_of_field
 
 Content = Mapping[str, Any]
 
@@ -126,7 +126,7 @@ def refitted_table(content: Content) -> Table:
         change = number(100.0 * (value / before.value - 1.0), 2) if is_sized else MISSING
         cells = estimate_cells(after)
         name = entry["name"]
-        title = title_of_key(name) or title_of_field(name)
+        title = title_of_field(name)
         shown = NotedCell(title, name) if title else name
         rows.append((shown, estimate_cells(before)[0], *cells[:2], change, cells[3]))
     columns = ["Parameter", "From", "To", "Standard error", "Change, %", "Unit"]

@@ -66,8 +66,12 @@ _TITLES = {
     "jump_dis_percent": "Jump at the boundary, exhaust",
 }
 _FIELDS = {"static": "static_effort", "coulomb": "coulomb_effort"}
-_NAMES = {key: name for name, key in (LAW_KEYS | ISO_KEYS).items()} | {f"{d}_s": d for d in DELAYS}
-_NAMES |= _FRICTION
+# The name inside of a number, by its key in a part or its name in the plant's parameters.
+_NAMES = (
+    {own: name for name, own in (LAW_KEYS | ISO_KEYS | _FIELDS).items()}
+    | {f"{d}_s": d for d in DELAYS}
+    | _FRICTION
+)
 
 
 @dataclass(frozen=True)
@@ -113,8 +117,7 @@ def title_of_key(key: str) -> str:
 
 def title_of_field(field: str) -> str:
     """The title of a number by its name in the plant's parameters; empty without any."""
-    names = {own: name for name, own in _FIELDS.items()}
-    if title := title_of_key(names.get(field, field)):
+    if title := title_of_key(field):
         return title
     name, _, side = field.rpartition("_")
     title = title_of_key(name) if side in SIDES else ""
