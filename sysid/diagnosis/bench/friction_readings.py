@@ -22,7 +22,7 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component, Law, law_held, probes, shapes
 from sysid.diagnosis.thresholds import ACTS
 from sysid.errors import NotIdentifiedError, input_error
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import LEVEL, Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
 from sysid.io.logs import Trial
@@ -42,10 +42,6 @@ TORQUE = "motor_torque_nm"
 # A modelled speed is searched for up to this many times the fastest reading.
 _FASTEST = 4.0
 _HALVINGS = 50
-# Readings are of set levels where at least this share of them has the value of another.
-_REPEATED = 0.5
-# Probability at which one of two courses is smoother by chance.
-_BY_CHANCE = 0.05
 
 
 @dataclass(frozen=True)
@@ -356,13 +352,13 @@ def _is_speed_set(velocity: FloatArray, torque: FloatArray, direction: FloatArra
     )
     if steps < 1 or not math.isfinite(over_speed + over_torque):
         return False
-    return over_torque > float(fdtri(steps, steps, 1.0 - _BY_CHANCE)) * over_speed
+    return over_torque > float(fdtri(steps, steps, LEVEL)) * over_speed
 
 
 def _repeats(values: FloatArray) -> bool:
-    """Whether most of the values (n,) are those of others too."""
+    """Whether half of the values (n,) or more are those of others too: levels that were set."""
     count = np.unique(values, return_counts=True)[1]
-    return bool(count[count > 1].sum() >= _REPEATED * len(values))
+    return bool(2 * count[count > 1].sum() >= len(values))
 
 
 def _roughness(courses: Sequence[tuple[FloatArray, FloatArray]]) -> float:
