@@ -16,8 +16,8 @@ from sysid.types import FloatArray
 
 STATIC, SLIDING, MOTION = "friction-static", "friction-sliding", "friction-motion"
 KINDS = (STATIC, SLIDING, MOTION)
-# Of a test's way: a shaft that moves by less while the effort is constant rested then.
-_AT_REST = 0.01
+# Of the largest value in a test: an effort is constant, and a shaft at rest, to within this.
+_CONSTANT = 0.01
 
 
 def balances(trial: Trial, rig: Rig) -> bool:
@@ -67,9 +67,9 @@ def _is_under_constant_effort(recording: Recording) -> bool:
     start, stop = constant_run(drive)
     if stop - start < 0.5 * len(drive):
         return False
-    level = abs(float(np.mean(drive[start:stop])))
-    moved, way = float(np.ptp(place[start:stop])), float(np.ptp(place))
-    return level > level_tolerance(drive) and moved >= _AT_REST * way
+    if np.ptp(place[start:stop]) < _CONSTANT * np.ptp(place):
+        return False
+    return abs(float(np.mean(drive[start:stop]))) > level_tolerance(drive)
 
 
 def _is_ramp(drive: FloatArray, from_zero: bool) -> bool:
@@ -97,4 +97,4 @@ def constant_run(drive: FloatArray) -> tuple[int, int]:
 def level_tolerance(drive: FloatArray) -> float:
     """The variation of a drive (n,) at one level."""
     noise = signals.noise_floor(drive).noise if len(np.unique(drive)) > 10 else 0.0
-    return max(0.01 * float(np.max(np.abs(drive))), 5.0 * noise)
+    return max(_CONSTANT * float(np.max(np.abs(drive))), 5.0 * noise)
