@@ -103,8 +103,7 @@ def next_line(
             names = [effect_name(id, titles) for id in (effect["id"], *effect["ambiguous_with"])]
             return (
                 f"These tests do not say which it is: {'; '.join(names[:-1])}; or {names[-1]}. To "
-                "distinguish them: "
-                f"{within(effect['advice'])}."
+                f"distinguish them: {within(effect['advice'])}."
             )
     said = () if found is None else advice_on_rest(found)
     if said:

@@ -86,7 +86,7 @@ def verdict(
             else:
                 judged = replace(judged, sentence=said, diagnosis=_ALONE)
     asked = _asked(diagnosis)
-    missing = [n for n, _ in unidentified(bundle) if asked is None or _last(n) in asked]
+    missing = [name for name, _ in unidentified(bundle) if asked is None or _last(name) in asked]
     found = (
         *judged.concerns,
         *concerns.of_bundle(bundle, missing),
