@@ -477,16 +477,16 @@ class Finder:
 def _worth_fitting(columns: Columns, by_size: Sequence[Sequence[Proposal]]) -> list[Proposal]:
     """Of each size the best sets for which there is more evidence than for smaller ones.
 
-    And the effect that gains most, in all and in each channel with a misfit: a shape between two
-    that were screened may gain more. Of a large misfit, as of a wave between two frequencies, what
-    is explained counts by its logarithm, and is outvoted by a little in a channel that is noise.
+    And the effect that gains most, in all and in each channel whose misfit counts by its logarithm:
+    a shape between two that were screened may gain more. What a wave between two frequencies
+    explains of such a misfit is outvoted by a little in a channel that is noise.
     """
     if not (by_size and by_size[0]):
         return []
     alone = by_size[0]
     found = [min(alone, key=lambda p: float(cost(columns.channels, p.squares)))]
     for c, channel in enumerate(columns.channels):
-        if float(channel.excess(columns.squares[c])) > 0.0:
+        if float(channel.excess(columns.squares[c])) > channel.draws:
             found.append(alone[int(np.argmin([p.squares[c] for p in alone]))])
     least = 0.0
     for ranked in by_size:
