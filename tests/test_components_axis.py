@@ -103,6 +103,21 @@ def test_the_law_is_found_where_nothing_is_missing() -> None:
     assert rejected and max(a.reduction for a in rejected) < 0.2
 
 
+def test_laws_at_once_leave_what_each_leaves_alone() -> None:
+    part = built(plain, (1, 2))
+    fitted = fit_law(part, (), range(2)).law
+    for kind in part.effects(CATALOGUE):
+        # As many as need several turns, the last two the same.
+        some = [{q.name: k * q.typical for q in kind.strengths()} for k in (0.5, 1.0, 0.0, 0.0)]
+        laws = [Law(fitted.values, (kind.typical(**own),)) for own in some]
+        more = [Law({**fitted.values, "coulomb_n": 20.0 + i}, laws[0].effects) for i in range(7)]
+        laws = more + laws
+        together = part.residuals_of(laws, (0, 1))
+        for law, found in zip(laws, together, strict=True):
+            for alone, own in zip(part.residuals(law, (0, 1)), found, strict=True):
+                np.testing.assert_allclose(own, alone, rtol=0.0, atol=1e-9 * np.abs(alone).max())
+
+
 @pytest.mark.parametrize(
     ("name", "friction", "value"),
     [

@@ -19,7 +19,7 @@ from sysid.balance.motion import FilteredMotion, default_cutoff
 from sysid.balance.residuals import effort_residual
 from sysid.plant import plant
 from sysid.plant.base import bare_parameters
-from sysid.plant.ports import Model, Point, overrides, with_load
+from sysid.plant.ports import Model, Point, in_rows, overrides, with_load
 from sysid.recording.recording import Recording
 from sysid.types import FloatArray, IntArray
 
@@ -29,6 +29,8 @@ _WIDER = 3.0
 _LEAST_SCALE = 1e-3
 # Lengths of the filter after which nothing is left of an impulse, and what is nothing of it.
 _FADED, _SEEN = 2, 1e-2
+# Numbers of an array that a processor keeps at hand: of more models at once none is faster.
+_CACHED = 32_768
 
 
 @dataclass(frozen=True)
@@ -111,32 +113,40 @@ def effort_gap(motion: ImposedMotion, model: Model) -> FloatArray:
 
     As of `effort_gaps`.
     """
-    return motion.balanced.smooth(_gap(motion, model))
+    return motion.balanced.smooth(_gap(motion, model)[0])
 
 
-def effort_gaps(motion: ImposedMotion, models: Sequence[Model]) -> FloatArray:
-    """`effort_gap` of each of several models, (models, n), which the filter takes at once.
+def effort_gaps(motions: Sequence[ImposedMotion], models: Sequence[Model]) -> list[FloatArray]:
+    """`effort_gap` of each of several models of the same effects, (models, n), along each motion.
 
+    The ports and the filter take them at once: on a short test a call takes longer than its work.
     In units of the logged command: otherwise a motor gain of 0, or friction that takes as much as
     the motor gives, would explain everything.
     """
-    return motion.balanced.smooth(np.column_stack([_gap(motion, one) for one in models])).T
+    longest = max((len(motion.recording) for motion in motions), default=1)
+    most = max(1, _CACHED // longest)
+    parts = [models[k : k + most] for k in range(0, len(models), most)]
+    rows = [(in_rows(list(part)), len(part)) for part in parts]
+    gaps = [np.concatenate([_gap(motion, *part) for part in rows]) for motion in motions]
+    return [m.balanced.smooth(gap.T).T for m, gap in zip(motions, gaps, strict=True)]
 
 
-def _gap(motion: ImposedMotion, model: Model) -> FloatArray:
-    """`effort_gap` before the filter."""
+def _gap(motion: ImposedMotion, model: Model, count: int = 1) -> FloatArray:
+    """`effort_gap` before the filter, (count, n), of a model or of so many in rows."""
     parameters = with_load(model.at(motion.point.time), motion.recording.load)
     point = dataclasses.replace(motion.point, parameters=parameters)
     given = motion.point.motor
     power = float(given @ given)
-    scale = float(effort_that_arrives(point, model) @ given) / power if power > 0.0 else 1.0
+    arrives = np.atleast_2d(effort_that_arrives(point, model)) @ given
+    scale = arrives / power if power > 0.0 else np.ones(1)
+    scale = np.where(np.abs(scale) > _LEAST_SCALE, scale, 1.0)
     left = -effort_residual(point, motion.seen.acceleration, model)
-    return np.asarray(left / (scale if abs(scale) > _LEAST_SCALE else 1.0))
+    return np.broadcast_to(left / scale[:, None], (count, len(given)))
 
 
 def effort_that_arrives(point: Point, model: Model) -> FloatArray:
-    """What the shaft gets of the motor's effort (n,), Nm or N: less the friction that grows with
-    it."""
+    """What the shaft gets of the motor's effort (n,), or (models, n), Nm or N: less the friction
+    that grows with it."""
     if not any(overrides(type(effect), "friction_effort") for effect in model.effects):
         return np.asarray(plant.motor_effort(point, model))
     idle = dataclasses.replace(point, motor=0.0 * point.motor)

@@ -412,6 +412,26 @@ def stack_models(models: list[Model]) -> Model:
     return Model(parameters, tuple(effects))
 
 
+def in_rows(models: list[Model]) -> Model:
+    """Models of one structure as one whose ports take points (n,) and give (models, n).
+
+    A number that all have in common stays one. Raises ValueError as `stack_models`.
+    """
+    if len(models) == 1:
+        return models[0]
+    stacked = stack_models(models)
+    structure, numbers = split((stacked.parameters, *stacked.effects))
+    rows = [{name: _row(values) for name, values in part.items()} for part in numbers]
+    parameters, *effects = join(structure, rows)
+    return Model(parameters, tuple(effects))
+
+
+def _row(values: FloatArray) -> float | FloatArray:
+    first = float(values[0])
+    common = (values == first) | np.isnan(values) & np.isnan(first)
+    return first if common.all() else values[:, None]
+
+
 _FIXED = frozenset((type(None), bool, str, tuple))
 _UNLIKE = "models of one batch must have the same effects, and valves of one law"
 

@@ -210,13 +210,11 @@ class Axis(Component):
         return self.residuals_of([law], tests)[0]
 
     def residuals_of(self, laws: Sequence[Law], tests: Sequence[int]) -> list[list[FloatArray]]:
-        """All laws go through the filter at once, whose call takes longer than its work."""
+        """All laws go through the balance at once."""
         models, cases = [self._model(law) for law in laws], [self.cases[i] for i in tests]
         # Stretches of one trial share its motion.
-        whole: dict[int, FloatArray] = {}
-        for case in cases:
-            if id(case.point) not in whole:
-                whole[id(case.point)] = effort_gaps(case, models)
+        motions = {id(case.point): case for case in cases}
+        whole = dict(zip(motions, effort_gaps(list(motions.values()), models), strict=True))
         return [
             [
                 self._less_scatter(i, case.without_turns(whole[id(case.point)][k, case.rows]))
