@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -11,16 +12,11 @@ import pytest
 
 from datasets.measured.sets import PROJECT, SETS_FOLDER, read_set
 from datasets.thesis.recompute import sliding_friction, static_friction
+from sysid.commands.app import main
 from sysid.diagnosis.bench.component import Law
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.fitting import fit_law
-from sysid.diagnosis.bench.friction_readings import (
-    KIND,
-    SPEED,
-    TORQUE,
-    FrictionPoints,
-    friction_points,
-)
+from sysid.diagnosis.bench.friction_readings import KIND, FrictionPoints, friction_points
 from sysid.diagnosis.bench.registry import component_of
 from sysid.diagnosis.bench.selection import Selection, folds_of, select
 from sysid.errors import InputError, NotIdentifiedError
@@ -32,9 +28,11 @@ from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Parts
 from sysid.parameters.files import shipped_schema
 from sysid.plant.effects import catalogue
+from sysid.plant.effects.linear import for_rig
 from sysid.types import FloatArray
 
-AXIS = Rig("axis", "horizontal", "rotary")
+AXIS, LINEAR_AXIS = (Rig("axis", "horizontal", motion) for motion in ("rotary", "linear"))
+SPEED, TORQUE = "velocity_rad_per_s", "motor_torque_nm"
 STATIC, COULOMB, VISCOUS = 0.33, 0.2, 0.05  # Nm, Nm, Nm s/rad
 ANGLES = np.repeat(np.linspace(-1.5, 1.5, 7), 4)  # rad
 WAYS = np.where(np.arange(len(ANGLES)) % 2, -1.0, 1.0)
@@ -83,6 +81,16 @@ def swept(
     return friction_points([readings(speed, torque)], AXIS)
 
 
+def sliding_along(drag: float, seed: int = 0) -> FrictionPoints:
+    """Forces (N) that followed speeds (m/s) of a linear axis, each both ways."""
+    speed = np.repeat([0.02, 0.05, 0.1, 0.2, 0.3], 6) * np.tile([1.0, -1.0], 15)
+    force = np.sign(speed) * (12.0 + 40.0 * np.abs(speed) + drag * speed**2)
+    force += 0.1 * noise(len(speed), seed)
+    channels = {"velocity_m_per_s": speed, "motor_force_n": force}
+    time = np.arange(len(speed), dtype=np.float64)
+    return friction_points([Trial("t", time, channels, "made.csv")], LINEAR_AXIS)
+
+
 def ids(component: FrictionPoints) -> set[str]:
     return {kind.id for kind in component.effects(catalogue())}
 
@@ -120,6 +128,45 @@ def test_what_is_missing_is_found_and_nothing_else(
     )
 
 
+def test_a_linear_axis_has_forces_and_a_way() -> None:
+    effects = for_rig(catalogue(), is_linear=True)
+    plain = select(sliding_along(0.0), effects)
+    assert found(plain) == [] and plain.base.component.unit == "N"
+    estimates = plain.base.base_estimates()
+    for name, true, unit in (("coulomb_n", 12.0, "N"), ("viscous_n_s_per_m", 40.0, "N s/m")):
+        assert abs(estimates[name].value - true) < 4.0 * estimates[name].std
+        assert estimates[name].unit == unit
+    dragged = select(sliding_along(60.0), effects)
+    assert found(dragged) == ["quadratic-drag"]
+    addition = dragged.additions[0]
+    drag = addition.fitted.estimates(addition.effect)["drag_nm_s2_per_rad2"]
+    assert abs(drag.value - 60.0) < 4.0 * drag.std
+
+
+def test_a_table_without_time_is_converted_checked_and_fitted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    part = sliding_along(0.0)
+    rows = [f"{1e3 * v};{1e-3 * f}" for v, f in zip(part.velocity, part.effort, strict=True)]
+    Path("curve.csv").write_text("\n".join(["v (mm/s);F (kN)", *rows, ""]))
+    maps = ["--map", "velocity_m_per_s=v (mm/s)", "--map", "motor_force_n=F (kN)"]
+    assert main(["convert", "curve.csv", "-o", "log.csv", *maps, "--trim", "0:1"]) == 2
+    assert "holds no time" in capsys.readouterr().err and not Path("log.csv").exists()
+    assert main(["convert", "curve.csv", "-o", "log.csv", *maps]) == 0
+    assert main(["check", "log.csv"]) == 0
+    told = capsys.readouterr()
+    assert "1 x friction-points; 30 readings" in told.out and "every" not in told.out
+    assert main(["check", "log.csv", "--json"]) == 0
+    (log,) = json.loads(capsys.readouterr().out)["logs"]
+    assert log["by_row"] and all(channel["noise_std"] is None for channel in log["channels"])
+    assert main(["fit", "friction", "log.csv", "--no-report", "--json"]) == 0
+    told = capsys.readouterr()
+    assert "from the log: sampling period" not in told.err
+    coulomb = json.loads(told.out)["friction"]["coulomb_n"]
+    assert coulomb["interval"][0] < 12.0 < coulomb["interval"][1]
+
+
 def test_strengths_are_those_of_the_made_readings() -> None:
     for component, true in (
         (breakaways(sine=0.3), {"friction_sine": 0.3, "friction_wave_per_rad": 1.2}),
@@ -155,7 +202,7 @@ def test_what_was_set_is_what_repeats_or_over_which_the_other_is_smooth() -> Non
 
 def test_the_slope_is_not_steepened_by_the_scatter_of_the_torques() -> None:
     component = swept(np.repeat(np.linspace(0.1, 1.0, 8), 12))
-    size, effort = np.abs(component.velocity), np.abs(component.torque)
+    size, effort = np.abs(component.velocity), np.abs(component.effort)
     steepened = 1.0 / np.polyfit(effort, size, 1)[0]
     fitted = fit_law(component, (), range(len(size))).base_estimates()
     viscous, coulomb = fitted["viscous_nm_s_per_rad"], fitted["coulomb_nm"]
@@ -259,8 +306,6 @@ def test_what_is_not_there_is_said() -> None:
         channels = {n: v for n, v in bare.channels.items() if n != name}
         with pytest.raises(InputError, match=f"column {name} is missing"):
             friction_points([Trial("t", bare.time, channels, "made.csv")], AXIS)
-    with pytest.raises(InputError, match="rig is linear"):
-        friction_points([bare], Rig("axis", "horizontal", "linear"))
     level = friction_points([readings([1.0, 1.1, -1.0], [0.3, 0.3, -0.3])], AXIS)
     with pytest.raises(NotIdentifiedError, match="at another torque"):
         fit_law(level, (), range(3))
@@ -300,7 +345,7 @@ def component_at(path: Path) -> FrictionPoints:
 
 def test_the_fits_are_those_of_the_friction_pipeline(tables: Path) -> None:
     static = component_at(tables / "static.toml")
-    assert len(static.tests) == 18 and set(static.angle) == {-1.0, 0.0, 1.0}
+    assert len(static.tests) == 18 and set(static.position) == {-1.0, 0.0, 1.0}
     fitted = fit_law(static, (), range(18)).law.values
     assert fitted["static_nm"] == pytest.approx(static_friction().estimate.value, rel=1e-5)
     sliding = component_at(tables / "sliding.toml")
@@ -314,8 +359,8 @@ def test_three_parts_share_no_reading(tables: Path) -> None:
     parts = [component_at(tables / f"repeat_{k}.toml") for k in (1, 2, 3)]
     whole = component_at(tables / "static.toml")
     for place in (-1.0, 0.0, 1.0):
-        dealt = [torque for part in parts for torque in part.torque[part.angle == place]]
-        assert dealt == list(whole.torque[whole.angle == place])
+        dealt = [effort for part in parts for effort in part.effort[part.position == place]]
+        assert dealt == list(whole.effort[whole.position == place])
 
 
 def diagnosed(path: Path) -> Any:

@@ -29,7 +29,6 @@ from sysid.io.channels import DUTIES, PRESSURES, READINGS, SWITCHES
 from sysid.io.exclusion import Excluded
 from sysid.io.kinds import BY_MOTOR, KIND_BY_COLUMN
 from sysid.io.logs import Log, Trial
-from sysid.io.measured_speed import velocity_channel
 from sysid.io.played_header import PlayedHeader, played_header
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active, is_held, rows_per_ripple
@@ -79,7 +78,7 @@ class LogCheck(Shown):
     `kinds` counts its tests by the kind that their content shows; `declared` is the kind and
     `use` the use that a campaign gives the log, None for one that was checked alone. `contradicts`
     says in what it contradicts the rig file or, in a campaign, the other logs; `excluded` is what
-    was excluded.
+    was excluded. `by_row`: a table without time, whose times count the rows.
     """
 
     file: str
@@ -99,11 +98,15 @@ class LogCheck(Shown):
     use: str | None = None
     contradicts: tuple[str, ...] = ()
     excluded: tuple[Excluded, ...] = ()
+    by_row: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """Plain dictionaries and lists; `declared` and `use` only for a campaign's log,
-        `contradicts` only for one that does, `excluded` only where something is."""
+        `contradicts` only for one that does, `excluded` only where something is, `by_row` only
+        where it is so."""
         content = asdict(self)
+        if not self.by_row:
+            del content["by_row"]
         del content["excluded"]
         if self.excluded:
             content["excluded"] = [one.to_json() for one in self.excluded]
@@ -133,6 +136,8 @@ class LogCheck(Shown):
     def headline(self) -> str:
         """The file, its tests and its sampling."""
         kinds = ", ".join(f"{count} x {kind}" for kind, count in self.kinds.items())
+        if self.by_row:
+            return f"{self.file}: {kinds}; {self.rows} readings"
         gaps = f"{self.gaps} gaps" if self.gaps else "no gaps"
         return (
             f"{self.file}: {kinds}; {self.rows} rows, {self.duration_s:.4g} s, every "
@@ -319,6 +324,7 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
         declared=declared,
         contradicts=(*log.contradictions, *wrong),
         excluded=log.excluded,
+        by_row=all(trial.is_readings for trial in log.trials),
     )
 
 
@@ -358,7 +364,7 @@ def _measured_channels(log: Log, rig: Rig) -> list[str]:
     present = log.channels
     # The integral of a speed is not a measurement: range and noise are those of the speed.
     motion = [rig.position_channel] if all(t.place_known for t in log.trials) else []
-    motion.append(velocity_channel(rig))
+    motion.append(rig.units.speed_channel)
     names = [*motion, *READINGS, rig.effort_channel, *KIND_BY_COLUMN]
     return [n for n in names if n in present]
 
@@ -369,10 +375,9 @@ def check_channel(log: Log, name: str, rig: Rig) -> ChannelCheck:
     parts = [t[name] for t in trials]
     values = np.concatenate(parts)
     quantum = signals.quantum(values)
-    is_command = name in KIND_BY_COLUMN
-    noise = (
-        None if is_command else _noise([c for t in trials for c in _combs(t, name, rig)], quantum)
-    )
+    noise = None
+    if name not in KIND_BY_COLUMN and not any(t.is_readings for t in trials):
+        noise = _noise([c for t in trials for c in _combs(t, name, rig)], quantum)
     stuck_s, saturated = 0.0, 0
     dithers = noise is not None and noise > 0.5 * quantum
     if name in PRESSURES and (dithers or np.ptp(values) == 0.0):

@@ -76,8 +76,8 @@ def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> Table:
                 *head,
                 str(check.tests),
                 f"{check.rows:,}".replace(",", "\N{NARROW NO-BREAK SPACE}"),
-                number(check.duration_s),
-                number(1e3 * check.period_s),
+                "" if check.by_row else number(check.duration_s),
+                "" if check.by_row else number(1e3 * check.period_s),
                 _remarks(entry, check),
             )
         )
@@ -98,6 +98,8 @@ def _remarks(entry: CampaignLog, check: LogCheck) -> str:
     found = []
     if entry.payload_kg is not None:
         found.append(f"payload {number(entry.payload_kg)} kg")
+    if check.by_row:
+        found.append("each row a reading by itself")
     if check.gaps:
         found.append(f"{check.gaps} gaps, the longest {duration(check.longest_gap_s)}")
     if check.jitter_s > 0.01 * check.period_s:

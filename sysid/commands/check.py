@@ -181,11 +181,15 @@ def _blocks(check: LogCheck) -> Iterator[Printed]:
     yield Strong(check.file)
     if check.declared is not None:
         yield f"in the campaign: {check.declared}, {check.use}"
-    yield (
-        f"{kinds}; {check.rows} rows, {check.duration_s:.4g} s, every {check.period_s:.4g} s "
-        f"(jitter {check.jitter_s:.2g} s)"
-    )
-    yield f"{check.gaps} gaps, the longest {check.longest_gap_s:.4g} s" if check.gaps else "no gaps"
+    if check.by_row:
+        yield f"{kinds}; {check.rows} readings"
+    else:
+        yield (
+            f"{kinds}; {check.rows} rows, {check.duration_s:.4g} s, every {check.period_s:.4g} s "
+            f"(jitter {check.jitter_s:.2g} s)"
+        )
+        longest = f"{check.gaps} gaps, the longest {check.longest_gap_s:.4g} s"
+        yield longest if check.gaps else "no gaps"
     yield from check.left_out()
     channels, identifies = check.tables()
     yield channels

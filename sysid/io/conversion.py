@@ -152,6 +152,12 @@ def convert(
     notices = [*recipe.notices, *(notice for file in files for notice in file.notices)]
     whole = _joined([file.frame for file in files], paths)
     joined_lines: list[str] = []
+    if "time_s" not in whole and (join or how != Reshaping(unwrap, held=held)):
+        raise input_error(
+            ", ".join(map(str, paths)),
+            "holds no time, which --join, --trim and --resample need",
+            'omit them, or map one (--map "time_s=COLUMN:s")',
+        )
     if join:
         others = _others(paths, join, recipe, parse_map(join_maps, "--join-map", units))
         first = files[0].timed(unwrap, held)
@@ -160,7 +166,7 @@ def convert(
         notices += [notice, *(line for other in others for line in other.notices)]
         joined_lines.append(joined_line(max(c.row_period for c in (first, *further))))
         files += others
-    rows_every = median_period(whole["time_s"].to_numpy(float))
+    rows_every = median_period(whole["time_s"].to_numpy(float)) if "time_s" in whole else 0.0
     frame = reshaped(whole, how, ", ".join(map(str, paths)))
     unmapped = list(dict.fromkeys(name for file in files for name in file.unmapped))
     if unmapped:

@@ -30,6 +30,8 @@ from sysid.io.foreign_tests import (
     said_starts,
     without_wraps,
 )
+from sysid.io.measured_speed import of_readings
+from sysid.io.motion import LINEAR, ROTARY
 from sysid.io.reshaping import joined_line, median_period
 from sysid.io.rig import nearest_rig_file, read_rig
 from sysid.io.time_breaks import wraps_of_seconds
@@ -142,6 +144,13 @@ def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.Da
     import pandas as pd
 
     sources = _sources(table, recipe)
+    timeless = _are_readings(table, recipe, sources)
+    if timeless:
+        recipe = replace(recipe, period_s=1.0)
+        table.notices.append(
+            f"{table.path}: holds no time, but speeds and efforts: each row is a reading of "
+            "friction by itself (friction-points)"
+        )
     if "time_s" in sources and recipe.period_s is not None:
         raise input_error(table.path, "has a time_s column of its own", "omit --period")
     if "time_s" in sources and _numbers_samples(table, *sources["time_s"]):
@@ -158,8 +167,20 @@ def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.Da
             "has no row in which every mapped column has a value",
             "map columns that were recorded at the same time",
         )
-    ordered = [name for name in recipe.units if name in columns]
+    ordered = [n for n in recipe.units if n in columns and not (timeless and n == "time_s")]
     return pd.DataFrame({name: np.asarray(columns[name])[has_row] for name in ordered})
+
+
+def _are_readings(table: ForeignTable, recipe: Recipe, sources: Sources) -> bool:
+    """Whether a table without any time gives a speed and its effort, and nothing of the air."""
+    names = [name for name, _ in sources.values()]
+    has_time = (
+        "time_s" in sources
+        or recipe.period_s is not None
+        or any(name in table.clocks or table.sampling.get(name) for name in names)
+    )
+    present = {*sources, *recipe.constants}
+    return not has_time and any(of_readings(present, units) for units in (LINEAR, ROTARY))
 
 
 _Made = tuple[dict[str, Any], Tests, BoolArray]

@@ -54,7 +54,7 @@ class ShownConstants:
     supply_pa: float | None
     highest_pa: float | None
     temperature_k: float | None
-    sampling_s: float
+    sampling_s: float | None
     pwm_period_s: float | None
     reach: float | None
     is_held: bool
@@ -72,13 +72,19 @@ def shown_constants(logs: Sequence[Log], position: str, effort: str) -> ShownCon
         atmosphere_pa=_within(_ATMOSPHERE, _known(rests[0] if rests else None)),
         supply_pa=_within("supply_pressure_pa", high),
         temperature_k=_within("temperature_k", _known(_median_of(trials, "temperature_k"))),
-        sampling_s=_rounded(float(np.median([_mean_period(trial) for trial in trials])), 6),
+        sampling_s=_sampling(trials),
         highest_pa=max((float(np.median(v)) for t in trials for v in _ends(t)), default=None),
         pwm_period_s=pwm_period(trials),
         reach=max((float(np.max(np.abs(place))) for place in places), default=None),
         is_held=all(_is_still(place) for place in places),
         largest_effort=max(efforts, default=None),
     )
+
+
+def _sampling(trials: Sequence[Trial]) -> float | None:
+    """The sampling period, s; None of tables without time."""
+    periods = [_mean_period(trial) for trial in trials if not trial.is_readings]
+    return _rounded(float(np.median(periods)), 6) if periods else None
 
 
 def _mean_period(trial: Trial) -> float:

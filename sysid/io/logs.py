@@ -24,7 +24,7 @@ from sysid.io.measured_speed import (
     check_motion,
     contradiction,
     instead_of_position,
-    velocity_channel,
+    of_readings,
 )
 from sysid.io.reshaping import measured_period
 from sysid.io.responses import response_notices
@@ -313,9 +313,7 @@ def take_column(
 
 def _shows_readings(table: LogTable, maps: Mapping[str, ColumnMap], rig: Rig) -> bool:
     """Whether a table has what a reading of friction needs, and nothing that a valve does."""
-    present = {*table.header, *maps}
-    needed = {velocity_channel(rig), rig.effort_channel}
-    return needed <= present and not present & {*CHAMBER_PRESSURES, *VALVE_COMMANDS}
+    return of_readings({*table.header, *maps}, rig.units)
 
 
 def missing_time(table: LogTable, *, are_readings: bool = False) -> InputError:
@@ -378,7 +376,7 @@ def _convert_position(reading: LogReading) -> None:
 def _use_speed(reading: LogReading, groups: list[tuple[str, Rows]]) -> None:
     """A measured speed: its integral for a position that was not logged, else compared with it."""
     rig, columns = reading.rig, reading.columns
-    speed, position, time = velocity_channel(rig), rig.position_channel, columns["time_s"]
+    speed, position, time = rig.units.speed_channel, rig.position_channel, columns["time_s"]
     if speed not in columns:
         return
     if position in columns:
@@ -762,7 +760,7 @@ def trial_of(reading: LogReading, label: str, rows: Rows) -> Trial:
         begun_s=reading.begun.get(label, 0.0),
         read_as={name: _read_as(reading, name) for name in channels},
         contradictions=tuple(map(one_line, reading.contradictions)),
-        place_known=reading.origin.get(position) != velocity_channel(reading.rig),
+        place_known=reading.origin.get(position) != reading.rig.units.speed_channel,
     )
 
 

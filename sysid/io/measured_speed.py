@@ -7,14 +7,15 @@ changes are right, its place in the stroke is not known (`Trial.place_known`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import replace
 
 import numpy as np
 
 from sysid import signals
 from sysid.errors import input_error
-from sysid.io.channels import VALVE_COMMANDS, VELOCITY_CHANNELS
+from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS, VELOCITY_CHANNELS
+from sysid.io.motion import MotionUnits
 from sysid.io.plausibility import SIZE_KNOWN_TO
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial, with_channels
@@ -31,14 +32,9 @@ _NOISE = 3.0
 _SAMPLED = 10.0
 
 
-def velocity_channel(rig: Rig) -> str:
-    """`velocity_m_per_s` on a linear rig, else `velocity_rad_per_s`."""
-    return VELOCITY_CHANNELS[rig.position_channel]
-
-
 def check_motion(where: str, present: Iterable[str], rig: Rig) -> None:
     """InputError where a log holds the speed of another motion than the rig's."""
-    other = velocity_channel(rig)
+    other = rig.units.speed_channel
     for name in VELOCITY_CHANNELS.values():
         if name in present and name != other:
             raise input_error(
@@ -64,13 +60,19 @@ def place_needed(rig: Rig) -> str | None:
     return None
 
 
+def of_readings(present: Set[str], units: MotionUnits) -> bool:
+    """Whether columns hold what a reading of friction needs, and nothing of chambers or valves."""
+    needed = {units.speed_channel, units.effort_channel}
+    return needed <= present and not present & {*CHAMBER_PRESSURES, *VALVE_COMMANDS}
+
+
 def are_readings(channels: Mapping[str, FloatArray], rig: Rig) -> bool:
     """Whether rows (n,) are settled readings of friction (`friction-points`), not a recording.
 
     None of them at rest among others, each with an effort along its speed, and not at the rig's
     sampling: a recorded motion starts at rest and is slowed down. `channels` include `time_s`.
     """
-    speed, effort = channels[velocity_channel(rig)], channels[rig.effort_channel]
+    speed, effort = channels[rig.units.speed_channel], channels[rig.effort_channel]
     period = float(np.median(np.diff(channels["time_s"])))
     if rig.sampling is not None and period < _SAMPLED * rig.sampling.period_s:
         return False
@@ -85,7 +87,7 @@ def instead_of_position(
     `channels` (n,) of the whole file. Not where the place matters, and not where a valve moves:
     the chambers' volumes follow from it.
     """
-    speed, position = velocity_channel(rig), rig.position_channel
+    speed, position = rig.units.speed_channel, rig.position_channel
     if position in channels or speed not in channels:
         return False, None
     if rig.effort_channel not in channels:
@@ -111,7 +113,7 @@ def with_position(trial: Trial, rig: Rig) -> Trial:
 
     For balances of efforts. Raises InputError where the place matters.
     """
-    name, speed = rig.position_channel, velocity_channel(rig)
+    name, speed = rig.position_channel, rig.units.speed_channel
     if name in trial or speed not in trial:
         return trial
     if (why := place_needed(rig)) is not None:
@@ -143,7 +145,7 @@ def contradiction(
         return None
     share = float(way @ total) / math.sqrt(float(way @ way) * float(total @ total))
     ratio = math.copysign(math.sqrt(float(way @ way) / float(total @ total)), share)
-    name, speed_name = rig.position_channel, velocity_channel(rig)
+    name, speed_name = rig.position_channel, rig.units.speed_channel
     if share**2 < _STRANGERS:
         return f"{name} and {speed_name} do not belong to one motion ({name} is used)"
     error = math.sqrt(max(1.0 - share**2, 0.0) / len(way))
@@ -163,7 +165,7 @@ __all__ = [
     "contradiction",
     "instead_of_position",
     "moves",
+    "of_readings",
     "place_needed",
-    "velocity_channel",
     "with_position",
 ]

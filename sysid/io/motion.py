@@ -11,6 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from sysid.io.channels import VELOCITY_CHANNELS
+
 FRICTION = ("static", "coulomb", "viscous")
 LOADS = ("motor", "transmitted")
 """Efforts that friction may grow with: the motor's, or that of motor and cylinder together."""
@@ -42,6 +44,11 @@ class MotionUnits:
     def speed(self) -> str:
         """Unit of speed."""
         return f"{self.position}/s"
+
+    @property
+    def speed_channel(self) -> str:
+        """The channel of a measured speed."""
+        return VELOCITY_CHANNELS[self.position_channel]
 
     @property
     def suffix(self) -> str:

@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from sysid.io.logs import Trial, smallest_step
-from sysid.io.measured_speed import moves, velocity_channel
+from sysid.io.measured_speed import moves
 from sysid.io.rig import Rig
 
 HELD_SHARE = 0.005
@@ -21,7 +21,7 @@ _NEAR_AN_END = 0.9
 
 def is_held(trial: Trial, rig: Rig) -> bool:
     """Whether the piston stayed in place; assumed where neither position nor speed is logged."""
-    name, speed = rig.position_channel, velocity_channel(rig)
+    name, speed = rig.position_channel, rig.units.speed_channel
     if name not in trial:
         return speed not in trial or not moves(trial[speed])
     moved = float(np.ptp(trial[name]))

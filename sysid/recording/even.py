@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.io.channels import VALVE_COMMANDS
-from sysid.io.measured_speed import velocity_channel, with_position
+from sysid.io.measured_speed import with_position
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
 from sysid.recording.recording import Recording
@@ -62,7 +62,7 @@ def _speed_noise(trial: Trial, rig: Rig) -> signals.NoiseFloor | None:
     """Noise of the measured speed whose integral a trial's position is; None for another."""
     if trial.place_known or len(trial) < MIN_SAMPLES:
         return None
-    return signals.noise_floor(trial[velocity_channel(rig)], stride=trial.stride)
+    return signals.noise_floor(trial[rig.units.speed_channel], stride=trial.stride)
 
 
 def _check_pressures(trial: Trial, rig: Rig, notices: list[str]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid import signals
 from sysid.errors import InputError
-from sysid.io.measured_speed import place_needed, velocity_channel
+from sysid.io.measured_speed import place_needed
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
 from sysid.recording.even import recorded
@@ -26,7 +26,7 @@ def balances(trial: Trial, rig: Rig) -> bool:
     no effort is needed."""
     pressures = () if rig.cylinder is None else rig.pressure_channels
     shows_motion = rig.position_channel in trial or (
-        velocity_channel(rig) in trial and place_needed(rig) is None
+        rig.units.speed_channel in trial and place_needed(rig) is None
     )
     efforts = () if rig.air_alone_drives(trial.channels) else (rig.effort_channel,)
     return shows_motion and all(c in trial for c in (*efforts, *pressures))

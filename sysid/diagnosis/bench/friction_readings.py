@@ -5,10 +5,10 @@ The law is Coulomb and viscous friction with breakaway,
     breakaway = static direction,    effort = coulomb direction + viscous velocity,
 
 and what it lacks acts through the ports of static and sliding friction. Of a breakaway the
-torque is predicted. Of a steady motion one of the two was set and the other followed, which is
+effort is predicted. Of a steady motion one of the two was set and the other followed, which is
 predicted: a line through what was set over what followed would be too flat, since it is the latter
 that scatters. In the thesis the torque was set (3.4.3, Table 3.4.2), under a controller of the
-speed it is the speed.
+speed it is the speed. A linear axis has forces and speeds along its way.
 """
 
 from __future__ import annotations
@@ -37,8 +37,6 @@ from sysid.plant.ports import Model, Point
 from sysid.types import FloatArray, IntArray
 
 KIND = "friction-points"
-SPEED = "velocity_rad_per_s"
-TORQUE = "motor_torque_nm"
 # A modelled speed is searched for up to this many times the fastest reading.
 _FASTEST = 4.0
 _HALVINGS = 50
@@ -46,18 +44,19 @@ _HALVINGS = 50
 
 @dataclass(frozen=True)
 class FrictionPoints(Component):
-    """Readings, all of breakaway or all of sliding: (n,) each, rad, rad/s, Nm; a row is a test.
+    """Readings, all of breakaway or all of sliding: (n,) each, in the rig's units of position,
+    speed and effort; a row is a test.
 
-    `direction` is 1 or -1; `number` counts the readings of a log. Residuals are torques, Nm, of
-    breakaway and of motion whose speed was set, else speeds at the torque that was set, rad/s.
+    `direction` is 1 or -1; `number` counts the readings of a log. Residuals are efforts of
+    breakaway and of motion whose speed was set, else speeds at the effort that was set.
     """
 
     base_parameters: Parameters
     units: MotionUnits
     labels: tuple[str, ...]
-    angle: FloatArray
+    position: FloatArray
     velocity: FloatArray
-    torque: FloatArray
+    effort: FloatArray
     direction: FloatArray
     number: FloatArray
     is_speed_set: bool
@@ -66,9 +65,10 @@ class FrictionPoints(Component):
     unit: str = field(default="", init=False)
 
     def __post_init__(self) -> None:
-        channel, unit = (TORQUE, "Nm") if self._torque_follows else (SPEED, "rad/s")
-        object.__setattr__(self, "channel", channel)
-        object.__setattr__(self, "unit", unit)
+        u, by_effort = self.units, self._effort_follows
+        follows = (u.effort_channel, u.effort) if by_effort else (u.speed_channel, u.speed)
+        for name, value in zip(("channel", "unit"), follows, strict=True):
+            object.__setattr__(self, name, value)
 
     @property
     def tests(self) -> tuple[str, ...]:
@@ -76,7 +76,7 @@ class FrictionPoints(Component):
 
     @property
     def travel(self) -> float:
-        return float(np.ptp(self.angle))
+        return float(np.ptp(self.position))
 
     @property
     def most_folds(self) -> int:
@@ -89,7 +89,7 @@ class FrictionPoints(Component):
         return not self.velocity.any()
 
     @property
-    def _torque_follows(self) -> bool:
+    def _effort_follows(self) -> bool:
         return self.is_breakaway or self.is_speed_set
 
     def in_form_of(self, bundle: Bundle) -> FrictionPoints:
@@ -97,21 +97,22 @@ class FrictionPoints(Component):
         few held-out readings do not show it."""
         judged = bundle.friction.quality if bundle.friction is not None else None
         record = judged.get(KIND) if isinstance(judged, dict) else None
-        if record is None or record.signal not in (SPEED, TORQUE):
+        u = self.units
+        if record is None or record.signal not in (u.speed_channel, u.effort_channel):
             return self
-        return replace(self, is_speed_set=record.signal == TORQUE)
+        return replace(self, is_speed_set=record.signal == u.effort_channel)
 
     def parameters(self) -> list[Parameter]:
-        u, effort, speed = self.units, np.abs(self.torque), np.abs(self.velocity)
+        u, effort, speed = self.units, np.abs(self.effort), np.abs(self.velocity)
         size = float(effort.mean())
         if self.is_breakaway:
             return [Parameter(u.key("static"), size, u.effort, 0.0, scale=size)]
         mean = float(speed.mean())
         if len(np.unique(speed if self.is_speed_set else effort)) < 2:
-            level = f"{mean:g} rad/s" if self.is_speed_set else f"{size:g} {u.effort}"
+            level = f"{mean:g} {u.speed}" if self.is_speed_set else f"{size:g} {u.effort}"
             raise NotIdentifiedError(
                 f"{u.key('coulomb')} and {u.key('viscous')} are not identified: all readings are "
-                f"at {level}; take some at another {'speed' if self.is_speed_set else 'torque'}"
+                f"at {level}; take some at another {'speed' if self.is_speed_set else u.word}"
             )
         rise = float((effort - size) @ (speed - mean))
         if self.is_speed_set:
@@ -127,14 +128,14 @@ class FrictionPoints(Component):
 
     @property
     def _followed(self) -> FloatArray:
-        return self.torque if self._torque_follows else self.velocity
+        return self.effort if self._effort_follows else self.velocity
 
     @property
     def _cells(self) -> IntArray:
-        """Which readings repeat one another, (n,): at one angle, one way, one torque or speed
+        """Which readings repeat one another, (n,): at one place, one way, one effort or speed
         set."""
-        level = self.velocity if self._torque_follows else self.torque  # of breakaway 0
-        conditions = np.column_stack((self.direction, self.angle, level))
+        level = self.velocity if self._effort_follows else self.effort  # of breakaway 0
+        conditions = np.column_stack((self.direction, self.position, level))
         return np.unique(conditions, axis=0, return_inverse=True)[1].reshape(-1)
 
     def effects(
@@ -142,22 +143,22 @@ class FrictionPoints(Component):
     ) -> tuple[type[CatalogueEffect], ...]:
         """Those without states whose effort differs from the law's at the conditions read.
 
-        Judged at the mean of each condition: the scatter over speed of readings at one torque that
+        Judged at the mean of each condition: the scatter over speed of readings at one effort that
         was set contains no information on how friction depends on speed.
         """
         law = Law({p.name: p.value for p in self.parameters()})
         cells = self._cells
         count = np.bincount(cells)
-        angle, velocity, direction = (
-            np.bincount(cells, v) / count for v in (self.angle, self.velocity, self.direction)
+        place, velocity, direction = (
+            np.bincount(cells, v) / count for v in (self.position, self.velocity, self.direction)
         )
         own = [direction] if self.is_breakaway else [direction, velocity]
         basis = np.linalg.qr(np.column_stack(own))[0]
-        without = self._effort(law, angle, velocity, direction)
+        without = self._effort(law, place, velocity, direction)
 
         def acts(probe: CatalogueEffect) -> bool:
             there = Law(law.values, (probe,))
-            more = self._effort(there, angle, velocity, direction) - without
+            more = self._effort(there, place, velocity, direction) - without
             beyond = more - basis @ (basis.T @ more)
             return bool(np.abs(beyond).max() > ACTS * np.abs(without).max())
 
@@ -174,9 +175,9 @@ class FrictionPoints(Component):
         return "both"
 
     def _effort(
-        self, law: Law, angle: FloatArray, velocity: FloatArray, direction: FloatArray
+        self, law: Law, place: FloatArray, velocity: FloatArray, direction: FloatArray
     ) -> FloatArray:
-        """Breakaway or friction, Nm, with the sign of the motion that it resists; (n,) each.
+        """Breakaway or friction with the sign of the motion that it resists; (n,) each.
 
         A breakaway is the friction of the first instant of a motion, so what varies Coulomb
         friction (along the travel, by direction) varies it by the same share: its Coulomb
@@ -194,7 +195,7 @@ class FrictionPoints(Component):
         ambient = zero + parameters.atmosphere
         point = Point(
             time=zero,
-            position=angle,
+            position=place,
             velocity=velocity,
             pressure_a=ambient,
             pressure_b=ambient,
@@ -221,25 +222,25 @@ class FrictionPoints(Component):
         return law.values[key]
 
     def _speed(self, law: Law, rows: IntArray) -> FloatArray:
-        """Velocity, rad/s, at which friction is as large as the torque set; (rows,).
+        """Velocity at which friction is as large as the effort set; (rows,).
 
         0 where that does not start the axis.
         """
-        way, angle = self.direction[rows], self.angle[rows]
-        wanted = np.abs(self.torque[rows])
+        way, place = self.direction[rows], self.position[rows]
+        wanted = np.abs(self.effort[rows])
         low = np.zeros(len(rows))
         high = np.full(len(rows), _FASTEST * float(np.abs(self.velocity).max()))
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            below = way * self._effort(law, angle, way * middle, way) <= wanted
+            below = way * self._effort(law, place, way * middle, way) <= wanted
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         return np.asarray(way * 0.5 * (low + high))
 
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         rows = np.asarray(tests, dtype=np.intp)
-        if self._torque_follows:
+        if self._effort_follows:
             modelled = self._effort(
-                law, self.angle[rows], self.velocity[rows], self.direction[rows]
+                law, self.position[rows], self.velocity[rows], self.direction[rows]
             )
         else:
             modelled = self._speed(law, rows)
@@ -254,15 +255,16 @@ class FrictionPoints(Component):
     def regressors(self, tests: Sequence[int]) -> dict[str, FloatArray]:
         """What was set for a reading; the residual is of what followed."""
         rows = np.asarray(tests, dtype=np.intp)
+        u = self.units
         known = {
-            "angle": self.angle,
+            "angle" if u.position == "rad" else "position": self.position,
             "direction": self.direction,
             "number of the reading": self.number,
         }
         if self.is_speed_set:
             known["velocity"] = self.velocity
         elif not self.is_breakaway:
-            known["torque"] = self.torque
+            known[u.word] = self.effort
         return {name: values[rows] for name, values in known.items()}
 
     def noise_floor(self, law: Law) -> float:
@@ -295,64 +297,63 @@ class FrictionPoints(Component):
 
 
 def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
-    """The readings of `trials`: `velocity_rad_per_s` (0: breakaway) and the motor torque, Nm.
+    """The readings of `trials`: the speed (0: breakaway) and the motor's effort, in the rig's
+    channels.
 
-    `theta_rad` is used where it is there. Raises InputError for a missing column, a reading
+    The position is used where it is there. Raises InputError for a missing column, a reading
     without a direction, and breakaway mixed with sliding; NotIdentifiedError without a test.
     """
     if not trials:
         raise NotIdentifiedError(f"no {KIND} test to fit; give breakaway or sliding readings")
-    if rig.is_linear:
-        raise input_error(
-            rig.source, f"the rig is linear, {KIND} readings need a rotary one", "log the motion"
-        )
+    u = rig.units
+    names = (u.speed_channel, u.effort_channel)
     for trial in trials:
-        trial.require((SPEED, TORQUE), f"which a {KIND} test needs")
-        _check(trial)
-    velocity, torque = (np.concatenate([t[name] for t in trials]) for name in (SPEED, TORQUE))
+        trial.require(names, f"which a {KIND} test needs")
+        _check(trial, u)
+    velocity, effort = (np.concatenate([t[name] for t in trials]) for name in names)
     at_rest = velocity == 0.0
     if at_rest.any() and not at_rest.all():
         raise input_error(
-            trials[int(np.argmax([bool(t[SPEED].any()) for t in trials]))].source,
+            trials[int(np.argmax([bool(t[names[0]].any()) for t in trials]))].source,
             "breakaway readings (velocity 0) are mixed with sliding ones",
             "give each kind its own campaign",
         )
     channel = rig.position_channel
-    direction = np.sign(torque if at_rest.all() else velocity)
+    direction = np.sign(effort if at_rest.all() else velocity)
     return FrictionPoints(
         base_parameters=bare_parameters(rig),
-        units=rig.units,
+        units=u,
         labels=tuple(t.title for t in trials for _ in range(len(t))),
-        angle=np.concatenate([t[channel] if channel in t else np.zeros(len(t)) for t in trials]),
+        position=np.concatenate([t[channel] if channel in t else np.zeros(len(t)) for t in trials]),
         velocity=velocity,
-        torque=torque,
+        effort=effort,
         direction=direction,
         number=np.concatenate([np.arange(1.0, len(t) + 1.0) for t in trials]),
-        is_speed_set=not at_rest.any() and _is_speed_set(velocity, torque, direction),
+        is_speed_set=not at_rest.any() and _is_speed_set(velocity, effort, direction),
     )
 
 
-def _is_speed_set(velocity: FloatArray, torque: FloatArray, direction: FloatArray) -> bool:
-    """Whether the readings (n,) are of speeds that were set, whose torque followed.
+def _is_speed_set(velocity: FloatArray, effort: FloatArray, direction: FloatArray) -> bool:
+    """Whether the readings (n,) are of speeds that were set, whose effort followed.
 
     What was set takes levels, which repeat. Where both do or neither, what followed is the smoother
-    course over what was set: a friction curve that falls and rises again has one torque at each
-    speed, but two speeds at a torque. Without a decision it is the torque, as in the thesis.
+    course over what was set: a friction curve that falls and rises again has one effort at each
+    speed, but two speeds at an effort. Without a decision it is the effort, as in the thesis.
     """
     from scipy.special import fdtri
 
-    speed_repeats, torque_repeats = map(_repeats, (np.abs(velocity), np.abs(torque)))
-    if speed_repeats != torque_repeats:
+    speed_repeats, effort_repeats = map(_repeats, (np.abs(velocity), np.abs(effort)))
+    if speed_repeats != effort_repeats:
         return speed_repeats
     ways = [direction == way for way in np.unique(direction)]
     steps = sum(int(np.count_nonzero(way)) - 1 for way in ways)
-    over_speed, over_torque = (
+    over_speed, over_effort = (
         _roughness([(a[way], b[way]) for way in ways])
-        for a, b in ((velocity, torque), (torque, velocity))
+        for a, b in ((velocity, effort), (effort, velocity))
     )
-    if steps < 1 or not math.isfinite(over_speed + over_torque):
+    if steps < 1 or not math.isfinite(over_speed + over_effort):
         return False
-    return over_torque > float(fdtri(steps, steps, LEVEL)) * over_speed
+    return over_effort > float(fdtri(steps, steps, LEVEL)) * over_speed
 
 
 def _repeats(values: FloatArray) -> bool:
@@ -368,18 +369,18 @@ def _roughness(courses: Sequence[tuple[FloatArray, FloatArray]]) -> float:
     return steps / spread if spread > 0.0 else math.nan
 
 
-def _check(trial: Trial) -> None:
+def _check(trial: Trial, u: MotionUnits) -> None:
     """InputError for a reading that contains no information on friction."""
-    velocity, torque = trial[SPEED], trial[TORQUE]
-    bad = np.flatnonzero((torque == 0.0) | (velocity * torque < 0.0))
+    velocity, effort = trial[u.speed_channel], trial[u.effort_channel]
+    bad = np.flatnonzero((effort == 0.0) | (velocity * effort < 0.0))
     if bad.size:
         i = int(bad[0])
-        said = "is zero" if torque[i] == 0.0 else f"is against the motion at {velocity[i]:g} rad/s"
+        against = f"is against the motion at {velocity[i]:g} {u.speed}"
         raise input_error(
             f"{trial.source}, reading {i + 1}",
-            f"{TORQUE} = {torque[i]:g} {said}",
-            "give the torque that overcame friction, with the sign of the motion",
+            f"{u.effort_channel} = {effort[i]:g} {'is zero' if effort[i] == 0.0 else against}",
+            f"give the {u.word} that overcame friction, with the sign of the motion",
         )
 
 
-__all__ = ["KIND", "SPEED", "FrictionPoints", "friction_points"]
+__all__ = ["KIND", "FrictionPoints", "friction_points"]
