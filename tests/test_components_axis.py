@@ -103,6 +103,28 @@ def test_the_law_is_found_where_nothing_is_missing() -> None:
     assert rejected and max(a.reduction for a in rejected) < 0.2
 
 
+def test_friction_that_falls_with_the_speeds_of_a_fast_shaft_is_tried() -> None:
+    """A fan that is never slower than a speed at which the usual form has long faded away."""
+
+    def one_way(seed: int) -> Trial:
+        time = np.arange(0.0, 6.0, 0.004)
+        wave = 2.0 * np.pi * (0.1 + 0.05 * seed)
+        speed = 1.5 + 40.0 * (1.0 - np.cos(wave * time))
+        angle = 41.5 * time - 40.0 / wave * np.sin(wave * time)
+        torque = 8e-4 * 40.0 * wave * np.sin(wave * time) + 0.12 + 2e-3 * speed
+        torque += 0.25 * np.exp(-((speed / 5.0) ** 2))
+        torque += 0.004 * np.random.default_rng(seed).normal(size=len(time))
+        channels = {"theta_rad": angle, "motor_torque_nm": torque}
+        return Trial(f"fan {seed}", time, channels, f"fan {seed}")
+
+    part = axis([one_way(seed) for seed in (1, 2, 3)], Rig("fan", "horizontal", "rotary"))
+    found = select(part, catalogue(), quick=True)
+    assert [step.id for step in found.additions] == ["stribeck-friction"]
+    (effect,) = found.final.law.effects
+    assert effect.stribeck_torque_nm == pytest.approx(0.25, rel=0.02)  # type: ignore[attr-defined]
+    assert effect.stribeck_velocity_rad_per_s == pytest.approx(5.0, rel=0.02)  # type: ignore[attr-defined]
+
+
 def test_laws_at_once_leave_what_each_leaves_alone() -> None:
     part = built(plain, (1, 2))
     fitted = fit_law(part, (), range(2)).law

@@ -36,6 +36,7 @@ from sysid.diagnosis.bench.component import (
     Law,
     law_held,
     rmse,
+    shapes,
     smallest_probe,
 )
 from sysid.errors import Failure, NotIdentifiedError, SimulationError, on_its_own
@@ -176,15 +177,26 @@ class Axis(Component):
             return False  # nothing is declared, and the inertia is fitted
         if kind.id == LoadDependentFriction.id and self.rig.cylinder is not None:
             return False  # the motor carries the pressures: friction by either is the seals'
-        values = {p.name: p.value for p in self.parameters()}
-        effect = smallest_probe(kind, self.side())
-        plain, changed = (
-            np.concatenate(self.residuals(Law(values, effects), range(len(self.cases))))
-            for effects in ((), (effect,))
-        )
-        if np.max(np.abs(changed - plain)) <= _LEAST_CHANGE * np.max(np.abs(plain)):
+        # In its usual form, else in one of this axis' speeds: friction of slow motion alone acts on
+        # none of a fast shaft's.
+        usual = smallest_probe(kind, self.side())
+        if (effect := self._acting([usual])) is None:
+            forms = shapes(self.quantities_of(kind))
+            effect = self._acting([smallest_probe(kind, self.side(), form) for form in forms])
+        if effect is None:
             return False
         return self.has_speeds or not _depends_on_speed(effect, self.cases[0].point)
+
+    def _acting(self, probes: Sequence[CatalogueEffect]) -> CatalogueEffect | None:
+        """The first of these that changes the balance beyond rounding."""
+        values, every = {p.name: p.value for p in self.parameters()}, range(len(self.cases))
+        plain = np.concatenate(self.residuals(Law(values), every))
+        least = _LEAST_CHANGE * np.max(np.abs(plain))
+        changed = self.residuals_of([Law(values, (probe,)) for probe in probes], every)
+        for probe, own in zip(probes, changed, strict=True):
+            if np.max(np.abs(np.concatenate(own) - plain)) > least:
+                return probe
+        return None
 
     def side(self) -> str:
         return "both"

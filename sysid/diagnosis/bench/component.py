@@ -302,11 +302,14 @@ def probes(
     ]
 
 
-def smallest_probe(kind: type[CatalogueEffect], side: str) -> CatalogueEffect:
-    """The effect with all strengths at once, each at its smallest probing size."""
+def smallest_probe(
+    kind: type[CatalogueEffect], side: str, form: Mapping[str, float] | None = None
+) -> CatalogueEffect:
+    """The effect with all strengths at once, each at its smallest probing size, in its usual form
+    or another (shapes)."""
     fields = {"side": side} if kind.has_side() else {}
     sizes = {q.name: q.grid[0] if q.grid else PROBE * q.typical for q in kind.strengths()}
-    return kind.neutral(**fields, **sizes)
+    return kind.neutral(**fields, **sizes, **(form or {}))
 
 
 def shapes(quantities: Sequence[Quantity]) -> list[dict[str, float]]:
