@@ -51,6 +51,9 @@ REST_S = 0.03
 TRAVEL_SHARE = 1e-3  # of the stroke: motion beyond it is more than presliding
 SUSTAINED_SHARE = 1e-2  # of the stroke: a movement that ends within it was a slip
 NOISE_TIMES, QUANTUM_TIMES = 8.0, 4.0
+# To tell creep a movement is looked at over so many times its presliding range, and again; and how
+# many times the onset's effort is much more.
+_LONGER_WAY, _MUCH_MORE = SUSTAINED_SHARE / TRAVEL_SHARE, 2.0
 AVERAGE_S = 0.2  # of the efforts before the onset
 POSITION_GAP = 0.05  # of the stroke, between one start position and the next
 # In a motion that grows as the cube of time the first pause between counts is up to four times the
@@ -73,7 +76,7 @@ class Onset:
     """When sustained motion starts: `time` s, `index` of the last sample before it.
 
     `place`, by the edges of a coarse encoder: where the shaft rested less what was read, rad or m;
-    None of a fine one.
+    None of a fine one. `before` is a sample at which the movement has not begun.
     """
 
     time: float
@@ -81,6 +84,12 @@ class Onset:
     direction: int
     threshold: float
     place: float | None = None
+    before: int = 0
+
+    def moved(self, trial: Recording) -> FloatArray:
+        """The movement's distance (k,) from the sample before it, up to its largest."""
+        distance = self.direction * (trial.position[self.before :] - trial.position[self.before])
+        return np.asarray(distance[: int(np.argmax(distance)) + 1])
 
 
 @dataclass(frozen=True)
@@ -184,7 +193,35 @@ def fit_static(
     still = max(use.values["travel_threshold"] for use in used)
     places = _places(starts, trials[0].rig.travel, still)
     directions = np.array([use.values["direction"] for use in used])
-    return static_summary(values, starts, places, directions, units.effort), uses
+    found = static_summary(values, starts, places, directions, units.effort)
+    crept = [use for use in used if "creep_low" in use.values]
+    return (_with_creep(found, crept, len(used)) if crept else found), uses
+
+
+def _with_creep(found: StaticFriction, crept: Sequence[TrialUse], used: int) -> StaticFriction:
+    """With the error of ramps that crept, of so many: anywhere between two efforts in each, and
+    alike in all, so that it is no smaller in a mean."""
+    low, high = (np.array([use.values[f"creep_{end}"] for use in crept]) for end in ("low", "high"))
+    std = float(np.mean(high - low)) / math.sqrt(12.0) * len(crept) / used
+
+    def less_certain(one: Estimate) -> Estimate:
+        half = math.hypot(t_quantile(math.inf) * std, 0.5 * (one.interval[1] - one.interval[0]))
+        interval = (max(one.value - half, 0.0), one.value + half)
+        return replace(one, std=math.hypot(one.std, std), interval=interval)
+
+    unit = found.estimate.unit
+    notice = (
+        f"static friction: the shaft creeps before it breaks away in {titles(crept)}, at an effort "
+        f"between {float(np.median(low)):.3g} and {float(np.median(high)):.3g} {unit}; slower "
+        "ramps show it more sharply"
+    )
+    return replace(
+        found,
+        estimate=less_certain(found.estimate),
+        by_position=tuple(replace(p, estimate=less_certain(p.estimate)) for p in found.by_position),
+        by_direction={way: less_certain(e) for way, e in found.by_direction.items()},
+        notices=(*found.notices, notice),
+    )
 
 
 def breakaway(trial: Recording, units: MotionUnits) -> TrialUse:
@@ -205,6 +242,9 @@ def breakaway(trial: Recording, units: MotionUnits) -> TrialUse:
     cylinder = _carried_on(times, trial.cylinder[window], onset.time)
     at_rest = trial.with_position(trial.position + (onset.place or 0.0))
     effort = motor + cylinder - float(np.mean(at_rest.load_effort[window]))
+    creep = _creep(trial, onset)
+    if creep is not None:
+        effort = onset.direction * (creep.low + creep.high) / 2.0
     use.values = {"breakaway": effort, "direction": float(onset.direction)}
     if effort * onset.direction <= 0.0:
         use.exclude(
@@ -217,9 +257,66 @@ def breakaway(trial: Recording, units: MotionUnits) -> TrialUse:
         "position": float(trial.position[0]),
         "onset_s": onset.time,
         "travel_threshold": onset.threshold,
+        **({} if creep is None else {"creep_low": creep.low, "creep_high": creep.high}),
     }
     use.has_stopped = _has_stopped(trial.motor[: onset.index + 1])
     return use
+
+
+@dataclass(frozen=True)
+class _Creep:
+    """Efforts along the motion before and after breakaway, where none of the movement is sharp."""
+
+    low: float
+    high: float
+
+
+def _creep(trial: Recording, onset: Onset) -> _Creep | None:
+    """Of contacts that give way by more than the presliding range (seals, by a millimetre); None of
+    a movement that breaks away within it.
+
+    From rest a ramp moves a shaft by the square to the cube of time. It crept if it has moved
+    before the onset and passes a longer way later or sooner than that (friction that falls with
+    speed lets it do so from rest), or if the effort still grows much while it leaves the range. The
+    longer way is looked at in the same manner. What is friction and what is inertia beyond it is
+    not told apart: breakaway lies below the effort at which the shaft has gone that way.
+    """
+    if onset.place is not None:
+        return None
+    before = min(onset.before, onset.index)
+    found, way, has_crept = replace(onset, before=before), onset.threshold, False
+    moved = found.moved(trial)
+    effort = onset.direction * trial.applied[before : before + len(moved)]
+
+    def passed(distance: float) -> int:
+        return int(np.argmax(moved > distance)) if moved[-1] > distance else len(moved) - 1
+
+    # Against the effort nothing creeps: its sign, or a load, is wrong.
+    if (
+        _LONGER_WAY * effort[found.index - before] < -effort[passed(way)]
+        or effort[passed(way)] <= 0
+    ):
+        return None
+    while True:
+        start, there, longer = found.index - before, passed(way), _LONGER_WAY * way
+        grows = effort[there] > _MUCH_MORE * effort[start]
+        further = moved[-1] > longer
+        lasts = there - start
+        ago = max(found.index - lasts, 0)
+        just = onset.direction * (trial.position[found.index] - trial.position[ago])
+        latest, soonest = (lasts * _LONGER_WAY ** (1.0 / power) for power in (2.0, 3.0))
+        from_rest = _LONGER_WAY * just <= way or soonest <= passed(longer) - start <= latest
+        if not grows and (from_rest or not further):
+            break
+        has_crept = True
+        if not further:
+            break
+        found, way = _within_way(trial, found, moved, longer), longer
+        found = replace(found, index=max(found.index, before))
+    if not has_crept:
+        return None
+    until = max(passed(_LONGER_WAY * way), start)
+    return _Creep(max(float(effort[start]), 0.0), float(np.max(effort[start : until + 1])))
 
 
 def breakaway_of(use: TrialUse) -> float:
@@ -449,19 +546,28 @@ def _locate(trial: Recording, before: int, after: int, threshold: float, hold: i
     may creep before. Each candidate t0 is fitted by least squares over the samples from well before
     the movement to where it passes the threshold.
     """
-    x, t = trial.position, trial.time
-    direction = 1 if x[after] > x[before] else -1
-    moved = direction * (x[before : after + 1] - x[before])
-    end = before + int(np.argmax(moved > threshold))
-    first = max(0, before - max(2 * hold, end - before))
-    times, course = t[first : end + 1], direction * (x[first : end + 1] - x[before])
+    way = 1 if trial.position[after] > trial.position[before] else -1
+    movement = Onset(float(trial.time[before]), before, way, threshold, before=before)
+    moved = way * (trial.position[before : after + 1] - trial.position[before])
+    return _within_way(trial, movement, moved, threshold, 2 * hold)
+
+
+def _within_way(
+    trial: Recording, movement: Onset, moved: FloatArray, way: float, least: int = 0
+) -> Onset:
+    """Onset of a movement by its course until it has `moved` (k,) by more than `way`, and as long
+    before, or `least` samples."""
+    x, t, before = trial.position, trial.time, movement.before
+    end = before + int(np.argmax(moved > way))
+    first = max(0, before - max(least, end - before))
+    times, course = t[first : end + 1], movement.direction * (x[first : end + 1] - x[before])
 
     low, high = first + 2, end - 2
     if high - low < 3:
         low, high = first + 1, end
     best = _begins(times.tobytes(), course.tobytes(), low - first, high - first, trial.period)
     index = int(np.searchsorted(t, best, side="right")) - 1
-    return Onset(best, max(index, 1), direction, threshold)
+    return replace(movement, time=best, index=max(index, 1))
 
 
 # The fit of a ramp, the check of what it identifies and the comparison with other logs each ask.
