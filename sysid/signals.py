@@ -292,6 +292,10 @@ def quantum(values: FloatArray) -> float:
     return 0.0
 
 
+# Of a converter's sawtooth of error: how many harmonics, and how much is left of one that counts.
+_HARMONICS, _BLURRED = 20, 1e-3
+
+
 @dataclass(frozen=True)
 class NoiseFloor:
     """Noise of a channel, in its own unit.
@@ -316,6 +320,20 @@ class NoiseFloor:
         """
         of_converter = power if self.noise > 0.5 * self.quantum else 1.0
         return math.sqrt(power * self.noise**2 + of_converter * self.quantum**2 / 12.0)
+
+    def rounding(self, values: FloatArray) -> FloatArray:
+        """The mean error (n,) of a converter, with a count at 0, at true values (n,): what no
+        average over samples takes away. Noise before the converter blurs it (Widrow, Kollar 2008).
+        """
+        if not self.quantum > 0.0:
+            return np.zeros(len(values))
+        found, turn = np.zeros(len(values)), 2.0 * math.pi / self.quantum
+        for k in range(1, _HARMONICS + 1):
+            blurred = math.exp(-0.5 * (k * turn * self.noise) ** 2)
+            if blurred < _BLURRED:
+                break
+            found += (-1.0) ** k * blurred / (k * math.pi) * np.sin(k * turn * values)
+        return self.quantum * found
 
 
 def noise_floor(

@@ -95,6 +95,20 @@ def test_quantum_where_no_two_readings_are_one_count_apart() -> None:
     assert signals.quantum(x) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("ratio", [0.0, 0.1, 0.25, 0.6])
+def test_the_mean_error_of_a_converter(ratio: float) -> None:
+    """Against many readings of each value."""
+    rng = np.random.default_rng(4)
+    values = np.linspace(-2.31, 3.07, 37)
+    readings = values + ratio * rng.standard_normal((200_000, len(values)))
+    floor = signals.NoiseFloor(2.0 * ratio, 2.0)
+    found = floor.rounding(2.0 * values)
+    np.testing.assert_allclose(
+        found, 2.0 * (np.round(readings).mean(axis=0) - values), atol=0.2 if ratio == 0.0 else 0.015
+    )
+    assert not signals.NoiseFloor(1.0, 0.0).rounding(values).any()
+
+
 @pytest.mark.parametrize("ratio", [0.1, 0.2, 0.3, 0.5, 1.0, 3.0, 10.0])
 @pytest.mark.parametrize("counts_a_sample", [0.003, 0.013, 0.3])
 def test_noise_floor_over_a_slow_ramp(ratio: float, counts_a_sample: float) -> None:

@@ -201,6 +201,11 @@ class LeastSquaresFit:
         """(p, p), for independent residuals of one variance."""
         return self.residual_std**2 * self._unscaled
 
+    def steps_for(self, errors: FloatArray) -> FloatArray:
+        """How far errors (k, n) of what is measured move the parameters, (k, p): to first order."""
+        # A residual is the model's value less the measured one.
+        return np.asarray(errors @ self.jacobian @ self._unscaled)
+
     def correlated_covariance(self, groups: NDArray[np.intp] | None = None) -> Covariance:
         """For stationary residuals that are correlated from sample to sample.
 

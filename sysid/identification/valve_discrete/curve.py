@@ -52,6 +52,9 @@ _MAY_SCATTER = 0.2
 strict as one that names a scatter leaves most scatter of the size of the noise out of intervals
 (Bancroft, Biometrics 20, 1964, takes 0.25)."""
 
+_PLACES = 16
+"""Of a curve between two counts, at which its rounding is taken."""
+
 
 def thesis_names(way: str) -> tuple[str, str]:
     """The choked flow and the coefficient of a direction, "fill" or "dis", by the thesis."""
@@ -80,8 +83,34 @@ class CurveFit:
 
     @cached_property
     def covariance(self) -> Covariance:
-        """Sensor noise may be coloured, so the residuals' autocorrelation is used."""
-        return self.fit.correlated_covariance(self.groups)
+        """Sensor noise may be coloured, so the residuals' autocorrelation is used.
+
+        A converter's error is no noise where the pressure rests between two counts: what it does to
+        the parameters is added.
+        """
+        noise = self.fit.correlated_covariance(self.groups)
+        return Covariance(noise.matrix + self._rounding, noise.dof)
+
+    @cached_property
+    def _rounding(self) -> FloatArray:
+        """(p, p): mean square of the steps that the converters' rounding makes in the parameters.
+
+        Where the curve lies between two counts is unknown to less than a count: the mean is over
+        all such places, the same in each test.
+        """
+        pieces = self.problem.pieces
+        curves = [p.pressure + self.residuals(i) for i, p in enumerate(pieces)]
+        errors = [
+            np.concatenate(
+                [
+                    p.converter.rounding(curve + share * p.converter.quantum)
+                    for p, curve in zip(pieces, curves, strict=True)
+                ]
+            )
+            for share in np.arange(_PLACES) / _PLACES
+        ]
+        steps = self.fit.steps_for(np.array(errors))
+        return np.asarray(steps.T @ steps / _PLACES)
 
     def residuals(self, index: int) -> FloatArray:
         """Fitted less measured pressure of one piece, (n_i,) Pa."""

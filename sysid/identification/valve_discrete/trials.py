@@ -21,6 +21,7 @@ from sysid.io.rig import Air, Cylinder, Rig
 from sysid.io.trial_kind import HELD_SHARE
 from sysid.plant.base import CRITICAL_RATIO, chamber_volume
 from sysid.plant.valve_timing import switched_intervals
+from sysid.signals import NoiseFloor
 from sysid.types import BoolArray, FloatArray
 
 FILLING = ("choked_flow_fill_kg_s", "c_fill", "on_delay_s")
@@ -45,7 +46,8 @@ class Piece:
 
     `pressure` (n,) Pa at `chamber.time`; `initial`, `atmosphere` Pa are start values of the fit;
     `supply_shift` Pa is added to the chamber's supply. `fits_supply` and `fits_atmosphere`:
-    the piece shows the settled pressure, so that the fit estimates it. `noise` Pa; `volume` m3.
+    the piece shows the settled pressure, so that the fit estimates it. `noise` Pa, of which the
+    sensor's `converter` says more; `volume` m3.
     `flow_control`: whether the flow control that the valve has, if any, was in place.
     """
 
@@ -61,6 +63,7 @@ class Piece:
     fits_atmosphere: bool
     supply_logged: bool
     volume: float
+    converter: NoiseFloor
     fits_initial: bool = True
     flow_control: bool = True
 
@@ -126,8 +129,7 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
             both = "the fill and the bleed valve are on together, whose flows add up"
             return Screened((), (f"{trial.source}: excluded: {both}",), _all_reasons(both))
     pressure = trial[channel]
-    noise = max(signals.noise_floor(pressure).total, _LEAST_NOISE_PA)
-    whole = _whole(trial, pressure, noise, valve, air, volume)
+    whole = _whole(trial, pressure, valve, air, volume)
     return _cut(trial, whole, valve, air, keep_rise)
 
 
@@ -157,11 +159,10 @@ def _volume(trial: Trial, valve: str, rig: Rig) -> tuple[float, float]:
     return middle, float(np.ptp(volumes)) / middle
 
 
-def _whole(
-    trial: Trial, pressure: FloatArray, noise: float, valve: str, air: Air, volume: float
-) -> Piece:
+def _whole(trial: Trial, pressure: FloatArray, valve: str, air: Air, volume: float) -> Piece:
     """The test as one piece, before anything is cut."""
-    time = trial.time
+    time, floor = trial.time, signals.noise_floor(pressure)
+    noise = max(floor.total, _LEAST_NOISE_PA)
     two = f"valve_{valve}_fill" in trial
     fills = trial[f"valve_{valve}_fill" if two else f"valve_{valve}"]
     opens, closes = switched_intervals(time, fills)
@@ -184,7 +185,7 @@ def _whole(
     p0 = air.atmospheric_pressure_pa
     return Piece(
         trial.label, trial.source, chamber, pressure, noise, float(pressure[0]), 0.0, False, p0,
-        False, logged, volume, flow_control=trial.flow_control,
+        False, logged, volume, floor, flow_control=trial.flow_control,
     )  # fmt: skip
 
 
