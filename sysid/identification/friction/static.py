@@ -51,9 +51,8 @@ REST_S = 0.03
 TRAVEL_SHARE = 1e-3  # of the stroke: motion beyond it is more than presliding
 SUSTAINED_SHARE = 1e-2  # of the stroke: a movement that ends within it was a slip
 NOISE_TIMES, QUANTUM_TIMES = 8.0, 4.0
-# To tell creep a movement is looked at over so many times its presliding range, and again; and how
-# many times the onset's effort is much more.
-_LONGER_WAY, _MUCH_MORE = SUSTAINED_SHARE / TRAVEL_SHARE, 2.0
+# To tell creep a movement is looked at over so many times its presliding range, and again.
+_LONGER_WAY = SUSTAINED_SHARE / TRAVEL_SHARE
 AVERAGE_S = 0.2  # of the efforts before the onset
 POSITION_GAP = 0.05  # of the stroke, between one start position and the next
 # In a motion that grows as the cube of time the first pause between counts is up to four times the
@@ -276,10 +275,10 @@ def _creep(trial: Recording, onset: Onset) -> _Creep | None:
     a movement that breaks away within it.
 
     From rest a ramp moves a shaft by the square to the cube of time. It crept if it has moved
-    before the onset and passes a longer way later or sooner than that (friction that falls with
-    speed lets it do so from rest), or if the effort still grows much while it leaves the range. The
-    longer way is looked at in the same manner. What is friction and what is inertia beyond it is
-    not told apart: breakaway lies below the effort at which the shaft has gone that way.
+    before the onset, passes a longer way later or sooner than that (friction that falls with speed
+    lets it do so from rest) and at a larger effort; or if the effort doubles while it leaves the
+    range. The longer way is looked at in the same manner. What is friction and what is inertia
+    beyond it is not told apart: breakaway lies below the effort at which the shaft has gone it.
     """
     if onset.place is not None:
         return None
@@ -299,14 +298,15 @@ def _creep(trial: Recording, onset: Onset) -> _Creep | None:
         return None
     while True:
         start, there, longer = found.index - before, passed(way), _LONGER_WAY * way
-        grows = effort[there] > _MUCH_MORE * effort[start]
+        growth, later = effort[[there, passed(longer)]] - effort[start]
         further = moved[-1] > longer
         lasts = there - start
-        ago = max(found.index - lasts, 0)
+        ago = max(found.index - (passed(longer) - start), 0)
         just = onset.direction * (trial.position[found.index] - trial.position[ago])
         latest, soonest = (lasts * _LONGER_WAY ** (1.0 / power) for power in (2.0, 3.0))
         from_rest = _LONGER_WAY * just <= way or soonest <= passed(longer) - start <= latest
-        if not grows and (from_rest or not further):
+        is_sharp = from_rest or not further or _LONGER_WAY * later <= effort[start]
+        if is_sharp and growth <= effort[start]:
             break
         has_crept = True
         if not further:
