@@ -285,34 +285,32 @@ def _creep(trial: Recording, onset: Onset) -> _Creep | None:
     before = min(onset.before, onset.index)
     found, way, has_crept = replace(onset, before=before), onset.threshold, False
     moved = found.moved(trial)
+    last = len(moved) - 1
     effort = onset.direction * trial.applied[before : before + len(moved)]
 
     def passed(distance: float) -> int:
-        return int(np.argmax(moved > distance)) if moved[-1] > distance else len(moved) - 1
+        return int(np.argmax(moved > distance)) if moved[-1] > distance else last
 
-    # Against the effort nothing creeps: its sign, or a load, is wrong.
-    if (
-        _LONGER_WAY * effort[found.index - before] < -effort[passed(way)]
-        or effort[passed(way)] <= 0
-    ):
-        return None
+    start, there = min(onset.index - before, last), passed(way)
+    if effort[there] <= 0.0 or _LONGER_WAY * effort[start] < -effort[there]:
+        return None  # against the effort nothing creeps: its sign, or a load, is wrong
     while True:
-        start, there, longer = found.index - before, passed(way), _LONGER_WAY * way
-        growth, later = effort[[there, passed(longer)]] - effort[start]
-        further = moved[-1] > longer
-        lasts = there - start
-        ago = max(found.index - (passed(longer) - start), 0)
+        there, longer = passed(way), passed(_LONGER_WAY * way)
+        is_further = moved[-1] > _LONGER_WAY * way
+        own, grown, most = effort[[start, there, longer]]
+        latest, soonest = ((there - start) * _LONGER_WAY ** (1.0 / k) for k in (2.0, 3.0))
+        ago = max(found.index - (longer - start), 0)
         just = onset.direction * (trial.position[found.index] - trial.position[ago])
-        latest, soonest = (lasts * _LONGER_WAY ** (1.0 / power) for power in (2.0, 3.0))
-        from_rest = _LONGER_WAY * just <= way or soonest <= passed(longer) - start <= latest
-        is_sharp = from_rest or not further or _LONGER_WAY * later <= effort[start]
-        if is_sharp and growth <= effort[start]:
+        from_rest = _LONGER_WAY * just <= way or soonest <= longer - start <= latest
+        is_sharp = from_rest or not is_further or _LONGER_WAY * (most - own) <= own
+        if is_sharp and grown <= 2.0 * own:
             break
         has_crept = True
-        if not further:
+        if not is_further:
             break
-        found, way = _within_way(trial, found, moved, longer), longer
-        found = replace(found, index=max(found.index, before))
+        way *= _LONGER_WAY
+        found = _within_way(trial, found, moved, way)
+        start = min(max(found.index - before, 0), last)
     if not has_crept:
         return None
     until = max(passed(_LONGER_WAY * way), start)
