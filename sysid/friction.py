@@ -205,6 +205,7 @@ def _reversed(
     likely = [n for n in ranked if _alike(found[n], best)]
     fix = next(t.reversed_map(name) for t in trials if name in t)
     sliding = rig.units.keyed(best.of_sliding())
+    sliding = sliding or {c.expression: c.estimate for c in best.combinations}
     numbers = ", ".join(f"{n} = {e.value:.3g} {e.unit}" for n, e in sliding.items())
     return (
         f"the sign of {' or of '.join(likely)} is reversed: with the other sign the fit is good"

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from sysid.checks.bench import bench_identified, bench_kind
 from sysid.checks.log_check import check_log
 from sysid.diagnosis.bench.component import Law, rmse
 from sysid.diagnosis.bench.fitting import fit_law
@@ -271,6 +272,24 @@ def test_a_test_without_a_discharge_is_left_out() -> None:
     assert line.startswith("excluded: tank 10: c_dis is not identified")
     with pytest.raises(NotIdentifiedError, match="tank 10: c_dis"):
         tank([empty], rig())
+
+
+@pytest.mark.parametrize(
+    ("columns", "missing"),
+    [
+        ({"pressure_b_pa": 3e5}, "column pressure_a_pa is missing"),
+        ({"pressure_a_pa": 3e5, "valve_b": 0.0}, "column pump_volts is missing"),
+    ],
+)
+def test_a_tank_on_the_other_sides_columns_is_a_tank(
+    columns: dict[str, float], missing: str
+) -> None:
+    time = np.arange(0.0, 5.0, 0.01)
+    channels = {name: np.full(len(time), value) for name, value in columns.items()}
+    trial = Trial("1", time, channels, "log.csv")
+    assert bench_kind(trial, rig()) == "tank"
+    (row,) = bench_identified("tank", [trial], rig())
+    assert row.reason.startswith("this is a tank's discharge") and missing in row.reason
 
 
 def test_check_says_what_a_tank_identifies() -> None:

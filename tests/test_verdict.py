@@ -312,11 +312,24 @@ def shaken() -> Trial:
     return Trial("0", time, {"theta_rad": position, "motor_torque_nm": effort}, "shaken")
 
 
+def driven() -> Trial:
+    """To and fro at one speed, with ramps of 40 ms: friction is one sum."""
+    rng, time = np.random.default_rng(5), 0.002 * np.arange(8000)
+    left = (time / 2.0) % 1.0
+    way = np.where((time / 4.0) % 1.0 < 0.5, 1.0, -1.0)
+    speed = 2.0 * way * np.clip(np.minimum(left, 1.0 - left) / 0.02, 0.0, 1.0)
+    effort = 2e-3 * np.gradient(speed, time) + 0.2 * np.sign(speed) + 0.02 * speed
+    effort += 0.005 * rng.standard_normal(len(time))
+    position = 0.002 * np.cumsum(speed)
+    return Trial("0", time, {"theta_rad": position, "motor_torque_nm": effort}, "driven")
+
+
 @pytest.mark.parametrize(
     ("tests", "rig"),
     [
         ([swing(), swing(phase=1.0)], BARE),
         ([shaken()], BARE),
+        ([driven()], BARE),
         ([constant(w * n, s) for w in (1, -1) for n in (0.3, 0.4) for s in (0.0, 0.01)], BARE),
         ([ramp(0.333, 0.208, x, 1) for x in (-0.3, 0.0, 0.3)], BARE),
     ],

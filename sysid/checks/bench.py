@@ -26,12 +26,14 @@ def bench_kind(trial: Trial, rig: Rig) -> str | None:
 
 def _is_of_a_tank(trial: Trial, rig: Rig) -> bool:
     """Whether a test has one pressure and no motion channel, on a rig with a tank."""
-    if rig.tank is None or "pressure_a_pa" not in trial:
+    present, pressures = {*trial.channels}, {"pressure_a_pa", "pressure_b_pa"}
+    if rig.tank is None or len(pressures & present) != 1:
         return False
-    others = {"pressure_b_pa", rig.position_channel, rig.effort_channel}
-    # Where there is an actuator as well, a valve's command may be of that.
-    others |= {*VALVE_COMMANDS} - ({_VALVE} if rig.is_tank_alone else set())
-    return not others & {*trial.channels}
+    others = {rig.position_channel, rig.effort_channel}
+    if not rig.is_tank_alone:
+        # Of an actuator's chambers and valves, too, a log may hold one alone.
+        others |= {"pressure_b_pa", *VALVE_COMMANDS}
+    return not others & present
 
 
 def bench_identified(kind: str, trials: Sequence[Trial], rig: Rig) -> Iterator[Identification]:

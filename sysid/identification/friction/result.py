@@ -271,7 +271,9 @@ class FrictionResult(NamedEstimates, Shown):
         """Whether all that was fitted is good or usable, and friction is significantly
         positive: a log with another fault does not show this by chance."""
         static, viscous = self.parameters["static"], self.parameters["viscous"]
-        told = self._of_coulomb() if viscous.identified else []
+        # At one speed each way, what resists is one sum: the effort turns with the motion.
+        turns = self.source == MOTION and self.motion is not None and self.motion.both_ways
+        told = self._of_coulomb() if viscous.identified or turns else []
         if self.source == STATIC:
             told = [static] if static.identified else []
         doubted = any(q.verdict.startswith(("poor", "imp")) for q in self.quality.values())
