@@ -44,7 +44,7 @@ from sysid.friction import (
     static_summary,
 )
 from sysid.identification.friction.counted_onset import begins_by_counts
-from sysid.identification.friction.static import StaticFriction, find_onset, rested
+from sysid.identification.friction.static import StaticFriction, breakaway, find_onset, rested
 from sysid.io.logs import Trial
 from sysid.io.motion import ROTARY
 from sysid.io.rig import Rig, rig_from_content
@@ -143,6 +143,25 @@ def test_contacts_that_give_way_are_no_breakaway(stiffness: float, rate: float) 
         assert low < 0.49 and high > 0.48 and len(told) == 1 and "4 tests" not in told[0]
         assert 0.35 < static.value < 0.6
         assert all(one.estimate.interval[0] < 0.49 for one in result.static.by_position)
+
+
+@pytest.mark.parametrize("first", [0, 100, 200])
+def test_whatever_a_shaft_does_a_ramp_has_an_answer(first: int) -> None:
+    """It jumps by several counts within a row, slips and slips back, or wanders."""
+    answers = set()
+    for seed in range(first, first + 100):
+        rng = np.random.default_rng(seed)
+        time = 1e-3 * np.arange(int(rng.integers(30, 1500)))
+        speed = np.cumsum(rng.normal(size=len(time)) * 10.0 ** rng.uniform(-3.0, 0.0))
+        theta = 1e-3 * np.cumsum(np.abs(speed) if seed % 3 == 0 else speed)
+        theta *= time > time[len(time) // 2] if seed % 3 == 1 else 1.0
+        count = 10.0 ** rng.uniform(-5.0, -2.0)
+        effort = rng.choice([-1.0, 1.0]) * time * 10.0 ** rng.uniform(-2.0, 1.0)
+        channels = {"motor_torque_nm": effort, "theta_rad": count * np.round(theta / count)}
+        found = breakaway(recorded(Trial("t", time, channels, "made"), BARE, []), BARE.units)
+        assert found.used == ("position" in found.values) and (found.used or found.reason)
+        answers.add((found.used, "creep_low" in found.values))
+    assert answers == {(False, False), (True, False), (True, True)}
 
 
 def test_a_ramp_that_never_moves_is_left_out_by_name() -> None:

@@ -299,7 +299,7 @@ def _creep(trial: Recording, onset: Onset) -> _Creep | None:
         is_further = moved[-1] > _LONGER_WAY * way
         own, grown, most = effort[[start, there, longer]]
         latest, soonest = ((there - start) * _LONGER_WAY ** (1.0 / k) for k in (2.0, 3.0))
-        ago = max(found.index - (longer - start), 0)
+        ago = max(found.index - max(longer - start, 0), 0)
         just = onset.direction * (trial.position[found.index] - trial.position[ago])
         from_rest = _LONGER_WAY * just <= way or soonest <= longer - start <= latest
         is_sharp = from_rest or not is_further or _LONGER_WAY * (most - own) <= own
@@ -438,7 +438,7 @@ def _counts(trial: Recording, presliding: float) -> NDArray[np.intp]:
 
 def _by_edges(trial: Recording, counts: NDArray[np.intp]) -> CountedStart | None:
     """The start of the motion whose first counts are after these samples (k,); None where fewer
-    than it takes go one way."""
+    than it takes go one way, or all within a row."""
     efforts = _Efforts.of(trial)
     most = MOST if efforts is None else MOST_PUSHED
     change = trial.position[counts + 1] - trial.position[counts]
@@ -448,7 +448,7 @@ def _by_edges(trial: Recording, counts: NDArray[np.intp]) -> CountedStart | None
     ways = np.repeat(np.sign(sizes), np.abs(sizes))[:most]
     one_way = signals.runs(ways == ways[0])[0][1] if len(ways) else 0
     rows = rows[: max(one_way, MOST)]
-    if len(rows) < FEWEST or one_way < len(rows):
+    if len(rows) < FEWEST or one_way < len(rows) or rows[0] == rows[-1]:
         return None
     edges = 0.5 * (trial.time[rows] + trial.time[rows + 1])
     pushed = None
