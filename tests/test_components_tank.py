@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sysid.checks.bench import bench_identified, bench_kind
+from sysid.checks.friction import friction_identified
 from sysid.checks.log_check import check_log
 from sysid.diagnosis.bench.component import Law, rmse
 from sysid.diagnosis.bench.fitting import fit_law
@@ -290,6 +291,20 @@ def test_a_tank_on_the_other_sides_columns_is_a_tank(
     assert bench_kind(trial, rig()) == "tank"
     (row,) = bench_identified("tank", [trial], rig())
     assert row.reason.startswith("this is a tank's discharge") and missing in row.reason
+
+
+@pytest.mark.parametrize("extra", [{}, {"valve_a": 0.0}, {"theta_rad": 0.0}])
+def test_one_pressure_may_be_a_tanks_whose_rig_file_does_not_say_so(
+    extra: dict[str, float],
+) -> None:
+    time = np.arange(0.0, 5.0, 0.01)
+    columns = {"pressure_a_pa": 3e5, **extra}
+    channels = {name: np.full(len(time), value) for name, value in columns.items()}
+    trial = Trial("1", time, channels, "log.csv")
+    arm = Rig("arm", "horizontal", "rotary")
+    (reason,) = {row.reason for row in friction_identified([trial], arm)}
+    assert "motor_torque_nm is missing" in reason
+    assert ("rig file has [tank]" in reason) == ("theta_rad" not in extra)
 
 
 def test_check_says_what_a_tank_identifies() -> None:

@@ -10,6 +10,7 @@ from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.friction import FrictionResult, fit_friction
 from sysid.io.campaign import FRICTION_KINDS, FRICTION_POINTS, MOTION_KINDS
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.logs import Trial
 from sysid.io.motion import MotionUnits
 from sysid.io.rig import Rig
@@ -47,10 +48,19 @@ def friction_identified(
             else f"column {rig.effort_channel} is missing, and so is a chamber pressure: map what "
             "drives the shaft, an effort or both pressures"
         )
+        if all(_is_of_one_pressure(t, rig) for t in trials):
+            why += "; one pressure and no position is a tank's test, where the rig file has [tank]"
         for parameter in (*_names(u), "inertia"):
             yield Identification(parameter, False, why)
         return
     yield from _each(rig, declared, partial(_fitted, trials, rig, declared))
+
+
+def _is_of_one_pressure(trial: Trial, rig: Rig) -> bool:
+    """Whether a test may be one of a vessel, by its columns."""
+    return (
+        rig.position_channel not in trial and sum(name in trial for name in CHAMBER_PRESSURES) == 1
+    )
 
 
 def friction_together(
