@@ -899,6 +899,10 @@ def test_estimates_show_two_digits_of_their_error() -> None:
     delay = Estimate(0.00151, 2.1e-5, "s", (-math.inf, 0.00155))
     narrow = Estimate(0.1000000716, 9.4e-7, "1/rad2", (0.09999823, 0.10000191))
     assert numbers.si_cells(narrow)[:2] == ("0.10000", "0.099998 to 0.10000")
+    for ends, text in (((2.49, math.inf), "2.49 to inf"), ((-math.inf, math.inf), "")):
+        one_sided = Estimate(70.89, math.inf, "W/K", ends)
+        assert numbers.si_cells(one_sided) == ("70.89", text, "W/K")
+    assert numbers.si_cells(Estimate(1.0, math.nan, "-", (math.nan, 2.0)))[1] == ""
     assert numbers.estimate_cells(delay) == ("1.510", "0.021", "−∞ to 1.550", "ms")
     missing = Estimate.unidentified("Nm", "no test")
     assert numbers.estimate_cells(missing)[::2] == ("not identified", "no test")

@@ -153,7 +153,9 @@ def si_cells(estimate: Estimate) -> tuple[str, str, str]:
         return "not identified", estimate.reason, ""
     low, high = estimate.interval
     if not (math.isfinite(low) and math.isfinite(high)):
-        return f"{estimate.value:.4g}", "", estimate.unit
+        is_open = not math.isnan(low - high) and not math.isinf(min(abs(low), abs(high)))
+        interval = f"{low:.4g} to {high:.4g}" if is_open else ""
+        return f"{estimate.value:.4g}", interval, estimate.unit
     form = _distinct(low, high)
     interval = f"{low:{form}} to {high:{form}}"
     return f"{estimate.value:{form}}", interval, estimate.unit
