@@ -201,12 +201,10 @@ def _with_creep(found: StaticFriction, crept: Sequence[TrialUse], used: int) -> 
     """With the error of ramps that crept, of so many: anywhere between two efforts in each, and
     alike in all, so that it is no smaller in a mean."""
     low, high = (np.array([use.values[f"creep_{end}"] for use in crept]) for end in ("low", "high"))
-    std = float(np.mean(high - low)) / math.sqrt(12.0) * len(crept) / used
+    reach = float(np.sum(high - low)) / (2.0 * used)
 
     def less_certain(one: Estimate) -> Estimate:
-        half = math.hypot(t_quantile(math.inf) * std, 0.5 * (one.interval[1] - one.interval[0]))
-        interval = (max(one.value - half, 0.0), one.value + half)
-        return replace(one, std=math.hypot(one.std, std), interval=interval)
+        return one.with_uniform_error(reach).within(0.0, math.inf)
 
     unit = found.estimate.unit
     notice = (
@@ -242,8 +240,8 @@ def breakaway(trial: Recording, units: MotionUnits) -> TrialUse:
     at_rest = trial.with_position(trial.position + (onset.place or 0.0))
     effort = motor + cylinder - float(np.mean(at_rest.load_effort[window]))
     creep = _creep(trial, onset)
-    if creep is not None:
-        effort = onset.direction * (creep.low + creep.high) / 2.0
+    if creep:
+        effort = onset.direction * (creep["creep_low"] + creep["creep_high"]) / 2.0
     use.values = {"breakaway": effort, "direction": float(onset.direction)}
     if effort * onset.direction <= 0.0:
         use.exclude(
@@ -256,23 +254,16 @@ def breakaway(trial: Recording, units: MotionUnits) -> TrialUse:
         "position": float(trial.position[0]),
         "onset_s": onset.time,
         "travel_threshold": onset.threshold,
-        **({} if creep is None else {"creep_low": creep.low, "creep_high": creep.high}),
+        **creep,
     }
     use.has_stopped = _has_stopped(trial.motor[: onset.index + 1])
     return use
 
 
-@dataclass(frozen=True)
-class _Creep:
-    """Efforts along the motion before and after breakaway, where none of the movement is sharp."""
-
-    low: float
-    high: float
-
-
-def _creep(trial: Recording, onset: Onset) -> _Creep | None:
-    """Of contacts that give way by more than the presliding range (seals, by a millimetre); None of
-    a movement that breaks away within it.
+def _creep(trial: Recording, onset: Onset) -> dict[str, float]:
+    """The efforts along the motion before and after breakaway, `creep_low` and `creep_high`, of
+    contacts that give way by more than the presliding range (seals, by a millimetre); empty of a
+    movement that breaks away within it.
 
     From rest a ramp moves a shaft by the square to the cube of time. It crept if it has moved
     before the onset, passes a longer way later or sooner than that (friction that falls with speed
@@ -281,7 +272,7 @@ def _creep(trial: Recording, onset: Onset) -> _Creep | None:
     beyond it is not told apart: breakaway lies below the effort at which the shaft has gone it.
     """
     if onset.place is not None:
-        return None
+        return {}
     before = min(onset.before, onset.index)
     found, way, has_crept = replace(onset, before=before), onset.threshold, False
     moved = found.moved(trial)
@@ -293,7 +284,7 @@ def _creep(trial: Recording, onset: Onset) -> _Creep | None:
 
     start, there = min(onset.index - before, last), passed(way)
     if effort[there] <= 0.0 or _LONGER_WAY * effort[start] < -effort[there]:
-        return None  # against the effort nothing creeps: its sign, or a load, is wrong
+        return {}  # against the effort nothing creeps: its sign, or a load, is wrong
     while True:
         there, longer = passed(way), passed(_LONGER_WAY * way)
         is_further = moved[-1] > _LONGER_WAY * way
@@ -309,12 +300,13 @@ def _creep(trial: Recording, onset: Onset) -> _Creep | None:
         if not is_further:
             break
         way *= _LONGER_WAY
-        found = _within_way(trial, found, moved, way)
+        found = _within_way(trial, found, way)
         start = min(max(found.index - before, 0), last)
     if not has_crept:
-        return None
+        return {}
     until = max(passed(_LONGER_WAY * way), start)
-    return _Creep(max(float(effort[start]), 0.0), float(np.max(effort[start : until + 1])))
+    most = float(np.max(effort[start : until + 1]))
+    return {"creep_low": max(float(effort[start]), 0.0), "creep_high": most}
 
 
 def breakaway_of(use: TrialUse) -> float:
@@ -546,17 +538,14 @@ def _locate(trial: Recording, before: int, after: int, threshold: float, hold: i
     """
     way = 1 if trial.position[after] > trial.position[before] else -1
     movement = Onset(float(trial.time[before]), before, way, threshold, before=before)
-    moved = way * (trial.position[before : after + 1] - trial.position[before])
-    return _within_way(trial, movement, moved, threshold, 2 * hold)
+    return _within_way(trial, movement, threshold, 2 * hold)
 
 
-def _within_way(
-    trial: Recording, movement: Onset, moved: FloatArray, way: float, least: int = 0
-) -> Onset:
-    """Onset of a movement by its course until it has `moved` (k,) by more than `way`, and as long
-    before, or `least` samples."""
+def _within_way(trial: Recording, movement: Onset, way: float, least: int = 0) -> Onset:
+    """Onset of a movement by its course until it has moved by more than `way`, and as long before,
+    or `least` samples."""
     x, t, before = trial.position, trial.time, movement.before
-    end = before + int(np.argmax(moved > way))
+    end = before + int(np.argmax(movement.moved(trial) > way))
     first = max(0, before - max(least, end - before))
     times, course = t[first : end + 1], movement.direction * (x[first : end + 1] - x[before])
 
