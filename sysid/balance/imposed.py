@@ -29,8 +29,8 @@ _WIDER = 3.0
 _LEAST_SCALE = 1e-3
 # Lengths of the filter after which nothing is left of an impulse, and what is nothing of it.
 _FADED, _SEEN = 2, 1e-2
-# Numbers of an array that a processor keeps at hand: of more models at once none is faster.
-_CACHED = 32_768
+# Numbers of an array, 8 MB: all models at once are fastest, and a long test needs no more memory.
+_AT_ONCE = 2**20
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def effort_gaps(motions: Sequence[ImposedMotion], models: Sequence[Model]) -> li
     the motor gives, would explain everything.
     """
     longest = max((len(motion.recording) for motion in motions), default=1)
-    most = max(1, _CACHED // longest)
+    most = max(1, _AT_ONCE // longest)
     parts = [models[k : k + most] for k in range(0, len(models), most)]
     rows = [(in_rows(list(part)), len(part)) for part in parts]
     gaps = [np.concatenate([_gap(motion, *part) for part in rows]) for motion in motions]

@@ -46,6 +46,11 @@ class MotionUnits:
         return f"{self.position}/s"
 
     @property
+    def place(self) -> str:
+        """What the position is called: "angle" or "position"."""
+        return "position" if self is LINEAR else "angle"
+
+    @property
     def speed_channel(self) -> str:
         """The channel of a measured speed."""
         return VELOCITY_CHANNELS[self.position_channel]

@@ -189,14 +189,20 @@ class Axis(Component):
 
     def _acting(self, probes: Sequence[CatalogueEffect]) -> CatalogueEffect | None:
         """The first of these that changes the balance beyond rounding."""
-        values, every = {p.name: p.value for p in self.parameters()}, range(len(self.cases))
-        plain = np.concatenate(self.residuals(Law(values), every))
+        law, plain = self._unprobed
         least = _LEAST_CHANGE * np.max(np.abs(plain))
-        changed = self.residuals_of([Law(values, (probe,)) for probe in probes], every)
+        laws = [Law(law.values, (probe,)) for probe in probes]
+        changed = self.residuals_of(laws, range(len(self.cases)))
         for probe, own in zip(probes, changed, strict=True):
             if np.max(np.abs(np.concatenate(own) - plain)) > least:
                 return probe
         return None
+
+    @cached_property
+    def _unprobed(self) -> tuple[Law, FloatArray]:
+        """The law at its first guess without effects, and its residual on all tests, (n,)."""
+        law = Law({p.name: p.value for p in self.parameters()})
+        return law, np.concatenate(self.residuals(law, range(len(self.cases))))
 
     def side(self) -> str:
         return "both"
@@ -288,7 +294,7 @@ class Axis(Component):
             p = case.point
             own = {
                 "velocity": p.velocity,
-                "position" if self.rig.is_linear else "angle": p.position,
+                self.rig.units.place: p.position,
                 "acceleration": case.seen.acceleration,
                 "motor": p.motor,
                 "time": p.time,

@@ -257,7 +257,7 @@ class FrictionPoints(Component):
         rows = np.asarray(tests, dtype=np.intp)
         u = self.units
         known = {
-            "angle" if u.position == "rad" else "position": self.position,
+            u.place: self.position,
             "direction": self.direction,
             "number of the reading": self.number,
         }
