@@ -103,7 +103,7 @@ class CurveFit:
         errors = [
             np.concatenate(
                 [
-                    p.converter.rounding(curve + share * p.converter.quantum)
+                    p.sensor.rounding(curve + share * p.sensor.quantum)
                     for p, curve in zip(pieces, curves, strict=True)
                 ]
             )

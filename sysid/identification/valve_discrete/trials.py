@@ -46,8 +46,8 @@ class Piece:
 
     `pressure` (n,) Pa at `chamber.time`; `initial`, `atmosphere` Pa are start values of the fit;
     `supply_shift` Pa is added to the chamber's supply. `fits_supply` and `fits_atmosphere`:
-    the piece shows the settled pressure, so that the fit estimates it. `noise` Pa, of which the
-    sensor's `converter` says more; `volume` m3.
+    the piece shows the settled pressure, so that the fit estimates it. `sensor`: its noise floor,
+    Pa; `volume` m3.
     `flow_control`: whether the flow control that the valve has, if any, was in place.
     """
 
@@ -55,7 +55,7 @@ class Piece:
     source: str
     chamber: HeldChamber
     pressure: FloatArray
-    noise: float
+    sensor: NoiseFloor
     initial: float
     supply_shift: float
     fits_supply: bool
@@ -63,9 +63,13 @@ class Piece:
     fits_atmosphere: bool
     supply_logged: bool
     volume: float
-    converter: NoiseFloor
     fits_initial: bool = True
     flow_control: bool = True
+
+    @property
+    def noise(self) -> float:
+        """The whole error of a sample, Pa; never so little that rounding counts."""
+        return max(self.sensor.total, _LEAST_NOISE_PA)
 
     @property
     def way(self) -> float:
@@ -161,8 +165,7 @@ def _volume(trial: Trial, valve: str, rig: Rig) -> tuple[float, float]:
 
 def _whole(trial: Trial, pressure: FloatArray, valve: str, air: Air, volume: float) -> Piece:
     """The test as one piece, before anything is cut."""
-    time, floor = trial.time, signals.noise_floor(pressure)
-    noise = max(floor.total, _LEAST_NOISE_PA)
+    time, sensor = trial.time, signals.noise_floor(pressure)
     two = f"valve_{valve}_fill" in trial
     fills = trial[f"valve_{valve}_fill" if two else f"valve_{valve}"]
     opens, closes = switched_intervals(time, fills)
@@ -184,8 +187,8 @@ def _whole(trial: Trial, pressure: FloatArray, valve: str, air: Air, volume: flo
     )
     p0 = air.atmospheric_pressure_pa
     return Piece(
-        trial.label, trial.source, chamber, pressure, noise, float(pressure[0]), 0.0, False, p0,
-        False, logged, volume, floor, flow_control=trial.flow_control,
+        trial.label, trial.source, chamber, pressure, sensor, float(pressure[0]), 0.0, False, p0,
+        False, logged, volume, flow_control=trial.flow_control,
     )  # fmt: skip
 
 
