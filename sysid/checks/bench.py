@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from sysid.checks.friction import Identification, bench_fit
+from sysid.checks.friction import Identification, bench_fit, is_of_one_pressure
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.kinds import FRICTION_POINTS, KIND_BY_COLUMN
@@ -26,14 +26,13 @@ def bench_kind(trial: Trial, rig: Rig) -> str | None:
 
 def _is_of_a_tank(trial: Trial, rig: Rig) -> bool:
     """Whether a test has one pressure and no motion channel, on a rig with a tank."""
-    present, pressures = {*trial.channels}, {"pressure_a_pa", "pressure_b_pa"}
-    if rig.tank is None or len(pressures & present) != 1:
+    if rig.tank is None or not is_of_one_pressure(trial, rig):
         return False
-    others = {rig.position_channel, rig.effort_channel}
+    others = {rig.effort_channel}
     if not rig.is_tank_alone:
         # Of an actuator's chambers and valves, too, a log may hold one alone.
         others |= {"pressure_b_pa", *VALVE_COMMANDS}
-    return not others & present
+    return not others & {*trial.channels}
 
 
 def bench_identified(kind: str, trials: Sequence[Trial], rig: Rig) -> Iterator[Identification]:

@@ -48,7 +48,7 @@ def friction_identified(
             else f"column {rig.effort_channel} is missing, and so is a chamber pressure: map what "
             "drives the shaft, an effort or both pressures"
         )
-        if all(_is_of_one_pressure(t, rig) for t in trials):
+        if all(is_of_one_pressure(t, rig) for t in trials):
             why += "; one pressure and no position is a tank's test, where the rig file has [tank]"
         for parameter in (*_names(u), "inertia"):
             yield Identification(parameter, False, why)
@@ -56,7 +56,7 @@ def friction_identified(
     yield from _each(rig, declared, partial(_fitted, trials, rig, declared))
 
 
-def _is_of_one_pressure(trial: Trial, rig: Rig) -> bool:
+def is_of_one_pressure(trial: Trial, rig: Rig) -> bool:
     """Whether a test may be one of a vessel, by its columns."""
     return (
         rig.position_channel not in trial and sum(name in trial for name in CHAMBER_PRESSURES) == 1

@@ -133,16 +133,18 @@ class LogCheck(Shown):
         apart = "; it contradicts the rig file" if self.contradicts else ""
         return f"{name} identifies {_listed(yes)}{lacking}{apart}"
 
-    def headline(self) -> str:
-        """The file, its tests and its sampling."""
+    @property
+    def extent(self) -> str:
+        """Its tests by kind, and how long and how often they were sampled."""
         kinds = ", ".join(f"{count} x {kind}" for kind, count in self.kinds.items())
         if self.by_row:
-            return f"{self.file}: {kinds}; {self.rows} readings"
-        gaps = f"{self.gaps} gaps" if self.gaps else "no gaps"
-        return (
-            f"{self.file}: {kinds}; {self.rows} rows, {self.duration_s:.4g} s, every "
-            f"{self.period_s:.4g} s, {gaps}"
-        )
+            return f"{kinds}; {self.rows} readings"
+        return f"{kinds}; {self.rows} rows, {self.duration_s:.4g} s, every {self.period_s:.4g} s"
+
+    def headline(self) -> str:
+        """The file, its tests and its sampling."""
+        gaps = f", {self.gaps} gaps" if self.gaps else ", no gaps"
+        return f"{self.file}: {self.extent}{'' if self.by_row else gaps}"
 
     def records(self) -> list[dict[str, Any]]:
         """One record per measured channel: range, resolution and noise in its own unit."""

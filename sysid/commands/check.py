@@ -177,17 +177,13 @@ def _log(check: LogCheck) -> Iterator[Printed]:
 
 
 def _blocks(check: LogCheck) -> Iterator[Printed]:
-    kinds = ", ".join(f"{n} x {k}" for k, n in check.kinds.items())
     yield Strong(check.file)
     if check.declared is not None:
         yield f"in the campaign: {check.declared}, {check.use}"
     if check.by_row:
-        yield f"{kinds}; {check.rows} readings"
+        yield check.extent
     else:
-        yield (
-            f"{kinds}; {check.rows} rows, {check.duration_s:.4g} s, every {check.period_s:.4g} s "
-            f"(jitter {check.jitter_s:.2g} s)"
-        )
+        yield f"{check.extent} (jitter {check.jitter_s:.2g} s)"
         longest = f"{check.gaps} gaps, the longest {check.longest_gap_s:.4g} s"
         yield longest if check.gaps else "no gaps"
     yield from check.left_out()

@@ -30,7 +30,7 @@ from sysid.io.foreign_tests import (
     said_starts,
     without_wraps,
 )
-from sysid.io.measured_speed import of_readings
+from sysid.io.measured_speed import of_readings, timeless_line
 from sysid.io.motion import LINEAR, ROTARY
 from sysid.io.reshaping import joined_line, median_period
 from sysid.io.rig import nearest_rig_file, read_rig
@@ -147,10 +147,7 @@ def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.Da
     timeless = _are_readings(table, recipe, sources)
     if timeless:
         recipe = replace(recipe, period_s=1.0)
-        table.notices.append(
-            f"{table.path}: holds no time, but speeds and efforts: each row is a reading of "
-            "friction by itself (friction-points)"
-        )
+        table.notices.append(timeless_line(table.path))
     if "time_s" in sources and recipe.period_s is not None:
         raise input_error(table.path, "has a time_s column of its own", "omit --period")
     if "time_s" in sources and _numbers_samples(table, *sources["time_s"]):

@@ -25,6 +25,7 @@ from sysid.io.measured_speed import (
     contradiction,
     instead_of_position,
     of_readings,
+    timeless_line,
 )
 from sysid.io.reshaping import measured_period
 from sysid.io.responses import response_notices
@@ -192,10 +193,7 @@ def log_of(
     reading.origin |= {t: m.column for t, m in reading.maps.items() if t in reading.columns}
     if timeless:
         reading.columns["time_s"] = np.arange(len(reading.table.frame), dtype=np.float64)
-        reading.notices.append(
-            f"{path}: holds no time_s, but speeds and efforts: each row is a reading of friction "
-            "by itself (friction-points)"
-        )
+        reading.notices.append(timeless_line(path))
     groups = groups_of(reading, maps)
     _convert_position(reading)
     _convert_motor(reading)

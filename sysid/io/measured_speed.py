@@ -66,6 +66,14 @@ def of_readings(present: Set[str], units: MotionUnits) -> bool:
     return needed <= present and not present & {*CHAMBER_PRESSURES, *VALVE_COMMANDS}
 
 
+def timeless_line(where: object) -> str:
+    """The notice of a table of readings, which has no time."""
+    return (
+        f"{where}: holds no time_s, but speeds and efforts: each row is a reading of friction by "
+        "itself (friction-points)"
+    )
+
+
 def are_readings(channels: Mapping[str, FloatArray], rig: Rig) -> bool:
     """Whether rows (n,) are settled readings of friction (`friction-points`), not a recording.
 
@@ -167,5 +175,6 @@ __all__ = [
     "moves",
     "of_readings",
     "place_needed",
+    "timeless_line",
     "with_position",
 ]
