@@ -153,8 +153,8 @@ def si_cells(estimate: Estimate) -> tuple[str, str, str]:
         return "not identified", estimate.reason, ""
     low, high = estimate.interval
     if not (math.isfinite(low) and math.isfinite(high)):
-        is_open = not math.isnan(low - high) and not math.isinf(min(abs(low), abs(high)))
-        interval = f"{low:.4g} to {high:.4g}" if is_open else ""
+        has_one_end = math.isfinite(low) != math.isfinite(high) and not math.isnan(low - high)
+        interval = f"{low:.4g} to {high:.4g}" if has_one_end else ""
         return f"{estimate.value:.4g}", interval, estimate.unit
     form = _distinct(low, high)
     interval = f"{low:{form}} to {high:{form}}"
