@@ -32,7 +32,7 @@ GROUPS_MRAD = ((0.0, 1.0), (1.0, 5.0), (5.0, 60.0))
 
 
 @compiled
-def _moved(
+def bristled(
     effort: FloatArray, inertia: float, static: float, coulomb: float, speed: float,
     stiffness: float, viscous: float,
 ) -> tuple[FloatArray, float]:  # fmt: skip
@@ -86,7 +86,7 @@ def outcome(seed: int) -> Outcome:
     for number, way in enumerate((1, -1) * 3):
         scale = 1.0 + 0.02 * rng.normal()
         stiffness = static / presliding
-        theta, most = _moved(
+        theta, most = bristled(
             effort, inertia, static * scale, coulomb * scale, speed, stiffness, viscous
         )
         truths.append(most)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from benchmarks.soft_contacts import bristled
 from sysid.io.logs import Trial
 from sysid.io.rig import Cylinder, Inertia, Rig
 from sysid.types import FloatArray
@@ -97,25 +98,8 @@ def ramp(static: float, coulomb: float, start: float, way: int, rate: float = 0.
 def creeping_ramp(stiffness: float, way: int, rate: float) -> Trial:
     """A ramp on contacts that give way before they slide (LuGre): 0.5 Nm, 0.4 sliding."""
     effort = rate * PERIOD * np.arange(round(0.8 / rate / PERIOD))
-    theta = _crept(effort, stiffness)
-    stop = np.argmax(theta > 0.5) if theta.max() > 0.5 else len(theta)
-    return trial(f"{way:+d}", way * effort[:stop], way * theta[:stop])
-
-
-@njit(cache=True)
-def _crept(effort: FloatArray, stiffness: float) -> FloatArray:
-    """Twenty Euler steps a sample."""
-    theta = np.empty(len(effort))
-    x = w = z = 0.0
-    damping, h = 1.4 * math.sqrt(stiffness * INERTIA), PERIOD / 20
-    for k, torque in enumerate(effort):
-        theta[k] = x
-        for _ in range(20):
-            rate = w - stiffness * abs(w) * z / (0.4 + 0.1 * math.exp(-((w / 0.05) ** 2)))
-            w += h * (torque - stiffness * z - damping * rate - 0.1 * w) / INERTIA
-            x += h * w
-            z += h * rate
-    return theta
+    theta, _ = bristled(effort, INERTIA, 0.5, 0.4, 0.05, stiffness, 0.1)
+    return trial(f"{way:+d}", way * effort[: len(theta)], way * theta)
 
 
 def constant(
