@@ -56,6 +56,7 @@ from sysid.diagnosis.actuator.twins import (
 from sysid.diagnosis.actuator.unexplained import (
     curves,
     faintest,
+    imitated,
     leftover,
     remainders,
     repeating,
@@ -1068,6 +1069,23 @@ def test_what_no_effect_explains_is_said() -> None:
     assert 0.0 < entries[0].share <= 1.0
     assert len(entries[0].centres) == len(entries[0].means) > 3
     assert repeating(found, remainders(found, rig), entries, rig) == ()
+
+
+def test_effects_that_imitate_a_law_of_one_quantity_explain_nothing() -> None:
+    """An eddy brake's torque falls again above a speed: no friction of the catalogue does."""
+    campaign = made(("eddy-brake", "peak", 4.0), size=TWO_EACH)
+    found = close_loop(*campaign, [], simulated=lambda trial: 0.0)
+    first = found.search.first
+    imitating = refit(first, [QuadraticDrag(0.01), SealFriction(1e-7)])
+    model = Model(first.model.parameters, imitating.effects)
+    last = projected(first.frame, model, own_columns(first.frame, model))
+    steps: Any = imitating.effects
+    other = replace(found, search=replace(found.search, steps=steps, model=model, last=last))
+    (curve,) = imitated(other)
+    assert (curve.channel, curve.regressor) == ("effort", "velocity")
+    assert 0.2 < curve.share < 1.0
+    assert imitated(found) == ()
+    assert imitated(looped(SEALS)) == ()
 
 
 @pytest.mark.parametrize(

@@ -39,12 +39,12 @@ MOST_SCATTER = 0.1
 """Of friction, from test to test: tests that differ by more are not of one rig."""
 PER_DIRECTION = " times direction"
 """Ends the name of a quantity whose two directions of motion are kept apart."""
+FEWEST_TESTS = 3
+"""Two tests alone do not say how much tests differ by chance."""
+LEAST_IN_CELL = 2
+"""Samples of each test in one of the finest cells, on average: one may be any test's neighbour."""
 # Probability that an estimated number of independent cells is above its lower limit.
 _SURE = 0.99
-# Two tests alone do not say how much tests differ by chance.
-_FEWEST_TESTS = 3
-# Samples of each test in one of the finest cells, on average: one may be any test's neighbour.
-_LEAST_IN_CELL = 2
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class ResidualTable:
 
     def cells(self) -> Iterator[tuple[tuple[str, ...], Iterator[IntArray]]]:
         """Quantities, and the cell of each row (n,) from coarse to fine."""
-        finest = len(self) // (_LEAST_IN_CELL * len(np.unique(self.test)))
+        finest = len(self) // (LEAST_IN_CELL * len(np.unique(self.test)))
         for name, values in self.columns.items():
             yield (name,), _ladder(values, finest)
         for pair in self.pairs:
@@ -112,7 +112,7 @@ def dependences(table: ResidualTable) -> list[Dependence]:
     None of fewer than three tests.
     """
     test = np.unique(table.test, return_inverse=True)[1]
-    if not len(test) or test.max() + 1 < _FEWEST_TESTS:
+    if not len(test) or test.max() + 1 < FEWEST_TESTS:
         return []
     about = table.left - (np.bincount(test, table.left) / np.bincount(test))[test]
     tried = {
@@ -172,7 +172,7 @@ def _dependence(
     means = sums / np.maximum(held, 1)
     common = means.sum(axis=0) / np.maximum(tests, 1)
     # A test is predicted by the others that visit its cell, where enough do.
-    shared = tests >= _FEWEST_TESTS
+    shared = tests >= FEWEST_TESTS
     others = (tests * common - means) / np.maximum(tests - 1, 1)
     predicted = np.where(seen & shared, others, 0.0).ravel()[at]
     squares = float(table.left @ table.left)
@@ -223,7 +223,7 @@ def _freedom(off: FloatArray) -> float:
     least = total / own
     beyond = own - total / m
     parts = (m - 1) * (m + 2) / 2
-    if m < _FEWEST_TESTS:
+    if m < FEWEST_TESTS:
         return least
     from scipy.special import chdtri
 
@@ -323,6 +323,8 @@ def multiples_of_tests(left: FloatArray, modelled: FloatArray, test: IntArray) -
 
 
 __all__ = [
+    "FEWEST_TESTS",
+    "LEAST_IN_CELL",
     "LEAST_SHARE",
     "LEAST_TOGETHER",
     "LEVEL",

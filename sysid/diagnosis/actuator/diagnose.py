@@ -17,6 +17,7 @@ from sysid.diagnosis.actuator.holdout import HeldOut, motion_tests, trace
 from sysid.diagnosis.actuator.loop import Loop, Memory, close_loop
 from sysid.diagnosis.actuator.unexplained import (
     faintest,
+    imitated,
     leftover,
     log_channel,
     remainders,
@@ -26,6 +27,7 @@ from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.diagnosis.search import full_sentence, limit_sentence, shapes_at_limits
 from sysid.diagnosis.search_record import UnexplainedReason, why_unexplained
+from sysid.diagnosis.wording import regressor_name
 from sysid.errors import Failure, NotIdentifiedError, SimulationError, on_its_own
 from sysid.io.channels import channel_of, simulated_channels
 from sysid.io.logs import Log, Trial
@@ -51,6 +53,11 @@ _FAR_OFF_NOTICE = (
     "numbers explain, though no balance shows enough structure to say why (the strongest is "
     "listed): the balances leave out rest, reversals and pressures at the atmosphere, so check "
     "what happens there (breakaway, friction at standstill)"
+)
+_IMITATED_NOTICE = (
+    "one curve over {} explains far more than the effects found, in tests that it was not fitted "
+    "on, and friction's scatter between tests aside: they imitate a law that the catalogue lacks, "
+    "so their names and numbers are not to be relied on"
 )
 _STILL_FAR_OFF_NOTICE = (
     "with the effects found every channel of the held-out tests is still simulated far worse than "
@@ -139,6 +146,13 @@ def _diagnosed(
         notices.append(f"what the remainder consists of could not be worked out: {rests.reason}")
         rests = ()
     curves = (*curves, *repeating(found, rests, curves, rig))
+    alike = on_its_own(partial(imitated, found))
+    if isinstance(alike, Failure):
+        notices.append(f"whether the effects imitate another law was not examined: {alike.reason}")
+        alike = ()
+    notices += [_IMITATED_NOTICE.format(regressor_name(c.regressor)) for c in alike]
+    known = {curve.channel for curve in curves}
+    curves = (*curves, *(c for c in alike if c.channel not in known))
     structured = bool(curves)
     fitted = _fitted_floor(outside, model, found, drawn, seed)
     cut_short = bool(found.record.cut_short)

@@ -17,10 +17,11 @@ from sysid.types import FloatArray
 _NOISIEST = 1.6
 # A rig's numerics may bias a reduction's root by this factor against its twins'.
 MARGIN = 1.3
-# A balance's excess is structure beyond this many of the twins' spreads, and beyond this share of
-# what the effects explained there.
+TOLERATED = 0.2
+"""Share of what effects explained in a balance that may remain: the real form of an effect is
+seldom the catalogue's."""
+# A balance's excess is structure beyond this many of the twins' spreads.
 _SPREADS = 8.0
-_TOLERATED = 0.2
 
 
 class Null:
@@ -91,17 +92,21 @@ class Null:
     def structured(self, first: Projected, last: Projected) -> list[str]:
         """The balances that still hold structure given effects (`last`).
 
-        The real form of an effect is seldom the catalogue's: a remainder that is small against
-        what the effects explained (from `first` on) is that difference, and not another effect.
+        A remainder that is small against what the effects explained (from `first` on) is how their
+        form differs from the real one (`TOLERATED`), and not another effect.
         The few breakaways are for what acts on them alone.
         """
         before, after = self.excess(first), self.excess(last)
         found = []
         for channel in BALANCES:
-            tolerated = _TOLERATED * (before[channel] - after[channel])
-            if after[channel] >= max(_SPREADS * self.spread(last, channel), tolerated):
+            tolerated = TOLERATED * (before[channel] - after[channel])
+            if after[channel] >= max(self.least_structure(last, channel), tolerated):
                 found.append(channel)
         return found
+
+    def least_structure(self, base: Projected, channel: str) -> float:
+        """The squares in a channel beyond those of twins from which on they are structure."""
+        return _SPREADS * self.spread(base, channel)
 
     def spread(self, base: Projected, channel: str) -> float:
         """Spread of the twins' sums of squares in a channel: one standard deviation.

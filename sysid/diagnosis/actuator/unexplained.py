@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,10 +13,14 @@ from sysid.diagnosis.actuator.breakaways import rest_before
 from sysid.diagnosis.actuator.equation_error import (
     BALANCES,
     BREAKAWAY,
+    CHANNELS,
     EFFORT,
     EquationError,
     equation_error,
 )
+from sysid.diagnosis.actuator.free_curves import best_curve
+from sysid.diagnosis.actuator.null_distribution import TOLERATED
+from sysid.diagnosis.actuator.projection import channel_squares
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.whitening import Frame
 from sysid.diagnosis.binning import binned_means
@@ -59,6 +63,45 @@ def leftover(found: Loop) -> tuple[ResidualCurve, ...]:
     """Channels whose residual still holds structure, each with its strongest regressor."""
     search = found.search
     return _strongest(found, found.null.structured(search.first, search.last))
+
+
+def imitated(found: Loop) -> tuple[ResidualCurve, ...]:
+    """Channels in which effects found may imitate together a law of one quantity.
+
+    A curve over it explains far more without them than they do, alone or next to one of them.
+    `share` is of the squares that they leave, and the curve what of it they leave.
+    """
+    search, null = found.search, found.null
+    first, last = search.first, search.last
+    before, after = (
+        dict(zip(CHANNELS, channel_squares(base, base.rest), strict=True)) for base in (first, last)
+    )
+    entries = []
+    for channel in BALANCES if search.steps else ():
+        explained = before[channel] - after[channel]
+        if explained < null.least_structure(last, channel):
+            continue
+        tried = regressors(first.frame.traces, channel)
+        rivals = [best_curve(first, channel, tried, own) for own in _one_of_several(found)]
+        best = min(filter(None, rivals), key=lambda curve: curve.squares, default=None)
+        if best is None or after[channel] - best.squares < TOLERATED * explained:
+            continue
+        share = 1.0 - best.squares / after[channel]
+        own = (c for c in curves(last.frame, found.error, channel) if c.regressor == best.regressor)
+        entries += [replace(curve, share=share) for curve in own]
+    return tuple(entries)
+
+
+def _one_of_several(found: Loop) -> Iterator[FloatArray]:
+    """What may be known next to an unknown law, (rows, k): nothing, or one effect of several more.
+
+    One whose law is right may be next to others that imitate another law.
+    """
+    first = found.search.first
+    yield np.zeros((len(first.residual), 0))
+    added = found.search.model.effects[len(first.model.effects) :]
+    for effect in added if len(added) > 2 else ():
+        yield (first.frame.residual(first.model + effect) - first.residual)[:, None]
 
 
 def faintest(found: Loop) -> tuple[ResidualCurve, ...]:
