@@ -252,3 +252,37 @@ def test_a_duty_in_counts_is_refused_with_the_ratio(tmp_path: Path, rig_text: st
         assert "leaves 0 to 1" not in done(*command, f"duty_a=PWM:{ratio}").err
     said = done(*command, "duty_a=PWM:0.00392157").err
     assert "duty_a leaves 0 to 1 by at most 3.5e-07 in 1 rows; 0 or 1 is used there" in said
+
+
+@pytest.mark.parametrize(
+    ("entry", "readings", "said"),
+    [
+        ("V:25 psi(g)", [0.5, 0.51, 2.5], "0.5..4.5 V"),
+        ("V:2.5 bar", [0.98, 1.4, 5.1], "1..5 V"),
+        ("V:2.5 bar(g)", [4.02, 12.0, 20.1], "4..20 mA"),
+        ("V:1.25 bar(g)", [2.0, 9.9], "2..10 V"),
+    ],
+)
+def test_a_multiple_of_volts_that_begin_above_zero_is_questioned(
+    entry: str, readings: list[float], said: str
+) -> None:
+    (notice,) = one(f"pressure_a_pa={entry}").notices(np.array(readings), "run.csv", str)
+    assert said in notice and "counts from zero" in notice
+    assert (
+        one(f"motor_force_n=V:{entry[2:].split()[0]} N").notices(np.array(readings), "", str) == []
+    )
+
+
+@pytest.mark.parametrize(
+    ("entry", "readings"),
+    [
+        ("V:1 bar", [1.01, 4.0]),  # the atmosphere
+        ("V:1 bar(g)", [0.01, 4.0]),
+        ("V:bar(g)", [0.5, 4.0]),  # no raw reading
+        ("V:0.5..4.5 V -> 0..100 psi(g)", [0.5, 4.5]),
+        ("V:25 psi(g)", [0.5, 700.0]),  # a converter's counts
+        ("V:25 psi(g)", [2.7, 4.0]),
+    ],
+)
+def test_a_multiple_that_may_begin_at_zero_is_not(entry: str, readings: list[float]) -> None:
+    assert one(f"pressure_a_pa={entry}").notices(np.array(readings), "run.csv", str) == []

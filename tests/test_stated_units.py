@@ -71,7 +71,7 @@ def test_a_map_that_contradicts_the_file_is_said(entry: str, unit: str) -> None:
         ("P:100 kPa", "bar"),
         ("P:bar(g)", "bar"),  # says more than the file
         ("P:-1 bar", "bar"),
-        ("P:25 psi(g)", "V"),  # a raw reading's worth
+        ("P:25 psi(g)", "count"),  # a raw reading's worth
         ("P:0.5..4.5 -> 0..100 psi(g)", "V"),
         ("P:0.5..4.5 V -> 0..100 psi(g)", "V"),
         ("P:bar", "engineering"),
@@ -92,16 +92,19 @@ def test_readings_in_another_unit_than_the_range_s_are_converted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("entry", "unit", "taken"),
+    ("entry", "unit", "taken", "given"),
     [
-        ("pressure_a_pa=P", "V", "taken as Pa"),
-        ("pressure_a_pa=P", "foo", "taken as Pa"),
-        ("duty_a=u", "V", "taken as it stands"),
-        ("flow_a_kg_s=u", "l/min", "taken as kg/s"),
+        ("pressure_a_pa=P", "V", "taken as Pa", "0.5..4.5 -> 0..100 Pa"),
+        ("pressure_a_pa=P", "foo", "taken as Pa", "0.5..4.5 -> 0..100 Pa"),
+        ("duty_a=u", "V", "taken as it stands", "0..24 -> 0..1"),
+        ("flow_a_kg_s=u", "l/min", "taken as kg/s", "l/min(ANR)"),
+        ("motor_force_n=u", "g", "taken as N", "gf"),
+        ("temperature_k=u", "C", "taken as K", "degC"),
+        ("velocity_m_per_s=u", "c", "taken as m/s", "0.5..4.5 -> 0..100 m/s"),
     ],
 )
 def test_a_map_without_a_unit_is_si_where_the_file_s_is_another_s(
-    entry: str, unit: str, taken: str
+    entry: str, unit: str, taken: str, given: str
 ) -> None:
     """As the log format says; with a notice, for the map may have forgotten it."""
     target, _, column = entry.partition("=")
@@ -109,7 +112,7 @@ def test_a_map_without_a_unit_is_si_where_the_file_s_is_another_s(
     assert frame[target].tolist() == {"P": [1.0, 4.0], "u": [0.0, 50.0]}[column]
     (line,) = notices
     assert line.startswith(f"rec.mf4: {column} (for {target}) is in {unit!r} by the file; {taken}")
-    assert f'--map "{target}={column}:0' in line
+    assert f'--map "{target}={column}:{given}"' in line
 
 
 @pytest.mark.parametrize(("unit", "worth"), [("KPA", 1e3), ("MBAR", 100.0), ("PSI", 6894.757293)])

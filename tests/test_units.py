@@ -154,6 +154,14 @@ def test_table_says_the_same_as_the_command_line() -> None:
         ("time_s=x:fortnite", "did you mean|give a unit of a time"),
         ("theta_rad=x:deg(g)", r"but an angle is expected; omit the \(g\)"),
         ("time_s=x:5", "'5' has no unit; write 5 s"),
+        ("motor_volts=x:12/255", "'12/255' has no unit; write 12/255 V"),
+        ("velocity_m_per_s=x:c", "'c' is the speed of light; write m/s"),
+        ("position_m=x:px", "'px' is no length.*; write the value of one"),
+        (
+            "pressure_a_pa=x:25 psi/V (V - 0.5)",
+            "a sensor's range is written as 0.5..4.5 V -> 0..100",
+        ),
+        ("pressure_a_pa=x:25 psi/V", "a sensor's range is written as 0.5..4.5 V -> 0..100"),
         ("time_s=x:0 s", "the multiple 0 is unusable"),
         ("time_s=x:1e999 s", "the multiple 1e999 is unusable"),
         ("time_s=x:1/s", "not a time"),
@@ -241,3 +249,24 @@ def test_a_conversion_never_leaves_the_rounding_of_its_product() -> None:
     product = readings * 1e5
     found = to_si(readings, one("pressure_a_pa=p:bar"))
     assert np.all(np.abs(found - product) <= 2.0 * np.spacing(np.abs(product)))
+
+
+@pytest.mark.parametrize(
+    ("text", "factor"),
+    [
+        ("motor_volts=u:12/255 V", 12.0 / 255.0),
+        ("motor_volts=u:1/341.33 V", 1.0 / 341.33),
+        ("motor_volts=u:-5/1023V", -5.0 / 1023.0),
+        ("pressure_a_pa=u:100/4 psi", 25.0 * 6894.757293168361),
+    ],
+)
+def test_a_range_of_counts_as_a_ratio_before_its_unit(text: str, factor: float) -> None:
+    (entry,) = parse_map([text]).values()
+    assert entry.factor == pytest.approx(factor, rel=1e-12)
+
+
+@pytest.mark.parametrize("text", ["motor_volts=u:12/255 V", "motor_volts=u:V/341.33"])
+def test_the_other_sign_of_a_ratio_can_be_typed(text: str) -> None:
+    (entry,) = parse_map([text]).values()
+    (other,) = parse_map([entry.reversed()]).values()
+    assert other.factor == pytest.approx(-entry.factor, rel=1e-12)

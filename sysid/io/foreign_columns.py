@@ -272,7 +272,10 @@ def _si_values(
     entry = entry if stamped else _as_stated(table, name, entry, recipe)
     values = to_si(readings, entry, recipe.atmosphere_pa, stamped=stamped)
     at = np.arange(len(readings)) if rows is None else rows
-    table.notices += entry.notices(readings, str(table.path), lambda i: table.place(int(at[i])))
+    stated = table.units.get(name, "")
+    table.notices += entry.notices(
+        readings, str(table.path), lambda i: table.place(int(at[i])), stated
+    )
     largest = LARGEST if target == "time_s" else sys.float_info.max
     return check_size(str(table.path), target, values, largest, recipe.units)
 

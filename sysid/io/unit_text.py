@@ -168,6 +168,14 @@ _TWO_MEANINGS = {
         for name in ("1/s", "Hz", "s^-1", "s**-1", "s-1", "1/sec", "hertz")
     },
 }
+# What pint takes for a length or a speed, and a heading or a person hardly does.
+_NO_UNITS = {
+    **dict.fromkeys(("c", "c_0", "speed_of_light"), ("is the speed of light", "m/s, mm/s or in/s")),
+    **dict.fromkeys(
+        ("px", "pixel", "pixels"),
+        ("is no length: it depends on the picture", "the value of one, such as 0.05 mm"),
+    ),
+}
 _PER_MINUTE = re.compile(
     r"(?:1|u|r|rev|revs|umdr\.?|upm|tr)/min|min(?:\^|\*\*)?-1|u\.?p\.?m\.?", re.I
 )
@@ -203,8 +211,12 @@ _REFERENCE = re.compile(
 _STATE = re.compile(r"\s*\(?\s*(anr|iso\s*8778|din\s*1343)\s*\)?\s*$", re.IGNORECASE)
 _OVER_NUMBER = re.compile(r"(?P<unit>[^\d\s/][^/]*)/(?P<number>\d+\.?\d*(?:[eE][+-]?\d+)?)")
 _ONE_OVER = re.compile(
-    r"1\s*/\s*(?P<number>\d+\.?\d*(?:[eE][+-]?\d+)?)\s*\*?\s*(?P<unit>[^\d\s/].*)"
+    rf"(?P<over>{_NUMBER.pattern})\s*/\s*(?P<number>\d+\.?\d*(?:[eE][+-]?\d+)?)\s*\*?\s*"
+    r"(?P<unit>[^\d\s/].*)"
 )
+# Two numbers, or what a sensor gives for a quantity: "25 psi/V (V - 0.5)".
+_LIKE_RANGE = re.compile(rf"{_NUMBER.pattern}.*[^\d.eE]{_NUMBER.pattern}|/\s*m?[AV]\b")
+_RANGE = "a sensor's range is written as 0.5..4.5 V -> 0..100 psi(g)"
 _POWER = re.compile(r"(?<![A-Za-z])(mm|cm|dm|km|m|inch|in|ft|sec|s|min|h)(\d)(?![A-Za-z\d])")
 # Units that pint lacks, within a product or quotient.
 _LACKING = {"rev": "turn", "revs": "turn", "kp": "kgf"}
@@ -245,7 +257,9 @@ def parse_unit(text: str, si: str, where: str) -> Conversion:
         return flow
     if _COMMA.match(text):
         raise input_error(where, f"{text!r} has a comma", "write numbers with a decimal point")
-    multiple, unit = _split_multiple(_per_number(text), where)
+    if (ratio := _RATIO.fullmatch(text)) is not None:
+        raise input_error(where, f"{text!r} has no unit", f"write {text} {si.replace('*', '')}")
+    multiple, unit = _split_multiple(per_number(text), where)
     unit, gauge = _split_reference(unit)
     if gauge is not None and si != "Pa" and not _is_same_kind("Pa", si):
         said = "gauge" if gauge else "absolute"
@@ -258,7 +272,12 @@ def parse_unit(text: str, si: str, where: str) -> Conversion:
         if not is_ratio(si) and multiple is not None:
             raise input_error(where, f"{text!r} has no unit", f"write {text} {si.replace('*', '')}")
         return Conversion(gauge, 1.0 if multiple is None else multiple, 0.0)
-    factor, offset = _pint_factor(unit, si, where)
+    try:
+        factor, offset = _pint_factor(unit, si, where)
+    except InputError as error:
+        if multiple is None or not _LIKE_RANGE.search(text):
+            raise
+        raise InputError(f"{error}; {_RANGE}") from None
     return Conversion(gauge, factor if multiple is None else multiple * factor, offset)
 
 
@@ -269,7 +288,7 @@ def is_ratio(si: str) -> bool:
 
 def without_multiple(text: str) -> str | None:
     """The unit of a multiple (`35.15 N`: N), as a raw reading's is written; None for another."""
-    multiple, unit = _split_multiple(_per_number(_stripped(text)), "")
+    multiple, unit = _split_multiple(per_number(_stripped(text)), "")
     return None if multiple is None else unit
 
 
@@ -365,12 +384,13 @@ def _mass_of(volume: str, density: float, where: str) -> float:
     return density / parts if math.isclose(parts * factor, 1.0) else density * factor
 
 
-def _per_number(text: str) -> str:
-    """`V/341.33` and `1/341.33 V`, of a converter's counts, as `0.0029297 V`."""
+def per_number(text: str) -> str:
+    """`V/341.33`, `1/341.33 V` and `12/255 V`, of a converter's counts, as `0.0029297 V`."""
     over = _OVER_NUMBER.fullmatch(text) or _ONE_OVER.fullmatch(text)
     if over is None or not float(over["number"]):
         return text
-    return f"{1.0 / float(over['number'])!r} {over['unit']}"
+    one = float(over.groupdict().get("over", 1.0))
+    return f"{one / float(over['number'])!r} {over['unit']}"
 
 
 def _split_multiple(text: str, where: str) -> tuple[float | None, str]:
@@ -415,6 +435,8 @@ def _pint_factor(unit: str, si: str, where: str) -> tuple[float, float]:
         unit = "rpm"
     if (two := _TWO_MEANINGS.get((si, unit))) is not None:
         raise input_error(where, f"{unit!r} {two[0]}", two[1])
+    if (none := _NO_UNITS.get(unit)) is not None and si in ("m", "m/s"):
+        raise input_error(where, f"{unit!r} {none[0]}", f"write {none[1]}")
     registry = _registry()
     try:
         parsed = _parsed(unit)
@@ -467,11 +489,8 @@ def _wrong_kind(unit: str, parsed: Any, si: str, where: str) -> InputError:
             f"{what}: its mass depends on the state at which it is counted",
             f"write {unit}(ANR) for ISO 8778, {unit}(DIN 1343), or scfm, slpm, sccm",
         )
-    meant = [*_MEANT.get(_known(unit), ())]
-    meant += [one for one in _COMMON_UNITS if one.lower() == unit.lower() and one != unit]
-    for one in meant:
-        if "(" not in one and _is_same_kind(one, si):
-            return input_error(where, what, f"did you mean {one}?")
+    if (one := meant_by(unit, si)) is not None:
+        return input_error(where, what, f"did you mean {one}?")
     if is_ratio(si):
         low, high = ("0..24", "0..1") if si == "dimensionless" else ("0..10", "0..4096")
         worth = f"0.001; a sensor or a command has a range, {low} -> {high}"
@@ -483,6 +502,17 @@ def _wrong_kind(unit: str, parsed: Any, si: str, where: str) -> InputError:
         f"give a unit such as {examples}; for a raw reading, the value of one unit of it "
         f"(such as {worth})",
     )
+
+
+def meant_by(unit: str, si: str) -> str | None:
+    """The unit of this quantity that another, known one is written for: of C degC, of lb lbf."""
+    meant = [*_MEANT.get(_known(unit), ())]
+    meant += [one for one in _COMMON_UNITS if one.lower() == unit.lower() and one != unit]
+    fitting = (one for one in meant if "(" not in one and _is_same_kind(one, si))
+    if (one := next(fitting, None)) is not None:
+        return one
+    flows = ratio_of(unit, "m**3/s") is not None and si == "kg/s"
+    return f"{unit}(ANR)" if flows else None
 
 
 def _is_same_kind(unit: str, si: str) -> bool:
@@ -502,7 +532,9 @@ __all__ = [
     "check_unit",
     "in_any_capitals",
     "is_ratio",
+    "meant_by",
     "parse_unit",
+    "per_number",
     "ratio_of",
     "without_multiple",
 ]

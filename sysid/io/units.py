@@ -35,7 +35,9 @@ from sysid.io.unit_text import (
     LARGEST,
     check_unit,
     in_any_capitals,
+    meant_by,
     parse_unit,
+    per_number,
     ratio_of,
     without_multiple,
 )
@@ -51,6 +53,10 @@ _TABLE_KEYS = ("column", "unit", "from", "to")
 # Digits of a factor that a person gave, those of a double, and the powers of ten that are exact.
 _SHORT, _DIGITS = 10, sys.float_info.dig
 _TENS = np.array([10.0**k for k in range(23)])
+# Readings at zero and at the end of common transducers; how far off zero, and beyond the end, in
+# parts of the end.
+_LIVE_ZEROS = ((0.5, 4.5, "V"), (1.0, 5.0, "V"), (2.0, 10.0, "V"), (4.0, 20.0, "mA"))
+_ZERO_WITHIN, _ABOVE = 0.01, 0.05
 
 
 @dataclass(frozen=True)
@@ -87,20 +93,54 @@ class ColumnMap:
             first, last = (f"{-(self.factor * end + self.offset):.12g}" for end in ends)
             readings = f"{ends[0]:.12g}..{ends[1]:.12g}"
             return f"{self.target}={self.column}:{readings} -> {first}..{last} {si}"
-        unit = self.unit or si
+        unit = per_number(self.unit or si)
         number = re.match(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?(?=\s)", unit)
         factor = number[0] if number else "1"
         other = factor.removeprefix("-") if factor.startswith("-") else f"-{factor.lstrip('+')}"
         unit = unit[number.end() :].strip() if number else unit
         return f"{self.target}={self.column}:{other} {unit}"
 
-    def notices(self, readings: FloatArray, where: str, place: Callable[[int], str]) -> list[str]:
-        """Notices on readings (n,) as this entry converts them, at `place(row)`."""
+    def notices(
+        self, readings: FloatArray, where: str, place: Callable[[int], str], stated: str = ""
+    ) -> list[str]:
+        """Notices on readings (n,) as this entry converts them, at `place(row)`.
+
+        `stated` is the readings' unit as the file has it.
+        """
         said = [f"{where}: {self.column}: {self.remark}"] if self.remark else []
         found = None if self.sensor is None else self.sensor.beyond(readings)
         if found is not None:
             said.append(f"{where}, {place(found[0])}: {self.column}: {found[1]}")
+        is_known = bool(stated) and ratio_of(stated, stated) is not None
+        electrical = any(ratio_of(stated, one) is not None for one in ("V", "A"))
+        if (not is_known or electrical) and (zero := self._live_zero(readings)) is not None:
+            said.append(f"{where}: {zero}")
         return said
+
+    def _live_zero(self, readings: FloatArray) -> str | None:
+        """What to say of a pressure that is a multiple of volts or of a loop's mA, which begins at
+        zero, where the readings begin as a transducer with a live zero does."""
+        if CANONICAL_UNITS.get(self.target) != "Pa" or self.sensor is not None:
+            return None
+        finite = readings[np.isfinite(readings)]
+        if self.unit is None or without_multiple(self.unit) is None or not finite.size:
+            return None
+        if self.gauge is not True and _is_atmosphere(self.factor * finite.min()):
+            return None
+        low, high = float(finite.min()), float(finite.max())
+        for zero, end, unit in _LIVE_ZEROS:
+            if abs(low - zero) <= _ZERO_WITHIN * end and zero < high <= (1.0 + _ABOVE) * end:
+                return (
+                    f"{self.column} begins at {low:.3g}, as a sensor of {zero:g} to {end:g} {unit} "
+                    f"does, but {self.unit!r} counts from zero: if it is one, give its range, "
+                    f'--map "{self.target}={self.column}:{zero:g}..{end:g} {unit} -> 0..10 bar(g)"'
+                )
+        return None
+
+
+def _is_atmosphere(pressure_pa: float) -> bool:
+    """Whether a pressure is one that a weather map has."""
+    return 8.5e4 <= pressure_pa <= 1.09e5
 
 
 def parse_map(
@@ -291,9 +331,12 @@ def _stated_alone(
         worth = _shown(si).replace("dimensionless", "")
         taken = f"taken as {worth}" if worth else "taken as it stands"
         example = f"0.5..4.5 -> 0..100 {worth}" if worth else "0..24 -> 0..1"
+        what = "a unit or a range"
+        if (meant := meant_by(stated, si)) is not None:
+            example, what = meant, "a unit"
         return entry, (
-            f"{named} is in {stated!r} by the file; {taken}, as the map has no unit: give a unit "
-            f'or a range, --map "{entry.target}={entry.column}:{example}"'
+            f"{named} is in {stated!r} by the file; {taken}, as the map has no unit: give {what}, "
+            f'--map "{entry.target}={entry.column}:{example}"'
         )
     if found.factor == 1.0 and found.offset == 0.0 and not found.gauge:
         return entry, None
