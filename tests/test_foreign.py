@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import openpyxl
 import pandas as pd
@@ -78,6 +79,65 @@ def test_mat_of_version_73(tmp_path: Path) -> None:
     expect_samples(out)
     assert report.sources[0].format == "MATLAB 7.3"
     assert {"name", "void"} <= set(report.unmapped)
+
+
+def struct_array(path: Path, empty: int | None) -> None:
+    """Version 5: `rec(k).t = ...`, a struct for each sample, and a cell for each."""
+    rec = np.zeros((1, SAMPLES), dtype=[("t", object), ("s", object)])
+    cell = np.empty((SAMPLES, 1), dtype=object)
+    for row in range(SAMPLES):
+        pressure = np.zeros((0, 0)) if row == empty else PRESSURE_KPA[row]
+        rec[0, row]["t"], rec[0, row]["s"] = TIME[row], {"P": pressure}
+        cell[row, 0] = ANGLE_DEG[row]
+    savemat(path, {"rec": rec, "phi": cell})
+
+
+def struct_array_73(path: Path, empty: int | None) -> None:
+    """The same of version 7.3, where each element is a data set of its own."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        rec, kept = file.create_group("rec"), file.create_group("#refs#")
+        rec.attrs["MATLAB_class"] = np.bytes_("struct")
+        columns = {"t": TIME, "s": PRESSURE_KPA, "phi": ANGLE_DEG}
+        for name, values in columns.items():
+            references = np.zeros((1, SAMPLES), dtype=h5py.ref_dtype)
+            for row in range(SAMPLES):
+                place = kept.create_group(f"{name}{row}") if name == "s" else kept
+                called = "P" if name == "s" else f"{name}{row}"
+                if name == "s" and row == empty:
+                    data = place.create_dataset(called, data=np.zeros(2, dtype=np.uint64))
+                    data.attrs["MATLAB_empty"] = np.uint8(1)
+                else:
+                    place.create_dataset(called, data=[[values[row]]])
+                references[0, row] = (place if name == "s" else place[called]).ref
+            where = file if name == "phi" else rec
+            data = where.create_dataset(name, data=references)
+            if name == "phi":
+                data.attrs["MATLAB_class"] = np.bytes_("cell")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(508) + b"\x00\x02IM")
+
+
+@pytest.mark.parametrize("write", [struct_array, struct_array_73])
+def test_mat_with_a_struct_or_a_cell_for_each_sample(
+    write: Callable[[Path, int | None], None], tmp_path: Path
+) -> None:
+    foreign, out = tmp_path / "rec.mat", tmp_path / "log.csv"
+    write(foreign, None)
+    report = convert(foreign, out, maps=maps("rec.t", "rec.s.P", "phi"), atmosphere_pa=ATMOSPHERE)
+    expect_samples(out)
+    assert not report.unmapped
+    write(foreign, 3)
+    with pytest.raises(InputError, match=r"row 4: column rec.s.P .* is empty"):
+        convert(foreign, out, maps=maps("rec.t", "rec.s.P", "phi"), atmosphere_pa=ATMOSPHERE)
+
+
+def test_mat_with_complex_numbers(tmp_path: Path) -> None:
+    foreign, out = tmp_path / "rec.mat", tmp_path / "log.csv"
+    savemat(foreign, {"t": TIME, "P": PRESSURE_KPA + 1j, "phi": ANGLE_DEG})
+    convert(foreign, out, maps=maps("t", "P.real", "phi"), atmosphere_pa=ATMOSPHERE)
+    expect_samples(out)
+    with pytest.raises(InputError, match=r"P .* not a column: complex: its parts are P.real and"):
+        convert(foreign, out, maps=maps("t", "P", "phi"), atmosphere_pa=ATMOSPHERE)
 
 
 def test_matrix_named_whole_says_which_signals_it_holds(tmp_path: Path) -> None:

@@ -578,6 +578,7 @@ def mat_object(path: Path, name: str, kind: str) -> None:
         ("table", r's = table2struct\(run3, "ToScalar", true\)'),
         ("timetable", r"timetable2table\(run3"),
         ("timeseries", r"t = run3.Time; y = run3.Data"),
+        ("Simulink.SimulationOutput", r"d = run3.logsout; t = d\{1\}.Values.Time"),
     ],
 )
 def test_matlab_objects_say_how_to_export_them(tmp_path: Path, kind: str, line: str) -> None:
@@ -594,6 +595,14 @@ def test_matlab_objects_say_how_to_export_them(tmp_path: Path, kind: str, line: 
     with path.open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file".ljust(508) + b"\x00\x02IM")
     refused(path, out, rf"holds one MATLAB {kind} \(run3\).*{line}")
+
+
+def test_a_table_within_a_struct_says_how_to_export_it(tmp_path: Path) -> None:
+    path, out = tmp_path / "rec.mat", tmp_path / "log.csv"
+    with h5py.File(path, "w") as file:
+        data = file.create_group("run").create_dataset("T", data=np.zeros((1, 6), dtype=np.uint32))
+        data.attrs["MATLAB_class"], data.attrs["MATLAB_object_decode"] = np.bytes_("table"), 3
+    refused(path, out, r's = table2struct\(run.T, "ToScalar", true\)')
 
 
 def test_simulink_structure_with_time(tmp_path: Path) -> None:

@@ -493,3 +493,37 @@ def test_decimal_commas_between_commas_are_named(tmp_path: Path) -> None:
     text = "t,pos,u\n" + "".join(f"0,{i:03d},5,{i},7,2\n" for i in range(40))
     with pytest.raises(InputError, match=r"line 1: 3 column names over 6 fields: .*decimal commas"):
         read(tmp_path, text, *BY_NAME)
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        "Messung;12;\n",
+        "Device;MX100;\nSerial;4711;2\nDate;01.02.2026;\n",
+        "Device;MX100\n2026-02-01 10:00;;\n",
+    ],
+)
+def test_a_preamble_of_as_many_cells_again_with_its_heading(above: str, tmp_path: Path) -> None:
+    """A logger that appends writes all of its head again at each start."""
+    one = f"{above}t;pos;u\ns;mm;N\n{rows(';', ',')}"
+    report = read(tmp_path, one + one, *BY_NAME)
+    assert report.tests == ("1", "2")
+    assert log_of(tmp_path / "log.csv")["motor_force_n"].tolist() == [*FORCE, *FORCE]
+    first = one.count("\n") + 1
+    assert any(f"line {first} and" in notice for notice in report.notices)
+
+
+def test_a_row_above_a_second_heading_is_no_preamble(tmp_path: Path) -> None:
+    damaged = rows(";").replace("0.039", "o.039")
+    with pytest.raises(InputError, match=r"line 42: column t .* holds 'o.039'"):
+        read(tmp_path, f"Serial;4711;2\nt;pos;u\n{damaged}t;pos;u\n{rows(';')}", *BY_NAME)
+
+
+def test_a_footer_of_statistics(tmp_path: Path) -> None:
+    text = f"t,pos,u\n{rows()}\nMin,42.0,-5.0\nMax,58.0,5.0\nMean,50.0,0.1\n"
+    report = read(tmp_path, text, *BY_NAME)
+    expect(tmp_path)
+    assert any("line 43 and 2 more passed over" in notice for notice in report.notices)
+    amid = f"t,pos,u\n{rows()}Min,42.0,-5.0\n{rows()}"
+    with pytest.raises(InputError, match=r"line 42: column t .* holds 'Min'"):
+        read(tmp_path, amid, *BY_NAME)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from sysid.errors import input_error, shortened
 from sysid.io.bounds import MOST_COLUMNS, MOST_DEPTH, Cells, check_columns
 from sysid.io.file_kinds import read_as
+from sysid.io.foreign.elements import gather_elements
 from sysid.io.foreign.matlab_objects import only_objects, reason
 from sysid.io.foreign.table import ForeignTable, ReadOptions
 
@@ -50,11 +51,14 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
             _check_packed(path, name, node)
             if fields := _fields_of_numbers(node.dtype):
                 _add_fields(table, name, node.fields(fields)[()])
+                if fields == ["real", "imag"]:
+                    table.skipped[name] = f"complex: its parts are {name}.real and {name}.imag"
             else:
                 table.add(name, _unpacked(table, name, node, np.asarray(node[()])).T)
             unit = _attribute(node, b"units") or _attribute(node, b"unit")
             if isinstance(unit, str) and unit.strip():
                 _set_unit(table, name, unit.strip())
+    gather_elements(table)
     if found.objects and not table.columns:
         raise only_objects(path, found.objects)
     return table

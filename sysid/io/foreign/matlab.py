@@ -11,6 +11,7 @@ import numpy as np
 
 from sysid.io.bounds import MOST_DEPTH, Cells
 from sysid.io.file_kinds import read_as
+from sysid.io.foreign.elements import gather_elements
 from sysid.io.foreign.matlab_objects import only_objects, reason
 from sysid.io.foreign.matlab_size import check_size
 from sysid.io.foreign.table import ForeignTable, ReadOptions
@@ -18,7 +19,9 @@ from sysid.io.foreign.table import ForeignTable, ReadOptions
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     """Variables by name; a struct's fields by dots (`rec.Y.pressure`), its elements by
-    `rec(2)`, a cell's by `c{2}`, a matrix' signals by `name#2` (all from 1, as in MATLAB).
+    `rec(2)`, a cell's by `c{2}`, a matrix' signals by `name#2` (all from 1, as in MATLAB), a
+    complex variable's parts by `name.real` and `name.imag`; elements of one number each are one
+    column.
 
     Raises InputError where the file is damaged, or declares more cells than are read."""
     from scipy.io import loadmat
@@ -33,6 +36,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
         # An object of MATLAB has no name here: scipy calls it None.
         if not name.startswith("__") and not (name == "None" and objects):
             _walk(table, name, value, 0)
+    gather_elements(table)
     table.skipped |= {name: reason(name, kind, path) for name, kind in objects.items()}
     if objects and not table.columns:
         raise only_objects(path, objects)
@@ -71,6 +75,10 @@ def _walk(table: ForeignTable, name: str, value: Any, depth: int) -> None:
             _walk(table, f"{name}{{{index + 1}}}", element, depth + 1)
     elif array.dtype.kind in "fiub":
         table.add(name, array)
+    elif array.dtype.kind == "c":
+        table.add(f"{name}.real", array.real)
+        table.add(f"{name}.imag", array.imag)
+        table.skipped[name] = f"complex: its parts are {name}.real and {name}.imag"
     else:
         table.skipped[name] = "text" if array.dtype.kind in "US" else f"of type {array.dtype}"
 

@@ -11,7 +11,9 @@ from pathlib import Path
 
 from sysid.errors import InputError, input_error, some_of
 
-_NAME = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
+# A variable, or a field of one, of a struct's or a cell's element: rec(2).T
+_PART = r"[A-Za-z]\w{0,62}(?:[({]\d{1,9}[)}])?"
+_NAME = re.compile(rf"{_PART}(?:\.{_PART})*", re.ASCII)
 # Lines of MATLAB that save an object `{x}` as plain variables in `{file}`.
 _LINES = {
     "table": 's = table2struct({x}, "ToScalar", true); save("{file}", "-struct", "s")',
@@ -21,6 +23,8 @@ _LINES = {
     "timeseries": 't = {x}.Time; y = {x}.Data; save("{file}", "t", "y")',
     "datetime": 't = seconds({x} - {x}(1)); save("{file}", "t")',
     "duration": 't = seconds({x}); save("{file}", "t")',
+    "Simulink.SimulationOutput": "d = {x}.logsout; t = d{{1}}.Values.Time; y = d{{1}}.Values.Data; "
+    'save("{file}", "t", "y")',
     "Simulink.SimulationData.Dataset": "t = {x}{{1}}.Values.Time; y = {x}{{1}}.Values.Data; "
     'save("{file}", "t", "y")',
 }

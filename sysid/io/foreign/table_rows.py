@@ -27,6 +27,9 @@ _END = re.compile(
 _BANNER = re.compile(r"(?:=~)+=? PuTTY log .*")
 _SHOWN = 60
 _BEGINS = "0123456789+-."
+_WORD = re.compile(r"[^\W\d_]{2,}")
+# Lines of a footer, each beginning with what its numbers are: the least, the largest, the mean.
+_LONGEST_FOOTER = 12
 
 
 @dataclass
@@ -70,11 +73,14 @@ class _Sorting:
         # With blanks as delimiters the first cell of a date is a number, too.
         numbered = layout.delimiter == BLANK or (again is not None and again[0][:1] in _BEGINS)
         begins = "" if numbered else _BEGINS
+        above = set() if again is None else self._preambles(again)
         for index in range(self.heading.first, len(self.lines)):
             text = self.lines[index][1]
             # Nearly all lines: a row whose first cell is a number.
             plain = text[0] in begins and not self.is_new
-            if plain and layout.is_number(text.split(layout.delimiter, 1)[0]):
+            if index in above:
+                self.aside.append(index)
+            elif plain and layout.is_number(text.split(layout.delimiter, 1)[0]):
                 self._take(index, stamped)
             elif not text.strip(nothing):
                 self.empty.append(index)
@@ -87,9 +93,51 @@ class _Sorting:
             else:
                 self.aside.append(index)
         # What is below the last row is a footer.
-        self.passed += self.aside
+        self.passed += self._footer() + self.aside
         self._tell()
         return self.rows
+
+    def _preambles(self, again: list[str]) -> set[int]:
+        """The lines above each repeated heading that are those above the first, once more.
+
+        They may resemble rows: "Serial;4711;2". Each begins as one of the first does, or has a
+        date as the one in its place.
+        """
+        lines, layout = self.lines, self.heading.layout
+        top = self.heading.line or 0
+        first = [_heading_cells(text, layout)[0] for _, text in lines[:top]]
+        labels = {cell for cell in first if _WORD.search(cell)}
+        found: set[int] = set()
+        if not labels:
+            return found
+        for index in range(self.heading.first, len(lines)):
+            text = lines[index][1]
+            if again[0] not in text.casefold() or _heading_cells(text, layout) != again:
+                continue
+            for back in range(1, min(top, index - self.heading.first) + 1):
+                other = lines[index - back][1]
+                dated = STAMP.search(lines[top - back][1]) and STAMP.search(other)
+                if _heading_cells(other, layout)[0] not in labels and not dated:
+                    break
+                found.add(index - back)
+        return found
+
+    def _footer(self) -> list[int]:
+        """Takes the last rows that begin with a word where all others have a number: a footer."""
+        layout, rows = self.heading.layout, self.rows.lines
+        if 0 not in layout.numeric or layout.delimiter == BLANK:
+            return []
+        count = 0
+        while count < min(len(rows) - 2, _LONGEST_FOOTER):
+            cell = layout.cells(rows[-1 - count][1])[0]
+            if layout.is_number(cell) or not _WORD.search(cell) or any(map(str.isdigit, cell)):
+                break
+            count += 1
+        if not count or not layout.is_number(layout.cells(rows[-1 - count][1])[0]):
+            return []
+        numbers = {number for number, _ in rows[-count:]}
+        del rows[-count:]
+        return [index for index, (number, _) in enumerate(self.lines) if number in numbers]
 
     def _start(self) -> None:
         """The heading once more: the lines set aside belong to the start."""
