@@ -435,3 +435,22 @@ def test_an_empty_tank_is_not_looked_at_for_hours() -> None:
     assert any("are not used: the tank is empty long before" in line for line in part.left_out)
     found = fit_law(part, (), [0]).base_estimates()["c_dis"]
     assert found.value == pytest.approx(C_DIS, rel=5e-3)
+
+
+def test_a_vacuum_that_fills_is_named() -> None:
+    trial = sampled(3.0, 40)
+    vacuum = {"pressure_a_pa": 2.0 * P0 - trial["pressure_a_pa"], "valve_a": trial["valve_a"]}
+    with pytest.raises(NotIdentifiedError, match=r"Pa below the atmosphere .* a vacuum that fills"):
+        tank([Trial("1", trial.time, vacuum, "v.csv")], rig())
+
+
+def test_earlier_discharges_of_a_test_are_said_to_be_unused() -> None:
+    first, last = discharge(6e4, 5), discharge(4e4, 6)
+    channels = {k: np.concatenate([first[k], last[k]]) for k in ("pressure_a_pa", "pump_volts")}
+    time = np.concatenate([first.time, first.time[-1] + 0.05 + last.time])
+    part = tank([Trial("1", time, channels, "two.csv")], rig())
+    assert any("two.csv: 1 earlier discharge before row 881" in line for line in part.left_out)
+    one = tank([last], rig())
+    assert one.left_out == ()
+    assert part.discharges[0].start == pytest.approx(one.discharges[0].start, rel=1e-12)
+    assert np.array_equal(part.discharges[0].pressure[:100], one.discharges[0].pressure[:100])

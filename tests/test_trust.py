@@ -280,6 +280,24 @@ def test_a_chamber_that_fills_within_a_row_is_said(
     assert [("pressure_a_pa" in n) for n in lines] == [True] * is_said
 
 
+def test_a_pause_of_the_logger_is_no_slow_sampling(tmp_path: Path) -> None:
+    t = 1e-3 * np.arange(3000)
+    one = np.exp(-np.clip(t - 0.5, 0.0, 9.0) / 0.3)
+    frame = pd.DataFrame(
+        {
+            "time_s": np.concatenate([t, t + 60.0]),
+            "position_m": 0.05,
+            "valve_a": np.tile((t < 0.5).astype(int), 2),
+            "valve_b": 0,
+            "pressure_a_pa": np.round(1e5 + 2e5 * np.tile(one, 2)),
+            "pressure_b_pa": 1e5,
+        }
+    )
+    frame.to_csv(tmp_path / "v.csv", index=False)
+    (log,) = read_bare_logs([tmp_path / "v.csv"], {}).logs
+    assert not any("of its range from one reading" in notice for notice in log.notices)
+
+
 @pytest.mark.parametrize("stride", [8, 12, 16])
 def test_a_slow_position_keeps_its_acceleration(stride: int, tmp_path: Path) -> None:
     """On lines between readings the motion's fast part is rounded off, and friction takes it."""

@@ -112,6 +112,13 @@ def _discharge(trial: Trial, atmosphere: float) -> _Fall:
     pressure = trial["pressure_a_pa"][first:]
     scale = _scale(time, pressure)
     start = _first_guess(time, pressure, scale)
+    if atmosphere - start > _LEAST_FALL * atmosphere:
+        raise NotIdentifiedError(
+            f"{trial.source}: c_dis is not identified: the tank is {atmosphere - start:.3g} Pa "
+            f"below the atmosphere ({atmosphere:.6g} Pa) when {command} is off, a vacuum that "
+            "fills: a discharge from above it would do (if the pressures are gauge ones, map them "
+            "as such)"
+        )
     if start - atmosphere < _LEAST_FALL * atmosphere:
         raise NotIdentifiedError(
             f"{trial.source}: c_dis is not identified: the discharge starts only "
@@ -125,13 +132,31 @@ def _discharge(trial: Trial, atmosphere: float) -> _Fall:
             f"{scale / 20.0:.2g} s or faster, or discharge a larger tank"
         )
     used = time <= _LONGEST * scale
-    late = ""
+    unused = []
+    if count := _earlier(trial, command, first):
+        unused.append(
+            f"{count} earlier discharge{'s' * (count > 1)} before row {first + 1}: only a test's "
+            "last one is used (a column test that numbers them would add them)"
+        )
     if not used.all():
-        late = (
-            f"{trial.source}: rows later than {_LONGEST * scale:.3g} s after {command} is 0 are "
+        unused.append(
+            f"rows later than {_LONGEST * scale:.3g} s after {command} is 0 are "
             "not used: the tank is empty long before"
         )
+    late = f"{trial.source}: {'; '.join(unused)}" if unused else ""
     return _Fall(trial, time[used], pressure[used], start, scale, late)
+
+
+def _earlier(trial: Trial, command: str, first: int) -> int:
+    """The discharges before row `first`, of the last one: each at least half as deep."""
+    pressure, off = trial["pressure_a_pa"], trial[command] == 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], off[:first], [False]]).astype(int)))
+    fall = float(pressure[first] - pressure[-1])
+    runs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    return sum(
+        end - start >= _FEWEST_BINS and float(pressure[start] - pressure[end - 1]) >= 0.5 * fall
+        for start, end in runs
+    )
 
 
 def _command(trial: Trial) -> str:

@@ -270,7 +270,7 @@ def _too_slow(file: RepairedFile) -> Iterator[str]:
         valves = [v for v in file.columns if v.startswith((f"valve_{side}", f"duty_{side}"))]
         active = {i for v in valves for i, on in enumerate(file.parts(v)) if np.any(on)}
         parts = [p[::apart] for i, p in enumerate(file.parts(name)) if i in active]
-        share = largest_step(parts)
+        share = largest_step(parts, [t[::apart] for i, t in enumerate(times) if i in active])
         if share is not None:
             yield (
                 f"{name} changes by {share:.0%} of its range from one reading to the next, "

@@ -30,6 +30,8 @@ _STEP = 1.0 - math.exp(-0.5)
 RESOLVED_STEP = 0.05
 # Rows whose largest step is the noise where they are the quietest.
 _BLOCK = 10
+# Times the usual period, beyond which two rows have a gap between them.
+_GAP = 3.0
 
 
 def rows_per_reversal(parts: Sequence[FloatArray], count: float) -> float | None:
@@ -71,17 +73,21 @@ def _between_reversals(values: FloatArray, count: float) -> FloatArray:
     return np.diff(at).astype(float)
 
 
-def largest_step(parts: Sequence[FloatArray]) -> float | None:
+def largest_step(parts: Sequence[FloatArray], times: Sequence[FloatArray]) -> float | None:
     """The share of its range by which a pressure changes from one row to the next, where that is
-    too much to resolve the change; `parts` (n,) are the tests in which a valve moves.
+    too much to resolve the change; `parts` (n,) are the tests in which a valve moves, `times` (n,)
+    s theirs.
 
-    The median of the tests' largest; None where the changes are resolved.
+    The median of the tests' largest, but for those over a gap in the rows; None where the changes
+    are resolved.
     """
     shares = []
-    for part in parts:
+    for part, time in zip(parts, times, strict=True):
         if len(part) < 2 * _BLOCK:
             continue
         steps, whole = np.abs(np.diff(part)), float(np.ptp(part))
+        apart = np.diff(time)
+        steps[apart > _GAP * np.median(apart)] = 0.0
         if whole > _SHOWN * _quietest(steps):
             shares.append(float(np.max(steps)) / whole)
     usual = float(np.median(shares)) if shares else 0.0
