@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -527,3 +527,54 @@ def test_a_footer_of_statistics(tmp_path: Path) -> None:
     amid = f"t,pos,u\n{rows()}Min,42.0,-5.0\n{rows()}"
     with pytest.raises(InputError, match=r"line 42: column t .* holds 'Min'"):
         read(tmp_path, amid, *BY_NAME)
+
+
+def test_settings_between_the_names_and_the_rows(tmp_path: Path) -> None:
+    text = f"Channel,1,2\nt,pos,u\nUnit,mm,N\nGain,1.0,2.0\nOffset,0.0,0.0\n{rows()}"
+    report = read(tmp_path, text, *BY_NAME)
+    expect(tmp_path)
+    assert any("line 4 and 1 more passed over" in notice for notice in report.notices)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_names_of_several_lines(tmp_path: Path, end: str) -> None:
+    head = '"t\n(s)";"pos\n(mm)";"u\n(N)"\n'.replace("\n", end)
+    read(tmp_path, head + rows(";", ","), *BY_NAME)
+    expect(tmp_path)
+    text = f'Bore;5" pipe;\nt;pos;u\n{rows(";", ",").replace("0,038", "o,038")}'
+    with pytest.raises(InputError, match=r"line 41: column t .* holds 'o,038'"):
+        read(tmp_path, text, *BY_NAME)
+
+
+def sheet_of(path: Path, *lines: Sequence[object]) -> None:
+    book = openpyxl.Workbook()
+    for line in lines:
+        book.active.append(list(line))
+    book.save(path)
+
+
+DATA = [list(row) for row in zip(TIME.tolist(), POSITION.tolist(), FORCE.tolist(), strict=True)]
+
+
+@pytest.mark.parametrize("above", [[], [["Serial", 4711, 2], ["Device", "MX", None]]])
+def test_a_sheet_whose_heading_repeats(tmp_path: Path, above: list[list[object]]) -> None:
+    path, out = tmp_path / "rec.xlsx", tmp_path / "log.csv"
+    one = [*above, ["t", "pos", "u"], ["s", "mm", "N"], *DATA]
+    sheet_of(path, *one, *one, ["Mean", 50.0, 0.1])
+    report = convert(path, out, maps=BY_NAME)
+    assert report.tests == ("1", "2")
+    frame = log_of(out)
+    assert frame["time_s"].tolist() == [*TIME, *TIME]
+    assert frame["motor_force_n"].tolist() == [*FORCE, *FORCE]
+    first = len(one) + 1
+    assert any(f"row {first} and" in notice for notice in report.notices)
+    assert any(f"row {first + len(above) + 2}: 2 tests" in notice for notice in report.notices)
+
+
+def test_a_sheet_of_numbers_as_text(tmp_path: Path) -> None:
+    path = tmp_path / "rec.xlsx"
+    sheet_of(path, ["t", "pos", "u"], *([str(v).replace(".", ",") for v in row] for row in DATA))
+    with pytest.raises(InputError, match=r"'50,0', not a number; .*--decimal"):
+        convert(path, tmp_path / "log.csv", maps=["time_s=t", "position_m=pos:mm"])
+    convert(path, tmp_path / "log.csv", maps=BY_NAME, decimal=",")
+    expect(tmp_path)

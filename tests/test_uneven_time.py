@@ -221,8 +221,13 @@ def test_a_joined_file_keeps_the_label_of_its_test(tmp_path: Path) -> None:
     report = convert(drive, tmp_path / "run.csv", constants=["test=up"], **given)
     (trial,) = read_log(tmp_path / "run.csv", AXIS).trials
     assert trial.label == "up" and report.rows == len(trial)
-    drive.write_text(drive.read_text() * 2)
-    with pytest.raises(InputError, match="holds several tests"):
+    once = drive.read_text()
+    drive.write_text(once * 2)
+    with pytest.raises(InputError, match=r"drive.* holds several tests; keep one with --rows"):
+        convert(drive, tmp_path / "twice.csv", **given)
+    drive.write_text(once)
+    encoder.write_text(encoder.read_text() * 2)
+    with pytest.raises(InputError, match=r"encoder.* holds several tests; --rows cuts the first"):
         convert(drive, tmp_path / "twice.csv", **given)
 
 

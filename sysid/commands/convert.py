@@ -43,7 +43,8 @@ _WIDEST = 10_000
 @click.option(
     "--rows",
     metavar="FIRST:LAST",
-    help='Rows of the table to keep, counted from 0, LAST excluded; also "::3, 2::3".',
+    help='Rows of the table to keep, counted from 0, LAST excluded; also "::3, 2::3". Files of '
+    "--join are not cut.",
 )
 @click.option(
     "--transpose", is_flag=True, help="Each line of a text file is a signal, its name first."

@@ -76,7 +76,13 @@ def joined(
     for one in (first, *others):
         # The rows' label is the first file's, where they have one.
         if TEST_COLUMN in one.frame and (one is not first or _is_of_several(one.frame)):
-            raise input_error(one.where, "holds several tests", "join the files of one test each")
+            fix = "keep one with --rows FIRST:LAST"
+            if one is not first:
+                fix = (
+                    "--rows cuts the first file only: convert this one first, with --rows, and "
+                    "join the result"
+                )
+            raise input_error(one.where, "holds several tests", fix)
     time = first.times(first)
     check_increasing(time, first.where)
     clocks = [other.times(first) for other in others]

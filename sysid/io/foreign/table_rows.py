@@ -16,7 +16,7 @@ import numpy as np
 from sysid.errors import InputError, input_error
 from sysid.io.alignment import has_own_rate
 from sysid.io.foreign.heading import STAMP, Lines, TableHeading, is_comment
-from sysid.io.foreign.text_layout import BLANK, Layout
+from sysid.io.foreign.text_layout import BLANK, Layout, is_number
 from sysid.io.tables import looks_cut
 from sysid.types import BoolArray, IntArray
 
@@ -29,7 +29,7 @@ _SHOWN = 60
 _BEGINS = "0123456789+-."
 _WORD = re.compile(r"[^\W\d_]{2,}")
 # Lines of a footer, each beginning with what its numbers are: the least, the largest, the mean.
-_LONGEST_FOOTER = 12
+LONGEST_FOOTER = 12
 
 
 @dataclass
@@ -93,7 +93,7 @@ class _Sorting:
             else:
                 self.aside.append(index)
         # What is below the last row is a footer.
-        self.passed += self._footer() + self.aside
+        self.passed += self._head() + self._footer() + self.aside
         self._tell()
         return self.rows
 
@@ -122,22 +122,35 @@ class _Sorting:
                 found.add(index - back)
         return found
 
-    def _footer(self) -> list[int]:
-        """Takes the last rows that begin with a word where all others have a number: a footer."""
-        layout, rows = self.heading.layout, self.rows.lines
-        if 0 not in layout.numeric or layout.delimiter == BLANK:
+    def _head(self) -> list[int]:
+        """Takes the first rows that begin with a word: settings between names and rows."""
+        rows = self.rows.lines
+        count = self._labelled(rows)
+        if count and self.rows.starts and self.rows.starts[0] <= count:
             return []
-        count = 0
-        while count < min(len(rows) - 2, _LONGEST_FOOTER):
-            cell = layout.cells(rows[-1 - count][1])[0]
-            if layout.is_number(cell) or not _WORD.search(cell) or any(map(str.isdigit, cell)):
-                break
-            count += 1
-        if not count or not layout.is_number(layout.cells(rows[-1 - count][1])[0]):
-            return []
-        numbers = {number for number, _ in rows[-count:]}
-        del rows[-count:]
+        self.rows.starts = [start - count for start in self.rows.starts]
+        numbers = {number for number, _ in rows[:count]}
+        del rows[:count]
         return [index for index, (number, _) in enumerate(self.lines) if number in numbers]
+
+    def _footer(self) -> list[int]:
+        """Takes the last rows that begin with a word where all others have a number."""
+        rows = self.rows.lines
+        count = self._labelled(rows[::-1])
+        numbers = {number for number, _ in rows[len(rows) - count :]}
+        del rows[len(rows) - count :]
+        return [index for index, (number, _) in enumerate(self.lines) if number in numbers]
+
+    def _labelled(self, rows: Sequence[tuple[int, str]]) -> int:
+        """How many of the first of these rows begin with a word, and the next with a number."""
+        layout = self.heading.layout
+        if 0 not in layout.numeric or layout.delimiter == BLANK:
+            return 0
+        for count, (_, text) in enumerate(rows[: LONGEST_FOOTER + 1]):
+            cell = layout.cells(text)[0]
+            if not is_footer(cell):
+                return count if layout.is_number(cell) else 0
+        return 0
 
     def _start(self) -> None:
         """The heading once more: the lines set aside belong to the start."""
@@ -196,6 +209,13 @@ class _Sorting:
                 self.rows.notices.append(
                     f"{self.path}: line {number}{more} passed over, {what}{shown}"
                 )
+
+
+def is_footer(cell: str) -> bool:
+    """Whether a row's first cell, where others have a number, says what its numbers are: "Mean"."""
+    return (
+        _WORD.search(cell) is not None and not is_number(cell) and not any(map(str.isdigit, cell))
+    )
 
 
 def _heading_cells(text: str, layout: Layout) -> list[str]:
@@ -295,4 +315,12 @@ def reject_cut_off(path: Path, body: Sequence[tuple[int, str]], layout: Layout) 
         )
 
 
-__all__ = ["TableRows", "check_widths", "reject_cut_off", "row_ends_early", "rows_below"]
+__all__ = [
+    "LONGEST_FOOTER",
+    "TableRows",
+    "check_widths",
+    "is_footer",
+    "reject_cut_off",
+    "row_ends_early",
+    "rows_below",
+]

@@ -39,6 +39,10 @@ _D_EXPONENT = re.compile(r"(?<=\d)[dD](?=[+-]\d\d(?!\d))")
 _EDGES = re.compile(r"(?m)(?:^|(?<=[,;|\t ]))[\u00a0\u202f]+|[\u00a0\u202f]+(?=[,;|\t ]|$)")
 # The end of a text shows how all its numbers are written.
 _SAMPLE = 20_000
+# A quote that opens a cell and is not closed; the lines in which a heading stands, and those that a
+# cell of it may have.
+_OPENED = re.compile(r"""(?:^|[,;\t|])\s*"[^"]*$""")
+_HEADING_LINES, _CELL_LINES = 100, 10
 _MONITOR = re.compile(r"\d{1,2}:\d{2}:\d{2}\.\d{3} -> ")
 
 
@@ -50,7 +54,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     table = ForeignTable(path, "text")
     check_text(path, file)
     text = _plain_digits(_decoded(table, file.read()), options)
-    lines = _without_monitor(table, text.splitlines())
+    lines = _whole_cells(_without_monitor(table, text.splitlines()))
     as_it_is = options.skip_rows == 0 and not options.transpose and options.header is not False
     check_line_lengths(path, lines, options)
     if as_it_is and lvm.is_format(lines):
@@ -117,6 +121,26 @@ def _without_monitor(table: ForeignTable, lines: list[str]) -> list[str]:
         return lines
     table.notices.append(f"{table.path}: the serial monitor's times before -> passed over")
     return [_MONITOR.sub("", line) for line in lines]
+
+
+def _whole_cells(lines: list[str]) -> list[str]:
+    """Lines in which a quoted cell of the heading, of several lines, is in one; the others of it
+    are left empty, so that all lines keep their numbers."""
+    for index, line in enumerate(lines[:_HEADING_LINES]):
+        if line.count('"') % 2 == 0 or not _OPENED.search(line):
+            continue
+        for end in range(index + 1, min(index + _CELL_LINES, len(lines))):
+            if '"' in lines[end]:
+                break
+        else:
+            continue
+        whole = " ".join(lines[index : end + 1])
+        while whole.count('"') % 2 and end + 1 < min(index + _CELL_LINES, len(lines)):
+            end += 1
+            whole = f"{whole} {lines[end]}"
+        if whole.count('"') % 2 == 0:
+            lines[index : end + 1] = [whole] + [""] * (end - index)
+    return lines
 
 
 def _plain_digits(text: str, options: ReadOptions) -> str:

@@ -43,7 +43,7 @@ def parsed(path: Path, lines: Sequence[str], layout: Layout) -> list[Column]:
         raise input_error(
             path, f"cannot be read as text ({reason})", "give --delimiter, or fix the file"
         ) from None
-    return [_tidied(frame[i].to_numpy(copy=True), layout) for i in frame.columns]
+    return [tidied(frame[i].to_numpy(copy=True), layout) for i in frame.columns]
 
 
 def times_of(table: ForeignTable, cells: Column, name: str) -> FloatArray:
@@ -72,7 +72,7 @@ def _exact(version: str) -> dict[str, Any]:
     return {} if (major, minor) >= (3, 1) else {"float_precision": "round_trip"}
 
 
-def _tidied(values: Column, layout: Layout) -> Column:
+def tidied(values: Column, layout: Layout) -> Column:
     """Cells that pandas left as text, with what is a number written as Python writes it."""
     if values.dtype.kind == "f":
         values[values == _NO_NUMBER] = np.nan
@@ -90,4 +90,4 @@ def _tidied(values: Column, layout: Layout) -> Column:
     return tidy
 
 
-__all__ = ["parsed", "times_of"]
+__all__ = ["parsed", "tidied", "times_of"]
