@@ -93,10 +93,14 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 def pytest_collection_finish() -> None:
     """What was imported and collected stays: it is left out of every collection of garbage.
 
+    What jax traces is objects that stay too: searched for garbage as often as by default, they take
+    5 % of the tests that trace.
+
     Most closed loops are run once, and compile for 5 to 20 s: without LLVM's notes on which arrays
     do not overlap, and fewer passes, they take a third less, and run a third slower.
     """
     gc.freeze()
+    gc.set_threshold(10_000)
     loop: Any = sys.modules.get("sysid.controllers.loop")
     if loop is not None:
         loop._COMPILER_OPTIONS.update(LOOP_OPTIONS)
