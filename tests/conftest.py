@@ -33,7 +33,7 @@ os.environ.setdefault("NUMBA_SLP_VECTORIZE", "0")
 os.environ.setdefault("NUMBA_LOOP_VECTORIZE", "0")
 
 LOOP_OPTIONS = {
-    "xla_backend_optimization_level": 1,
+    "xla_backend_optimization_level": 0,
     "xla_llvm_enable_alias_scope_metadata": False,
     "xla_llvm_enable_noalias_metadata": False,
 }
@@ -97,7 +97,7 @@ def pytest_collection_finish() -> None:
     5 % of the tests that trace.
 
     Most closed loops are run once, and compile for 5 to 20 s: without LLVM's notes on which arrays
-    do not overlap, and fewer passes, they take a third less, and run a third slower.
+    do not overlap, and without its optimisations, they take half of that.
     """
     gc.freeze()
     gc.set_threshold(10_000)
