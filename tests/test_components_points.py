@@ -27,6 +27,7 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Parts
 from sysid.parameters.files import shipped_schema
+from sysid.pipeline.fit_part import bench_fit
 from sysid.plant.effects import catalogue
 from sysid.plant.effects.linear import for_rig
 from sysid.types import FloatArray
@@ -177,6 +178,88 @@ def test_strengths_are_those_of_the_made_readings() -> None:
         estimates = addition.fitted.estimates(addition.effect)
         for name, value in true.items():
             assert abs(estimates[name].value - value) < 4.0 * estimates[name].std, name
+
+
+def off_centre(
+    offset: float, seed: int = 0, is_speed_set: bool = True, is_linear: bool = False
+) -> Trial:
+    """Readings both ways of a rig, whose efforts or speeds scatter, with a constant effort."""
+    size = np.repeat([0.1, 0.2, 0.4, 0.7, 1.0], 4)
+    way = np.repeat([1.0, -1.0], len(size))
+    if is_speed_set:
+        speed = way * np.tile(size, 2)
+        effort = COULOMB * way + VISCOUS * speed + offset + 0.004 * noise(len(way), seed)
+    else:
+        effort = way * (COULOMB + abs(offset) + 0.1 * np.tile(size, 2))
+        speed = (effort - offset - COULOMB * way) / VISCOUS + 0.02 * noise(len(way), seed)
+    names = ("velocity_m_per_s", "motor_force_n") if is_linear else (SPEED, TORQUE)
+    time = np.arange(len(way), dtype=np.float64)
+    return Trial("t", time, dict(zip(names, (speed, effort), strict=True)), "made.csv")
+
+
+@pytest.mark.parametrize("is_linear", [False, True], ids=["rotary", "linear"])
+@pytest.mark.parametrize("is_speed_set", [True, False], ids=["speed set", "effort set"])
+def test_readings_both_ways_show_an_offset(is_speed_set: bool, is_linear: bool) -> None:
+    rig = LINEAR_AXIS if is_linear else AXIS
+    trial = off_centre(0.05, 4, is_speed_set, is_linear)
+    component = friction_points([trial], rig)
+    assert component.is_speed_set is is_speed_set
+    fitted = fit_law(component, (), range(len(trial)))
+    estimates, u = fitted.base_estimates(), rig.units
+    for name, true in (("coulomb", COULOMB), ("viscous", VISCOUS), ("offset", 0.05)):
+        estimate = estimates[u.key(name)]
+        assert abs(estimate.value - true) < 4.0 * estimate.std < 0.4 * true
+        assert estimate.unit == u.unit(name)
+    assert fitted.quality().verdict == "good"
+    # An offset is what differs with the direction: nothing else does so more simply.
+    assert "asymmetric-coulomb-friction" not in {k.id for k in component.effects(catalogue())}
+    part = bench_fit(KIND, [trial], rig)
+    assert part.part().friction.offset == estimates[u.key("offset")]  # type: ignore[union-attr]
+    assert any("with the direction: an offset of 0.0" in line for line in part.notices)
+
+
+def test_an_offset_is_in_the_table_the_bundle_and_no_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("rig.toml").write_text('[rig]\nname = "axis"\norientation = "horizontal"\n')
+    head = 'rig = "rig.toml"\n\n[[log]]\nkind = "friction-points"\nfile = "readings.csv"\n'
+    Path("campaign.toml").write_text(head)
+    trial = off_centre(0.05, 4)
+    rows = [f"{v},{e}" for v, e in zip(trial[SPEED], trial[TORQUE], strict=True)]
+    Path("readings.csv").write_text("\n".join([f"{SPEED},{TORQUE}", *rows, ""]))
+    assert main(["fit", "campaign.toml", "-o", "bundle.json"]) == 0
+    told = capsys.readouterr()
+    assert "friction differs with the direction" in told.err + told.out
+    offset = json.loads(Path("bundle.json").read_text())["friction"]["offset_nm"]
+    assert offset["value"] == pytest.approx(0.05, abs=4.0 * offset["std"])
+    assert main(["diagnose", "campaign.toml", "--bundle", "bundle.json", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["verdict"] == "adequate" and not found["effects"]
+
+
+def test_no_offset_is_made_up() -> None:
+    trial = off_centre(0.0, 3)
+    whole = fit_law(friction_points([trial], AXIS), (), range(len(trial))).base_estimates()
+    low, high = whole["offset_nm"].interval
+    assert low < 0.0 < high and high - low < 0.1 * COULOMB
+    assert not any("offset" in line for line in bench_fit(KIND, [trial], AXIS).notices)
+    # Of one direction, as of one level each way, it is not known.
+    ahead = trial[SPEED] > 0.0
+    one_way = friction_points([readings(trial[SPEED][ahead], trial[TORQUE][ahead])], AXIS)
+    two_levels = friction_points([readings([1.0, 1.0, -2.0], [0.25, 0.26, -0.3])], AXIS)
+    for component in (one_way, two_levels):
+        assert [p.name for p in component.parameters()] == ["coulomb_nm", "viscous_nm_s_per_rad"]
+
+
+def test_held_out_readings_of_one_direction_have_the_offset_of_both() -> None:
+    component = friction_points([off_centre(0.05, 4)], AXIS)
+    fitted = fit_law(component, (), range(len(component.tests)))
+    bundle = Bundle.new(AXIS, fitted.part(), [])
+    ahead = friction_points([readings([0.2, 0.7], [0.26, 0.285])], AXIS).in_form_of(bundle)
+    law = ahead.law_of(bundle)
+    assert law.values == fitted.law.values
+    assert np.concatenate(ahead.residuals(law, [0, 1])) == pytest.approx([0.0, 0.0], abs=0.01)
 
 
 def test_the_slope_is_not_flattened_by_the_scatter_of_the_speeds() -> None:

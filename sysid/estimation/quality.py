@@ -3,8 +3,8 @@
 RMSE, its share of the signal's spread, R2, a test for lack of fit, and a verdict in words
 ("good", "usable", "poor: ...", "impossible: ..."). The verdict goes by what the law misses
 *beyond the scatter of the measurement*, where that is known: a true law under noise is never
-called poor because of the noise, and a lack of fit that is tiny but significant, as in many
-samples, does not make a fit poor.
+called poor because of the noise. A lack of fit that is tiny but significant, as in many samples,
+does not make a fit poor; nor is such a fit called good.
 
 The spread is that of the signal about its mean where the law has a constant term, and about zero
 where it does not: friction in one direction hardly varies, yet without friction the effort would
@@ -81,6 +81,11 @@ class LackOfFit:
     method: str
     statistic: float | None = None
     p_value: float | None = None
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether scatter alone gives such a residual in less than one fit of a hundred."""
+        return self.p_value is not None and self.p_value < SIGNIFICANT
 
     def to_json(self) -> dict[str, Any]:
         """The bundle's object, without what is not known."""
@@ -211,8 +216,17 @@ class FitQuality:
         """The rank by what the fit used, and why."""
         if self.missed <= GOOD_SHARE:
             noisy = self.r2 < LEAST_EXPLAINED
-            return ("poor", "the scatter is as large as the signal") if noisy else ("good", "")
+            if noisy:
+                return "poor", "the scatter is as large as the signal"
+            return ("usable", self._misfit) if self.lack_of_fit.is_significant else ("good", "")
         return ("usable", "") if self.missed <= USABLE_SHARE else ("poor", self.shortfall)
+
+    @property
+    def _misfit(self) -> str:
+        """What a significant lack of fit amounts to, in words."""
+        beyond = math.sqrt(max(self.rmse**2 - (self.scatter or 0.0) ** 2, 0.0)) / self.spread
+        known = f", {100.0 * beyond:.2g} % of the spread beyond the scatter" if self.scatter else ""
+        return f"a significant lack of fit{known}"
 
     def _of_excluded(self, out: ExcludedData) -> tuple[str, str]:
         """The rank by what the fit excluded, and why."""

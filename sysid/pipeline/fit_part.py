@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from sysid.errors import NotIdentifiedError, about
+from sysid.errors import Notice, NotIdentifiedError, about, subject_of
 from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
@@ -129,8 +129,11 @@ def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig, law: str = "auto") -
     # A missing effect may cause it, which the diagnosis then names from this number.
     asks = "sysid diagnose names what the law lacks, if the data are right"
     short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
-    part = fitted.component.part(fitted.base_estimates(), judged)
+    estimates = fitted.base_estimates()
+    part = fitted.component.part(estimates, judged)
     said = [f"{kind}: {choice.why}"] if choice.why else []
+    more = fitted.component.said_of(estimates)
+    said += [Notice(f"{kind}: {line}", subject_of(line)) for line in more]
     return FittedPart(part, notices=tuple(about(kind, (*component.left_out, *said, *short))))
 
 

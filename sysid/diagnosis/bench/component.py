@@ -55,7 +55,7 @@ class Component(ABC):
     """Why tests that were given are not among its own, a line each."""
     precision = 0.0
     """Share of the signal's RMS below which nothing is structure, however little noise there is."""
-    has_constant = True
+    has_constant: bool = True
     """Whether the law has a constant of its own: the signal's spread is about its mean then."""
 
     takes_laws_at_once = False
@@ -134,6 +134,10 @@ class Component(ABC):
     @abstractmethod
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         """The law's section of a bundle; `estimates` are those of `parameters`, by name."""
+
+    def said_of(self, estimates: Mapping[str, Estimate]) -> tuple[str, ...]:
+        """What a reader of the law's numbers has to know, a line each; by default nothing."""
+        return ()
 
     def renewed(
         self, bundle: Bundle, estimates: Mapping[str, Estimate], quality: FitQuality | None = None

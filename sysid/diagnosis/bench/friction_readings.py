@@ -2,13 +2,14 @@
 
 The law is Coulomb and viscous friction with breakaway,
 
-    breakaway = static direction,    effort = coulomb direction + viscous velocity,
+    breakaway = static direction,    effort = coulomb direction + viscous velocity + offset,
 
-and what it lacks acts through the ports of static and sliding friction. Of a breakaway the
-effort is predicted. Of a steady motion one of the two was set and the other followed, which is
-predicted: a line through what was set over what followed would be too flat, since it is the latter
-that scatters. In the thesis the torque was set (3.4.3, Table 3.4.2), under a controller of the
-speed it is the speed. A linear axis has forces and speeds along its way.
+the offset where readings of both directions show it, and what it lacks acts through the ports of
+static and sliding friction. Of a breakaway the effort is predicted. Of a steady motion one of the
+two was set and the other followed, which is predicted: a line through what was set over what
+followed would be too flat, since it is the latter that scatters. In the thesis the torque was set
+(3.4.3, Table 3.4.2), under a controller of the speed it is the speed. A linear axis has forces and
+speeds along its way.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 
 from sysid.diagnosis.bench.component import Component, Law, law_held, probes, shapes
 from sysid.diagnosis.thresholds import ACTS
-from sysid.errors import NotIdentifiedError, input_error
+from sysid.errors import Notice, NotIdentifiedError, input_error
 from sysid.estimation.linear import LEVEL, Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
@@ -60,15 +61,25 @@ class FrictionPoints(Component):
     direction: FloatArray
     number: FloatArray
     is_speed_set: bool
-    has_constant = False
+    has_constant: bool = field(default=False, init=False)
     channel: str = field(default="", init=False)
     unit: str = field(default="", init=False)
 
     def __post_init__(self) -> None:
         u, by_effort = self.units, self._effort_follows
         follows = (u.effort_channel, u.effort) if by_effort else (u.speed_channel, u.speed)
-        for name, value in zip(("channel", "unit"), follows, strict=True):
+        own = (*follows, not self.is_breakaway and self._shows_offset())
+        for name, value in zip(("channel", "unit", "has_constant"), own, strict=True):
             object.__setattr__(self, name, value)
+
+    def _shows_offset(self) -> bool:
+        """Whether what was set tells an offset from Coulomb and viscous friction: both directions,
+        one of them at two levels."""
+        level = self.velocity if self.is_speed_set else self.effort
+        columns = np.column_stack(
+            (self.direction, level / np.abs(level).max(), np.ones_like(level))
+        )
+        return int(np.linalg.matrix_rank(columns)) == 3
 
     @property
     def tests(self) -> tuple[str, ...]:
@@ -104,7 +115,7 @@ class FrictionPoints(Component):
 
     def parameters(self) -> list[Parameter]:
         u, effort, speed = self.units, np.abs(self.effort), np.abs(self.velocity)
-        size = float(effort.mean())
+        largest = size = float(effort.mean())
         if self.is_breakaway:
             return [Parameter(u.key("static"), size, u.effort, 0.0, scale=size)]
         mean = float(speed.mean())
@@ -114,6 +125,9 @@ class FrictionPoints(Component):
                 f"{u.key('coulomb')} and {u.key('viscous')} are not identified: all readings are "
                 f"at {level}; take some at another {'speed' if self.is_speed_set else u.word}"
             )
+        offset = self._guessed_offset() if self.has_constant else 0.0
+        effort = self.direction * (self.effort - offset)
+        size = float(effort.mean())
         rise = float((effort - size) @ (speed - mean))
         if self.is_speed_set:
             slope = max(rise, 0.0) / float(np.sum((speed - mean) ** 2))
@@ -121,10 +135,23 @@ class FrictionPoints(Component):
             slope = float(np.sum((effort - size) ** 2)) / rise if rise > 0.0 else math.inf
         # A start from which the fit can move: a law that holds the axis at rest has no slope.
         slope = slope if slope * mean < size else 0.5 * size / mean
-        return [
-            Parameter(u.key("coulomb"), size - slope * mean, u.effort, 0.0, scale=size),
-            Parameter(u.key("viscous"), slope, u.viscous_unit, 0.0, scale=size / mean),
+        found = [
+            Parameter(u.key("coulomb"), size - slope * mean, u.effort, 0.0, scale=largest),
+            Parameter(u.key("viscous"), slope, u.viscous_unit, 0.0, scale=largest / mean),
         ]
+        if self.has_constant:
+            found.append(Parameter(u.key("offset"), offset, u.effort, scale=largest))
+        return found
+
+    def _guessed_offset(self) -> float:
+        """By a plane through what followed, over what was set and its direction."""
+        level = self.velocity if self.is_speed_set else self.effort
+        columns = np.column_stack((level, self.direction, np.ones_like(level)))
+        slope, _, constant = np.linalg.lstsq(columns, self._followed, rcond=None)[0]
+        if self.is_speed_set:
+            return float(constant)
+        # Where no speed rises with the effort, nothing is known of it yet.
+        return -float(constant / slope) if slope > 0.0 else 0.0
 
     @property
     def _followed(self) -> FloatArray:
@@ -153,12 +180,13 @@ class FrictionPoints(Component):
             np.bincount(cells, v) / count for v in (self.position, self.velocity, self.direction)
         )
         own = [direction] if self.is_breakaway else [direction, velocity]
+        own += [np.ones_like(velocity)] if self.has_constant else []
         basis = np.linalg.qr(np.column_stack(own))[0]
-        without = self._effort(law, place, velocity, direction)
+        without = self._friction(law, place, velocity, direction)
 
         def acts(probe: CatalogueEffect) -> bool:
             there = Law(law.values, (probe,))
-            more = self._effort(there, place, velocity, direction) - without
+            more = self._friction(there, place, velocity, direction) - without
             beyond = more - basis @ (basis.T @ more)
             return bool(np.abs(beyond).max() > ACTS * np.abs(without).max())
 
@@ -174,7 +202,7 @@ class FrictionPoints(Component):
     def side(self) -> str:
         return "both"
 
-    def _effort(
+    def _friction(
         self, law: Law, place: FloatArray, velocity: FloatArray, direction: FloatArray
     ) -> FloatArray:
         """Breakaway or friction with the sign of the motion that it resists; (n,) each.
@@ -211,6 +239,10 @@ class FrictionPoints(Component):
         held = model.through("static_effort", parameters.static_effort, point)
         return np.asarray(model.through("friction_effort", held * direction, point))
 
+    def _offset(self, law: Law) -> float:
+        """The constant part of the effort; of a breakaway none is known."""
+        return 0.0 if self.is_breakaway else law.values.get(self.units.key("offset"), 0.0)
+
     def _value(self, law: Law, name: str) -> float:
         key = self.units.key(name)
         if key not in law.values:
@@ -227,19 +259,19 @@ class FrictionPoints(Component):
         0 where that does not start the axis.
         """
         way, place = self.direction[rows], self.position[rows]
-        wanted = np.abs(self.effort[rows])
+        wanted = way * (self.effort[rows] - self._offset(law))
         low = np.zeros(len(rows))
         high = np.full(len(rows), _FASTEST * float(np.abs(self.velocity).max()))
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            below = way * self._effort(law, place, way * middle, way) <= wanted
+            below = way * self._friction(law, place, way * middle, way) <= wanted
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         return np.asarray(way * 0.5 * (low + high))
 
     def residuals(self, law: Law, tests: Sequence[int]) -> list[FloatArray]:
         rows = np.asarray(tests, dtype=np.intp)
         if self._effort_follows:
-            modelled = self._effort(
+            modelled = self._offset(law) + self._friction(
                 law, self.position[rows], self.velocity[rows], self.direction[rows]
             )
         else:
@@ -288,12 +320,32 @@ class FrictionPoints(Component):
             for name in FRICTION
         }
         found = {key: estimates.get(key, absent) for key, absent in unread.items()}
+        offset = self.units.key("offset")
+        found |= {offset: estimates[offset]} if offset in estimates else {}
         judged = quality_field(quality, KIND)
         return Parts(friction=Friction.model_validate({**found, **judged}))
 
     def law_of(self, bundle: Bundle) -> Law:
         names = [p.name for p in self.parameters()]
-        return law_held("friction", bundle.friction, names, f"{KIND} readings")
+        offset = self.units.key("offset")
+        held = bundle.friction.offset if bundle.friction is not None else None
+        if not self.is_breakaway and held is not None and held.identified:
+            # Readings of one direction have the offset that those of both have shown.
+            names = [*dict.fromkeys([*names, offset])]
+        absent = {offset: 0.0} if self.has_constant else {}
+        return law_held("friction", bundle.friction, names, f"{KIND} readings", **absent)
+
+    def said_of(self, estimates: Mapping[str, Estimate]) -> tuple[str, ...]:
+        key = self.units.key("offset")
+        offset = estimates.get(key)
+        if offset is None or offset.interval[0] <= 0.0 <= offset.interval[1]:
+            return ()
+        low, high = offset.interval
+        line = (
+            f"friction differs with the direction: an offset of {offset.value:.3g} "
+            f"({low:.3g} to {high:.3g}) {offset.unit}"
+        )
+        return (Notice(line, f"friction.{key}"),)
 
 
 def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
