@@ -19,12 +19,13 @@ from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.law_choice import chosen_law
 from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.bench.tank import TankComponent, tank
-from sysid.errors import InputError, NotIdentifiedError
+from sysid.errors import InputError, NotIdentifiedError, subject_of
 from sysid.io.conversion import convert
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
 from sysid.parameters import Bundle, FittedValves, Valve
 from sysid.parameters.files import shipped_schema
+from sysid.pipeline.fit_part import bench_fit
 from sysid.plant.effects.catalogue import catalogue
 
 MEASURED = Path(__file__).resolve().parent.parent / "datasets" / "measured" / "pump_tank"
@@ -140,6 +141,40 @@ def test_the_walls_conductance_is_the_true_one(seed: int) -> None:
     assert abs(found.value / CONDUCTANCE - 1.0) < 0.03
     assert abs(fitted.law.values["c_dis"] / C_DIS - 1.0) < 5e-3
     assert rmse(part.residuals(fitted.law, range(4))) < 2.0 * 8.0 / np.sqrt(2.0)
+
+
+def real_gas(is_isothermal: bool, seed: int) -> Trial:
+    """Gas with a temperature of its own, as warm as the wall or without heat from it, that leaves
+    by the thesis' flow."""
+    from scipy.integrate import solve_ivp
+
+    start, time = 1.6e5, np.arange(0.0, 8.0, 0.02)
+
+    def rate(_: float, pressure: NDArray[np.float64]) -> NDArray[np.float64]:
+        cooled = 1.0 if is_isothermal else K * (pressure / start) ** ((K - 1.0) / K)
+        return np.asarray(-cooled * R * T / VOLUME * 5e-9 * (pressure - P0))
+
+    run = solve_ivp(rate, (0.0, 8.0), [start], t_eval=time, rtol=1e-10, atol=1e-6)
+    shown = np.concatenate([np.full(10, start), run.y[0]])
+    shown += 8.0 * np.random.default_rng(seed).normal(size=len(shown))
+    valve = (np.arange(len(shown)) < 10).astype(float)
+    return Trial("t", 0.02 * np.arange(len(shown)), {"pressure_a_pa": shown, "valve_a": valve}, "x")
+
+
+@pytest.mark.parametrize("is_isothermal", [True, False], ids=["isothermal", "adiabatic"])
+def test_what_the_gas_temperature_does_to_the_coefficient_is_said(is_isothermal: bool) -> None:
+    trials = [real_gas(is_isothermal, seed) for seed in (1, 2)]
+    component = tank(trials, rig())
+    fitted = fit_law(component, (), range(2))
+    error = 5e-9 / fitted.law.values["c_dis"]
+    assert error > (1.38 if is_isothermal else 1.05)
+    own = component.wall_ranges["c_dis"]
+    low, high = (5e-9 / limit for limit in reversed(fitted.base_estimates()["c_dis"].interval))
+    assert own.low <= high and low <= own.high and own.high - own.low < 0.2
+    assert own.reaches_all is is_isothermal and own.reaches_none is not is_isothermal
+    found = bench_fit("tank", trials, rig(), "thesis")
+    (line,) = [line for line in found.notices if "times as large" in line]
+    assert subject_of(line) == "valves.a.discrete" and f"c_dis {own.low:.2f}" in line
 
 
 def test_laws_together_are_what_each_is_alone() -> None:

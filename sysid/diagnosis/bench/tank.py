@@ -29,7 +29,8 @@ from sysid.diagnosis.bench.component import (
 )
 from sysid.diagnosis.bench.tank_gas import Iso6358
 from sysid.diagnosis.bench.tank_logs import Discharge, discharges
-from sysid.errors import NotIdentifiedError
+from sysid.diagnosis.bench.tank_wall import WallRange, once_through, wall_ranges
+from sysid.errors import Notice, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
@@ -79,7 +80,9 @@ _IN_ISO6358 = ("wall-heat-transfer", "choked-exhaust-scaling", "subsonic-flow-sh
 class TankComponent(Component):
     """A tank of `parameters`' chamber A and its discharges. Residuals are pressures, Pa.
 
-    `law` "thesis" or "iso6358"; `fits_index`: whether ISO 6358's subsonic index is fitted too.
+    `law` "thesis" or "iso6358"; `fits_index`: whether ISO 6358's subsonic index is fitted too;
+    `adiabatic`: the share of the expansion that the wall leaves so, where the thesis' flow is that
+    of gas with a temperature.
     """
 
     base_parameters: Parameters
@@ -87,6 +90,7 @@ class TankComponent(Component):
     left_out: tuple[str, ...] = ()
     law: str = THESIS
     fits_index: bool = False
+    adiabatic: float | None = None
 
     channel = "pressure_a_pa"
     unit = "Pa"
@@ -283,7 +287,7 @@ class TankComponent(Component):
         end, first = max(d.time[-1] for d in chosen), min(d.bin_s for d in chosen)
         longest = _LONGEST_STEP_BINS[self.law] * first
         times = tank_gas.grid(float(end), first, longest, _GROWTH)
-        found = tank_gas.simulated(starts, times, together, iso)
+        found = tank_gas.simulated(starts, times, together, iso, self.adiabatic)
         runs = np.split(np.arange(len(lanes)), len(models))
         return [
             self._left(chosen, steps, model, found.of(own.tolist()))
@@ -352,6 +356,25 @@ class TankComponent(Component):
         law |= self._section(estimates)
         law |= quality_field(quality, "discharge")
         return Parts(valves=FittedValves(a=Valve(discrete=DiscreteLaw.model_validate(law))))
+
+    @functools.cached_property
+    def wall_ranges(self) -> Mapping[str, WallRange]:
+        """What the thesis' coefficients are times with gas that has a temperature, by name."""
+        full = once_through(self.base_parameters, self._volume, self.discharges[0].scale_s)
+        return wall_ranges(self, lambda share: dataclasses.replace(self, adiabatic=share), full)
+
+    def said_of(self, estimates: Mapping[str, Estimate]) -> tuple[str, ...]:
+        if self.law != THESIS:
+            return ()
+        times = [f"{name} {own.text}" for name, own in self.wall_ranges.items()]
+        own = next(iter(self.wall_ranges.values()))
+        is_open = own.reaches_none and own.reaches_all
+        line = (
+            "by its law the gas neither cools nor takes heat from the wall (3.3.6); of gas that "
+            f"does, {' and '.join(times)} as large would be right, by how well the wall warms it, "
+            f"{'which' if is_open else 'as far as'} these tests {'do not ' if is_open else ''}show"
+        )
+        return (Notice(line, "valves.a.discrete"),)
 
     def _section(self, estimates: Mapping[str, Estimate]) -> dict[str, Any]:
         """The law's own numbers as a bundle holds them."""

@@ -3,7 +3,8 @@
 By the thesis the gas keeps its temperature, and its pressure follows the flow by 3.3.6. By ISO 6358
 the flow depends on the temperature of the gas, which cools as it expands and is warmed by the wall:
 its mass and temperature are states, and whatever the wall's conductance, from none (adiabatic) to
-all (isothermal), is integrated in the same steps.
+all (isothermal), is integrated in the same steps. The thesis' flow out of such gas shows what 3.3.6
+does to its coefficients.
 """
 
 from __future__ import annotations
@@ -110,13 +111,26 @@ class Course:
         )
 
 
-def simulated(starts: FloatArray, times: FloatArray, model: Model, law: Iso6358 | None) -> Course:
+def simulated(
+    starts: FloatArray,
+    times: FloatArray,
+    model: Model,
+    law: Iso6358 | None,
+    adiabatic: float | None = None,
+) -> Course:
     """The course at times (m,) s of runs from `starts` (runs,), Pa.
 
-    `law` None: the thesis'. What cannot be, as below a vacuum, is held at what can.
+    `law` None: the thesis', `adiabatic` the share that `wall_conductance` gives where its flow is
+    that of gas with a temperature. What cannot be, as below a vacuum, is held at what can.
     """
     highest = _MOST * max(float(np.max(starts)), float(np.max(model.parameters.atmosphere)))
-    vessel = _BaseVessel(model, highest) if law is None else _GasVessel(model, highest, law)
+    vessel: _BaseVessel
+    if law is not None:
+        vessel = _GasVessel(model, highest, law)
+    elif adiabatic is not None:
+        vessel = _WarmedVessel(model, highest, adiabatic)
+    else:
+        vessel = _BaseVessel(model, highest)
     pressures, rates = np.empty((2, len(times), len(starts)))
     changes = np.full((4, len(starts)), np.inf)
     state = vessel.at_rest(starts)
@@ -140,8 +154,9 @@ def simulated(starts: FloatArray, times: FloatArray, model: Model, law: Iso6358 
             before = vessel.slopes(t + until, middle)[0]
             vessel.change(change)
             slopes, decays = vessel.slopes(t + until, middle)
-            corner = np.array([t + until, middle[0], before[0], slopes[0]])
-            changes = np.where(change, corner, changes)
+            pressure, fell = vessel.shown(t + until, middle, before)
+            falls = vessel.shown(t + until, middle, slopes)[1]
+            changes = np.where(change, np.array([t + until, pressure, fell, falls]), changes)
             later = functools.partial(ahead, time=t + until, by=after)
             there = relaxing_step(middle, slopes, decays, later, after)
         state = vessel.held(there)
@@ -198,7 +213,10 @@ class _BaseVessel:
         boundary = self._boundary
         if boundary is None:
             boundary = plant.exhaust_boundary("a", self._point(time, state[0], state), self.model)
-        return np.asarray(state[0] - boundary)
+        return np.asarray(self._pressure(time, state) - boundary)
+
+    def _pressure(self, time: float, state: Sequence[Array]) -> Array:
+        return state[0]
 
     def changes(
         self,
@@ -216,8 +234,9 @@ class _BaseVessel:
         crosses = self.choked & (ends < 0.0)
         if not crosses.any():
             return None
-        begins, rise = self._above(time, state), step * slopes[0]
-        end_rise = step * self.slopes(time + step, there)[0][0]
+        begins, rise = self._above(time, state), step * self.shown(time, state, slopes)[1]
+        at_end = self.slopes(time + step, there)[0]
+        end_rise = step * self.shown(time + step, there, at_end)[1]
         low, high = np.zeros(len(ends)), np.ones(len(ends))
         for _ in range(_HALVINGS):
             s = 0.5 * (low + high)
@@ -289,12 +308,15 @@ class _GasVessel(_BaseVessel):
     def __init__(self, model: Model, highest: float, law: Iso6358) -> None:
         super().__init__(model, highest)
         self.law = law
-        p = model.parameters
+        self._warm(law.adiabatic)
+
+    def _warm(self, adiabatic: Array) -> None:
+        p = self.model.parameters
         self.volume = plant.chamber_volume("a", 0.0, p)
-        self.wall = wall_conductance(law.adiabatic, float(np.max(self.volume)))
+        self.wall = wall_conductance(adiabatic, float(np.max(self.volume)))
         self._of_fixed = self._number_of(p)
         per_pascal = self.volume / (p.gas_constant * p.temperature)
-        self.least, self.most = np.log(_LEAST_PA * per_pascal), np.log(highest * per_pascal)
+        self.least, self.most = np.log(_LEAST_PA * per_pascal), np.log(self.highest * per_pascal)
 
     def at_rest(self, starts: FloatArray) -> tuple[Array, ...]:
         p = self.model.at(0.0)
@@ -348,13 +370,34 @@ class _GasVessel(_BaseVessel):
     def shown(
         self, time: float, state: Sequence[Array], slopes: Sequence[Array]
     ) -> tuple[Array, Array]:
-        pressure = self._numbers(self._at(time))[0] * np.exp(state[0] + state[1])
+        pressure = self._pressure(time, state)
         return pressure, pressure * (slopes[0] + slopes[1])
+
+    def _pressure(self, time: float, state: Sequence[Array]) -> Array:
+        return self._numbers(self._at(time))[0] * np.exp(state[0] + state[1])
 
     def held(self, state: Sequence[Array]) -> tuple[Array, ...]:
         mass = _between(self.least, state[0], self.most)
         # The gas of a vessel that empties is never colder or warmer than by this.
         return (mass, _between(-3.0, state[1], 3.0), *map(_bounded, state[2:]))
+
+
+class _WarmedVessel(_GasVessel):
+    """Gas with a temperature of its own that leaves by the thesis' flow, without effects."""
+
+    def __init__(self, model: Model, highest: float, adiabatic: float) -> None:
+        _BaseVessel.__init__(self, model, highest)
+        self._warm(adiabatic)
+
+    def at_rest(self, starts: FloatArray) -> tuple[Array, ...]:
+        state = super().at_rest(starts)
+        self.choked = self._above(0.0, state) >= 0.0
+        return state
+
+    changes = _BaseVessel.changes
+
+    def _flow(self, pressure: Array, outside: Array, warmer: Array, p: base.Parameters) -> Array:
+        return -base.exhaust_flow(pressure, outside, p.choked_dis_a, p.c_dis_a, self.choked)
 
 
 def _between(least: Array, value: Array, most: Array) -> Array:

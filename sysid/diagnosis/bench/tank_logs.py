@@ -54,6 +54,11 @@ class Discharge:
     bin_s: float
     noise: float = math.nan
 
+    @property
+    def scale_s(self) -> float:
+        """About the tank's own time, s."""
+        return self.bin_s / _BIN
+
     def until_empty(self, atmosphere: float) -> Discharge:
         """Without what comes after the excess pressure has fallen to a hundredth, or to noise."""
         excess = self.pressure - atmosphere
