@@ -14,6 +14,7 @@ from sysid.balance.samples import tells_speeds
 from sysid.commands.app import main
 from sysid.friction import FrictionResult, fit_friction
 from sysid.io.logs import Trial
+from sysid.io.rig import rig_from_content
 from sysid.parameters import Friction
 
 COULOMB, VISCOUS, OFFSET = 0.208, 0.0488, 0.012
@@ -181,3 +182,34 @@ def test_a_test_that_shows_friction_over_speed_is_not_hidden_by_a_faster_one() -
     assert not tells_speeds([np.concatenate(speeds)], [np.concatenate(loads)])
     assert tells_speeds(speeds, loads)
     assert not tells_speeds(speeds[1:], loads[1:])
+
+
+def test_a_motor_that_is_logged_and_off_takes_no_speed_for_the_cylinders() -> None:
+    """Valves drive, and the effort's column is zero: the same as without the column."""
+    rng, time = np.random.default_rng(2), 2e-3 * np.arange(5000)
+    speed = 0.15 * np.sin(2.5 * time) + 0.05 * np.sin(6.9 * time + 0.3)
+    place = np.cumsum(np.append(0.0, speed[1:] + speed[:-1])) * 1e-3
+    force = 2.0 * np.gradient(speed, 2e-3) + 8.0 * np.tanh(speed / 1e-3) + 25.0 * speed
+    force += 0.2 * rng.standard_normal(len(time))
+    air = {
+        "gas_constant_j_per_kg_k": 287.0,
+        "heat_capacity_ratio": 1.4,
+        "temperature_k": 293.15,
+        "atmospheric_pressure_pa": 1e5,
+        "supply_pressure_pa": 6e5,
+    }
+    cylinder = dict.fromkeys(("area_a_m2", "area_b_m2"), 4.5e-4)
+    cylinder |= dict.fromkeys(("offset_a_m", "offset_b_m"), 0.3) | {"stroke_m": 0.4}
+    about = {"name": "axis", "orientation": "horizontal", "motion": "linear"}
+    rig = rig_from_content({"rig": about, "air": air, "cylinder": cylinder}, "rig.toml")
+    channels = {
+        "position_m": place - np.mean(place),
+        "pressure_a_pa": 3e5 + force / 9e-4,
+        "pressure_b_pa": 3e5 - force / 9e-4,
+    }
+    alone = fit_friction([Trial("1", time, channels, "v.csv")], rig)
+    off = {**channels, "motor_force_n": np.zeros(len(time))}
+    logged = fit_friction([Trial("1", time, off, "v.csv")], rig)
+    for name, truth in (("coulomb_n", 8.0), ("viscous_n_s_per_m", 25.0), ("mass_kg", 2.0)):
+        assert logged[name].value == pytest.approx(alone[name].value, rel=1e-9)
+        assert logged[name].value == pytest.approx(truth, rel=0.03)

@@ -26,6 +26,8 @@ COULOMB, VISCOUS, OFFSET, INERTIA = range(4)
 _LEAST_SPAN = 1.5
 # Correlation of speed and load beyond which the two cannot be distinguished.
 _TIED = 0.6
+# Of the spread of the cylinder's effort, below which a motor's drives nothing.
+_OFF = 0.01
 # Share of the samples of one direction beyond those of the other.
 _MOST_ONE_WAY = 0.98
 NAMES = ("coulomb", "viscous", "offset", "inertia")
@@ -89,8 +91,9 @@ def motion_samples(recording: Recording, cutoff_hz: float) -> MotionSamples:
     noise = np.array([0.0, motion.speed_noise**2, 0.0, motion.acceleration_noise**2])
     since, until = _about_reversals(motion.position, speed, motion.rest_speed)
     # Where air alone drives the motion, its effort follows the speed as any effort would: this is
-    # not a confounding of the two.
-    load = recording.cylinder if recording.has_motor else np.zeros(len(speed))
+    # not a confounding of the two. So it is next to a motor that is logged, and stays off.
+    driven = recording.has_motor and float(np.max(np.abs(held))) > _OFF * float(np.ptp(cylinder))
+    load = recording.cylinder if driven else np.zeros(len(speed))
     return MotionSamples(
         regressors[rows],
         effort[rows],
