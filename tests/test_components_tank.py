@@ -328,6 +328,15 @@ def test_a_tank_on_the_other_sides_columns_is_a_tank(
     assert row.reason.startswith("this is a tank's discharge") and missing in row.reason
 
 
+@pytest.mark.parametrize("command", ["valve_a", "pump_volts"])
+def test_a_tank_without_its_pressure_lacks_that(command: str) -> None:
+    time = np.arange(0.0, 5.0, 0.01)
+    trial = Trial("1", time, {command: (time < 2.0).astype(float)}, "log.csv")
+    assert bench_kind(trial, rig()) == "tank"
+    (row,) = bench_identified("tank", [trial], rig())
+    assert "column pressure_a_pa is missing" in row.reason and "motor" not in row.reason
+
+
 @pytest.mark.parametrize("extra", [{}, {"valve_a": 0.0}, {"theta_rad": 0.0}])
 def test_one_pressure_may_be_a_tanks_whose_rig_file_does_not_say_so(
     extra: dict[str, float],

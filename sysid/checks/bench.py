@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from sysid.checks.friction import Identification, bench_fit, is_of_one_pressure
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.io.channels import VALVE_COMMANDS
+from sysid.io.channels import CHAMBER_PRESSURES, VALVE_COMMANDS
 from sysid.io.kinds import FRICTION_POINTS, KIND_BY_COLUMN
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
@@ -25,7 +25,10 @@ def bench_kind(trial: Trial, rig: Rig) -> str | None:
 
 
 def _is_of_a_tank(trial: Trial, rig: Rig) -> bool:
-    """Whether a test has one pressure and no motion channel, on a rig with a tank."""
+    """Whether a test has one pressure and no motion channel, on a rig with a tank; on one of a
+    tank alone also a command without a pressure, which is then what is missing."""
+    if rig.is_tank_alone and not {rig.position_channel, *CHAMBER_PRESSURES} & {*trial.channels}:
+        return bool({"pump_volts", *VALVE_COMMANDS} & {*trial.channels})
     if rig.tank is None or not is_of_one_pressure(trial, rig):
         return False
     others = {rig.effort_channel}

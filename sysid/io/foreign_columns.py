@@ -191,7 +191,8 @@ def _of_one_clock(table: ForeignTable, recipe: Recipe, sources: Sources) -> _Mad
         raise input_error(
             table.path,
             f"the mapped columns differ in length: {told_lengths}",
-            "map signals of equal length (give a single value with --set)",
+            "map signals of equal length (give a single value with --set); those of another rate "
+            f"are joined by their own time: --join {table.path.name} --join-map ...",
         )
     total = next(iter(lengths.values()))
     kept = _rows_to_keep(table, recipe, total)
