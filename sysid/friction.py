@@ -66,6 +66,7 @@ from sysid.identification.friction.static import (
     static_summary,
 )
 from sysid.identification.friction.steady_stretch import levels_of_tests, sliding_points
+from sysid.io.channels import CHAMBER_PRESSURES
 from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.logs import Trial, any_contradiction, with_channels
 from sysid.io.motion import LOADS, MotionUnits
@@ -191,14 +192,24 @@ def _reversed(
 ) -> str:
     """Which channel's sign is reversed and how to map it, if a fit with the other sign is good;
     empty where none is."""
+
+    def good(turned: Sequence[Trial]) -> FrictionResult | None:
+        fit = on_its_own(partial(_whole, turned, rig, kind, estimate_inertia, cutoff_hz))
+        return None if isinstance(fit, Failure) or not fit.is_beyond_doubt else fit
+
     found: dict[str, FrictionResult] = {}
     for channel in (rig.effort_channel, rig.position_channel):
         turned = [with_channels(t, **{channel: -t[channel]}) for t in trials if channel in t]
-        fit = on_its_own(partial(_whole, turned, rig, kind, estimate_inertia, cutoff_hz))
-        if not isinstance(fit, Failure) and fit.is_beyond_doubt:
+        if (fit := good(turned)) is not None:
             found[channel] = fit
-    if not found:
+    a, b = CHAMBER_PRESSURES
+    swap = f'--map "{a}={b}" --map "{b}={a}"'
+    both = all(a in t and b in t for t in trials)
+    swapped = good([with_channels(t, **{a: t[b], b: t[a]}) for t in trials]) if both else None
+    if not found and swapped is None:
         return ""
+    if not found:
+        return f"{a} and {b} are swapped: the other way round the fit is good; give {swap}"
     # In a log with pressures, the sign of the position is not that of the effort.
     ranked = sorted(found, key=lambda n: (-len(found[n].of_sliding()), found[n].misses))
     name, best = ranked[0], found[ranked[0]]
@@ -207,9 +218,13 @@ def _reversed(
     sliding = rig.units.keyed(best.of_sliding())
     sliding = sliding or {c.expression: c.estimate for c in best.combinations}
     numbers = ", ".join(f"{n} = {e.value:.3g} {e.unit}" for n, e in sliding.items())
+    # Two chambers alike push as far one way as the other.
+    instead = swapped is not None and _alike(swapped, best)
     return (
-        f"the sign of {' or of '.join(likely)} is reversed: with the other sign the fit is good"
-        f'{f" ({numbers})" if numbers else ""}; give --map "{fix}"'
+        f"the sign of {' or of '.join(likely)} is reversed"
+        f"{f', or {a} and {b} are swapped' if instead else ''}: with the other sign the fit is "
+        f'good{f" ({numbers})" if numbers else ""}; give --map "{fix}"'
+        f"{f', or {swap}' if instead else ''}"
     )
 
 

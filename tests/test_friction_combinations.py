@@ -13,8 +13,8 @@ from friction_trials import BARE, PERIOD, RIG, constant, ramp, simulated, swing,
 from sysid.balance.samples import tells_speeds
 from sysid.commands.app import main
 from sysid.friction import FrictionResult, fit_friction
-from sysid.io.logs import Trial
-from sysid.io.rig import rig_from_content
+from sysid.io.logs import Trial, with_channels
+from sysid.io.rig import Rig, rig_from_content
 from sysid.parameters import Friction
 
 COULOMB, VISCOUS, OFFSET = 0.208, 0.0488, 0.012
@@ -184,8 +184,8 @@ def test_a_test_that_shows_friction_over_speed_is_not_hidden_by_a_faster_one() -
     assert not tells_speeds(speeds[1:], loads[1:])
 
 
-def test_a_motor_that_is_logged_and_off_takes_no_speed_for_the_cylinders() -> None:
-    """Valves drive, and the effort's column is zero: the same as without the column."""
+def valve_driven() -> tuple[Trial, Rig]:
+    """A motion that the pressures of two equal chambers drive: 8 N, 25 N s/m, 2 kg."""
     rng, time = np.random.default_rng(2), 2e-3 * np.arange(5000)
     speed = 0.15 * np.sin(2.5 * time) + 0.05 * np.sin(6.9 * time + 0.3)
     place = np.cumsum(np.append(0.0, speed[1:] + speed[:-1])) * 1e-3
@@ -201,15 +201,29 @@ def test_a_motor_that_is_logged_and_off_takes_no_speed_for_the_cylinders() -> No
     cylinder = dict.fromkeys(("area_a_m2", "area_b_m2"), 4.5e-4)
     cylinder |= dict.fromkeys(("offset_a_m", "offset_b_m"), 0.3) | {"stroke_m": 0.4}
     about = {"name": "axis", "orientation": "horizontal", "motion": "linear"}
-    rig = rig_from_content({"rig": about, "air": air, "cylinder": cylinder}, "rig.toml")
     channels = {
         "position_m": place - np.mean(place),
         "pressure_a_pa": 3e5 + force / 9e-4,
         "pressure_b_pa": 3e5 - force / 9e-4,
     }
-    alone = fit_friction([Trial("1", time, channels, "v.csv")], rig)
-    off = {**channels, "motor_force_n": np.zeros(len(time))}
-    logged = fit_friction([Trial("1", time, off, "v.csv")], rig)
+    rig = rig_from_content({"rig": about, "air": air, "cylinder": cylinder}, "rig.toml")
+    return Trial("1", time, channels, "v.csv"), rig
+
+
+def test_a_motor_that_is_logged_and_off_takes_no_speed_for_the_cylinders() -> None:
+    """Valves drive, and the effort's column is zero: the same as without the column."""
+    test, rig = valve_driven()
+    alone = fit_friction([test], rig)
+    logged = fit_friction([with_channels(test, motor_force_n=np.zeros(len(test)))], rig)
     for name, truth in (("coulomb_n", 8.0), ("viscous_n_s_per_m", 25.0), ("mass_kg", 2.0)):
         assert logged[name].value == pytest.approx(alone[name].value, rel=1e-9)
         assert logged[name].value == pytest.approx(truth, rel=0.03)
+
+
+def test_chambers_that_are_swapped_are_as_likely_as_a_reversed_position() -> None:
+    test, rig = valve_driven()
+    a, b = test["pressure_a_pa"], test["pressure_b_pa"]
+    swapped = with_channels(test, pressure_a_pa=b, pressure_b_pa=a)
+    line = fit_friction([swapped], rig).reversed_sign
+    assert "position_m is reversed, or pressure_a_pa and pressure_b_pa are swapped" in line
+    assert line.endswith('--map "pressure_a_pa=pressure_b_pa" --map "pressure_b_pa=pressure_a_pa"')
