@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from types import SimpleNamespace
@@ -34,6 +34,7 @@ from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.finder import Finder
 from sysid.diagnosis.actuator.fitted_set import FittedSet, _log_volume, _prior_cost, fit_set
 from sysid.diagnosis.actuator.holdout import HeldOut
+from sysid.diagnosis.actuator.logged_supply import logged_supply
 from sysid.diagnosis.actuator.loop import Loop, close_loop
 from sysid.diagnosis.actuator.misfit import ResidualChannel
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
@@ -86,7 +87,12 @@ from sysid.plant.effects.chamber import (
     WallHeatTransfer,
 )
 from sysid.plant.effects.entry import CatalogueEffect
-from sysid.plant.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
+from sysid.plant.effects.friction import (
+    PowerLawFriction,
+    QuadraticDrag,
+    SealFriction,
+    StribeckFriction,
+)
 from sysid.plant.effects.linkage import InertiaMismatch, LinkFlexibility
 from sysid.plant.effects.motor import AmplifierLag, TorqueConstantError, TorqueOffset
 from sysid.plant.effects.sensor import PressureLag, PressureOffset, TimeSkew
@@ -766,7 +772,7 @@ def test_a_threshold_is_found_between_the_sizes_that_were_screened(
     """A fit from a shape and size far off ends between the steps."""
     _, rig, model = healthy
     first = seen_in(traces, model + DutyDeadZone(8e-4), model, rig)
-    far = refit(first, [DutyDeadZone(4e-4, "both", 1.8, 0.0)])
+    far = refit(first, [DutyDeadZone(2e-4, "both", 1.8, 0.0)])
     finder = finder_of(first, null_of(traces, model, rig), [DutyDeadZone, QuadraticDrag])
     assert finder.run() == {"duty-dead-zone"}
     near = finder.sets[frozenset({"duty-dead-zone"})]
@@ -1046,6 +1052,47 @@ def test_an_effect_is_found_and_named(
     assert leftover(found) == ()
 
 
+def test_the_log_of_the_supply_tells_what_acts_on_it_from_its_rivals() -> None:
+    tests, rig, model = made(("supply-droop", "coupled", 1.0), size=TWO_EACH)
+    tried = [catalogue()[name] for name in ("supply-droop", "choked-exhaust-scaling")]
+
+    def rivals(own: Tests) -> tuple[str, ...]:
+        found = close_loop(own, rig, model, tried, simulated=lambda trial: 0.0)
+        # A line that droops is as much noise to a twin as any other.
+        assert all(max(found.null.sums[name]) < 2.0 for name in BALANCES)
+        (step,) = found.search.steps
+        assert step.id == "supply-droop"
+        return tuple(step.ambiguous)
+
+    unlogged = [
+        (file, kind, replace(trial, channels=_without(trial.channels, "supply_pressure_pa")))
+        for file, kind, trial in tests
+    ]
+    assert rivals(unlogged) == (
+        "atmosphere-leakage",
+        "choked-exhaust-scaling",
+        "subsonic-flow-shape",
+    )
+    assert rivals(tests) == ()
+
+
+def _without(channels: Mapping[str, FloatArray], name: str) -> dict[str, FloatArray]:
+    return {key: values for key, values in channels.items() if key != name}
+
+
+def test_a_sensor_upstream_of_what_the_supply_loses_says_nothing(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """A steady log does not contradict a droop behind it."""
+    log = logged_supply(traces, healthy[2])
+    assert log is not None
+    assert abs(log.gain([SupplyDroop(1.3e7)])) < 3.0
+    assert log.gain([SealFriction(1e-7)]) == 0.0
+    for silent in (np.nan, 3e5):
+        column = np.full(len(traces), silent)
+        assert logged_supply(replace(traces, logged_supply=column), healthy[2]) is None
+
+
 @pytest.mark.parametrize(
     ("second", "names"),
     [
@@ -1076,10 +1123,9 @@ def test_effects_that_imitate_a_law_of_one_quantity_explain_nothing() -> None:
     campaign = made(("eddy-brake", "peak", 4.0), size=TWO_EACH)
     found = close_loop(*campaign, [], simulated=lambda trial: 0.0)
     first = found.search.first
-    imitating = refit(first, [QuadraticDrag(0.01), SealFriction(1e-7)])
-    model = Model(first.model.parameters, imitating.effects)
-    last = projected(first.frame, model, own_columns(first.frame, model))
-    steps: Any = imitating.effects
+    steps: Any = (QuadraticDrag(0.004), PowerLawFriction(0.25, 0.1))
+    model = Model(first.model.parameters, steps)
+    last = projected(first.frame, model)
     other = replace(found, search=replace(found.search, steps=steps, model=model, last=last))
     (curve,) = imitated(other)
     assert (curve.channel, curve.regressor) == ("effort", "velocity")

@@ -607,6 +607,26 @@ def test_trials_start_from_their_first_rows_and_may_differ_in_length(rig_text: s
     assert found[1]["theta_rad"][-1] > 0.0
 
 
+def test_a_logged_supply_is_the_lines_pressure_of_its_test(rig_text: str) -> None:
+    """Where nothing fills; what a flow takes from it is the model's to say."""
+    rig = _rig(rig_text)
+    rows = np.arange(201)
+    valve = np.where(rows < 100, 1.0, 0.0)
+    logged = np.where(rows < 100, 3.3e5, 3.5e5)
+    on_line = _trial(valve_a=valve, pressure_a_pa=1e5, supply_pressure_pa=logged)
+    assert on_line.line_pressure_pa == 3.5e5
+    assert _trial(valve_a=valve).line_pressure_pa is None
+    assert _trial(valve_a=valve, supply_pressure_pa=np.nan).line_pressure_pa is None
+    bleeds = _trial(valve_a_bleed=1.0, supply_pressure_pa=3.4e5)
+    assert bleeds.line_pressure_pa == 3.4e5
+    assert _trial(duty_a=0.5, supply_pressure_pa=3.3e5).line_pressure_pa is None
+    higher, declared = (
+        simulate_trials([trial], rig, REFERENCE)[0]["pressure_a_pa"]
+        for trial in (on_line, _trial(valve_a=valve, pressure_a_pa=1e5))
+    )
+    assert higher.max() > declared.max() + 1e4
+
+
 @pytest.mark.parametrize(
     ("channels", "message"),
     [

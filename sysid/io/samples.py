@@ -13,6 +13,7 @@ import numpy as np
 from sysid.blocks.plots import legend, some_axes
 from sysid.blocks.shown import Shown
 from sysid.errors import InputError, input_error
+from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.exclusion import Excluded
 from sysid.io.rig import Rig
 from sysid.io.units import ColumnMap
@@ -82,6 +83,20 @@ class Trial:
     def has_its_start(self) -> bool:
         """Whether the test's first row is the trial's: it starts at rest, with its valves off."""
         return self.begun_s == 0.0
+
+    @property
+    def line_pressure_pa(self) -> float | None:
+        """The supply as it was logged while no valve drew on it, Pa; None where it was not.
+
+        What a flow takes from it is not the line's own pressure.
+        """
+        logged = self.channels.get("supply_pressure_pa")
+        if logged is None:
+            return None
+        fills = [self[name] for name in VALVE_COMMANDS if name in self and "bleed" not in name]
+        drawn = np.any(np.array(fills) > 0.0, axis=0) if fills else np.zeros(len(self), dtype=bool)
+        idle = logged[~drawn & np.isfinite(logged)]
+        return float(np.median(idle)) if len(idle) else None
 
     @property
     def title(self) -> str:

@@ -304,6 +304,12 @@ class Model(Shown):
             return self
         return Model(with_load(self.parameters, load), self.effects)
 
+    def supplied_at(self, pressure: float | None) -> Model:
+        """The model on a line of another pressure, Pa; itself where that is None."""
+        if pressure is None:
+            return self
+        return Model(self.parameters.replace(supply=pressure), self.effects)
+
     def at(self, time: Array) -> Parameters:
         """The parameters in force at a time."""
         parameters: Parameters = self.through("parameters", self.parameters, time)

@@ -52,7 +52,8 @@ class Inputs:
     row, as effects count time from the test's start, and a run may start within it. `remembered`:
     what the effects' states have there beyond those with which they begin, by name and in their
     units; 0 for one that is not given. `seen`: what its sensors saw before; None: the first row.
-    `load`: what is carried beyond the model's own payload.
+    `load`: what is carried beyond the model's own payload. `supply`: the line's pressure in this
+    run, Pa; None: the model's.
     """
 
     time: FloatArray
@@ -67,6 +68,7 @@ class Inputs:
     remembered: Mapping[str, float] = field(default_factory=dict)
     seen: History | None = None
     load: Load = NO_LOAD
+    supply: float | None = None
 
     def valve(self, side: str) -> ValveCommand | None:
         """Valve A's or B's command."""

@@ -318,9 +318,12 @@ def check_commands(inputs: Sequence[Inputs]) -> None:
         seen.update(map(id, new))
 
 
-def carrying(inputs: Sequence[Inputs], models: Sequence[Model]) -> list[Model]:
-    """Each run's model, with what it carries beyond the model's own payload."""
-    return [model.carrying(one.load) for one, model in zip(inputs, models, strict=True)]
+def in_their_tests(inputs: Sequence[Inputs], models: Sequence[Model]) -> list[Model]:
+    """Each run's model, with what it carries beyond the model's own payload, on its supply."""
+    return [
+        model.carrying(one.load).supplied_at(one.supply)
+        for one, model in zip(inputs, models, strict=True)
+    ]
 
 
 def simulate(
@@ -348,7 +351,7 @@ def simulate(
     if not inputs:
         return []
     check_known(models, bool(surfaces))
-    models = carrying(inputs, models)
+    models = in_their_tests(inputs, models)
     if not surfaces and models[0].has_remembering_sensor:
         return _simulated_between(inputs, models, max_step, nan_if_endless)
     found = _simulated(inputs, models, surfaces, max_step, nan_if_endless)
@@ -364,7 +367,7 @@ def simulate_states(
     """The states (4, n) of every run at its rows alone, NaN from where it switches without end:
     `simulate` where nothing else is asked."""
     check_known(models, averaged=False)
-    found = _simulated(inputs, carrying(inputs, models), (), max_step, nan_if_endless=True)
+    found = _simulated(inputs, in_their_tests(inputs, models), (), max_step, nan_if_endless=True)
     return [own for own, _ in found]
 
 
@@ -389,7 +392,7 @@ def remembered_after(
         )
         for one, run in zip(inputs, runs, strict=True)
     ]
-    begun = np.array(start_lanes(last, stack_models(carrying(inputs, models))).extra)
+    begun = np.array(start_lanes(last, stack_models(in_their_tests(inputs, models))).extra)
     beyond = np.array([run.extra for run in runs]) - begun.T
     return [
         dict(zip(names, own.tolist(), strict=True)) if np.isfinite(own).all() else {}

@@ -30,9 +30,9 @@ from sysid.plant.simulator import (
     MOST_EVENTS,
     STATE,
     at_first_row,
-    carrying,
     check_commands,
     check_known,
+    in_their_tests,
     start_lanes,
 )
 from sysid.plant.stepper import advance
@@ -88,7 +88,7 @@ def simulate_tangents(
 
     Raises as `simulate` does.
     """
-    models = carrying(inputs, models)
+    models = in_their_tests(inputs, models)
     pairs = list(zip(inputs, models, strict=True))
     check_known(models, bool(surfaces))
     check_commands(inputs)

@@ -38,7 +38,8 @@ def inputs_from_trial(
     A command that the test does not hold is off or zero; a position that it does not hold
     starts at 0, a pressure at the atmosphere; the run starts at rest. `starts_on`: whether
     valves A and B were on before the first row. A test whose start is excluded starts at the
-    velocity that its first samples show, with the on/off commands that it has there. Raises
+    velocity that its first samples show, with the on/off commands that it has there. A supply that
+    was logged is at the pressure that its line had in this test. Raises
     InputError for fewer than two rows, no command at all, commands out of range, or values that are
     missing.
     """
@@ -69,6 +70,7 @@ def inputs_from_trial(
         velocity=_first_velocity(trial, rig),
         elapsed=trial.begun_s,
         load=rig.load_of(trial.payload_kg),
+        supply=trial.line_pressure_pa,
     )
 
 

@@ -95,6 +95,7 @@ def inputs_of(test: MotionTest, segment: Segment) -> Inputs:
         pressure_b=known[1],
         elapsed=float(test.since_start[segment.start]),
         load=test.load,
+        supply=test.trial.line_pressure_pa,
     )
 
 

@@ -19,6 +19,7 @@ from scipy.special import chdtrc
 from sysid.diagnosis.actuator.columns import Columns, Proposal
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT, forget
 from sysid.diagnosis.actuator.fitted_set import FittedSet, fall_on_twin, fit_set
+from sysid.diagnosis.actuator.logged_supply import LoggedSupply, acts_on_supply
 from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, rise, weights_of
 from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
 from sysid.diagnosis.actuator.oscillation import steady_oscillation
@@ -37,7 +38,7 @@ from sysid.diagnosis.search_record import Recorder, SearchStage
 from sysid.errors import Failure
 from sysid.io.channels import SIDES
 from sysid.parallel import attempt, attempt_in_threads, limited
-from sysid.plant.effects.catalogue import class_of
+from sysid.plant.effects.catalogue import catalogue, class_of
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
 from sysid.types import FloatArray, Progress
@@ -89,8 +90,9 @@ class _Proposed:
 class Finder:
     """The search on one residual: `sets` fitted so far by their effects, `rounds` in turn.
 
-    `expected`: what twins of the model with the best set leave; `none` (channels,) the squares
-    without effects, `channels` their noise as the twins show it.
+    `supply`: the log of the supply, where there is one. `expected`: what twins of the model with
+    the best set leave; `none` (channels,) the squares without effects, `channels` their noise as
+    the twins show it.
     """
 
     first: Projected
@@ -98,6 +100,7 @@ class Finder:
     null: Null
     recorder: Recorder
     progress: Progress
+    supply: LoggedSupply | None = None
     sets: dict[frozenset[str], FittedSet] = field(default_factory=dict)
     rounds: list[FinderRound] = field(default_factory=list)
     barred: frozenset[str] = frozenset()
@@ -147,7 +150,12 @@ class Finder:
         found = self.sets.get(names)
         if found is None:
             return -math.inf
-        return found.evidence(self.channels, self.none) - self._by_chance(names, found)
+        alone = found.evidence(self.channels, self.none) - self._by_chance(names, found)
+        return alone + self._gain_in_supply(found.effects)
+
+    def _gain_in_supply(self, effects: Sequence[CatalogueEffect]) -> float:
+        """By how much effects lower minus twice the log likelihood of the supply's log."""
+        return 0.0 if self.supply is None else self.supply.gain(effects)
 
     def _by_chance(self, names: Collection[str], found: FittedSet) -> float:
         """What effects may gain where nothing is missing, and the best of so many by chance.
@@ -228,7 +236,19 @@ class Finder:
             if self.evidence(some) > least
         }
         unfitted = {m.subject for m in self.recorder.missed if m.stage is SearchStage.SUSPECTS}
-        return tuple(sorted((rivals | unfitted | set(class_of(name))) - {*names, ""}))
+        alike = set(class_of(name)) - self._told_apart(names, name, doubt)
+        return tuple(sorted((rivals | unfitted | alike) - {*names, ""}))
+
+    def _told_apart(self, names: frozenset[str], name: str, doubt: float) -> set[str]:
+        """The effects of its class that the supply's log tells from one of a set: those that leave
+        the supply alone, where the log shows what this one does to it."""
+        if names not in self.sets:
+            return set()
+        effects = self.sets[names].effects
+        others = [effect for effect in effects if effect.id != name]
+        if self._gain_in_supply(effects) - self._gain_in_supply(others) <= doubt:
+            return set()
+        return {other for other in class_of(name) if not acts_on_supply(catalogue()[other])}
 
     def round_of(self, names: frozenset[str]) -> int:
         """The number, from 0, of the round that first fitted a set of these effects."""

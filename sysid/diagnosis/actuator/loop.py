@@ -11,6 +11,7 @@ import numpy as np
 from sysid.diagnosis.actuator.bias_correction import corrected
 from sysid.diagnosis.actuator.equation_error import EquationError, equation_error, forget
 from sysid.diagnosis.actuator.finder import Finder
+from sysid.diagnosis.actuator.logged_supply import logged_supply
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected, friction_scatter_of, projected
@@ -221,7 +222,8 @@ def close_loop(
         start = begin(tests, rig, model, catalogue, recorder, seed=seed, progress=progress)
         with limited():
             first = projected(start.logged, start.model)
-        finder = Finder(first, start.forms, start.null, recorder, progress)
+            supply = logged_supply(start.traces, start.model)
+        finder = Finder(first, start.forms, start.null, recorder, progress, supply)
         memory.start, memory.finder = start, finder
     else:
         start, finder = memory.start, memory.finder

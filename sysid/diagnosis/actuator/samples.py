@@ -86,8 +86,9 @@ class Traces:
     `position`, `pressure_a`, `pressure_b` are smoothed; `velocity`, `acceleration`,
     `rate_a`, `rate_b` are their central differences; `motor` is the command's mean around
     the sample and `open_a`, `open_b` the share of the time around it in which a valve is
-    open. `direction` is the velocity's sign, 0 at rest. `supply` is the measured
-    supply pressure, the declared one where it is not logged. `carried` (n, 3) is what a payload is
+    open. `direction` is the velocity's sign, 0 at rest. `supply` is the line's
+    pressure in each test, the declared one where it is not logged, and `logged_supply` what was
+    logged of it, NaN where nothing was. `carried` (n, 3) is what a payload is
     more than the rig file's, as a `Load` has it; (n, 0) where no test's is another.
     """
 
@@ -105,6 +106,7 @@ class Traces:
     open_b: FloatArray
     direction: FloatArray
     supply: FloatArray
+    logged_supply: FloatArray
     carried: FloatArray
 
     def __len__(self) -> int:
@@ -225,7 +227,8 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
         motor=joined["motor"],
         open_a=opening(runs, model, "a"),
         open_b=opening(runs, model, "b"),
-        supply=smooth(runs, joined["supply"], PRESSURE_CUTOFF_HZ),
+        supply=joined["supply"],
+        logged_supply=joined["logged_supply"],
         carried=_carried(runs),
         **_derived(tuple(runs), *(joined[n] for n in ("position", "pressure_a", "pressure_b"))),
     )
@@ -248,9 +251,8 @@ def _channels(trial: Trial, rig: Rig, inputs: Inputs) -> dict[str, FloatArray]:
         rig.position_channel: 0.0,
         "pressure_a_pa": air.atmospheric_pressure_pa,
         "pressure_b_pa": air.atmospheric_pressure_pa,
-        "supply_pressure_pa": air.supply_pressure_pa,
     }
-    names = ("position", "pressure_a", "pressure_b", "supply")
+    names = ("position", "pressure_a", "pressure_b")
     found = {
         name: np.asarray(trial.channels.get(channel, np.full(len(trial), default)), dtype=float)
         for name, (channel, default) in zip(names, defaults.items(), strict=True)
@@ -263,6 +265,10 @@ def _channels(trial: Trial, rig: Rig, inputs: Inputs) -> dict[str, FloatArray]:
                 f"{channel} is missing at {trial.time[int(np.argmax(missing))]:g} s",
                 "fill the gap, or take the test out of the campaign",
             )
+    supply = air.supply_pressure_pa if inputs.supply is None else inputs.supply
+    found["supply"] = np.full(len(trial), supply)
+    unknown = np.full(len(trial), math.nan)
+    found["logged_supply"] = np.asarray(trial.channels.get("supply_pressure_pa", unknown))
     found["motor"] = signals.held_about_rows(inputs.motor)
     found["time"] = trial.since_start
     return found
