@@ -56,11 +56,12 @@ def steady_oscillation(
     centres = (*own, *_MAINS_HZ)
     tried = [_of_frequency(base, f) for centre in centres for f in centre + _OFFSETS_HZ]
     best = max(tried, key=lambda one: one.reduction)
-    left = np.array(float(np.sum(base.rest[base.frame.rows(EFFORT)] ** 2)))
-    own_fall = float(channel.cost(left) - channel.cost(left - best.reduction))
-    # Schwarz's criterion: each number costs the log of how many rows tell of it.
+    left = float(np.sum(base.rest[base.frame.rows(EFFORT)] ** 2))
+    # Schwarz's criterion: each number costs the log of how many rows tell of it, in squares of the
+    # noise. Where most of what is left is misfit those explain as little of it as noise does.
     more = (best.numbers - len(type(effect).fitted())) * math.log(channel.rows)
-    return best if own_fall - more > fall else None
+    after = left - best.reduction + more * channel.square
+    return best if float(channel.cost(left) - channel.cost(after)) > fall else None
 
 
 def _of_frequency(base: Projected, frequency: float) -> Oscillation:
