@@ -20,7 +20,12 @@ from sysid.diagnosis.bench.component import Law
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.registry import AXIS as KIND
 from sysid.diagnosis.bench.selection import preferred, select
-from sysid.diagnosis.search import MOST_EFFECTS, full_sentence, limit_sentence
+from sysid.diagnosis.search import (
+    MOST_EFFECTS,
+    full_sentence,
+    limit_sentence,
+    shapes_at_limits,
+)
 from sysid.errors import InputError, NotIdentifiedError, SimulationError
 from sysid.estimation.linear import Estimate, Variance
 from sysid.friction import fit_friction
@@ -37,7 +42,10 @@ from sysid.parameters.assembled_model import (
 from sysid.parameters.effects import effect_from_entry, entry_of
 from sysid.plant import simulator
 from sysid.plant.effects.catalogue import catalogue
+from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.friction import PowerLawFriction, SealFriction
 from sysid.plant.effects.linear import for_rig
+from sysid.plant.effects.supply import SupplyDroop
 from sysid.plant.simulator import ENDLESS
 from sysid.recording.motion_tests import prepare
 from sysid.recording.simulation import NOT_FINITE, simulate_segments
@@ -480,6 +488,21 @@ def test_a_shape_at_a_limit_gives_way_to_one_within_its_range(
         attempt("stroke-dependent-area", rival, limits, 1.1),
     ]
     assert preferred(passing)[0].id == chosen
+
+
+@pytest.mark.parametrize(
+    ("effect", "shape", "is_limit"),
+    [
+        # A line that is wholly shared, and a seal that sees the sum alone.
+        (SupplyDroop(1e7, 1.0), "common_share", False),
+        (SealFriction(1e-7, 0.0), "difference_share", False),
+        (PowerLawFriction(0.1, 0.1), "power_law_exponent", True),
+    ],
+)
+def test_a_limit_that_is_a_form_of_its_own_is_a_value(
+    effect: CatalogueEffect, shape: str, is_limit: bool
+) -> None:
+    assert bool(shapes_at_limits(effect, [f"{effect.id}/{shape}"])) is is_limit
 
 
 def test_a_shape_at_a_limit_is_said() -> None:
