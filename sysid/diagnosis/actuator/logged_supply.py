@@ -84,10 +84,9 @@ def logged_supply(traces: Traces, model: Model) -> LoggedSupply | None:
         return None
     used, supplies = traces.at(view.used), [traces.logged_supply[run.rows] for run in traces.runs]
     logged = [own[np.isfinite(own)] for own in supplies]
-    error = np.median(
-        [signals.noise_floor(own).total for own in logged if len(own) >= signals.FEWEST_FOR_NOISE]
-    )
-    if not error > 0.0:
+    known = [own for own in logged if len(own) >= signals.FEWEST_FOR_NOISE]
+    error = np.median([signals.noise_floor(own).total for own in known]) if known else 0.0
+    if error == 0.0:
         return None
     means = _about_tests(view.matrix @ used.logged_supply, view)
     # As much of a sample's variance as a mean of so many keeps.
