@@ -111,9 +111,7 @@ class ColumnMap:
         found = None if self.sensor is None else self.sensor.beyond(readings)
         if found is not None:
             said.append(f"{where}, {place(found[0])}: {self.column}: {found[1]}")
-        is_known = bool(stated) and ratio_of(stated, stated) is not None
-        electrical = any(ratio_of(stated, one) is not None for one in ("V", "A"))
-        if (not is_known or electrical) and (zero := self._live_zero(readings)) is not None:
+        if (zero := self._live_zero(readings)) is not None and _may_be_electrical(stated):
             said.append(f"{where}: {zero}")
         return said
 
@@ -136,6 +134,13 @@ class ColumnMap:
                     f'--map "{self.target}={self.column}:{zero:g}..{end:g} {unit} -> 0..10 bar(g)"'
                 )
         return None
+
+
+def _may_be_electrical(stated: str) -> bool:
+    """Whether readings of a stated unit may be volts or a current, as those of none may."""
+    if not stated or ratio_of(stated, stated) is None:
+        return True
+    return any(ratio_of(stated, one) is not None for one in ("V", "A"))
 
 
 def _is_atmosphere(pressure_pa: float) -> bool:
