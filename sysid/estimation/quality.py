@@ -218,15 +218,10 @@ class FitQuality:
             noisy = self.r2 < LEAST_EXPLAINED
             if noisy:
                 return "poor", "the scatter is as large as the signal"
-            return ("usable", self._misfit) if self.lack_of_fit.is_significant else ("good", "")
+            if self.lack_of_fit.is_significant:
+                return "usable", "lack of fit"
+            return "good", ""
         return ("usable", "") if self.missed <= USABLE_SHARE else ("poor", self.shortfall)
-
-    @property
-    def _misfit(self) -> str:
-        """What a significant lack of fit amounts to, in words."""
-        beyond = math.sqrt(max(self.rmse**2 - (self.scatter or 0.0) ** 2, 0.0)) / self.spread
-        known = f", {100.0 * beyond:.2g} % of the spread beyond the scatter" if self.scatter else ""
-        return f"a significant lack of fit{known}"
 
     def _of_excluded(self, out: ExcludedData) -> tuple[str, str]:
         """The rank by what the fit excluded, and why."""
