@@ -248,7 +248,8 @@ class Finder:
         others = [effect for effect in effects if effect.id != name]
         if self._gain_in_supply(effects) - self._gain_in_supply(others) <= doubt:
             return set()
-        return {other for other in class_of(name) if not acts_on_supply(catalogue()[other])}
+        known = catalogue()
+        return {n for n in class_of(name) if n in known and not acts_on_supply(known[n])}
 
     def round_of(self, names: frozenset[str]) -> int:
         """The number, from 0, of the round that first fitted a set of these effects."""
