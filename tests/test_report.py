@@ -553,6 +553,11 @@ def test_verdict_s_colour_is_that_of_the_model_it_recommends(made: Made) -> None
     own = verdict(made.bundle.without("friction", "valves"), made.validation).level
     assert judged.level == concerns.worst((own, *(c.level for c in judged.concerns)))
     assert f'class="verdict {judged.level}"' in made.html
+    # So does a lack of fit that is small: the diagnosis names what it is of.
+    friction = [(q.verdict, c.level) for q, c in zip(
+        made.bundle.qualities().values(), concerns.of_bundle(made.bundle, ()), strict=False
+    ) if "lack of fit" in q.verdict]  # fmt: skip
+    assert friction and {level for _, level in friction} == {"good"}
     # What is recommended does limit it.
     logs = tuple(g for g in made.validation.logs if g.model in ("discrete", "bipolynomial"))
     only = verdict(made.bundle, dataclasses.replace(made.validation, logs=logs))

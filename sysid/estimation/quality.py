@@ -64,6 +64,9 @@ MOST_UNASKED = 0.25, 0.5
 can ask may say anything."""
 CONTRADICTED = "log and rig file contradict each other"
 
+WITH_LACK_OF_FIT = "usable: lack of fit"
+"""The verdict of a fit that misses little, and that significantly."""
+
 REPEATS, SCATTER, RUNS, NONE = "repeats", "scatter", "runs", "none"
 _RANKS = ("good", "usable", "poor")
 
@@ -219,7 +222,8 @@ class FitQuality:
             if noisy:
                 return "poor", "the scatter is as large as the signal"
             if self.lack_of_fit.is_significant:
-                return "usable", "lack of fit"
+                rank, why = WITH_LACK_OF_FIT.split(": ")
+                return rank, why
             return "good", ""
         return ("usable", "") if self.missed <= USABLE_SHARE else ("poor", self.shortfall)
 
@@ -379,6 +383,7 @@ __all__ = [
     "SCATTER_TIMES",
     "SIGNIFICANT",
     "USABLE_SHARE",
+    "WITH_LACK_OF_FIT",
     "ExcludedData",
     "FitQuality",
     "LackOfFit",

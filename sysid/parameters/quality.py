@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from sysid.estimation.quality import FitQuality
+from sysid.estimation.quality import WITH_LACK_OF_FIT, FitQuality
 from sysid.parameters.base import Absent, Lenient, Number, Part, Unread
 
 
@@ -45,6 +45,12 @@ class QualityRecord(Part):
     def is_doubtful(self) -> bool:
         """Whether the verdict is "poor" or "impossible"."""
         return self.verdict.startswith(("poor", "impossible"))
+
+    @property
+    def misses_little(self) -> bool:
+        """Whether the law is good, or what it misses is significant alone, which a diagnosis
+        explains."""
+        return self.verdict in ("good", WITH_LACK_OF_FIT)
 
 
 QualityByName = Lenient[dict[str, QualityRecord] | None]

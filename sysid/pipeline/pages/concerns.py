@@ -54,7 +54,7 @@ def of_bundle(bundle: Bundle, unidentified: Sequence[str]) -> Iterator[Concern]:
     for place, one in bundle.qualities().items():
         if place in left_out:
             continue
-        level = "poor" if one.is_doubtful else "good" if one.verdict == "good" else "fair"
+        level = "poor" if one.is_doubtful else "good" if one.misses_little else "fair"
         yield Concern(level, f"the fit of {within(quality_name(place))}")
     if unidentified:
         titles = [within(title_of(name)) for name in unidentified[:_MOST_NAMED]]
