@@ -6,9 +6,11 @@ files with empty lines and close them with a word. Nothing is passed over withou
 
 from __future__ import annotations
 
+import bisect
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +75,7 @@ class _Sorting:
         # With blanks as delimiters the first cell of a date is a number, too.
         numbered = layout.delimiter == BLANK or (again is not None and again[0][:1] in _BEGINS)
         begins = "" if numbered else _BEGINS
-        above = set() if again is None else self._preambles(again)
+        above = set() if again is None else self._preambles(again, begins)
         for index in range(self.heading.first, len(self.lines)):
             text = self.lines[index][1]
             # Nearly all lines: a row whose first cell is a number.
@@ -97,11 +99,11 @@ class _Sorting:
         self._tell()
         return self.rows
 
-    def _preambles(self, again: list[str]) -> set[int]:
+    def _preambles(self, again: list[str], begins: str) -> set[int]:
         """The lines above each repeated heading that are those above the first, once more.
 
         They may resemble rows: "Serial;4711;2". Each begins as one of the first does, or has a
-        date as the one in its place.
+        date as the one in its place. No heading begins with one of `begins`.
         """
         lines, layout = self.lines, self.heading.layout
         top = self.heading.line or 0
@@ -112,7 +114,9 @@ class _Sorting:
             return found
         for index in range(self.heading.first, len(lines)):
             text = lines[index][1]
-            if again[0] not in text.casefold() or _heading_cells(text, layout) != again:
+            if text[0] in begins or again[0] not in text.casefold():
+                continue
+            if _heading_cells(text, layout) != again:
                 continue
             for back in range(1, min(top, index - self.heading.first) + 1):
                 other = lines[index - back][1]
@@ -124,22 +128,23 @@ class _Sorting:
 
     def _head(self) -> list[int]:
         """Takes the first rows that begin with a word: settings between names and rows."""
-        rows = self.rows.lines
-        count = self._labelled(rows)
+        count = self._labelled(self.rows.lines)
         if count and self.rows.starts and self.rows.starts[0] <= count:
             return []
         self.rows.starts = [start - count for start in self.rows.starts]
-        numbers = {number for number, _ in rows[:count]}
-        del rows[:count]
-        return [index for index, (number, _) in enumerate(self.lines) if number in numbers]
+        return self._taken(slice(0, count))
 
     def _footer(self) -> list[int]:
         """Takes the last rows that begin with a word where all others have a number."""
         rows = self.rows.lines
-        count = self._labelled(rows[::-1])
-        numbers = {number for number, _ in rows[len(rows) - count :]}
-        del rows[len(rows) - count :]
-        return [index for index, (number, _) in enumerate(self.lines) if number in numbers]
+        count = self._labelled(rows[: -LONGEST_FOOTER - 2 : -1])
+        return self._taken(slice(len(rows) - count, len(rows)))
+
+    def _taken(self, which: slice) -> list[int]:
+        """Takes these rows away; the indices of their lines, which are in order of number."""
+        numbers = [number for number, _ in self.rows.lines[which]]
+        del self.rows.lines[which]
+        return [bisect.bisect_left(self.lines, n, key=itemgetter(0)) for n in numbers]
 
     def _labelled(self, rows: Sequence[tuple[int, str]]) -> int:
         """How many of the first of these rows begin with a word, and the next with a number."""
