@@ -29,6 +29,11 @@ def bins_of(regressor: FloatArray, most: int, least: int) -> tuple[IntArray, int
     return np.unique(place, return_inverse=True)[1], len(np.unique(place))
 
 
+def about_means(place: IntArray, values: FloatArray) -> FloatArray:
+    """Values (n,) less the mean of their bin; `place` (n,): each one's, numbered from 0."""
+    return np.asarray(values - (np.bincount(place, values) / np.bincount(place))[place])
+
+
 def binned_means(place: IntArray, values: FloatArray, group: IntArray) -> dict[str, Any]:
     """Means of values (n,) in bins, their standard errors, and the share of variance they explain.
 
@@ -57,4 +62,4 @@ def binned_means(place: IntArray, values: FloatArray, group: IntArray) -> dict[s
     }
 
 
-__all__ = ["binned_means", "bins_of", "equal_count_edges"]
+__all__ = ["about_means", "binned_means", "bins_of", "equal_count_edges"]

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.diagnosis.binning import about_means
 from sysid.types import BoolArray, FloatArray, IntArray
 
 LEVEL = 0.01
@@ -114,7 +115,7 @@ def dependences(table: ResidualTable) -> list[Dependence]:
     test = np.unique(table.test, return_inverse=True)[1]
     if not len(test) or test.max() + 1 < FEWEST_TESTS:
         return []
-    about = table.left - (np.bincount(test, table.left) / np.bincount(test))[test]
+    about = about_means(test, table.left)
     tried = {
         names: [
             _dependence(table, left, names, cell) for cell in ladder for left in (table.left, about)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,7 +85,7 @@ class Trial:
         """Whether the test's first row is the trial's: it starts at rest, with its valves off."""
         return self.begun_s == 0.0
 
-    @property
+    @cached_property
     def line_pressure_pa(self) -> float | None:
         """The supply as it was logged while no valve drew on it, Pa; None where it was not.
 
@@ -93,7 +94,9 @@ class Trial:
         logged = self.channels.get("supply_pressure_pa")
         if logged is None:
             return None
-        fills = [self[name] for name in VALVE_COMMANDS if name in self and "bleed" not in name]
+        fills = [
+            self[name] for name in VALVE_COMMANDS if name in self and not name.endswith("_bleed")
+        ]
         drawn = np.any(np.array(fills) > 0.0, axis=0) if fills else np.zeros(len(self), dtype=bool)
         idle = logged[~drawn & np.isfinite(logged)]
         return float(np.median(idle)) if len(idle) else None

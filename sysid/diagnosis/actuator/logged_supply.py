@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from sysid import signals
 from sysid.diagnosis.actuator.misfit import ResidualChannel
 from sysid.diagnosis.actuator.samples import Traces, Windows, windows
 from sysid.diagnosis.actuator.states import point_of
+from sysid.diagnosis.binning import about_means
 from sysid.io.channels import SIDES
 from sysid.plant import plant
 from sysid.plant.effects.entry import CatalogueEffect
@@ -47,14 +49,18 @@ class LoggedSupply:
         """
         if not any(map(acts_on_supply, effects)):
             return 0.0
-        change = self._change(Model(self.given.parameters, (*self.given.effects, *effects)))
-        change -= self._change(self.given)
+        model = Model(self.given.parameters, (*self.given.effects, *effects))
+        change = self._off(model) - self._off_given
         power, own = float(change @ change), float(change @ self.means)
         share = min(max(own / power, 0.0), 1.0) if power > 0.0 else 0.0
         left = self.channel.origin - 2.0 * share * own + share**2 * power
         return float(self.channel.cost(self.channel.origin) - self.channel.cost(left))
 
-    def _change(self, model: Model) -> FloatArray:
+    @cached_property
+    def _off_given(self) -> FloatArray:
+        return self._off(self.given)
+
+    def _off(self, model: Model) -> FloatArray:
         """By how much a model's supply is off the mean of each test, in the windows' means, Pa.
 
         The supply of a chamber is asked as if it filled: it counts for as long as its valve is
@@ -67,7 +73,7 @@ class LoggedSupply:
         undrawn = replace(point, pressure_a=line, pressure_b=line)
         idle = plant.supply_pressure("a", undrawn, model)
         losses = [
-            getattr(used, f"open_{side}") * (plant.supply_pressure(side, point, model) - idle)
+            used.is_open(side) * (plant.supply_pressure(side, point, model) - idle)
             for side in SIDES
         ]
         lost = np.where(np.abs(losses[0]) > np.abs(losses[1]), *losses)
@@ -99,8 +105,7 @@ def logged_supply(traces: Traces, model: Model) -> LoggedSupply | None:
 
 def _about_tests(means: FloatArray, view: Windows) -> FloatArray:
     """Windows' means (windows,) less their test's mean: each has a line pressure of its own."""
-    test = np.unique(view.run, return_inverse=True)[1]
-    return np.asarray(means - (np.bincount(test, means) / np.bincount(test))[test])
+    return about_means(np.unique(view.run, return_inverse=True)[1], means)
 
 
 __all__ = ["LoggedSupply", "acts_on_supply", "logged_supply"]
