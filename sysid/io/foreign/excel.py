@@ -119,7 +119,8 @@ def _table_rows(
         return body
     cells = [_text(value) for value in body.iloc[:, place]]
     first = [_text(value) for value in body.iloc[:, 0]]
-    whole = [name.strip().casefold() for name in names]
+    whole, above = [_text(name) for name in names], {_text(label) for label in labels}
+    below = [[_text(word) for word in words] for words in under]
     other, starts = set[int](), []
     for row in (i for i, cell in enumerate(cells) if cell == whole[place]):
         if [_text(value) for value in body.iloc[row]] != whole:
@@ -127,11 +128,11 @@ def _table_rows(
         starts.append(row)
         other.add(row)
         at = row - 1
-        while at >= 0 and first[at] and first[at] in (label.casefold() for label in labels):
+        while at >= 0 and first[at] and first[at] in above:
             other.add(at)
             at -= 1
-        for count, words in enumerate(under, start=row + 1):
-            if count < len(cells) and [_text(v) for v in body.iloc[count]] == _folded(words):
+        for count, words in enumerate(below, start=row + 1):
+            if count < len(cells) and [_text(v) for v in body.iloc[count]] == words:
                 other.add(count)
     most = min(len(cells) - 2, LONGEST_FOOTER)
     end = next((i for i in range(most) if not is_footer(first[-1 - i])), most)
@@ -155,10 +156,6 @@ def _table_rows(
 def _text(value: Any) -> str:
     """A cell's text for comparison, "" of an empty one."""
     return "" if value is None or value != value else str(value).strip().casefold()
-
-
-def _folded(words: Sequence[str]) -> list[str]:
-    return [word.strip().casefold() for word in words]
 
 
 def _transposed(frame: Any) -> Any:

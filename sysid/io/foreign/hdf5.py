@@ -52,7 +52,7 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
             if fields := _fields_of_numbers(node.dtype):
                 _add_fields(table, name, node.fields(fields)[()])
                 if fields == ["real", "imag"]:
-                    table.skipped[name] = f"complex: its parts are {name}.real and {name}.imag"
+                    table.skip_complex(name)
             else:
                 table.add(name, _unpacked(table, name, node, np.asarray(node[()])).T)
             unit = _attribute(node, b"units") or _attribute(node, b"unit")

@@ -78,7 +78,7 @@ def _walk(table: ForeignTable, name: str, value: Any, depth: int) -> None:
     elif array.dtype.kind == "c":
         table.add(f"{name}.real", array.real)
         table.add(f"{name}.imag", array.imag)
-        table.skipped[name] = f"complex: its parts are {name}.real and {name}.imag"
+        table.skip_complex(name)
     else:
         table.skipped[name] = "text" if array.dtype.kind in "US" else f"of type {array.dtype}"
 

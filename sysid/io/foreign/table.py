@@ -105,6 +105,10 @@ class ForeignTable:
         else:
             self.skipped[name] = f"an array of shape {array.shape}"
 
+    def skip_complex(self, name: str) -> None:
+        """Say of a complex variable which columns its parts are."""
+        self.skipped[name] = f"complex: its parts are {name}.real and {name}.imag"
+
     def describe(self) -> str:
         """The columns, each with its length and first value, for a message."""
         parts = [
