@@ -206,10 +206,9 @@ def _reversed(
     swap = f'--map "{a}={b}" --map "{b}={a}"'
     both = all(a in t and b in t for t in trials)
     swapped = good([with_channels(t, **{a: t[b], b: t[a]}) for t in trials]) if both else None
-    if not found and swapped is None:
-        return ""
     if not found:
-        return f"{a} and {b} are swapped: the other way round the fit is good; give {swap}"
+        said = f"{a} and {b} are swapped: the other way round the fit is good; give {swap}"
+        return "" if swapped is None else said
     # In a log with pressures, the sign of the position is not that of the effort.
     ranked = sorted(found, key=lambda n: (-len(found[n].of_sliding()), found[n].misses))
     name, best = ranked[0], found[ranked[0]]
@@ -218,13 +217,13 @@ def _reversed(
     sliding = rig.units.keyed(best.of_sliding())
     sliding = sliding or {c.expression: c.estimate for c in best.combinations}
     numbers = ", ".join(f"{n} = {e.value:.3g} {e.unit}" for n, e in sliding.items())
+    shown = f" ({numbers})" if numbers else ""
     # Two chambers alike push as far one way as the other.
     instead = swapped is not None and _alike(swapped, best)
+    or_swapped, or_swap = (f", or {a} and {b} are swapped", f", or {swap}") if instead else ("", "")
     return (
-        f"the sign of {' or of '.join(likely)} is reversed"
-        f"{f', or {a} and {b} are swapped' if instead else ''}: with the other sign the fit is "
-        f'good{f" ({numbers})" if numbers else ""}; give --map "{fix}"'
-        f"{f', or {swap}' if instead else ''}"
+        f"the sign of {' or of '.join(likely)} is reversed{or_swapped}: with the other sign the "
+        f'fit is good{shown}; give --map "{fix}"{or_swap}'
     )
 
 

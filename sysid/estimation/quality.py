@@ -64,11 +64,11 @@ MOST_UNASKED = 0.25, 0.5
 can ask may say anything."""
 CONTRADICTED = "log and rig file contradict each other"
 
-WITH_LACK_OF_FIT = "usable: lack of fit"
-"""The verdict of a fit that misses little, and that significantly."""
-
 REPEATS, SCATTER, RUNS, NONE = "repeats", "scatter", "runs", "none"
 _RANKS = ("good", "usable", "poor")
+_LACK_OF_FIT = "lack of fit"
+WITH_LACK_OF_FIT = f"usable: {_LACK_OF_FIT}"
+"""The verdict of a fit that misses little, and that significantly."""
 
 
 @dataclass(frozen=True)
@@ -222,8 +222,7 @@ class FitQuality:
             if noisy:
                 return "poor", "the scatter is as large as the signal"
             if self.lack_of_fit.is_significant:
-                rank, why = WITH_LACK_OF_FIT.split(": ")
-                return rank, why
+                return "usable", _LACK_OF_FIT
             return "good", ""
         return ("usable", "") if self.missed <= USABLE_SHARE else ("poor", self.shortfall)
 
