@@ -92,6 +92,12 @@ def test_a_significant_lack_of_fit_is_no_good_fit() -> None:
                 assert found.verdict.startswith(verdict)
                 said = lack_of_fit_text(found.to_json()["lack_of_fit"])
                 assert said.startswith("significant") is (found.verdict != "good")
+    # So is a residual above a scatter that is known, beyond that scatter's own error.
+    for rmse, verdict in ((0.012, "good"), (0.015, "usable: lack of fit"), (0.3, "usable")):
+        told = scatter_test(rmse, 0.01)
+        found = dataclasses.replace(judged(rmse, scatter=0.01), lack_of_fit=told)
+        assert told.is_significant is (rmse > 0.013)
+        assert found.verdict == verdict
 
 
 def test_numbers_are_those_of_the_signal() -> None:

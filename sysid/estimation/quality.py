@@ -4,7 +4,8 @@ RMSE, its share of the signal's spread, R2, a test for lack of fit, and a verdic
 ("good", "usable", "poor: ...", "impossible: ..."). The verdict goes by what the law misses
 *beyond the scatter of the measurement*, where that is known: a true law under noise is never
 called poor because of the noise. A lack of fit that is tiny but significant, as in many samples,
-does not make a fit poor; nor is such a fit called good.
+does not make a fit poor; nor is such a fit called good. Significant is a test's p-value below
+`SIGNIFICANT`, or where the scatter is known, a residual above `SCATTER_TIMES` of it.
 
 The spread is that of the signal about its mean where the law has a constant term, and about zero
 where it does not: friction in one direction hardly varies, yet without friction the effort would
@@ -87,7 +88,12 @@ class LackOfFit:
 
     @property
     def is_significant(self) -> bool:
-        """Whether scatter alone gives such a residual in less than one fit of a hundred."""
+        """Whether scatter alone gives such a residual in less than one fit of a hundred.
+
+        A scatter that is known leaves no such chance, only its own error (`SCATTER_TIMES`).
+        """
+        if self.method == SCATTER:
+            return self.statistic is not None and self.statistic > SCATTER_TIMES
         return self.p_value is not None and self.p_value < SIGNIFICANT
 
     def to_json(self) -> dict[str, Any]:

@@ -6,7 +6,14 @@ from collections.abc import Collection
 
 from sysid.blocks.quality import quality_table
 from sysid.blocks.sections import Block, Fold, Lines, Section
-from sysid.estimation.quality import GOOD_SHARE, LEAST_EXPLAINED, USABLE_SHARE
+from sysid.estimation.quality import (
+    GOOD_SHARE,
+    LEAST_EXPLAINED,
+    SCATTER_TIMES,
+    SIGNIFICANT,
+    USABLE_SHARE,
+    WITH_LACK_OF_FIT,
+)
 from sysid.parameters import Bundle
 
 
@@ -27,7 +34,10 @@ def fits_section(bundle: Bundle, advised_against: Collection[str] = ()) -> Secti
         "impossible parameters, is kept only where a missing effect may be the cause.",
         "Lack of fit is an F test against repeats where conditions were repeated, else the "
         "residual over the measurement's known scatter, else a test of the residual's runs. A "
-        "significant one shows that the law lacks something, which may be small.",
+        f"significant one (p < {SIGNIFICANT:g}, or more than {SCATTER_TIMES:g} times the scatter) "
+        "shows that the law lacks something, which may be small. Such a fit is not called good: "
+        f'"{WITH_LACK_OF_FIT}" misses less than {100 * GOOD_SHARE:.0f} % of the spread, though '
+        "more than noise; what it misses is the diagnosis' question.",
     )
     # Friction first, then valve A, then B.
     ordered = dict(sorted(judged.items(), key=lambda item: _side(item[0])))

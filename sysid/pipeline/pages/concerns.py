@@ -94,7 +94,10 @@ def sentence(level: str, concerns: Sequence[Concern], own: str) -> str:
     names = list(dict.fromkeys(c.name for c in concerns if c.level == level))
     more = len(names) - _MOST_NAMED
     listed = "; ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
-    return f"The colour is that of the worst part of the recommended model ({level}): {listed}."
+    rated = "" if own == "none" else "That rates how much of the signal is followed. "
+    return (
+        f"{rated}The colour is that of the worst part of the recommended model ({level}): {listed}."
+    )
 
 
 __all__ = [

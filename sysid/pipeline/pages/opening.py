@@ -14,6 +14,7 @@ from sysid.blocks.quality import quality_name
 from sysid.blocks.tables import Table, table
 from sysid.blocks.titles import within
 from sysid.diagnosis.evidence import is_of_actuator
+from sysid.diagnosis.lack_of_fit import MISFIT
 from sysid.diagnosis.wording import error_unit, floor_text, joined, sentence
 from sysid.io.channels import VELOCITY_CHANNELS, Channel, channel_of
 from sysid.io.motion import LINEAR, ROTARY
@@ -132,13 +133,18 @@ def _part_followed(diagnosis: Mapping[str, Any]) -> str:
     channel = channel_of(figures["channel"])
     unit, scale = error_unit(channel, [errors[k] for k in ("before", "after", "noise_floor")])
     rmse, floor = (scale * errors[key] for key in ("after", "noise_floor"))
-    correct = f" (a correct model: {floor_text(floor, rmse)} {unit})" if floor else ""
     how = {"good": "follows its held-out tests well", "fair": "follows its held-out tests roughly",
            "poor": "does not follow its held-out tests"}[level_of_fit(fit)]  # fmt: skip
-    return (
+    said = (
         f"The part, tested alone, {how}: {channel.name} to {percent(fit)}, with an RMSE of "
-        f"{number(rmse)} {unit}{correct}."
+        f"{number(rmse)} {unit}"
     )
+    if not floor:
+        return f"{said}."
+    correct = f"{floor_text(floor, rmse)} {unit}"
+    if rmse > MISFIT * floor:
+        return f"{said}, which is {rmse / floor:.0f} times what a correct model leaves ({correct})."
+    return f"{said} (a correct model: {correct})."
 
 
 def own_verdict(part: ComponentRecord, validation: ValidationResult) -> ReportVerdict:
