@@ -14,7 +14,7 @@ import pytest
 from golden_folder import golden_bundle
 
 import sysid as si
-from sysid.blocks.figures import Points
+from sysid.blocks.figures import Bars, Points
 from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate, mean_estimate
@@ -200,10 +200,16 @@ def test_shown_as_the_other_results_are(bundle: Bundle) -> None:
     assert isinstance(found, Comparison)
     assert "\n" not in repr(found) and "coulomb_nm" in str(found)
     assert "<table>" in found._repr_html_()
-    # What moved is a cloud of its own, filled: chance alone puts some number outside of the band.
+    # What moved is a cloud of its own, filled, beyond the stripe of its bundle; nothing else is.
     clouds = [mark for mark in found.figure().panels[0].marks if isinstance(mark, Points)]
     assert [(cloud.is_filled, len(cloud.x) > 0) for cloud in clouds].count((True, True)) == 1
     assert len(found.plot().get_lines()) == len(clouds) == 3
+    stripes = [mark for mark in found.figure().panels[0].marks if isinstance(mark, Bars)]
+    assert len(stripes) == 2
+    limits = {y: x for one in stripes for x, y in zip(one.ends, one.places, strict=True)}
+    for cloud in clouds:
+        beyond = [abs(x) > limits[y] for x, y in zip(cloud.x, cloud.y, strict=True)]
+        assert beyond == [cloud.is_filled] * len(beyond)
     parameters = next(iter(found.tables()))
     assert parameters.columns[2].name == "Unit"
     cells = [str(cell) for row in parameters.rows for cell in row[3:]]

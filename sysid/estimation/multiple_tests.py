@@ -28,4 +28,11 @@ def adjusted(p_values: Sequence[float]) -> FloatArray:
     return np.asarray(np.clip(found, 0.0, 1.0))
 
 
-__all__ = ["SIGNIFICANCE", "adjusted"]
+def largest_significant(p_values: Sequence[float]) -> float:
+    """The p-value up to which these (n,), adjusted, are significant; of none, that of a first."""
+    n = len(p_values)
+    found = max(int(np.count_nonzero(adjusted(p_values) < SIGNIFICANCE)), 1)
+    return SIGNIFICANCE * found / (n * float(np.sum(1.0 / np.arange(1, n + 1))))
+
+
+__all__ = ["SIGNIFICANCE", "adjusted", "largest_significant"]

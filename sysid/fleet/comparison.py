@@ -23,14 +23,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sysid.blocks.drawing import plot_panels
-from sysid.blocks.figures import Figure, Mark, Panel, Points, Role, Scale, Span
+from sysid.blocks.figures import Bars, Figure, Mark, Panel, Points, Role, Scale
 from sysid.blocks.numbers import estimate_cells as cells_of
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import NotedCell, Table, table
 from sysid.errors import InputError, input_error
 from sysid.estimation.linear import LEVEL, Estimate, finite_or_none, t_p_value, t_quantile
-from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted
+from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted, largest_significant
 from sysid.io.channels import SIDES
 from sysid.io.rig import differing_sections
 from sysid.parameters import Bundle
@@ -54,7 +54,8 @@ class Movement:
     """One number of a bundle against that of the first: in standard errors of the difference `z`.
 
     `name` is None for a part as a whole. `p_value` of no movement, `p_adjusted` among all of the
-    comparison. `change`: the difference in the number's unit, NaN for a part.
+    comparison. `change`: the difference in the number's unit, NaN for a part. `limit`: up to
+    which `z` it is not significant among them.
     """
 
     bundle: str
@@ -64,6 +65,7 @@ class Movement:
     z: float
     p_value: float
     p_adjusted: float = math.nan
+    limit: float = math.nan
 
     @property
     def is_significant(self) -> bool:
@@ -204,21 +206,28 @@ class Comparison(Shown):
         """What `plot` draws."""
         keys = list(dict.fromkeys((m.part, m.name) for m in self.movements if m.name))
         roles: tuple[Role, ...] = ("model", "second", "third", "fourth", "ink")
-        half = t_quantile(math.inf, LEVEL)
         last = len(keys) - 1  # the first is at the top, as in the table
-        marks: list[Mark] = [Span(-half, half, is_upright=True)]
-        for place, name in enumerate(self.names[1:]):
+        marks: list[Mark] = []
+        others = self.names[1:]
+        for place, name in enumerate(others):
             found = {(m.part, m.name): m for m in self.movements if m.bundle == name}
             role = roles[place % len(roles)]
+            # One row a number, and in it one stripe a bundle, the first bundle's at the top.
+            share = 1.0 / len(others)
+            above = 0.5 - share * (place + 0.5)
+            at = {k: last - i + 0.8 * above for i, k in enumerate(keys) if k in found}
+            limits = np.array([found[k].limit for k in at])
+            rows = np.array(list(at.values()))
+            marks.append(Bars(rows, limits, "grid", "", 0.7 * share, -limits, is_across=True))
             for is_moved in (False, True):
-                own = [(found[k].z, float(last - i)) for i, k in enumerate(keys)
-                       if k in found and found[k].is_significant == is_moved]  # fmt: skip
+                own = [(found[k].z, y) for k, y in at.items()
+                       if found[k].is_significant == is_moved]  # fmt: skip
                 if own:
                     said = f"{name}, moved" if is_moved else name
                     x, y = np.transpose(own)
                     marks.append(Points(x, y, role, said, is_filled=is_moved))
         ticks = tuple((float(last - i), _title(*key)) for i, key in enumerate(keys))
-        scale = Scale("Change in standard errors of the difference (shaded: 95 % if none moved)")
+        scale = Scale("Change in standard errors of the difference (grey: not significant)")
         panel = Panel(scale, Scale(ticks=ticks), tuple(marks))
         size = (7.0, max(2.6, 0.22 * len(keys) + 1.0))
         title = "Each number against the first"
@@ -329,8 +338,12 @@ def _compared(
         for name, other in zip(names[1:], parts[1:], strict=True)
         for m in _moves(parts[0], other, name)
     ]
-    p_values = adjusted([m.p_value for m in movements])
-    moves = tuple(replace(m, p_adjusted=float(p)) for m, p in zip(movements, p_values, strict=True))
+    p_values = [m.p_value for m, _ in movements]
+    level = 1.0 - largest_significant(p_values) if p_values else LEVEL
+    moves = tuple(
+        replace(m, p_adjusted=float(p), limit=t_quantile(dof, level))
+        for (m, dof), p in zip(movements, adjusted(p_values), strict=True)
+    )
     effects = [
         change
         for name, other in zip(names[1:], parts[1:], strict=True)
@@ -399,7 +412,8 @@ def _estimate(parts: dict[str, ParameterTable], part: str, key: str) -> Estimate
 
 def _moves(
     first: dict[str, ParameterTable], other: dict[str, ParameterTable], bundle: str
-) -> Iterable[Movement]:
+) -> Iterable[tuple[Movement, float]]:
+    """Each movement with the degrees of freedom of its standard error."""
     for place in first:
         if place not in other:
             continue
@@ -420,12 +434,12 @@ def _moves(
         dof = [_welch(one.estimates[k], two.estimates[k]) for k in keys]
         for key, moved, size, own in zip(keys, change, z, dof, strict=True):
             p = max(t_p_value(float(size), own), _SMALLEST_P)
-            yield Movement(bundle, place, key, float(moved), float(size), p)
+            yield Movement(bundle, place, key, float(moved), float(size), p), own
         if len(keys) > 1:
             scale = np.sqrt(np.diag(covariance))
             wald, rank = _wald(z, covariance / np.outer(scale, scale))
             p = max(_f_p_value(wald, rank, min(dof)), _SMALLEST_P)
-            yield Movement(bundle, place, None, math.nan, math.sqrt(wald / rank), p)
+            yield Movement(bundle, place, None, math.nan, math.sqrt(wald / rank), p), min(dof)
 
 
 def _welch(one: Estimate, two: Estimate) -> float:
