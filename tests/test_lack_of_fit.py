@@ -121,6 +121,19 @@ def test_in_words() -> None:
     assert "0.1 N are noise" in said or "0.100 N are noise" in said
 
 
+@pytest.mark.parametrize(("repeats", "is_weighed"), [(0.0, True), (0.56, False)])
+def test_a_share_that_is_not_of_the_size_says_so(repeats: float, is_weighed: bool) -> None:
+    """ "31 % of its variance" does not stand next to "0 repeat" without a word."""
+    rest = {"channel": "theta_rad", "rmse": 1.0, "repeatable": repeats}
+    entry = {"channel": "theta_rad", "regressor": "velocity", "share": 0.31}
+    content = {"verdict": "unexplained", "effects": [], "residual": {}, "because": "structure",
+               "unexplained": [entry], "remainder": [rest]}  # fmt: skip
+    assert "(31 % of the residual's variance" in wording.sentence(content)
+    assert (wording.WEIGHED in wording.sentence(content)) is is_weighed
+    # A part alone is judged by its size.
+    assert wording.WEIGHED not in wording.sentence({**content, "component": "tank"})
+
+
 # --- the statistic --------------------------------------------------------------------------
 
 

@@ -145,12 +145,13 @@ def _of_tests(
 
 
 def _tests(result: FrictionResult) -> str:
-    """ "14 of 14 friction-sliding tests"."""
+    """ "14 of 14 friction-sliding tests"; those of motion are of any kind of log."""
     parts = []
     for kind in (STATIC, SLIDING, MOTION):
         own = [use for use in result.trials if use.kind == kind]
         if own:
-            parts.append(f"{sum(use.used for use in own)} of {len(own)} {kind} tests")
+            word = "motion" if kind == MOTION else kind
+            parts.append(f"{sum(use.used for use in own)} of {len(own)} {word} tests")
     return ", ".join(parts)
 
 

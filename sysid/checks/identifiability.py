@@ -37,6 +37,10 @@ _FLOW_NAMES = {
 _READABLE = {
     "c_fill": "unchoked filling coefficient",
     "c_dis": "unchoked exhaust coefficient",
+    "sonic_conductance": "sonic conductance",
+    "critical_ratio": "critical ratio",
+    "subsonic_index": "subsonic index",
+    "adiabatic_share": "heat from the wall",
 }
 
 

@@ -127,7 +127,7 @@ def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
                     number(scale * channel.high, 4),
                     number(scale * channel.quantum) if channel.quantum else MISSING,
                     MISSING if channel.sample_std is None else number(scale * channel.sample_std),
-                    shown.residual_unit or "SI",
+                    shown.residual_unit or ("" if shown.si == "dimensionless" else "SI"),
                 )
             )
     columns = ("Log", "Channel", "Lowest", "Highest", "Resolution", "Noise (std)", "Unit")

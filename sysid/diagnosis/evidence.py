@@ -15,13 +15,6 @@ from sysid.estimation.linear import Estimate
 from sysid.parameters import Bundle
 from sysid.plant.effects.entry import CatalogueEffect
 
-ACTUATOR = "actuator"
-
-
-def is_of_actuator(content: Mapping[str, Any] | None) -> bool:
-    """Whether a diagnosis' content is of a whole actuator, as without any; else of a part alone."""
-    return content is None or content.get("component", ACTUATOR) == ACTUATOR
-
 
 class ComponentEvidence(ABC):
     """How the effects of a component were found: by twins, or by leave-one-test-out prediction."""
@@ -119,4 +112,4 @@ def residual(
     }
 
 
-__all__ = ["ACTUATOR", "ComponentEvidence", "is_of_actuator", "residual"]
+__all__ = ["ComponentEvidence", "residual"]

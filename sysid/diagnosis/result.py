@@ -75,7 +75,7 @@ class Diagnosis:
 
     @property
     def component(self) -> str:
-        """What was diagnosed: `evidence.ACTUATOR`, or the kind of test of a part."""
+        """What was diagnosed: `wording.ACTUATOR`, or the kind of test of a part."""
         return self.evidence.component
 
     @property

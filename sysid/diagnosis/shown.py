@@ -10,8 +10,16 @@ from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section, Terms
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis import figures, tables
-from sysid.diagnosis.evidence import is_of_actuator
-from sysid.diagnosis.wording import errors_by_step, is_refined, joined, regressor_name, sentence
+from sysid.diagnosis.wording import (
+    WEIGHED,
+    errors_by_step,
+    is_of_actuator,
+    is_refined,
+    is_weighed,
+    joined,
+    regressor_name,
+    sentence,
+)
 from sysid.io.channels import channel_of
 
 Content = Mapping[str, Any]
@@ -178,7 +186,8 @@ def _excess_table(content: Content, is_linear: bool) -> Table:
         columns.append("Extended model")
         for row, e in zip(rows, content["figures"]["excess"].values(), strict=True):
             row.append(shown(e["after"]))
-    return table("Whitened sum of squares in excess of the twins'", columns, rows)
+    caption = f"Sum of squares in excess of the twins', {WEIGHED}, as effects are judged"
+    return table(caption, columns, rows)
 
 
 def _remainder(content: Content, is_linear: bool) -> list[Block]:
@@ -194,6 +203,12 @@ def _remainder(content: Content, is_linear: bool) -> list[Block]:
         "What repeats is what other tests predict over everything that was logged "
         f"({joined(over)}); the rest above the noise differs from test to test."
     )
+    if any(is_weighed(content, entry) for entry in content["unexplained"]):
+        note += (
+            " These are sizes in the balance's unit. The verdict's share counts squares with "
+            f"{WEIGHED}, as effects are judged: a part at frequencies of little noise may be most "
+            "of those and next to nothing of the size."
+        )
     blocks += [tables.remainder_table(content), Lines((note,))]
     return [Fold("What the residuals consist of, before and after", tuple(blocks))]
 
@@ -209,7 +224,10 @@ def _tried(content: Content) -> list[Block]:
         caption = (
             "Improvement by each suspect in each round, on a logarithmic axis. Circles: on twins, "
             f"where nothing is missing (values up to {number(figures.LEAST_REDUCTION)} at the left "
-            "edge); diamonds: on the logs; crosses: after refitting with the base parameters."
+            "edge); diamonds: on the logs; crosses: after refitting with the base parameters. An "
+            "effect is refitted where the evidence for it, which counts its parameters and the "
+            "plausible sizes of it, is more than against it; p is how often logs that lack nothing "
+            "show as much."
         )
         titles = content["figures"]["titles"]
         drawn = tuple(figures.suspects(place, look, titles) for place, look in shown)

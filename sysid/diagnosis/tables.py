@@ -13,7 +13,6 @@ from typing import Any
 
 from sysid.blocks.numbers import MISSING, estimate_cells, number, unit
 from sysid.blocks.tables import NotedCell, Table, estimate_row, table
-from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.wording import (
     CORRECT_MODEL,
     SMALLEST_P,
@@ -22,6 +21,7 @@ from sysid.diagnosis.wording import (
     error_unit,
     errors_by_step,
     floor_text,
+    is_of_actuator,
     is_refined,
     joined,
     parameter_rows,

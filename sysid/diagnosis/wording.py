@@ -17,6 +17,8 @@ from sysid.io.channels import CHAMBER_PRESSURES, SIDES, VELOCITY_CHANNELS, Chann
 
 Content = Mapping[str, Any]
 
+ACTUATOR = "actuator"
+"""A diagnosis' component that is no part alone."""
 CORRECT_MODEL = "Correct model"
 """Heads the errors that a correct model would have: noise, and the tests' own scatter."""
 # Share of a residual's square that a cause explains to be said to explain most of it.
@@ -42,6 +44,11 @@ _REGRESSORS = {
     "pressure_a_pa": "pressure",
     "rest": "rest before",
 }
+
+
+def is_of_actuator(content: Content | None) -> bool:
+    """Whether a diagnosis' content is of a whole actuator, as without any; else of a part alone."""
+    return content is None or content.get("component", ACTUATOR) == ACTUATOR
 
 
 def sentence(content: Content, titles: Mapping[str, str] | None = None) -> str:
@@ -175,8 +182,28 @@ def _remaining(content: Content) -> str:
             continue
         part = f"{number(100.0 * share, 2)} %" if share >= LEAST_SHOWN else "less than 0.1 %"
         over = balance_of(entry["channel"]), regressor_name(entry["regressor"])
-        found.append(said.format(*over, part))
+        line = said.format(*over, part)
+        # A share of the squares by which effects are judged may be nothing of the residual's size.
+        line = f"{line[:-1]}, {WEIGHED})" if is_weighed(content, entry) else line
+        found.append(line)
     return "; ".join(filter(None, (other, joined(found))))
+
+
+WEIGHED = "each frequency weighed by its noise"
+"""What an actuator's search counts squares by, where it differs from the residual's size."""
+
+
+def is_weighed(content: Content, entry: Content) -> bool:
+    """Whether a share of `unexplained` is far above what repeats of that residual's size.
+
+    It is then of the squares by which effects are judged, each frequency weighed by its noise.
+    """
+    sizes = [r for r in content.get("remainder") or () if r["channel"] == entry["channel"]]
+    if not is_of_actuator(content) or not sizes or not entry["share"]:
+        return False
+    rest = sizes[0]
+    repeats = (rest["repeatable"] / rest["rmse"]) ** 2 if rest["rmse"] > 0.0 else 0.0
+    return bool(repeats < 0.5 * entry["share"])
 
 
 def remainder_lines(content: Content) -> tuple[str, ...]:
@@ -345,9 +372,11 @@ def is_refined(content: Content) -> bool:
 
 
 __all__ = [
+    "ACTUATOR",
     "CORRECT_MODEL",
     "LEAST_SHOWN",
     "SMALLEST_P",
+    "WEIGHED",
     "advice",
     "advice_on_rest",
     "balance_of",
@@ -355,7 +384,9 @@ __all__ = [
     "error_unit",
     "errors_by_step",
     "floor_text",
+    "is_of_actuator",
     "is_refined",
+    "is_weighed",
     "joined",
     "own_friction",
     "p_text",

@@ -87,17 +87,22 @@ CHANNELS: tuple[Channel, ...] = (
             f"valve_{side}", "dimensionless",
             f"on/off command of valve {side.upper()}: 1 connects the chamber to the supply, 0 to "
             "the exhaust",
+            f"Valve {side.upper()}",
         )
         for side in SIDES
     ),
     *(
-        Channel(f"duty_{side}", "dimensionless", f"PWM duty of valve {side.upper()}, 0 to 1")
+        Channel(
+            f"duty_{side}", "dimensionless", f"PWM duty of valve {side.upper()}, 0 to 1",
+            f"Duty {side.upper()}",
+        )
         for side in SIDES
     ),
     *(
         Channel(
             f"{stem}_{side}_{valve}", "dimensionless",
             f"{command} of the valve that {does} chamber {side.upper()}, of two valves",
+            f"{valve.capitalize()} {stem} {side.upper()}",
         )
         for stem, command in (("valve", "on/off command"), ("duty", "PWM duty"))
         for side in SIDES
@@ -111,15 +116,27 @@ CHANNELS: tuple[Channel, ...] = (
         "motor_force_n", "N", "force of the motor, linear rigs",
         "Force", "N", 1.0, "N", 1.0,
     ),
-    Channel("motor_volts", "V", "the motor's command in place of its effort"),
-    Channel("pump_volts", "V", "command of the pump that fills a tank"),
+    Channel(
+        "motor_volts", "V", "the motor's command in place of its effort",
+        "Motor voltage", "V", 1.0, "V", 1.0,
+    ),
+    Channel(
+        "pump_volts", "V", "command of the pump that fills a tank",
+        "Pump voltage", "V", 1.0, "V", 1.0,
+    ),
     Channel("flow_a_kg_s", "kg/s", "settled flow through a valve", "Flow", "g/s", 1e3, "mg/s", 1e6),
     Channel(
         "upstream_pressure_pa", "Pa", "pressure before a valve or restriction",
         "Pressure upstream", "kPa", 1e-3, "Pa", 1.0,
     ),
-    Channel("downstream_pressure_pa", "Pa", "pressure behind a valve or restriction"),
-    Channel("time_to_pressure_s", "s", "time that filling or emptying took"),
+    Channel(
+        "downstream_pressure_pa", "Pa", "pressure behind a valve or restriction",
+        "Pressure downstream", "kPa", 1e-3, "Pa", 1.0,
+    ),
+    Channel(
+        "time_to_pressure_s", "s", "time that filling or emptying took",
+        "Time to the pressure", "s", 1.0, "ms", 1e3,
+    ),
     Channel("pwm_period_s", "s", "period of a reading's PWM"),
     Channel(
         "temperature_k", "K", "ambient temperature", "Temperature", "K", 1.0, "K", 1.0, True

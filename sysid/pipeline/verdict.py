@@ -8,7 +8,7 @@ from typing import Any
 
 from sysid.blocks.quality import quality_name
 from sysid.diagnosis import wording
-from sysid.diagnosis.evidence import is_of_actuator
+from sysid.diagnosis.wording import is_of_actuator
 from sysid.io.channels import channel_of
 from sysid.parameters import Bundle, Validation
 from sysid.pipeline.pages.next_steps import best_test

@@ -10,9 +10,10 @@ from sysid.diagnosis.actuator.figures import influences, residual_curves, rounds
 from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.actuator.search import RefittedStep
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, log_channel
-from sysid.diagnosis.evidence import ACTUATOR, ComponentEvidence
+from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.search import Round
 from sysid.diagnosis.search_record import SearchRecord
+from sysid.diagnosis.wording import ACTUATOR
 from sysid.estimation.linear import Estimate
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle

@@ -74,7 +74,7 @@ def _fate(suspect: Suspect, step: RefittedStep | None, search: Search) -> str:
         return "added together with another effect"
     if suspect.refitted is not None:
         return "fitted: less likely than what was added" if step else "fitted: adds no evidence"
-    return "less likely than chance"
+    return "more evidence against it than for it"
 
 
 def residual_curves(search: Search) -> list[dict[str, Any]]:

@@ -132,7 +132,7 @@ def _fate(tried: Tried, one: Round) -> str:
     if tried.p_value * len(one.tried) >= SIGNIFICANCE:
         return f"the best of {len(one.tried)} fits as well by chance"
     if tried.reduction <= LEAST_REDUCTION:
-        return "does not predict tests left out well enough"
+        return "does not predict excluded tests well enough"
     if one.added is not None and tried.id in one.added.ambiguous:
         return f"indistinguishable from {one.added.id} in these tests"
     if one.added is not None:

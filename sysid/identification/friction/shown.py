@@ -38,7 +38,8 @@ def friction_section(bundle: Bundle) -> Section:
         blocks += [] if bundle.refinement or bundle.effects else _disagreements(friction)
     figures = {
         "friction over speed, one point per constant-effort test, with the law of these "
-        "parameters and the 95 % band of their errors": speed_figure(friction),
+        "parameters and the 95 % band in which the law lies (single tests scatter beyond "
+        "it)": speed_figure(friction),
         "breakaway by starting position, with each position's mean and its 95 % interval": (
             breakaway_figure(friction)
         ),

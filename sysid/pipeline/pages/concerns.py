@@ -8,9 +8,8 @@ from typing import Any
 
 from sysid.blocks.quality import quality_name
 from sysid.blocks.titles import within
-from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.lack_of_fit import MISFIT
-from sysid.diagnosis.wording import joined
+from sysid.diagnosis.wording import is_of_actuator, joined
 from sysid.identification.valve_pwm.choice import not_recommended
 from sysid.io.channels import VELOCITY_CHANNELS, channel_of
 from sysid.parameters import Bundle

@@ -10,9 +10,8 @@ from sysid.blocks.numbers import MISSING, number, span
 from sysid.blocks.sections import Block, Lines, Section
 from sysid.blocks.tables import table
 from sysid.blocks.titles import within
-from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.tables import named
-from sysid.diagnosis.wording import advice_on_rest, effect_name, joined
+from sysid.diagnosis.wording import advice_on_rest, effect_name, is_of_actuator, joined
 from sysid.io.channels import channel_of
 from sysid.io.motion import FRICTION
 from sysid.parameters import Bundle

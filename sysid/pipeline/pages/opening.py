@@ -13,9 +13,8 @@ from sysid.blocks.numbers import number, percent, span
 from sysid.blocks.quality import quality_name
 from sysid.blocks.tables import Table, table
 from sysid.blocks.titles import within
-from sysid.diagnosis.evidence import is_of_actuator
 from sysid.diagnosis.lack_of_fit import MISFIT
-from sysid.diagnosis.wording import error_unit, floor_text, joined, sentence
+from sysid.diagnosis.wording import error_unit, floor_text, is_of_actuator, joined, sentence
 from sysid.io.channels import VELOCITY_CHANNELS, Channel, channel_of
 from sysid.io.motion import LINEAR, ROTARY
 from sysid.parameters import Bundle, ComponentRecord

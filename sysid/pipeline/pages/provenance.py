@@ -65,6 +65,10 @@ def _logs(source: Provenance) -> Table:
     )
 
 
+# What JSON has for what was not given, and for a switch.
+_WORDS = {"null": MISSING, "[]": "none", "true": "yes", "false": "no"}
+
+
 def _flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     """Nested tables as rows of dotted keys."""
     rows: list[tuple[str, str]] = []
@@ -73,6 +77,7 @@ def _flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]
             rows += _flat(value, f"{prefix}{key}.")
         else:
             shown = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+            shown = _WORDS.get(shown, shown)
             rows.append((f"{prefix}{key}", shown))
     return rows
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Section
 from sysid.blocks.standing import section_or_why
 from sysid.blocks.tables import Table, table
-from sysid.diagnosis.evidence import is_of_actuator
-from sysid.diagnosis.wording import effect_name
+from sysid.diagnosis.wording import effect_name, is_of_actuator
 from sysid.errors import Failure, input_error, on_its_own
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
 from sysid.io.files import write_atomic
