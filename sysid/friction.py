@@ -21,10 +21,7 @@ from sysid.errors import (
     input_error,
     on_its_own,
 )
-from sysid.estimation.linear import UNKNOWN, Estimate, Variance
-from sysid.estimation.quality import LEAST_EXPLAINED, SCATTER_TIMES
-from sysid.identification.friction.clusters import Clusters, cluster_test
-from sysid.identification.friction.combinations import (
+from sysid.estimation.combinations import (
     Combination,
     Separation,
     Sums,
@@ -32,6 +29,9 @@ from sysid.identification.friction.combinations import (
     mean_friction,
     unidentified,
 )
+from sysid.estimation.linear import UNKNOWN, Estimate, Variance
+from sysid.estimation.quality import LEAST_EXPLAINED, SCATTER_TIMES
+from sysid.identification.friction.clusters import Clusters, cluster_test
 from sysid.identification.friction.cross_check import SLIDING_FIRST, disagreement
 from sysid.identification.friction.effort import (
     TrialUse,

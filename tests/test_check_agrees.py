@@ -205,10 +205,9 @@ def test_check_and_fit_agree_on_readings(
     assert main(["check", str(campaign), "--json"]) == 0
     checked = json.loads(capsys.readouterr().out)["logs"][0]["identifies"]
     yes = {NAMES[i["parameter"]] for i in checked if i["identified"]}
-    status = main(["fit", str(campaign), "--json"])
-    out = capsys.readouterr().out
-    friction = json.loads(out)["friction"] if status == 0 else {}
-    assert status == (0 if torques > 1 else 3)
+    assert main(["fit", str(campaign), "--json"]) == 0
+    friction = json.loads(capsys.readouterr().out)["friction"]
+    assert len(friction.get("combinations", [])) == (0 if torques > 1 else 1)
     assert yes == {key for key in NAMES.values() if friction.get(key, {}).get("value") is not None}
     assert bool(yes) == (torques > 1)
 

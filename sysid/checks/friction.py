@@ -174,7 +174,8 @@ def bench_fit(
     from sysid.diagnosis.bench.registry import component_of
 
     component = component_of(kind, trials, rig)
-    return chosen_law(component).fitted.base_estimates(), component.tests
+    fitted = chosen_law(component).fitted
+    return fitted.component.identified(fitted.base_estimates()), component.tests
 
 
 __all__ = ["Identification", "bench_fit", "friction_identified", "friction_together"]

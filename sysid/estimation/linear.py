@@ -116,6 +116,11 @@ class Estimate:
         limits = (factor * self.interval[0], factor * self.interval[1])
         return Estimate(factor * self.value, factor * self.std, self.unit, limits, self.reason)
 
+    def shifted(self, by: float) -> Estimate:
+        """The estimate of the number plus one that is known exactly."""
+        limits = (self.interval[0] + by, self.interval[1] + by)
+        return Estimate(self.value + by, self.std, self.unit, limits, self.reason)
+
     def within(self, lower: float, upper: float) -> Estimate:
         """The estimate of a number that lies within bounds: so does its interval."""
         if not self.has_interval:

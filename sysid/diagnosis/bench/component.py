@@ -135,6 +135,11 @@ class Component(ABC):
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         """The law's section of a bundle; `estimates` are those of `parameters`, by name."""
 
+    def identified(self, estimates: Mapping[str, Estimate]) -> Mapping[str, Estimate]:
+        """What the numbers of the law, `estimates`, say of the part's parameters, by the keys of a
+        bundle; by default they are its parameters."""
+        return estimates
+
     def said_of(self, estimates: Mapping[str, Estimate]) -> tuple[str, ...]:
         """What a reader of the law's numbers has to know, a line each; by default nothing."""
         return ()

@@ -5,11 +5,12 @@ The law is Coulomb and viscous friction with breakaway,
     breakaway = static direction,    effort = coulomb direction + viscous velocity + offset,
 
 the offset where readings of both directions show it, and what it lacks acts through the ports of
-static and sliding friction. Of a breakaway the effort is predicted. Of a steady motion one of the
-two was set and the other followed, which is predicted: a line through what was set over what
-followed would be too flat, since it is the latter that scatters. In the thesis the torque was set
-(3.4.3, Table 3.4.2), under a controller of the speed it is the speed. A linear axis has forces and
-speeds along its way.
+static and sliding friction. Readings at one speed or effort identify the sum of Coulomb and viscous
+friction there, which stands for Coulomb friction then, and in both directions the offset. Of a
+breakaway the effort is predicted. Of a steady motion one of the two was set and the other followed,
+which is predicted: a line through what was set over what followed would be too flat, since it is
+the latter that scatters. In the thesis the torque was set (3.4.3, Table 3.4.2), under a controller
+of the speed it is the speed. A linear axis has forces and speeds along its way.
 """
 
 from __future__ import annotations
@@ -17,13 +18,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from sysid.diagnosis.bench.component import Component, Law, law_held, probes, shapes
 from sysid.diagnosis.thresholds import ACTS
 from sysid.errors import Notice, NotIdentifiedError, input_error
-from sysid.estimation.linear import LEVEL, Estimate
+from sysid.estimation.combinations import Sums, mean_friction, unidentified
+from sysid.estimation.linear import (
+    LEVEL,
+    RANK_TOLERANCE,
+    Estimate,
+    linear_fit,
+    t_quantile,
+)
 from sysid.estimation.nonlinear import Parameter
 from sysid.estimation.quality import FitQuality
 from sysid.io.logs import Trial
@@ -41,12 +50,14 @@ KIND = "friction-points"
 # A modelled speed is searched for up to this many times the fastest reading.
 _FASTEST = 4.0
 _HALVINGS = 50
+_OTHER_WAY = " and in the other direction"
 
 
 @dataclass(frozen=True)
 class FrictionPoints(Component):
     """Readings, all of breakaway or all of sliding: (n,) each, in the rig's units of position,
-    speed and effort; a row is a test.
+    speed and effort; a row is a test. `is_certain`: whether it is known which of speed and effort
+    was set; `tells_speeds`: whether Coulomb and viscous friction are numbers of their own.
 
     `direction` is 1 or -1; `number` counts the readings of a log. Residuals are efforts of
     breakaway and of motion whose speed was set, else speeds at the effort that was set.
@@ -61,25 +72,59 @@ class FrictionPoints(Component):
     direction: FloatArray
     number: FloatArray
     is_speed_set: bool
+    is_certain: bool = True
+    tells_speeds: bool = field(default=True, init=False)
     has_constant: bool = field(default=False, init=False)
     channel: str = field(default="", init=False)
     unit: str = field(default="", init=False)
 
     def __post_init__(self) -> None:
-        u, by_effort = self.units, self._effort_follows
+        u = self.units
+        object.__setattr__(self, "tells_speeds", self.is_breakaway or self._tells_speeds())
+        by_effort = self._effort_follows
         follows = (u.effort_channel, u.effort) if by_effort else (u.speed_channel, u.speed)
-        own = (*follows, not self.is_breakaway and self._shows_offset())
+        own = (*follows, not self.is_breakaway and self._goes_both_ways)
         for name, value in zip(("channel", "unit", "has_constant"), own, strict=True):
             object.__setattr__(self, name, value)
 
-    def _shows_offset(self) -> bool:
-        """Whether what was set tells an offset from Coulomb and viscous friction: both directions,
-        one of them at two levels."""
-        level = self.velocity if self.is_speed_set else self.effort
-        columns = np.column_stack(
-            (self.direction, level / np.abs(level).max(), np.ones_like(level))
-        )
-        return int(np.linalg.matrix_rank(columns)) == 3
+    @property
+    def _goes_both_ways(self) -> bool:
+        return len(np.unique(self.direction)) == 2
+
+    def _tells_speeds(self) -> bool:
+        """Whether the readings tell viscous from Coulomb friction, and from an offset in both
+        directions: not where what was set has one level each way, nor where viscous friction may be
+        anything from none to all of it, as it may without readings, or no speed rises with the
+        effort. Where it is not certain what was set, the two regressions have to agree.
+        """
+        over_speed = self._slope(self.velocity, self.effort)
+        over_effort = self._slope(self.effort, self.velocity)
+        if (over_speed if self.is_speed_set else over_effort) is None:
+            return False
+        if over_speed is not None and (self.is_speed_set or not self.is_certain):
+            low, high = over_speed
+            if low <= 0.0 and high >= np.abs(self.effort).mean() / np.abs(self.velocity).mean():
+                return False
+        if over_effort is not None and (not self.is_speed_set or not self.is_certain):
+            low, high = over_effort
+            if low <= 0.0 <= high:
+                return False
+            if not self.is_certain and over_speed is not None and low > 0.0:
+                return over_speed[0] <= 2.0 / (low + high) <= over_speed[1]
+        return True
+
+    def _slope(self, level: FloatArray, followed: FloatArray) -> tuple[float, float] | None:
+        """The 95 % interval of how what followed rises with levels (n,); None at one level each
+        way. Without repeats the line itself."""
+        columns = [self.direction, level]
+        columns += [np.ones_like(level)] if self._goes_both_ways else []
+        both = np.column_stack(columns)
+        scaled = both / np.linalg.norm(both, axis=0)
+        if int(np.linalg.matrix_rank(scaled, RANK_TOLERANCE)) < both.shape[1]:
+            return None
+        fit = linear_fit(both, followed)
+        half = t_quantile(fit.dof) * math.sqrt(fit.covariance[1, 1]) if fit.dof else 0.0
+        return float(fit.coefficients[1] - half), float(fit.coefficients[1] + half)
 
     @property
     def tests(self) -> tuple[str, ...]:
@@ -101,7 +146,8 @@ class FrictionPoints(Component):
 
     @property
     def _effort_follows(self) -> bool:
-        return self.is_breakaway or self.is_speed_set
+        # At one level all friction is one number, that of the efforts.
+        return self.is_breakaway or self.is_speed_set or not self.tells_speeds
 
     def in_form_of(self, bundle: Bundle) -> FrictionPoints:
         """The readings, of which that followed which followed in those that a bundle was fitted to:
@@ -118,13 +164,14 @@ class FrictionPoints(Component):
         largest = size = float(effort.mean())
         if self.is_breakaway:
             return [Parameter(u.key("static"), size, u.effort, 0.0, scale=size)]
+        if not self.tells_speeds:
+            found = [Parameter(u.key("coulomb"), size, u.effort, 0.0, scale=size)]
+            if self.has_constant:
+                found.append(
+                    Parameter(u.key("offset"), float(self.effort.mean()), u.effort, scale=size)
+                )
+            return found
         mean = float(speed.mean())
-        if len(np.unique(speed if self.is_speed_set else effort)) < 2:
-            level = f"{mean:g} {u.speed}" if self.is_speed_set else f"{size:g} {u.effort}"
-            raise NotIdentifiedError(
-                f"{u.key('coulomb')} and {u.key('viscous')} are not identified: all readings are "
-                f"at {level}; take some at another {'speed' if self.is_speed_set else u.word}"
-            )
         offset = self._guessed_offset() if self.has_constant else 0.0
         effort = self.direction * (self.effort - offset)
         size = float(effort.mean())
@@ -218,7 +265,8 @@ class FrictionPoints(Component):
         else:
             parameters = self.base_parameters.replace(
                 coulomb_effort=self._value(law, "coulomb"),
-                viscous=self._value(law, "viscous"),
+                # Of a law of one speed the sum is all Coulomb friction.
+                viscous=law.values.get(self.units.key("viscous"), 0.0),
             )
         ambient = zero + parameters.atmosphere
         point = Point(
@@ -312,6 +360,30 @@ class FrictionPoints(Component):
         steps = np.diff(self._followed[order])[one_way]
         return math.sqrt(0.5 * float(np.mean(steps**2))) if len(steps) else math.nan
 
+    def _sums(self, estimates: Mapping[str, Estimate]) -> Sums:
+        """What readings at one level identify, with the law's numbers; of others nothing."""
+        if self.tells_speeds or self.is_breakaway:
+            return Sums()
+        u = self.units
+        known = mean_friction(self.effort, self.velocity, self.direction, u)
+        # With an effect next to it the sum differs from the mean of the readings.
+        own = known.rows[0].estimate
+        own = own.shifted(estimates[u.key("coulomb")].value - own.value)
+        other = "speed" if self.is_speed_set else u.word
+        test = f"readings at another {other}" + ("" if self.has_constant else _OTHER_WAY)
+        return Sums((replace(known.rows[0], estimate=own, test=test),), known.offset)
+
+    def identified(self, estimates: Mapping[str, Estimate]) -> Mapping[str, Estimate]:
+        sums = self._sums(estimates)
+        if not sums:
+            return estimates
+        u = self.units
+        names = [name for name in (*FRICTION, "offset") if name != "static"]
+        found = {u.key(name): unidentified(name, u.unit(name), sums.rows, "") for name in names}
+        if sums.offset is not None:
+            found[u.key("offset")] = sums.offset
+        return found
+
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         wanted = "steady motion" if self.is_breakaway else "breakaway"
         reason = f"no reading shows it; {wanted} readings in a separate campaign would identify it"
@@ -319,33 +391,44 @@ class FrictionPoints(Component):
             self.units.key(name): Estimate.unidentified(self.units.unit(name), reason)
             for name in FRICTION
         }
-        found = {key: estimates.get(key, absent) for key, absent in unread.items()}
+        known = self.identified(estimates)
+        found: dict[str, Any] = {key: known.get(key, absent) for key, absent in unread.items()}
         offset = self.units.key("offset")
-        found |= {offset: estimates[offset]} if offset in estimates else {}
+        found |= {offset: known[offset]} if offset in known else {}
+        if sums := self._sums(estimates):
+            found["combinations"] = [row.to_json() for row in sums.rows]
         judged = quality_field(quality, KIND)
         return Parts(friction=Friction.model_validate({**found, **judged}))
 
     def law_of(self, bundle: Bundle) -> Law:
-        names = [p.name for p in self.parameters()]
-        offset = self.units.key("offset")
-        held = bundle.friction.offset if bundle.friction is not None else None
-        if not self.is_breakaway and held is not None and held.identified:
-            # Readings of one direction have the offset that those of both have shown.
-            names = [*dict.fromkeys([*names, offset])]
+        if self.is_breakaway:
+            names = [self.units.key("static")]
+            return law_held("friction", bundle.friction, names, f"{KIND} readings")
+        held, u = bundle.friction, self.units
+        offset = u.key("offset")
+        if not self.tells_speeds and held is not None and held.sum_in_motion is not None:
+            known = {u.key(name): held.in_motion(name) for name in ("coulomb", "viscous", "offset")}
+            return Law({k: 0.0 if e is None else e.value for k, e in known.items()})
+        names = [u.key("coulomb"), u.key("viscous")]
+        own = held.offset if held is not None else None
+        # Readings of one direction have the offset that those of both have shown.
+        if self.has_constant or (own is not None and own.identified):
+            names.append(offset)
         absent = {offset: 0.0} if self.has_constant else {}
-        return law_held("friction", bundle.friction, names, f"{KIND} readings", **absent)
+        return law_held("friction", held, names, f"{KIND} readings", **absent)
 
     def said_of(self, estimates: Mapping[str, Estimate]) -> tuple[str, ...]:
         key = self.units.key("offset")
-        offset = estimates.get(key)
-        if offset is None or offset.interval[0] <= 0.0 <= offset.interval[1]:
-            return ()
+        offset = self.identified(estimates).get(key)
+        sums = tuple(row.notice for row in self._sums(estimates).rows)
+        if offset is None or not offset.identified or offset.holds(0.0):
+            return sums
         low, high = offset.interval
         line = (
             f"friction differs with the direction: an offset of {offset.value:.3g} "
             f"({low:.3g} to {high:.3g}) {offset.unit}"
         )
-        return (Notice(line, f"friction.{key}"),)
+        return (*sums, Notice(line, f"friction.{key}"))
 
 
 def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
@@ -372,6 +455,7 @@ def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
         )
     channel = rig.position_channel
     direction = np.sign(effort if at_rest.all() else velocity)
+    set_speed = not at_rest.any() and _is_speed_set(velocity, effort, direction)
     return FrictionPoints(
         base_parameters=bare_parameters(rig),
         units=u,
@@ -381,16 +465,18 @@ def friction_points(trials: Sequence[Trial], rig: Rig) -> FrictionPoints:
         effort=effort,
         direction=direction,
         number=np.concatenate([np.arange(1.0, len(t) + 1.0) for t in trials]),
-        is_speed_set=not at_rest.any() and _is_speed_set(velocity, effort, direction),
+        is_speed_set=bool(set_speed),
+        is_certain=set_speed is not None,
     )
 
 
-def _is_speed_set(velocity: FloatArray, effort: FloatArray, direction: FloatArray) -> bool:
-    """Whether the readings (n,) are of speeds that were set, whose effort followed.
+def _is_speed_set(velocity: FloatArray, effort: FloatArray, direction: FloatArray) -> bool | None:
+    """Whether the readings (n,) are of speeds that were set, whose effort followed; None: perhaps.
 
     What was set takes levels, which repeat. Where both do or neither, what followed is the smoother
     course over what was set: a friction curve that falls and rises again has one effort at each
-    speed, but two speeds at an effort. Without a decision it is the effort, as in the thesis.
+    speed, but two speeds at an effort. Without a decision
+    the effort is taken to be, as in the thesis.
     """
     from scipy.special import fdtri
 
@@ -404,8 +490,11 @@ def _is_speed_set(velocity: FloatArray, effort: FloatArray, direction: FloatArra
         for a, b in ((velocity, effort), (effort, velocity))
     )
     if steps < 1 or not math.isfinite(over_speed + over_effort):
-        return False
-    return over_effort > float(fdtri(steps, steps, LEVEL)) * over_speed
+        return None
+    least = float(fdtri(steps, steps, LEVEL))
+    if over_effort > least * over_speed:
+        return True
+    return False if over_speed > least * over_effort else None
 
 
 def _repeats(values: FloatArray) -> bool:

@@ -1,9 +1,9 @@
 """Friction and inertia from any motion by inverse dynamics (Janot, Gautier, Brunot 2019).
 
 The effort balance of `balance/samples` is linear in its parameters (`motion_regression`). Motion in
-one direction or at one speed identifies sums of the parameters (`combinations`), which are fitted
-in their place. Samples at low speed and after reversals are excluded where the law of the others
-does not predict them (`low_speed`).
+one direction or at one speed identifies sums of the parameters (`estimation/combinations`), which
+are fitted in their place. Samples at low speed and after reversals are excluded where the law of
+the others does not predict them (`low_speed`).
 """
 
 from __future__ import annotations
@@ -29,6 +29,12 @@ from sysid.balance.samples import (
     tells_speeds,
 )
 from sysid.errors import NotIdentifiedError
+from sysid.estimation.combinations import (
+    Combination,
+    Separation,
+    combined,
+    unidentified,
+)
 from sysid.estimation.covariance import JointCovariance, shrunk
 from sysid.estimation.jackknife import jackknife
 from sysid.estimation.linear import UNKNOWN, Estimate, LinearFit, Variance, satterthwaite
@@ -39,12 +45,6 @@ from sysid.estimation.quality import (
     FitQuality,
     runs_test,
     spread,
-)
-from sysid.identification.friction.combinations import (
-    Combination,
-    Separation,
-    combined,
-    unidentified,
 )
 from sysid.identification.friction.effort import TrialUse
 from sysid.identification.friction.low_speed import SlidingLimits, bins_of_speed, sliding_only

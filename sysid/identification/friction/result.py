@@ -15,6 +15,7 @@ from sysid.blocks.quality import quality_table
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table, estimate_records, estimate_table
 from sysid.errors import NotIdentifiedError
+from sysid.estimation.combinations import Combination
 from sysid.estimation.linear import Estimate, FTest
 from sysid.estimation.named import NamedEstimates
 from sysid.estimation.quality import (
@@ -24,7 +25,6 @@ from sysid.estimation.quality import (
     FitQuality,
     root_mean_square,
 )
-from sysid.identification.friction.combinations import Combination
 from sysid.identification.friction.effort import TrialUse, excluded_tests, exclusion_lines
 from sysid.identification.friction.load import LoadFriction
 from sysid.identification.friction.low_speed import RULE as LOW_SPEED_RULE

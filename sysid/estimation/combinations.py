@@ -10,12 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from sysid.estimation.linear import Estimate, LinearFit, linear_fit
-from sysid.io.motion import MotionUnits
 from sysid.types import FloatArray
 
 OTHER_DIRECTION = (
@@ -26,6 +25,14 @@ OTHER_SPEED = (
     "motion at further speeds (friction-sliding tests at a second level of the effort, or "
     "friction-motion whose speed changes)"
 )
+
+
+class Units(Protocol):
+    """A rig's: the unit of its effort, and a parameter's key in a bundle."""
+
+    @property
+    def effort(self) -> str: ...
+    def key(self, name: str, /) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -40,7 +47,7 @@ class Combination:
     coefficients: tuple[float, ...]
     estimate: Estimate
     test: str
-    units: MotionUnits
+    units: Units
 
     @property
     def of(self) -> tuple[str, ...]:
@@ -113,7 +120,7 @@ class Separation:
 
 
 def combined(
-    estimates: Sequence[Estimate], slope: tuple[float, float], shape: Separation, units: MotionUnits
+    estimates: Sequence[Estimate], slope: tuple[float, float], shape: Separation, units: Units
 ) -> Sums:
     """What a fit of reduced columns gives.
 
@@ -145,20 +152,26 @@ def _offset(estimates: Sequence[Estimate], slope: tuple[float, float]) -> Estima
     return Estimate(offset.value, std, offset.unit, limits, offset.reason)
 
 
-def mean_friction(
-    friction: FloatArray, speed: FloatArray, way: FloatArray, units: MotionUnits
-) -> Sums:
-    """What is known of trials at one level of the effort, from their mean friction (signed),
-    mean speed (signed) and direction, (n,) each."""
+def mean_friction(friction: FloatArray, speed: FloatArray, way: FloatArray, units: Units) -> Sums:
+    """What is known of tests or readings at one level, from their mean friction (signed), mean
+    speed (signed) and direction, (n,) each.
+
+    Where the effort was set, the friction that scatters shows in the speed alone: viscous friction,
+    which makes this an error of the sum, lies between none and all of it, and the larger error
+    counts.
+    """
     both = len(np.unique(way)) == 2
     shape = Separation(both, False, float(way[0]))
     columns = np.column_stack([way, np.ones(len(way))] if both else [way])
     fit, moved = linear_fit(columns, friction), linear_fit(columns, speed)
+    mean, half = (*map(float, moved.coefficients), 0.0)[:2]
+    most = max(float(fit.coefficients[0]), 0.0) / mean if mean > 0.0 else 0.0
+    at_most = linear_fit(columns, friction - most * speed)
+    stds = np.maximum(_stds(fit), _stds(at_most))
     estimates = [
         Estimate.symmetric(float(value), float(std), units.effort, fit.dof)
-        for value, std in zip(fit.coefficients, _stds(fit), strict=True)
+        for value, std in zip(fit.coefficients, stds, strict=True)
     ]
-    mean, half = (*map(float, moved.coefficients), 0.0)[:2]
     return combined(estimates, (mean, half), shape, units)
 
 
