@@ -8,7 +8,9 @@ Each draw has its own volume, law, noise, rate, duration and number of discharge
 integrated apart from `sysid.plant`: the gas' mass and internal energy are the states.
 
 `short`, `slow`, `exact`: the thesis' exhaust, 5 to 400 ml at 50 to 1000 Hz, 20 to 500 l at 0.2 to
-2 Hz, 20 readings without noise. `choked`: from above its choked boundary. `iso`: ISO 6358,
+2 Hz, 20 readings without noise. `choked`: from above its choked boundary. `cooled`, `isothermal`,
+`adiabatic`: its flow out of gas with a temperature, that the wall warms a little, all or not at all
+(of the former two the law is the gas' own). `iso`: ISO 6358,
 isothermal; `warm`: ISO 6358 from a single recording, the gas warmed by the wall.
 """
 
@@ -164,6 +166,36 @@ def _thesis(rng: np.random.Generator, kind: str) -> Draw:
     return Draw(tuple(trials), tank.rig(), "thesis", truth)
 
 
+def _cooled(rng: np.random.Generator, kind: str) -> Draw:
+    """The thesis' flow out of gas with a temperature."""
+    tank = _Tank(10 ** rng.uniform(-4.3, -0.7), rng.uniform(9.6e4, 1.03e5), rng.uniform(285, 303))
+    scale = 10 ** rng.uniform(-0.3, 2.0)
+    c_dis = tank.volume / (K * R * tank.temperature * scale)
+    reach = tank.atmosphere / 0.53 - tank.atmosphere
+    choked = c_dis * reach * rng.uniform(0.93, 1.1)
+    truth, levels = {"c_dis": c_dis}, rng.uniform(0.5, 0.9, int(rng.integers(1, 4))) * reach
+    if rng.random() < 0.5:
+        levels = rng.uniform(1.6, 4.0, len(levels)) * reach
+        truth["choked_flow_dis_kg_s"] = choked
+
+    def flow(p: float, _: float) -> float:
+        return choked if p >= tank.atmosphere / 0.53 else max(c_dis * (p - tank.atmosphere), 0.0)
+
+    # How many times the wall warms the gas through while the tank empties.
+    times_warm = 10 ** rng.uniform(-0.7, 0.7)
+    held = tank.atmosphere * tank.volume / tank.temperature
+    wall = {"isothermal": np.inf, "adiabatic": 0.0}.get(
+        kind, times_warm * held / ((K - 1.0) * scale)
+    )
+    times = np.linspace(0.0, scale * rng.uniform(3.0, 7.0), int(rng.uniform(100, 700)))
+    noise = 10 ** rng.uniform(0.7, 2.0)
+    trials = [
+        _log(rng, tank.real(flow, wall, tank.atmosphere + own, times), times, noise, f"{kind} {i}")
+        for i, own in enumerate(levels)
+    ]
+    return Draw(tuple(trials), tank.rig(), "thesis", truth)
+
+
 def _real(rng: np.random.Generator, kind: str) -> Draw:
     tank = _Tank(10 ** rng.uniform(-3.3, -1.5), rng.uniform(9.6e4, 1.03e5), rng.uniform(285, 303))
     scale, ratio = 10 ** rng.uniform(-0.3, 1.2), rng.uniform(0.15, 0.55)
@@ -185,10 +217,12 @@ def _real(rng: np.random.Generator, kind: str) -> Draw:
 def drawn(kind: str, seed: int) -> Draw:
     """A tank of a kind and its discharges, by a seed."""
     rng = np.random.default_rng([seed, sum(map(ord, kind))])
-    return _real(rng, kind) if kind in ("iso", "warm") else _thesis(rng, kind)
+    made = {"iso": _real, "warm": _real} | dict.fromkeys(_COOLED, _cooled)
+    return made.get(kind, _thesis)(rng, kind)
 
 
-KINDS = ("short", "slow", "exact", "choked", "iso", "warm")
+_COOLED = ("cooled", "isothermal", "adiabatic")
+KINDS = ("short", "slow", "exact", "choked", *_COOLED, "iso", "warm")
 
 
 def verdict_of(draw: Draw, bundle_parts: object) -> str:
@@ -235,8 +269,11 @@ def measured(kind: str, draws: int, first: int, verdicts: bool, by: str = "auto"
             line += f" {key} {errors[key][-1]:.2g} of {wide:.2g}{'' if holds else ' OUT'}"
         seconds = time.process_time() - began
         said = f" {verdict_of(draw, part)}" if verdicts else ""
+        wall = law.wall_conductance_w_per_k
+        gas = "gas warmed" if name == "thesis" and wall is not None else ""
+        gas += " open" if any("do not distinguish" in line for line in found.notices) else ""
         quality = law.quality["discharge"].verdict if isinstance(law.quality, dict) else ""
-        print(f"{line} {name} {quality} {seconds:.1f} s{said}", flush=True)
+        print(f"{line} {name} {gas} {quality} {seconds:.1f} s{said}", flush=True)
     print(f"{kind}: law right in {sum(right)} of {len(right)}")
     for key, own in errors.items():
         print(

@@ -20,6 +20,7 @@ from sysid.diagnosis.bench.law_choice import chosen_law
 from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.bench.tank import TankComponent, tank
 from sysid.errors import InputError, NotIdentifiedError, subject_of
+from sysid.estimation.linear import Estimate
 from sysid.io.conversion import convert
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
@@ -175,6 +176,45 @@ def test_what_the_gas_temperature_does_to_the_coefficient_is_said(is_isothermal:
     found = bench_fit("tank", trials, rig(), "thesis")
     (line,) = [line for line in found.notices if "times as large" in line]
     assert subject_of(line) == "valves.a.discrete" and f"c_dis {own.low:.2f}" in line
+
+
+def test_gas_that_cools_is_the_law_where_the_tests_tell() -> None:
+    """Of adiabatic gas the coefficient is the true one; as warm as the wall, what it leaves is what
+    3.3.6 leaves, of a coefficient 1.4 times as small, and this is said."""
+    trials = [real_gas(False, seed) for seed in (1, 2)]
+    found = bench_fit("tank", trials, rig())
+    law = found.part().valves.side("a").discrete
+    assert law is not None and law.law_of("dis") == "thesis"
+    low, high = law.estimates()["c_dis"].interval
+    assert low <= 5e-9 <= high and high / low < 1.005
+    wall = law.wall_conductance_w_per_k
+    assert isinstance(wall, Estimate) and wall.holds(0.0) and wall.interval[1] < 0.05
+    assert any("gas that cools" in line and "distinguish" not in line for line in found.notices)
+    bundle = Bundle.new(rig(), found.part(), [])
+    component = tank(trials, rig()).in_form_of(bundle)
+    left = component.residuals(component.law_of(bundle), range(2))
+    assert rmse(left) < 2.0 * 8.0
+    assert "wall-heat-transfer" not in {kind.id for kind in component.effects(catalogue())}
+
+    found = bench_fit("tank", [real_gas(True, seed) for seed in (1, 2)], rig())
+    law = found.part().valves.side("a").discrete
+    assert law is not None and law.wall_conductance_w_per_k is None
+    assert law.estimates()["c_dis"].value == pytest.approx(5e-9 / K, rel=2e-3)
+    assert any("do not distinguish" in line for line in found.notices)
+
+
+def test_an_effect_acts_on_gas_that_cools() -> None:
+    """One through the pressure outside, by which the choked boundary moves, and one of the heat."""
+    part = dataclasses.replace(made(1), has_temperature=True)
+    values = {"c_dis": C_DIS, "adiabatic_share": 0.5}
+    kinds = catalogue()
+    without = np.concatenate(part.residuals(Law(values), range(4)))
+    for effect in (
+        kinds["exhaust-back-pressure"].neutral(back_pressure_pa_s_per_kg=1e8),
+        kinds["polytropic-exponent"].neutral(exponent_change=-0.1),
+    ):
+        changed = np.concatenate(part.residuals(Law(values, (effect,)), range(4)))
+        assert np.isfinite(changed).all() and np.abs(changed - without).max() > 50.0
 
 
 def test_laws_together_are_what_each_is_alone() -> None:

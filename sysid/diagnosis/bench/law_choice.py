@@ -49,13 +49,28 @@ def chosen_law(component: Component, law: str = AUTO) -> ChosenLaw:
     chosen = fits[place]
     final = component.settled_as(chosen.component)
     found = chosen if final is chosen.component else _fit(final)
-    names = list(dict.fromkeys(fits[i].component.law for i in open_ones))  # type: ignore[attr-defined]
-    is_decided = len(names) == 1
+    is_decided = len({_kind(fits[i].component) for i in open_ones}) == 1
+    is_decided &= not any(_is_more_of(fit, chosen, count) for fit in fits)
     return ChosenLaw(found, _why(fits, place, is_decided), is_decided)
 
 
 def _fit(component: Component) -> FittedLaw:
     return fit_law(component, (), range(len(component.tests)))
+
+
+def _kind(component: Component) -> tuple[str, bool]:
+    """A law's name, whether its index is fitted or not, and whether its gas has a temperature."""
+    return getattr(component, "law", ""), getattr(component, "has_temperature", False)
+
+
+def _is_more_of(fit: FittedLaw, chosen: FittedLaw, count: float) -> bool:
+    """Whether a fit is of the law chosen with gas that has a temperature, and as good: gas as warm
+    as the wall leaves the same discharge, and only its further number speaks against it."""
+    (law, cools), (own, has_it) = _kind(fit.component), _kind(chosen.component)
+    if law != own or not cools or has_it:
+        return False
+    least = max(chosen.fit.sum_of_squares, 1e-300)
+    return count * math.log(max(fit.fit.sum_of_squares, 1e-300) / least) < _DECIDED
 
 
 def _criterion(fitted: FittedLaw, count: float) -> float:

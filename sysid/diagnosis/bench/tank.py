@@ -57,7 +57,10 @@ _CONDUCTANCE_UNIT = "m3/(s Pa)"
 _GRID_SIZES = (0.5, 0.56, 0.63, 0.71, 0.8, 0.9, 1.0)
 _GRID_RATIOS, _GRID_INDICES = (0.1, 0.3, 0.5), (0.5, 1.0)
 _GRID_SHARES = (3e-3, 0.1, 0.5, 0.97)
-_GUESSED = ("adiabatic_share", "sonic_conductance", "critical_ratio", "subsonic_index")
+# For the thesis' flow out of gas with a temperature: times the coefficients by 3.3.6, and how many
+# times the wall warms the gas through while the tank empties.
+_SIZES = (1.0, 1.1, 1.2, 1.3, 1.4, 1.55)
+_WARMED = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
 # Gauss-Newton steps from the best of each share and ratio, and how many are kept after them; the
 # differences of the steps, and the damping that is tried.
 _ROUNDS = ((4, 6), (4, 1))
@@ -73,7 +76,20 @@ _ACTS = 1e-7
 # Of the excess pressure at the start: the difference by which its influence is taken.
 _START_STEP = 1e-3
 # The law has a temperature of the gas, and choked flow proportional to the pressure, of its own.
-_IN_ISO6358 = ("wall-heat-transfer", "choked-exhaust-scaling", "subsonic-flow-shape")
+_OF_GAS = ("wall-heat-transfer",)
+_IN_ISO6358 = (*_OF_GAS, "choked-exhaust-scaling", "subsonic-flow-shape")
+
+
+@dataclass(frozen=True)
+class _Guess:
+    """What a first guess is of: the numbers' names, which are free, which have a size of their own,
+    and their bounds (p,)."""
+
+    names: tuple[str, ...]
+    free: tuple[int, ...]
+    sized: tuple[int, ...]
+    lower: FloatArray
+    upper: FloatArray
 
 
 @dataclass(frozen=True)
@@ -81,8 +97,8 @@ class TankComponent(Component):
     """A tank of `parameters`' chamber A and its discharges. Residuals are pressures, Pa.
 
     `law` "thesis" or "iso6358"; `fits_index`: whether ISO 6358's subsonic index is fitted too;
-    `adiabatic`: the share of the expansion that the wall leaves so, where the thesis' flow is that
-    of gas with a temperature.
+    `has_temperature`: whether the thesis' flow is that of gas with a temperature, of whose
+    expansion the wall leaves a share adiabatic: a number of the law, or `adiabatic`.
     """
 
     base_parameters: Parameters
@@ -90,6 +106,7 @@ class TankComponent(Component):
     left_out: tuple[str, ...] = ()
     law: str = THESIS
     fits_index: bool = False
+    has_temperature: bool = False
     adiabatic: float | None = None
 
     channel = "pressure_a_pa"
@@ -120,6 +137,8 @@ class TankComponent(Component):
         atmosphere = float(self.base_parameters.atmosphere)
         emptying = tuple(d.until_empty(atmosphere) for d in self.discharges)
         found = [] if law == ISO6358 else [dataclasses.replace(self, discharges=emptying)]
+        if law == AUTO:
+            found.append(dataclasses.replace(found[0], has_temperature=True))
         if law != THESIS:
             found += [
                 dataclasses.replace(self, discharges=emptying, law=ISO6358, fits_index=fits)
@@ -129,23 +148,32 @@ class TankComponent(Component):
 
     def settled_as(self, form: Component) -> Component:
         """By the thesis the empty tank counts too: its pressure is the atmosphere's."""
-        return self if getattr(form, "law", THESIS) == THESIS else form
+        if not isinstance(form, TankComponent) or form.law != THESIS:
+            return form
+        return dataclasses.replace(self, has_temperature=True) if form.has_temperature else self
 
     def in_form_of(self, bundle: Bundle) -> TankComponent:
         held = bundle.valve("a").discrete
-        if held is None or held.law_of("dis") != ISO6358:
+        if held is None:
             return self
+        if held.law_of("dis") != ISO6358:
+            own = held.wall_conductance_w_per_k is not None
+            return dataclasses.replace(self, has_temperature=own)
         index = held.estimates().get("subsonic_index.exhaust")
         fixed, free = self.forms(ISO6358)
         return free if index is not None and index.has_error else fixed
 
     @property
     def law_name(self) -> str:
-        """The law, and whether its index is fitted."""
+        """The law, and whether its index is fitted, or the thesis' gas has a temperature."""
+        if self.has_temperature:
+            return f"{self.law} with gas that cools and is warmed"
         return f"{self.law} with an index of its own" if self.fits_index else self.law
 
     def parameters(self) -> list[Parameter]:
-        return self._of_iso6358() if self.law == ISO6358 else self._of_thesis()
+        if self.law == ISO6358:
+            return self._of_iso6358()
+        return self._with_temperature if self.has_temperature else self._of_thesis()
 
     def _of_thesis(self) -> list[Parameter]:
         p = self.base_parameters
@@ -161,6 +189,30 @@ class TankComponent(Component):
             choked = start * (self._boundary - p.atmosphere)
             own.append(Parameter("choked_flow_dis_kg_s", choked, _FLOW_UNIT, 0.0))
         return own
+
+    @functools.cached_property
+    def _with_temperature(self) -> list[Parameter]:
+        """By 3.3.6, whose coefficients a temperature makes up to 1.4 times larger; with little heat
+        from the wall and with much, as each leads to a minimum of its own."""
+        own = self._of_thesis()
+        full = once_through(self.base_parameters, self._volume, self.discharges[0].scale_s)
+        odds = (1.0 - full) / full
+        values = [p.value for p in own]
+        grid = [
+            [(1.0 / (1.0 + times * odds), *(size * value for value in values)) for size in _SIZES]
+            for times in _WARMED
+        ]
+        least, most = 1e-3 * np.array(values), 1e3 * np.array(values)
+        guess = _Guess(
+            ("adiabatic_share", *(p.name for p in own)),
+            tuple(range(1 + len(own))),
+            tuple(range(1, 1 + len(own))),
+            np.array([0.0, *least]),
+            np.array([1.0, *most]),
+        )
+        best = self._best_of(guess, grid)
+        share = Parameter("adiabatic_share", best["adiabatic_share"], "-", 0.0, 1.0, 1.0)
+        return [*(dataclasses.replace(p, value=best[p.name]) for p in own), share]
 
     def _of_iso6358(self) -> list[Parameter]:
         found = self._first_guess
@@ -190,40 +242,54 @@ class TankComponent(Component):
             [(share, size, ratio, index) for size in sizes for index in indices]
             for share, ratio in places
         ]
-        squares = self._squares_at(np.vstack(grid)).reshape(len(grid), -1)
+        upper = [1.0, 1e3 * max(sizes), HIGHEST_RATIO, INDICES[1]]
+        guess = _Guess(
+            ("adiabatic_share", "sonic_conductance", "critical_ratio", "subsonic_index"),
+            (0, 1, 2, *([3] if self.fits_index else [])),
+            (1,),
+            np.array([0.0, 1e-3 * min(sizes), 0.0, INDICES[0]]),
+            np.array(upper),
+        )
+        return self._best_of(guess, grid)
+
+    def _best_of(
+        self, guess: _Guess, grid: Sequence[Sequence[tuple[float, ...]]]
+    ) -> Mapping[str, float]:
+        """The best of a grid's rows once the best of each has been improved, by name."""
+        squares = self._squares_at(guess, np.vstack(grid)).reshape(len(grid), -1)
         points = np.array([own[i] for own, i in zip(grid, squares.argmin(axis=1), strict=True)])
         for rounds, kept in _ROUNDS:
-            points = self._improved(points, rounds)
-            points = points[np.argsort(self._squares_at(points))[:kept]]
-        return dict(zip(_GUESSED, points[0].tolist(), strict=True))
+            points = self._improved(guess, points, rounds)
+            points = points[np.argsort(self._squares_at(guess, points))[:kept]]
+        return dict(zip(guess.names, points[0].tolist(), strict=True))
 
-    def _squares_at(self, points: FloatArray) -> FloatArray:
-        """Sums of squares (k,) of the laws at `points` (k, 4); infinite where one is no number."""
-        found = np.array([float(left @ left) for left in self._left_at(points)])
+    def _squares_at(self, guess: _Guess, points: FloatArray) -> FloatArray:
+        """Sums of squares (k,) of the laws at `points` (k, p); infinite where one is no number."""
+        found = np.array([float(left @ left) for left in self._left_at(guess, points)])
         return np.where(np.isfinite(found), found, np.inf)
 
-    def _left_at(self, points: FloatArray) -> list[FloatArray]:
-        """The residuals (n,) of each of the laws at `points` (k, 4), as `_GUESSED` names them."""
-        laws = [Law(dict(zip(_GUESSED, point.tolist(), strict=True))) for point in points]
+    def _left_at(self, guess: _Guess, points: FloatArray) -> list[FloatArray]:
+        """The residuals (n,) of each of the laws at `points` (k, p)."""
+        laws = [Law(dict(zip(guess.names, point.tolist(), strict=True))) for point in points]
         found = self.residuals_of(laws, range(len(self.discharges)))
         return [np.concatenate(parts) for parts in found]
 
-    def _improved(self, points: FloatArray, rounds: int) -> FloatArray:
-        """Points (k, 4) after some damped Gauss-Newton steps, all of them in one simulation."""
-        free = [0, 1, 2, *([3] if self.fits_index else [])]
-        lower = np.array([0.0, 1e-3 * points[:, 1].min(), 0.0, INDICES[0]])
-        upper = np.array([1.0, 1e3 * points[:, 1].max(), HIGHEST_RATIO, INDICES[1]])
+    def _improved(self, guess: _Guess, points: FloatArray, rounds: int) -> FloatArray:
+        """Points (k, p) after some damped Gauss-Newton steps, all of them in one simulation."""
+        free, sized = list(guess.free), list(guess.sized)
         for _ in range(rounds):
-            # By the conductance's own size, and the others as they are.
+            # What has a unit by its own size, and the others as they are.
             sizes = np.ones(points.shape)
-            sizes[:, 1] = points[:, 1]
+            sizes[:, sized] = points[:, sized]
             moved = []
             for i in free:
-                inward = np.where(points[:, i] + _STEP * sizes[:, i] > upper[i], -_STEP, _STEP)
+                beyond = points[:, i] + _STEP * sizes[:, i] > guess.upper[i]
+                inward = np.where(beyond, -_STEP, _STEP)
                 moved.append(points.copy())
                 moved[-1][:, i] += inward * sizes[:, i]
             left = np.reshape(
-                self._left_at(np.vstack([points, *moved])), (1 + len(free), len(points), -1)
+                self._left_at(guess, np.vstack([points, *moved])),
+                (1 + len(free), len(points), -1),
             )
             tried = []
             for k, point in enumerate(points):
@@ -234,9 +300,9 @@ class TankComponent(Component):
                     damped = normal + damping * np.diag(np.diag(normal) + 1e-300)
                     there = point.copy()
                     there[free] -= np.linalg.lstsq(damped, fall, rcond=None)[0] * sizes[k, free]
-                    tried.append(np.clip(there, lower, upper))
+                    tried.append(np.clip(there, guess.lower, guess.upper))
             here = (left[0] ** 2).sum(axis=1)
-            squares = self._squares_at(np.array(tried)).reshape(len(points), -1)
+            squares = self._squares_at(guess, np.array(tried)).reshape(len(points), -1)
             for k in range(len(points)):
                 if squares[k].min() < here[k]:
                     points[k] = tried[k * len(_DAMPING) + int(squares[k].argmin())]
@@ -257,6 +323,8 @@ class TankComponent(Component):
         found = []
         for kind in catalogue.values():
             if self.law == ISO6358 and kind.id in _IN_ISO6358:
+                continue
+            if self.has_temperature and kind.id in _OF_GAS:
                 continue
             probe = Law(law.values, (smallest_probe(kind, self.side()),))
             with np.errstate(all="ignore"):
@@ -285,14 +353,23 @@ class TankComponent(Component):
         together = stack_models(lanes) if models[1:] else models[0]
         iso = self._iso6358([law for law in laws for _ in shown])
         end, first = max(d.time[-1] for d in chosen), min(d.bin_s for d in chosen)
-        longest = _LONGEST_STEP_BINS[self.law] * first
+        cools = self.law == ISO6358 or self._adiabatic(laws[:1], 1) is not None
+        longest = _LONGEST_STEP_BINS[ISO6358 if cools else THESIS] * first
         times = tank_gas.grid(float(end), first, longest, _GROWTH)
-        found = tank_gas.simulated(starts, times, together, iso, self.adiabatic)
+        warm = self._adiabatic(laws, len(shown))
+        found = tank_gas.simulated(starts, times, together, iso, warm)
         runs = np.split(np.arange(len(lanes)), len(models))
         return [
             self._left(chosen, steps, model, found.of(own.tolist()))
             for model, own in zip(models, runs, strict=True)
         ]
+
+    def _adiabatic(self, laws: Sequence[Law], times: int) -> Array | None:
+        """The share of the expansion that the wall leaves adiabatic, of each law so many times;
+        None by 3.3.6, and by ISO 6358, which has its own."""
+        if not self.has_temperature:
+            return self.adiabatic
+        return np.repeat([law.values["adiabatic_share"] for law in laws], times)
 
     def _iso6358(self, laws: Sequence[Law]) -> Iso6358 | None:
         """The numbers of ISO 6358, (runs,) each; None where the law is the thesis'."""
@@ -364,7 +441,7 @@ class TankComponent(Component):
         return wall_ranges(self, lambda share: dataclasses.replace(self, adiabatic=share), full)
 
     def said_of(self, estimates: Mapping[str, Estimate]) -> tuple[str, ...]:
-        if self.law != THESIS:
+        if self.law != THESIS or self.has_temperature:
             return ()
         times = [f"{name} {own.text}" for name, own in self.wall_ranges.items()]
         own = next(iter(self.wall_ranges.values()))
@@ -385,7 +462,10 @@ class TankComponent(Component):
                 "from above it would identify it",
             )
             choked = estimates.get("choked_flow_dis_kg_s", unreached)
-            return {"c_dis": estimates["c_dis"], "choked_flow_dis_kg_s": choked}
+            own = {"c_dis": estimates["c_dis"], "choked_flow_dis_kg_s": choked}
+            if self.has_temperature:
+                own["wall_conductance_w_per_k"] = self._wall(estimates["adiabatic_share"])
+            return own
         other = "the tests follow ISO 6358: sonic_conductance and critical_ratio hold its law"
         assumed = Estimate(DEFAULT_INDEX, math.nan, "-", (math.nan, math.nan))
         return {
@@ -420,8 +500,11 @@ class TankComponent(Component):
     def law_of(self, bundle: Bundle) -> Law:
         discrete, tests = bundle.valve("a").discrete, f"{KIND} tests"
         if self.law == THESIS or discrete is None:
-            names = [p.name for p in self.parameters()]
-            return law_held("valves.a.discrete", discrete, names, tests)
+            names = [p.name for p in self.parameters() if p.name != "adiabatic_share"]
+            law = law_held("valves.a.discrete", discrete, names, tests)
+            if not self.has_temperature or discrete is None:
+                return law
+            return Law({**law.values, "adiabatic_share": self._share_held(discrete)})
         held = {
             key.removesuffix(".exhaust"): estimate
             for key, estimate in discrete.estimates().items()
@@ -434,12 +517,17 @@ class TankComponent(Component):
                 where = f"valves.a.discrete: {key} is not identified"
                 raise NotIdentifiedError(f"{where} ({why}); fit {tests} into the bundle")
             values[key] = held[key].value
-        wall, share = discrete.wall_conductance_w_per_k, 0.0
-        if isinstance(wall, Estimate) and wall.identified:
-            share = tank_gas.adiabatic_share(wall.value, self._volume)
+        share = self._share_held(discrete)
         index = held.get("subsonic_index")
         more = {"subsonic_index": index.value} if self.fits_index and index is not None else {}
         return Law({**values, "adiabatic_share": share, **more})
+
+    def _share_held(self, discrete: DiscreteLaw) -> float:
+        """The share that a bundle's wall leaves adiabatic, 0 where it conducts all that shows."""
+        wall = discrete.wall_conductance_w_per_k
+        if not isinstance(wall, Estimate) or not wall.identified:
+            return 0.0
+        return tank_gas.adiabatic_share(wall.value, self._volume)
 
 
 def tank(trials: Sequence[Trial], rig: Rig) -> TankComponent:

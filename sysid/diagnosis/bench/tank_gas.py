@@ -116,7 +116,7 @@ def simulated(
     times: FloatArray,
     model: Model,
     law: Iso6358 | None,
-    adiabatic: float | None = None,
+    adiabatic: Array | None = None,
 ) -> Course:
     """The course at times (m,) s of runs from `starts` (runs,), Pa.
 
@@ -210,10 +210,10 @@ class _BaseVessel:
 
     def _above(self, time: float, state: Sequence[Array]) -> FloatArray:
         """How far the pressure is above that from which on the flow is choked, Pa, (runs,)."""
-        boundary = self._boundary
+        boundary, pressure = self._boundary, self._pressure(time, state)
         if boundary is None:
-            boundary = plant.exhaust_boundary("a", self._point(time, state[0], state), self.model)
-        return np.asarray(self._pressure(time, state) - boundary)
+            boundary = plant.exhaust_boundary("a", self._point(time, pressure, state), self.model)
+        return np.asarray(pressure - boundary)
 
     def _pressure(self, time: float, state: Sequence[Array]) -> Array:
         return state[0]
@@ -383,9 +383,9 @@ class _GasVessel(_BaseVessel):
 
 
 class _WarmedVessel(_GasVessel):
-    """Gas with a temperature of its own that leaves by the thesis' flow, without effects."""
+    """Gas with a temperature of its own that leaves by the thesis' flow."""
 
-    def __init__(self, model: Model, highest: float, adiabatic: float) -> None:
+    def __init__(self, model: Model, highest: float, adiabatic: Array) -> None:
         _BaseVessel.__init__(self, model, highest)
         self._warm(adiabatic)
 
