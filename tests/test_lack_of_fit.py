@@ -134,6 +134,16 @@ def test_a_share_that_is_not_of_the_size_says_so(repeats: float, is_weighed: boo
     assert wording.WEIGHED not in wording.sentence({**content, "component": "tank"})
 
 
+def test_a_small_share_says_what_most_of_the_residual_is() -> None:
+    rest = {"channel": "theta_rad", "rmse": 1.0, "repeatable": 0.1, "scatter": 0.9, "noise": 0.42}
+    entry = {"channel": "theta_rad", "regressor": "velocity", "share": 0.01}
+    content = {"verdict": "unexplained", "effects": [], "residual": {}, "because": "structure",
+               "unexplained": [entry], "remainder": [rest]}  # fmt: skip
+    assert "(1.0 % of the residual's variance; 81 % differs from test to test)" in (
+        wording.sentence(content)
+    )
+
+
 # --- the statistic --------------------------------------------------------------------------
 
 

@@ -25,6 +25,10 @@ CORRECT_MODEL = "Correct model"
 _MOST = 0.5
 SMALLEST_P = 1e-20
 """P-values extrapolate from a few twins: below this their size means nothing."""
+# Up to this share of a residual, a dependence leaves most of it to be said.
+_LITTLE = 0.1
+# What of a residual depends on nothing that was logged, by its key in a remainder.
+_REST = {"scatter": "differs from test to test", "noise": "is noise"}
 _REGRESSORS = {
     "velocity": "velocity",
     "angle": "position",
@@ -184,13 +188,24 @@ def _remaining(content: Content) -> str:
         over = balance_of(entry["channel"]), regressor_name(entry["regressor"])
         line = said.format(*over, part)
         # A share of the squares by which effects are judged may be nothing of the residual's size.
-        line = f"{line[:-1]}, {WEIGHED})" if is_weighed(content, entry) else line
-        found.append(line)
+        found.append(f"{line[:-1]}{_of_what(content, entry)})")
     return "; ".join(filter(None, (other, joined(found))))
 
 
 WEIGHED = "each frequency weighed by its noise"
 """What an actuator's search counts squares by, where it differs from the residual's size."""
+
+
+def _of_what(content: Content, entry: Content) -> str:
+    """Of what else a residual is that depends little on any one regressor; empty of others."""
+    if is_weighed(content, entry):
+        return f", {WEIGHED}"
+    sizes = [r for r in content.get("remainder") or () if r["channel"] == entry["channel"]]
+    if not sizes or entry["share"] > _LITTLE or not sizes[0]["rmse"] > 0.0:
+        return ""
+    parts = {key: (sizes[0][key] / sizes[0]["rmse"]) ** 2 for key in _REST}
+    most = max(parts, key=lambda key: parts[key])
+    return f"; {percent(100.0 * parts[most], 2)} {_REST[most]}" if parts[most] > _MOST else ""
 
 
 def is_weighed(content: Content, entry: Content) -> bool:
