@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from sysid.estimation.linear import Estimate, finite_or_none
@@ -12,7 +12,7 @@ from sysid.estimation.linear import Estimate, finite_or_none
 MINUS = "\N{MINUS SIGN}"
 MISSING = "\N{EM DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "\N{SUPERSCRIPT MINUS}⁰¹²³⁴⁵⁶⁷⁸⁹")
-_UNIT_SIGNS = {"Nm": "N·m", "^0.5": "⁰·⁵"}
+_UNIT_SIGNS = {"Nm": "N·m", "^0.5": "⁰·⁵", "Pa^1": "Pa", "Pa^2": "Pa²"}
 _TIMES = re.compile(r" (?=(?:s|m|Pa|K|rad|kg)[23]?\b)")
 _POWER = re.compile(r"(?<=[A-Za-z])[23]\b")
 # Times below this are shown in ms.
@@ -21,8 +21,8 @@ _SHORT_S = 0.1
 _PLAIN = range(-2, 6)
 # The error's power of ten down to which a value that is smaller than it is written out.
 _LEAST_PLAIN = -4
-# Digits of a parameter in a terminal; the most that are used to make an interval's ends differ.
-_FOUR, _MOST_DIGITS = ".4g", 9
+# Powers of ten from which a terminal writes them; the most digits that make ends differ.
+_LEAST_POWER, _MOST_DIGITS = 6, 9
 
 
 def known(content: Any) -> Any:
@@ -156,15 +156,26 @@ def si_cells(estimate: Estimate) -> tuple[str, str, str]:
         has_one_end = math.isfinite(low) != math.isfinite(high) and not math.isnan(low - high)
         interval = f"{low:.4g} to {high:.4g}" if has_one_end else ""
         return f"{estimate.value:.4g}", interval, estimate.unit
-    form = _distinct(low, high)
-    interval = f"{low:{form}} to {high:{form}}"
-    return f"{estimate.value:{form}}", interval, estimate.unit
+    write = _form(estimate)
+    return write(estimate.value), f"{write(low)} to {write(high)}", estimate.unit
 
 
-def _distinct(low: float, high: float) -> str:
-    """How numbers are written so that an interval's ends differ: with four digits, or more."""
-    forms = (_FOUR, *(f"#.{digits}g" for digits in range(5, _MOST_DIGITS)))
-    return next((f for f in forms if f"{low:{f}}" != f"{high:{f}}"), _FOUR)
+def _form(estimate: Estimate) -> Callable[[float], str]:
+    """How a value and its interval's ends are written alike: to the second digit of the error, at
+    least to the digit in which the ends differ."""
+    low, high = estimate.interval
+    value, std = estimate.value, estimate.std
+    size = max(abs(value), std if math.isfinite(std) else 0.0) or 1.0
+    exponent = _exponent(size, 4)
+    places = _decimals(value, std if math.isfinite(std) else None)
+    is_plain = _LEAST_PLAIN < exponent < _LEAST_POWER
+    while True:
+        decimals = max(places if is_plain else places + exponent, 0)
+        scale, power = (1.0, "") if is_plain else (10.0**exponent, f"e{exponent:+03d}")
+        ends = [f"{end / scale:.{decimals}f}{power}" for end in (low, high)]
+        if ends[0] != ends[1] or low == high or decimals >= _MOST_DIGITS:
+            return lambda number: f"{number / scale:.{decimals}f}{power}"
+        places += 1
 
 
 _ASCII = str.maketrans(

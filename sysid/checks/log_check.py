@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 # chance in one log of this many.
 _STUCK_RUN = 25
 _BY_CHANCE = 1e-3
+# Values from here on are written without decimals.
+_WHOLE = 1e4
 
 
 @dataclass(frozen=True)
@@ -206,9 +208,12 @@ def _channel_row(channel: ChannelCheck) -> tuple[str, ...]:
         remark.append(f"stuck for {channel.stuck_s:.3g} s")
     if channel.saturated_share:
         remark.append(f"saturated {100 * channel.saturated_share:.2g} %")
-    numbers = (channel.low, channel.high, channel.quantum or None, channel.sample_std)
-    cells = ("-" if n is None else f"{n:.5g}" for n in numbers)
-    return (channel.name, *cells, ", ".join(remark))
+    # Of a noise or a resolution three digits are known at most.
+    sizes = (
+        "-" if n is None else f"{n:.3g}" for n in (channel.quantum or None, channel.sample_std)
+    )
+    ends = (f"{n:.0f}" if abs(n) >= _WHOLE else f"{n:.5g}" for n in (channel.low, channel.high))
+    return (channel.name, *ends, *sizes, ", ".join(remark))
 
 
 def _named(names: Sequence[str]) -> str:

@@ -137,6 +137,7 @@ def _run_alone(campaign: Path, origin: Origin, folder: Path, options: FleetOptio
     except SysidError as error:
         failed = FleetRow.failed(campaign, name, origin, str(error), error.exit_code)
         return _failed(failed, folder.parent)
+    unasked = () if options.verbose else done.unasked
     row = FleetRow(
         campaign=str(campaign),
         folder=name,
@@ -145,7 +146,7 @@ def _run_alone(campaign: Path, origin: Origin, folder: Path, options: FleetOptio
         readings=readings,
         rig=fitted.rig_content,
         fit_logs=tuple(sorted({e.sha256 for e in fitted.provenance.logs if e.use == "fit"})),
-        notices=done.notices,
+        notices=tuple(line for line in done.notices if line not in unasked),
         **_verdict(done),
     )
     row.write(done.folder)

@@ -389,9 +389,10 @@ def _freed_notice(names: Sequence[str]) -> str:
 def _left_out_notice(runs: Sequence[Run]) -> str:
     places = [r.name for r in runs[:5]]
     more = f" and {len(runs) - 5} more" if len(runs) > 5 else ""
+    many = len(runs) > 1
     return (
-        f"{len(runs)} segments are excluded, as the model does not follow them from "
-        f"any start state: {', '.join(places)}{more}"
+        f"{len(runs)} segment{'s are' if many else ' is'} excluded, as the model does not follow "
+        f"{'them' if many else 'it'} from any start state: {', '.join(places)}{more}"
     )
 
 
