@@ -54,6 +54,7 @@ from sysid.surfaces.comparison import (
     SurfaceError,
     compare_surfaces,
     duty_errors,
+    obeys_averaged_law,
     resolution_study,
 )
 from sysid.surfaces.domain import Domain
@@ -162,7 +163,7 @@ def fit_valve_pwm(
     away = away_from_ends([t for t in trials if any(f"duty_{v}" in t for v in SIDES)], rig)
     notices = (*remarks.notices(), *(f"not identified: {r}" for r in unidentified))
     notices += (away,) if away else ()
-    summaries = tuple(_summary(f) for f in fits.values())
+    summaries = tuple(_summary(f, averaged.get(f.valve)) for f in fits.values())
     return ValvePwmFit(fits, missing, summaries, tuple(about("valve-pwm", notices)), seed, averaged)
 
 
@@ -476,9 +477,18 @@ def _resolution(samples: FlowSamples) -> ResolutionStudy | None:
     return None if isinstance(found, Failure) else found
 
 
-def _summary(fit: DirectionFit) -> str:
+def _summary(fit: DirectionFit, average: ValveAverage | None) -> str:
+    """Which law of a direction to use, as the report recommends it; or each error."""
     where = _title(fit.valve, fit.direction)
     if fit.comparison is not None:
+        made = fit.comparison
+        own = {} if average is None else average.errors.get(fit.direction, {})
+        law = own.get("held_out")
+        if law is not None and obeys_averaged_law(law.rmse, made.network.rmse, made.noise_rmse):
+            return (
+                f"{where}: use the averaged law: RMSE in duty on held-out tests {law.rmse:.4f}; of "
+                f"the two surfaces {made.recommended}: {made.reason}"
+            )
         return f"{where}: use {fit.comparison.recommended}: {fit.comparison.reason}"
     parts = []
     for name, errors in fit.errors.items():
