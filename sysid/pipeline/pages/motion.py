@@ -66,7 +66,9 @@ def validation_section(
     intro = [
         "Each test is simulated open loop from an estimated start, given only its commands: no "
         "measurement corrects the model along the way, so that errors in position accumulate. "
-        "The errors over one second are of simulations restarted from the measured state.",
+        "The errors over one second are of simulations restarted from the measured state. The "
+        "noise is that of a single reading: the error of a correct model's position is many times "
+        "it too, by what friction differs from test to test, and the diagnosis says how large.",
     ]
     if len(shown) < len(tests):
         intro.append(
