@@ -16,6 +16,7 @@ from sysid.blocks import svg
 from sysid.blocks.figures import Picture
 from sysid.blocks.numbers import number
 from sysid.blocks.svg import COLOUR
+from sysid.blocks.titles import capital
 from sysid.diagnosis.figures import regressor_axis
 from sysid.diagnosis.wording import error_unit, regressor_key, regressor_name
 from sysid.io.channels import channel_of
@@ -81,7 +82,7 @@ def curve(id: str, content: Mapping[str, Any]) -> Picture:
     axis, x_scale = regressor_axis(regressor_key(str(content["regressor"])), is_linear)
     x_unit = axis.unit
     of = _drawable(title_of(channel))
-    figure, ax = svg.panel(f"{of[:1].upper()}{of[1:]} over {_drawable(name)}")
+    figure, ax = svg.panel(f"{capital(of)} over {_drawable(name)}")
     ax.axhline(0.0, color=COLOUR["muted"], linewidth=0.7)
     for label, role, values in (("before", "measured", before), ("after", "model", after)):
         ax.plot(
@@ -94,7 +95,7 @@ def curve(id: str, content: Mapping[str, Any]) -> Picture:
             label=label,
         )
     ax.margins(x=0.03, y=0.12)
-    label = _drawable(name[:1].upper() + name[1:])
+    label = _drawable(capital(name))
     ax.set_xlabel(f"{label} ({_drawable(x_unit)})" if x_unit not in ("", "-") else label)
     ax.set_ylabel(f"Mean residual ({unit})" if unit else "Mean residual")
     svg.legend(ax)

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 from sysid.blocks.numbers import MISSING, number, unit
 from sysid.blocks.tables import NotedCell, Table, table
+from sysid.blocks.titles import capital
 from sysid.estimation.quality import lack_of_fit_text
 
 _COLUMNS = ("Fit", "RMSE", "Unit", "Of the spread, %", "R²", "Lack of fit", "Verdict")
@@ -33,7 +34,7 @@ def quality_name(place: str) -> str:
     """A fit's name for reading, from its place in a bundle ("valves.a.discrete, fill")."""
     words = [_WORDS.get(w, w) for w in place.replace(", ", ".").split(".")]
     text = ", ".join(filter(None, words))
-    return text[:1].upper() + text[1:]
+    return capital(text)
 
 
 class Judged(Protocol):

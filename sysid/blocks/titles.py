@@ -1,4 +1,4 @@
-"""Titles as they stand within sentences."""
+"""Titles as they stand alone and within sentences."""
 
 from __future__ import annotations
 
@@ -13,4 +13,9 @@ def within(title: str) -> str:
     return title if _NAME.match(title) else f"{title[:1].lower()}{title[1:]}"
 
 
-__all__ = ["within"]
+def capital(text: str) -> str:
+    """A text as it stands alone, or begins a sentence: with a capital letter; the rest as it is."""
+    return f"{text[:1].upper()}{text[1:]}"
+
+
+__all__ = ["capital", "within"]

@@ -30,7 +30,7 @@ from sysid.blocks.figures import (
     grouped_bars,
 )
 from sysid.blocks.numbers import MINUS, fixed, number, span
-from sysid.blocks.titles import within
+from sysid.blocks.titles import capital, within
 from sysid.diagnosis.wording import (
     error_unit,
     errors_by_step,
@@ -312,7 +312,7 @@ def regressor_axis(
     units = _AS_NAMED if is_own else _REGRESSOR_UNITS.get(regressor_key(regressor), others)
     unit, scale = units[is_linear]
     name = regressor_name(regressor)
-    return Scale(f"{name[:1].upper()}{name[1:]}", unit), scale
+    return Scale(capital(name), unit), scale
 
 
 def _means(

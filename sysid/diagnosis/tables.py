@@ -13,6 +13,7 @@ from typing import Any
 
 from sysid.blocks.numbers import MISSING, estimate_cells, number, unit
 from sysid.blocks.tables import NotedCell, Table, estimate_row, table
+from sysid.blocks.titles import capital
 from sysid.diagnosis.wording import (
     CORRECT_MODEL,
     SMALLEST_P,
@@ -81,7 +82,7 @@ def effects_table(content: Content) -> Table:
 def _rivals(content: Content, ids: Sequence[str]) -> str:
     titles = content["figures"]["titles"]
     text = joined([effect_name(id, titles) for id in ids], "or")
-    shown = text if text in ids else text[:1].upper() + text[1:]
+    shown = text if text in ids else capital(text)
     return NotedCell(shown, plain=joined(ids, "or")) if ids else MISSING
 
 
@@ -107,7 +108,7 @@ def parameters_table(content: Content) -> Table:
                 else estimate_row(estimate)
             )
             meaning = meanings.get(name, "")
-            shown = NotedCell(meaning[:1].upper() + meaning[1:], name) if meaning else name
+            shown = NotedCell(capital(meaning), name) if meaning else name
             rows.append((named(content, effect["id"]), shown, *cells))
     columns = ("Effect", "Parameter", "Value", "Standard error", "95 % interval", "Unit")
     return table(f"Their parameters; standard errors {how}", columns, rows, text=(1, 5))
@@ -197,7 +198,7 @@ def remainder_table(content: Content) -> Table:
         sizes = (number(rest[k], 3) for k in ("rmse", "repeatable", "scatter", "noise"))
         balance = balance_of(rest["channel"])
         shown = NotedCell(unit(rest["unit"]), plain=rest["unit"])
-        rows.append((f"{balance[:1].upper()}{balance[1:]}", *sizes, shown))
+        rows.append((capital(balance), *sizes, shown))
     columns = ("Residual of", "RMSE", "Repeats", "Differs between tests", "Noise", "Unit")
     return table("Remainder after the effects; the squares add up", columns, rows, text=(5,))
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from sysid.blocks.numbers import number, percent, span
-from sysid.blocks.titles import within
+from sysid.blocks.titles import capital, within
 from sysid.diagnosis.search_record import QUICK, stage_text
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES, VELOCITY_CHANNELS, Channel, channel_of
@@ -246,7 +246,7 @@ def _rivals_distinguished(content: Content, known: Mapping[str, str]) -> Iterato
         if effect["ambiguous_with"]:
             rivals = joined([effect_name(id, known) for id in effect["ambiguous_with"]], "or")
             own = effect_name(effect["id"], known)
-            own = own if own == effect["id"] else own[:1].upper() + own[1:]
+            own = own if own == effect["id"] else capital(own)
             test = f" To distinguish them: {effect['advice']}." if effect["advice"] else ""
             yield f"{own} is indistinguishable from {rivals} in these data.{test}"
 

@@ -28,6 +28,7 @@ from sysid.blocks.numbers import estimate_cells as cells_of
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import NotedCell, Table, table
+from sysid.blocks.titles import capital
 from sysid.errors import InputError, input_error
 from sysid.estimation.linear import LEVEL, Estimate, finite_or_none, t_p_value, t_quantile
 from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted, largest_significant
@@ -495,7 +496,7 @@ def _effects(
 
 def _heads(*names: str) -> tuple[str, ...]:
     """Columns by their names, which begin with a capital on a page."""
-    return tuple(NotedCell(f"{name[:1].upper()}{name[1:]}", plain=name) for name in names)
+    return tuple(NotedCell(capital(name), plain=name) for name in names)
 
 
 def _title(part: str, key: str) -> str:
@@ -516,7 +517,7 @@ def _key_cell(part: str, key: str) -> NotedCell:
     if title == f"{part}.{key}":
         return NotedCell(key)
     own = title.removeprefix(f"{whole}: ").removeprefix(f"{whole.partition(',')[0]}, ")
-    return NotedCell(f"{own[:1].upper()}{own[1:]}", key)
+    return NotedCell(capital(own), key)
 
 
 def _label(movement: Movement, *, is_titled: bool) -> str:

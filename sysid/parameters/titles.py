@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import cache
 
 from sysid.blocks.tables import NotedCell
-from sysid.blocks.titles import within
+from sysid.blocks.titles import capital, within
 from sysid.parameters.table import in_words, title_of_key
 
 # An effect's place or the prefix of its numbers: its id, with a side or a count where it has one.
@@ -46,7 +46,7 @@ def title_of(name: str) -> str:
         return _of_valve(f"Valve {rest[0].upper()}, ", rest[1:]) or name
     if first.startswith("valve "):  # one bundle's valves against one another
         title = _of_valve("", rest)
-        return f"{title[:1].upper()}{title[1:]}" or name
+        return capital(title) or name
     found = _EFFECT.fullmatch(name)
     return (_of_effect(*found.groups("")) if found else "") or name
 

@@ -7,6 +7,7 @@ import numpy as np
 from sysid.blocks.figures import SMALL_PANEL, Figure, Line, Mark, Panel, Role, Scale
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import FigureGroup
+from sysid.blocks.titles import capital
 from sysid.controllers.cases import ClosedLoopRun
 from sysid.thesis.computed import ThesisTable
 from sysid.thesis.figures import FigureSet, Runs, ThesisFigure
@@ -32,7 +33,7 @@ _Chosen = list[tuple[str, ClosedLoopRun]]
 
 def _figure(figure: ThesisFigure, place: str, runs: Runs) -> Figure:
     chosen = [(name, runs[loop]) for name, loop in figure.loops]
-    title = figure.title[:1].upper() + figure.title[1:]
+    title = capital(figure.title)
     if figure.number:
         title = f"{figure.number} {title}"
     draw = {
@@ -66,7 +67,7 @@ def _tracking(chosen: _Chosen) -> _Drawn:
 
 def _errors(chosen: _Chosen) -> _Drawn:
     marks = tuple(
-        _line(run, 1e3 * _error(run), _ROLES.get(name) or _PAIR[i], name[:1].upper() + name[1:])
+        _line(run, 1e3 * _error(run), _ROLES.get(name) or _PAIR[i], capital(name))
         for i, (name, run) in enumerate(chosen)
     )
     return (Panel(_TIME, Scale("Error", "mrad"), marks, legend="above"),), _said(chosen)

@@ -11,6 +11,7 @@ import numpy as np
 from sysid.blocks.figures import Figure, Line, Mark, Panel, Points, Role, Scale, Words
 from sysid.blocks.numbers import number
 from sysid.blocks.tables import ComparedCell, ComparedTable
+from sysid.blocks.titles import capital
 from sysid.thesis.computed import LOST_RAD, Agreement, ThesisTable
 from sysid.thesis.declaration import Column
 
@@ -68,7 +69,7 @@ def unit_of(found: ThesisTable) -> str:
 def compared(found: ThesisTable) -> ComparedTable:
     """The table for a page, each of our figures above the printed one."""
     groups = [
-        (name[:1].upper() + name[1:], len(list(columns)))
+        (capital(name), len(list(columns)))
         for name, columns in itertools.groupby(c.group for c in found.columns)
     ]
     rows = []
@@ -80,7 +81,7 @@ def compared(found: ThesisTable) -> ComparedTable:
         caption=f"{found.title}: {unit_of(found)}, {kind}",
         heading=found.heading.capitalize(),
         groups=tuple(groups) if any(name for name, _ in groups) else (),
-        columns=tuple(c.title[:1].upper() + c.title[1:] + _unit(c, found) for c in found.columns),
+        columns=tuple(capital(c.title) + _unit(c, found) for c in found.columns),
         rows=tuple(rows),
         id=f"table-{found.name.replace('.', '-')}",
     )

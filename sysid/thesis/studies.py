@@ -17,6 +17,7 @@ from sysid.blocks.figures import SMALL_PANEL, Figure, Line, Panel, Role, Scale
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import FigureGroup, Section
 from sysid.blocks.tables import Table, table
+from sysid.blocks.titles import capital
 from sysid.controllers.error_budget import Stability, stability_of
 from sysid.controllers.modes import Mode
 from sysid.thesis.computed import position_error
@@ -108,7 +109,7 @@ def _tables(found: Stabilities) -> Sequence[Table]:
 
 
 def _title(name: str) -> str:
-    return _NAMES[name][:1].upper() + _NAMES[name][1:]
+    return capital(_NAMES[name])
 
 
 # --- valves of more flow ---------------------------------------------------------------

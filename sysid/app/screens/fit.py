@@ -14,6 +14,7 @@ from sysid.app.screens.look import LookScreen, TestRow, test_rows
 from sysid.app.traces import TraceView
 from sysid.blocks.figures import Figure, Points
 from sysid.blocks.sections import Section
+from sysid.blocks.titles import capital
 from sysid.errors import Failure, InputError, on_its_own
 from sysid.io.campaign import Campaign, CampaignLog
 from sysid.io.files import make_folder, stamp_of
@@ -105,7 +106,7 @@ class FitScreen(Screen):
         said = ""
         if content.bundle is not None:
             held = held_parts(content.bundle)
-            said = f"<p class='sentence'>{parts.words(held[:1].upper() + held[1:])}.</p>"
+            said = f"<p class='sentence'>{parts.words(capital(held))}.</p>"
         return f"<h2>Fit</h2><div class='bar2'>{buttons}</div>{menu}{said}"
 
     def _point(self, figure: Figure, cloud: int, index: int) -> None:

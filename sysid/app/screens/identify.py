@@ -15,6 +15,7 @@ from sysid.app import parts
 from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
 from sysid.blocks.html import block_html
+from sysid.blocks.titles import capital
 from sysid.errors import Failure, on_its_own
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, stamp_of
@@ -222,7 +223,7 @@ def _so_far(content: IdentifyContent) -> str:
 def _answered(check: CampaignCheck) -> str:
     """The campaign's answer: what is missing, and which log identifies what."""
     lacking = [one for one in check.answers if not one.identified]
-    said = check.answer[:1].upper() + check.answer[1:]
+    said = capital(check.answer)
     if lacking:  # each with the test that would identify it, in a card
         said = f"{len(lacking)} of {len(check.answers)} quantities are not identified"
     head = f"{_HEAD}<p class='sentence'>{parts.words(said)}.</p>"
@@ -247,7 +248,7 @@ def _missing(answers: Iterable[Answer]) -> Iterator[str]:
             # Where a kind of test is missing, what its law lacks says no more.
             lacking.setdefault(one.needs or one.reason, []).append(readable(one.parameter))
     for why, names in lacking.items():
-        inner = f"<p>{parts.words(why[:1].upper() + why[1:])}.</p>"
+        inner = f"<p>{parts.words(capital(why))}.</p>"
         yield parts.card(f"Not identified: {listed(names)}", inner, "fair")
 
 

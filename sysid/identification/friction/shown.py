@@ -10,6 +10,7 @@ from sysid.blocks.figures import Band, Figure, Intervals, Line, Mark, Panel, Poi
 from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, span, unit
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Notes, Section
 from sysid.blocks.tables import NotedCell, TableColumn, estimate_table, table
+from sysid.blocks.titles import capital
 from sysid.estimation.linear import Estimate
 from sysid.identification.friction.cross_check import SLIDING_FIRST, disagreement
 from sysid.io.motion import MotionUnits
@@ -47,7 +48,7 @@ def friction_section(bundle: Bundle) -> Section:
     drawn = {said: figure for said, figure in figures.items() if figure is not None}
     if drawn:
         caption = "; ".join(drawn)
-        whole = f"{caption[:1].upper()}{caption[1:]}."
+        whole = f"{capital(caption)}."
         blocks.append(FigureGroup(whole, tuple(drawn.values())))
     blocks += _position_table(friction, units)
     blocks += _excluded(friction)

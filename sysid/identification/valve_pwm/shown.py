@@ -23,6 +23,7 @@ from sysid.blocks.figures import (
 from sysid.blocks.numbers import MISSING, estimate_cells, fixed, number, span
 from sysid.blocks.sections import Block, FigureGroup, Fold, Heading, Lines, Section
 from sysid.blocks.tables import Table, estimate_table, table
+from sysid.blocks.titles import capital
 from sysid.identification.valve_pwm import choice as choices
 from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.samples import FlowSamples, sample_tests
@@ -158,7 +159,7 @@ def surfaces_section(
         kinds = {k: _NAMES[k].lower() for p in parts for k in p.surfaces if k != p.best}
         rivals = f"{' and '.join(kinds.values())}, where not recommended; " if kinds else ""
         summary = f"{rivals}coefficients and weights"
-        blocks.append(Fold(summary[0].upper() + summary[1:], tuple(folded)))
+        blocks.append(Fold(capital(summary), tuple(folded)))
     intro = (
         "Mean mass flow of a pulsed valve over duty and chamber pressure, from constant-duty "
         "tests with the piston held. Errors are in duty, the quantity that a controller needs: in "

@@ -9,6 +9,7 @@ from sysid.blocks.html import fill
 from sysid.blocks.sections import Lines, Section
 from sysid.blocks.standing import section_or_why
 from sysid.blocks.tables import Table
+from sysid.blocks.titles import capital
 from sysid.controllers.error_budget import Stability
 from sysid.controllers.shown import ShownLoop
 from sysid.io.files import write_atomic
@@ -58,7 +59,7 @@ def _stability(found: Stability) -> Section:
         "this run: the plant's effort less what the controller took it for. Their sum never "
         "exceeded its largest value, and the tracking error stays within what that allows.",
     )
-    notes = (Lines(tuple(f"{line[:1].upper()}{line[1:]}." for line in found.notes())),)
+    notes = (Lines(tuple(f"{capital(line)}." for line in found.notes())),)
     blocks = (*found.tables(), *(notes if found.notes() else ()))
     return Section("stability", "Stability", intro, blocks)
 

@@ -9,7 +9,7 @@ from typing import Any
 from sysid.blocks.numbers import MISSING, number, span
 from sysid.blocks.sections import Block, Lines, Section
 from sysid.blocks.tables import table
-from sysid.blocks.titles import within
+from sysid.blocks.titles import capital, within
 from sysid.diagnosis.tables import named
 from sysid.diagnosis.wording import advice_on_rest, effect_name, is_of_actuator, joined
 from sysid.io.channels import channel_of
@@ -234,7 +234,7 @@ def unfinished(bundle: Bundle, diagnosis: Content | None, *, is_validated: bool)
             "simulated along a motion, by which the model is judged."
         )
     said = open_questions(diagnosis, is_validated=is_validated)
-    return "" if said == "no open question" else f"{said[:1].upper()}{said[1:]}."
+    return "" if said == "no open question" else f"{capital(said)}."
 
 
 def _rivals(content: Content) -> list[Block]:
