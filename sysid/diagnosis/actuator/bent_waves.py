@@ -1,7 +1,8 @@
 """Waves that may be more than a sine: where a fit of their shape begins.
 
 Screening tries such a shape at one value. A sine whose phase made up for a wrong frequency is a
-minimum of its own, where strokes would follow the data.
+minimum of its own, where strokes would follow the data, and so is one that follows the first
+harmonic of peaks far apart.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ _PHASES = 16
 def bent_waves(
     first: Projected, effects: tuple[CatalogueEffect, ...]
 ) -> Iterator[tuple[CatalogueEffect, ...]]:
-    """Fitted effects with a wave bent halfway to each limit of such a shape, at the best phase."""
+    """Fitted effects with a wave bent halfway to each limit of such a shape, at the best phase: of
+    its own length and of twice that."""
     for place, effect in enumerate(effects):
         for q in type(effect).shapes() if _has_phase(effect) else ():
             if q.is_choice or len(q.grid) != 1:
@@ -35,7 +37,17 @@ def bent_waves(
             base = dataclasses.replace(first, model=model)
             for limit in (q.lower, q.upper):
                 bent = dataclasses.replace(effect, **{q.name: 0.5 * (value + limit)})  # type: ignore[type-var]
-                yield (*effects[:place], _best_phase(bent, base), *effects[place + 1 :])
+                for wave in (bent, *_twice_as_long(bent)):
+                    yield (*effects[:place], _best_phase(wave, base), *effects[place + 1 :])
+
+
+def _twice_as_long(effect: CatalogueEffect) -> Iterator[CatalogueEffect]:
+    """A wave of half the wave number or frequency, which is the shape that is tried at several
+    values; none where that is out of its range."""
+    for q in type(effect).shapes():
+        half = 0.5 * float(getattr(effect, q.name))
+        if not q.is_choice and len(q.grid) > 1 and half >= q.lower:
+            yield dataclasses.replace(effect, **{q.name: half})  # type: ignore[type-var]
 
 
 def _has_phase(effect: CatalogueEffect) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from sysid.plant import base, plant
 from sysid.plant.base import LEAST_DIVISOR, MAX_STEP, Array, array_namespace
@@ -14,6 +15,8 @@ from sysid.plant.ports import Model, Point
 _FASTEST_RATE = 1.2 / MAX_STEP
 # Speed within one step of standstill, rad/s: bristles stiffer than a step resolves fade there.
 _LEAST_SPEED = 1e-2
+# Square of a wave's height that is none: of no wave the height has no slope.
+_NO_HEIGHT = 1e-24
 
 
 @dataclass(frozen=True)
@@ -86,11 +89,17 @@ class AsymmetricCoulombFriction(CatalogueEffect):
 
 @dataclass(frozen=True)
 class PositionDependentFriction(CatalogueEffect):
-    """Coulomb friction varies along the travel: t_cf (1 + s sin(n theta) + c cos(n theta))."""
+    """Coulomb friction varies along the travel: t_cf (1 + s sin(n theta) + c cos(n theta)).
+
+    A place that is tight or worn is no sine: with `friction_peakedness` r the wave of the same
+    height from trough to crest has its harmonics at r, r^2, ... of it (a Poisson kernel), so that
+    its crests are peaks, or below 0 its troughs dips; under a long wave one peak is in the travel.
+    """
 
     friction_sine: Array = 0.0
     friction_cosine: Array = 0.0
     friction_wave_per_rad: Array = 2.5
+    friction_peakedness: Array = 0.0
 
     id = "position-dependent-friction"
     title = "Coulomb friction that varies with position"
@@ -108,6 +117,18 @@ class PositionDependentFriction(CatalogueEffect):
             is_strength=False,
             grid=(0.6, 1.2, 2.0, 3.0, 4.5, 7.0, 10.0),
         ),
+        Quantity(
+            "friction_peakedness",
+            "-",
+            0.0,
+            -0.95,
+            0.95,
+            "0: a sine; towards 1: crests are peaks, towards -1: troughs are dips",
+            is_strength=False,
+            # A sine shows where a peak is; a fit bends it then.
+            grid=(0.0,),
+            absent=0.0,
+        ),
     )
     signature = "torque against angle, with the sign of the velocity"
     rivals = ("cable-spring",)
@@ -117,8 +138,17 @@ class PositionDependentFriction(CatalogueEffect):
     def friction_effort(self, effort: Array, point: Point) -> Array:
         xp = array_namespace(point.position, self.friction_sine)
         phase = self.friction_wave_per_rad * point.position
-        share = self.friction_sine * xp.sin(phase) + self.friction_cosine * xp.cos(phase)
+        wave = self.friction_sine * xp.sin(phase) + self.friction_cosine * xp.cos(phase)
+        share = self._peaked(xp, wave)
         return effort + point.parameters.coulomb_effort * share * point.direction
+
+    def _peaked(self, xp: Any, wave: Array) -> Array:
+        """The wave with its harmonics, from trough to crest as high as it was."""
+        r = self.friction_peakedness
+        square = self.friction_sine**2 + self.friction_cosine**2
+        height = xp.sqrt(square + _NO_HEIGHT)
+        kernel = (wave * height - r * square) / ((1.0 + r**2) * height - 2.0 * r * wave)
+        return (1.0 - r**2) * kernel
 
 
 @dataclass(frozen=True)
