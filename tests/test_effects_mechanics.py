@@ -227,6 +227,13 @@ BACK: dict[str, Any] = {"velocity": -0.07, "direction": -1.0}
             0.208 * (0.3 * math.sin(2.0) + 0.1 * math.cos(2.0)),
             -0.208 * (0.3 * math.sin(2.0) + 0.1 * math.cos(2.0)),
         ),
+        # At the crest: of the same height from trough to crest, 1 + r above none of it.
+        (
+            friction.PositionDependentFriction(0.3 * math.sin(2.0), 0.3 * math.cos(2.0), 2.0, 0.6),
+            "friction_effort",
+            0.208 * 0.3 * 1.6,
+            -0.208 * 0.3 * 1.6,
+        ),
         (friction.SealFriction(2e-7), "friction_effort", 0.03, -0.03),
         # Of 0.5 Nm, and of that with 20.1 N of the cylinder at 37.5 mm.
         (friction.LoadDependentFriction(0.04), "friction_effort", 0.02, -0.02),

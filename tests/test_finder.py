@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,18 +25,41 @@ from sysid.diagnosis.actuator.screened import Bias, Signed, screened
 from sysid.diagnosis.actuator.signatures import candidates, signature
 from sysid.diagnosis.search_record import Recorder
 from sysid.io.rig import Rig
+from sysid.plant.base import Array, array_namespace
 from sysid.plant.effects.chamber import AtmosphereLeakage
 from sysid.plant.effects.entry import NEARBY, CatalogueEffect
-from sysid.plant.effects.friction import QuadraticDrag, SealFriction, StribeckFriction
+from sysid.plant.effects.friction import (
+    PositionDependentFriction,
+    QuadraticDrag,
+    SealFriction,
+    StribeckFriction,
+)
 from sysid.plant.effects.linkage import LinkFlexibility
 from sysid.plant.effects.motor import TorqueOffset
 from sysid.plant.effects.sensor import PressureLag, TimeSkew
 from sysid.plant.effects.supply import SupplyPulsation
 from sysid.plant.effects.valve import DutyDeadZone, ValveDelay
-from sysid.plant.ports import Model
+from sysid.plant.ports import Model, Point
 from sysid.types import no_progress
 
 KINDS = (QuadraticDrag, SealFriction, AtmosphereLeakage, TorqueOffset)
+
+
+@dataclass(frozen=True)
+class TightPlace(CatalogueEffect):
+    """Coulomb friction is greater about one place: no sine, and no form of the catalogue's."""
+
+    place_rad: float = -0.5
+    more: float = 0.3
+    width_rad: float = 0.22
+
+    id = "tight-place"
+    quantities = ()
+
+    def friction_effort(self, effort: Array, point: Point) -> Array:
+        xp = array_namespace(point.position)
+        near = xp.exp(-(((point.position - self.place_rad) / self.width_rad) ** 2))
+        return effort + self.more * point.parameters.coulomb_effort * near * point.direction
 
 
 @pytest.fixture(scope="module")
@@ -315,9 +338,12 @@ def test_strokes_are_found_from_a_sine_whose_phase_makes_up_for_its_frequency(
     strokes = SupplyPulsation(5e3, -6e3, 2.55, 0.9)
     base = lacking(rig, strokes)
     sine = SupplyPulsation(-7e3, 1e3, 2.55, 0.0)
-    bent = [one for (one,) in bent_waves(base, (sine,))]
-    assert [one.stroke_share for one in bent] == pytest.approx([-0.49, 0.49])
-    for one in bent:
+    every = [one for (one,) in bent_waves(base, (sine,))]
+    # The second of each two is as long again: a sine may follow a harmonic of the strokes.
+    assert [one.stroke_share for one in every] == pytest.approx([-0.49, -0.49, 0.49, 0.49])
+    assert [one.pulsation_hz for one in every] == pytest.approx([2.55, 1.275, 2.55, 1.275])
+    bent = every[::2]
+    for one in every:
         assert math.hypot(one.pulsation_sine_pa, one.pulsation_cosine_pa) == pytest.approx(
             math.hypot(7e3, 1e3)
         )
@@ -328,3 +354,24 @@ def test_strokes_are_found_from_a_sine_whose_phase_makes_up_for_its_frequency(
     # wave has no phase to be wrong.
     assert list(bent_waves(base, (StribeckFriction(0.1, 0.1),))) == []
     assert list(bent_waves(base, (LinkFlexibility(0.1),))) == []
+
+
+@pytest.mark.parametrize("wave", [2.4, 4.8])
+def test_a_tight_place_is_found_from_a_sine(
+    wave: float, rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """Also from one that follows the first harmonic of the peak."""
+    base = lacking(rig, TightPlace())
+    finder = finder_of(base, null, [PositionDependentFriction])
+    start = PositionDependentFriction(-0.05, 0.05, wave)
+    found = fit_set(base, finder.channels, [start], finder.none)
+    (peaked,) = found.effects
+    assert isinstance(peaked, PositionDependentFriction)
+    assert 0.3 < float(peaked.friction_peakedness) < 0.9
+    # The peak lies where it is: at a phase of which the wave is at its height.
+    phase = math.atan2(float(peaked.friction_sine), float(peaked.friction_cosine))
+    period = 2.0 * math.pi / float(peaked.friction_wave_per_rad)
+    place = phase / float(peaked.friction_wave_per_rad)
+    assert abs((place + 0.5 + 0.5 * period) % period - 0.5 * period) < 0.05
+    effort = CHANNELS.index(EFFORT)
+    assert found.squares[effort] < 0.2 * finder.none[effort]
