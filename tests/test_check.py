@@ -172,7 +172,9 @@ def test_a_campaign_is_checked_log_by_log(folder: Path, capsys: pytest.CaptureFi
     assert Path(second["file"]).name == "two.csv" and second["rows"] == 4000
     assert first["channels"] == second["channels"] and first["kinds"] == {"friction-motion": 1}
     assert main(["check", str(path), "-v"]) == 0
-    assert "in the campaign: motion-motor, holdout" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "in the campaign: motion-motor, held-out" in printed
+    assert "excitation: " in printed and "e+0" not in printed
     assert main(["check", str(folder / "run.csv"), "--rig", str(folder / "its_rig.toml")]) == 0
     assert "in the campaign" not in capsys.readouterr().out
 

@@ -897,13 +897,17 @@ def test_a_range_has_one_power_of_ten(low: float | None, high: float, text: str)
 
 
 def test_estimates_show_two_digits_of_their_error() -> None:
-    estimate = Estimate(6.51631e-4, 4.2026e-7, "kg/s", (6.5080e-4, 6.5246e-4))
+    estimate = Estimate(6.51631e-4, 4.2026e-7, "kg/Pa", (6.5080e-4, 6.5246e-4))
     assert numbers.estimate_cells(estimate) == (
-        "6.5163 × 10⁻⁴", "0.0042 × 10⁻⁴", "(6.5080 to 6.5246) × 10⁻⁴", "kg/s",
+        "6.5163 × 10⁻⁴", "0.0042 × 10⁻⁴", "(6.5080 to 6.5246) × 10⁻⁴", "kg/Pa",
     )  # fmt: skip
+    # A flow in the unit of the figures.
+    flow = dataclasses.replace(estimate, unit="kg/s")
+    assert numbers.estimate_cells(flow) == ("0.65163", "0.00042", "0.65080 to 0.65246", "g/s")
     delay = Estimate(0.00151, 2.1e-5, "s", (-math.inf, 0.00155))
     narrow = Estimate(0.1000000716, 9.4e-7, "1/rad2", (0.09999823, 0.10000191))
-    assert numbers.si_cells(narrow)[:2] == ("0.10000", "0.099998 to 0.10000")
+    # The value and both ends to the same decimal.
+    assert numbers.si_cells(narrow)[:2] == ("0.100000", "0.099998 to 0.100002")
     for ends, text in (((2.49, math.inf), "2.49 to inf"), ((-math.inf, math.inf), "")):
         one_sided = Estimate(70.89, math.inf, "W/K", ends)
         assert numbers.si_cells(one_sided) == ("70.89", text, "W/K")

@@ -670,6 +670,8 @@ class TestComparison:
         choice, why = recommend(errors(0.02, 9), errors(0.01, 41), 0.02)
         assert choice == "bipolynomial"
         assert "noise" in why
+        # In points, as the tables next to it.
+        assert "1.00 points of duty" in why and "noise level, 2.00 points" in why
 
     def test_polynomial_data_need_no_network(self) -> None:
         duty, pressure = grid(20, 60)

@@ -15,14 +15,17 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "\N{SUPERSCRIPT MINUS}⁰¹²³⁴�
 _UNIT_SIGNS = {"Nm": "N·m", "^0.5": "⁰·⁵", "Pa^1": "Pa", "Pa^2": "Pa²"}
 _TIMES = re.compile(r" (?=(?:s|m|Pa|K|rad|kg)[23]?\b)")
 _POWER = re.compile(r"(?<=[A-Za-z])[23]\b")
-# Times below this are shown in ms.
-_SHORT_S = 0.1
+# Times and mass flows below this are shown in a thousandth of their unit, as in the figures.
+_SHORT = 0.1
+_THOUSANDTHS = {"s": "ms", "kg/s": "g/s"}
 # Powers of ten that are written out.
 _PLAIN = range(-2, 6)
 # The error's power of ten down to which a value that is smaller than it is written out.
 _LEAST_PLAIN = -4
 # Powers of ten from which a terminal writes them; the most digits that make ends differ.
 _LEAST_POWER, _MOST_DIGITS = 6, 9
+# Values in SI from here on are written without decimals.
+_WHOLE = 1e4
 
 
 def known(content: Any) -> Any:
@@ -111,8 +114,8 @@ def estimate_cells(estimate: Estimate) -> tuple[str, str, str, str]:
         return "not identified", MISSING, estimate.reason, ""
     value, name = estimate.value, unit(estimate.unit)
     std, low, high = (x if math.isfinite(x) else None for x in (estimate.std, *estimate.interval))
-    if name == "s" and abs(value) < _SHORT_S:
-        name = "ms"
+    if name in _THOUSANDTHS and abs(value) < _SHORT:
+        name = _THOUSANDTHS[name]
         value = 1e3 * value
         std, low, high = (None if x is None else 1e3 * x for x in (std, low, high))
     places = _decimals(value, std)
@@ -178,6 +181,11 @@ def _form(estimate: Estimate) -> Callable[[float], str]:
         places += 1
 
 
+def si_number(value: float, digits: int = 4) -> str:
+    """A value in SI in ASCII; a large one, such as a pressure, as a whole number."""
+    return f"{value:.0f}" if abs(value) >= _WHOLE else f"{value:.{digits}g}"
+
+
 _ASCII = str.maketrans(
     {
         MINUS: "-",
@@ -206,6 +214,6 @@ def ascii_text(text: str) -> str:
 
 def duration(seconds: float) -> str:
     """A time: in ms below a tenth of a second, else in s."""
-    if abs(seconds) < _SHORT_S:
+    if abs(seconds) < _SHORT:
         return f"{number(1e3 * seconds)} ms"
     return f"{number(seconds)} s"

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from sysid.blocks.numbers import si_number
 from sysid.checks.friction import Identification, friction_identified
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.identification.valve_discrete.start import flows_not_shown
@@ -88,7 +89,7 @@ def excitation(by_kind: TrialsByKind, rig: Rig) -> Iterator[str]:
             values = [t[name] for t in trials if name in t]
             if values:
                 joined = np.concatenate(values)
-                parts.append(f"{name} {joined.min():.4g} to {joined.max():.4g}")
+                parts.append(f"{name} {si_number(joined.min())} to {si_number(joined.max())}")
         yield ", ".join(parts)
 
 

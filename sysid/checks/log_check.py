@@ -13,6 +13,7 @@ import numpy as np
 from sysid import signals
 from sysid.blocks.drawing import plot_panels
 from sysid.blocks.figures import Panel, Scale, grouped_bars
+from sysid.blocks.numbers import si_number
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import NotedCell, Table, table
 from sysid.checks.bench import BENCH_LAWS, bench_identified, bench_kind
@@ -43,8 +44,6 @@ if TYPE_CHECKING:
 # chance in one log of this many.
 _STUCK_RUN = 25
 _BY_CHANCE = 1e-3
-# Values from here on are written without decimals.
-_WHOLE = 1e4
 
 
 @dataclass(frozen=True)
@@ -212,7 +211,7 @@ def _channel_row(channel: ChannelCheck) -> tuple[str, ...]:
     sizes = (
         "-" if n is None else f"{n:.3g}" for n in (channel.quantum or None, channel.sample_std)
     )
-    ends = (f"{n:.0f}" if abs(n) >= _WHOLE else f"{n:.5g}" for n in (channel.low, channel.high))
+    ends = (si_number(n, 5) for n in (channel.low, channel.high))
     return (channel.name, *ends, *sizes, ", ".join(remark))
 
 

@@ -181,7 +181,8 @@ def _log(check: LogCheck) -> Iterator[Printed]:
 def _blocks(check: LogCheck) -> Iterator[Printed]:
     yield Strong(check.file)
     if check.declared is not None:
-        yield f"in the campaign: {check.declared}, {check.use}"
+        use = "held-out" if check.use == "holdout" else "training"
+        yield f"in the campaign: {check.declared}, {use}"
     if check.by_row:
         yield check.extent
     else:

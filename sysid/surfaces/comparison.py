@@ -183,8 +183,8 @@ def recommend(
     """
     ratio = network.rmse / polynomial.rmse if polynomial.rmse > 0 else float("inf")
     figures = (
-        f"RMSE in duty on held-out tests {network.rmse:.4f} (network, "
-        f"{network.n_parameters} parameters) against {polynomial.rmse:.4f} (bipolynomial, "
+        f"RMSE on held-out tests {100.0 * network.rmse:.2f} points of duty (network, "
+        f"{network.n_parameters} parameters) against {100.0 * polynomial.rmse:.2f} (bipolynomial, "
         f"{polynomial.n_parameters})"
     )
     if polynomial.rmse <= NEGLIGIBLE_DUTY:
@@ -192,7 +192,7 @@ def recommend(
     if np.isfinite(noise_rmse) and polynomial.rmse <= 1.1 * noise_rmse:
         return (
             "bipolynomial",
-            f"{figures}: the bipolynomial is at the noise level, {noise_rmse:.4f}",
+            f"{figures}: the bipolynomial is at the noise level, {100.0 * noise_rmse:.2f} points",
         )
     if ratio > WORTHWHILE_RATIO:
         return "bipolynomial", f"{figures}: the network improves on it by less than a quarter"

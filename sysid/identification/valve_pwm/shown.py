@@ -186,10 +186,13 @@ def _obedience(parts: Sequence[_Measured]) -> Iterator[str]:
             f"{number(_points(law.rmse))} points of duty on held-out tests, the network's "
             f"{number(_points(network.rmse))}: use the network there."
         )
-    if len(obeyed) == len(parts) > 1:
-        yield "Every valve obeys the averaged law, filling and discharging."
-    elif obeyed:
-        yield f"The averaged law is obeyed by {'; '.join(obeyed)}."
+    if obeyed:
+        is_all = len(obeyed) == len(parts) > 1
+        named = "every valve, filling and discharging" if is_all else "; ".join(obeyed)
+        yield (
+            "On held-out tests the averaged law gives the duty as closely as the network, or "
+            f"within twice what noise alone causes: {named}."
+        )
 
 
 def _laws(parts: Sequence[_Measured]) -> list[Table]:
@@ -387,11 +390,11 @@ def _weights(part: _Measured) -> Table:
 
 def _resolution(study: ResolutionRecord) -> Table:
     rows = [
-        (number(step), number(flow), str(n), "coarsest that suffices" if step == study.coarsest
-         else "")
+        (number(step), number(None if flow is None else 1e3 * flow), str(n),
+         "coarsest that suffices" if step == study.coarsest else "")
         for step, flow, n in zip(study.steps, study.max_flow, study.tests, strict=True)
     ]  # fmt: skip
-    columns = ("Step of duty", "Largest mean flow (kg/s)", "Tests", "Remark")
+    columns = ("Step of duty", "Largest mean flow (g/s)", "Tests", "Remark")
     return table(
         "Resolution of duty: the coarsest step of the tests that gives the same surface",
         columns,
