@@ -24,6 +24,7 @@ from sysid.identification.valve_discrete.responses import Responses
 from sysid.parameters import Bundle
 from sysid.parameters.effects import EffectEntry, entry_of
 from sysid.parameters.refinement import Refinement
+from sysid.pipeline.compare import write_comparison
 from sysid.plant.effects import AtmosphereLeakage
 
 
@@ -206,6 +207,11 @@ def test_shown_as_the_other_results_are(bundle: Bundle) -> None:
     assert len(found.plot().get_lines()) == len(clouds) == 3
     stripes = [mark for mark in found.figure().panels[0].marks if isinstance(mark, Bars)]
     assert len(stripes) == 2
+    # The legend has a row of its own above all of them.
+    ax = found.plot()
+    ax.get_figure(root=True).canvas.draw()
+    box = ax.get_legend().get_window_extent().transformed(ax.transData.inverted())
+    assert box.y0 > max(place for one in stripes for place in one.places)
     limits = {y: x for one in stripes for x, y in zip(one.ends, one.places, strict=True)}
     for cloud in clouds:
         beyond = [abs(x) > limits[y] for x, y in zip(cloud.x, cloud.y, strict=True)]
@@ -317,3 +323,11 @@ def test_responses_of_candidate_valves_follow_from_their_laws(bundle: Bundle) ->
     valves = si.compare(bundle)
     assert valves.names == ("valve A", "valve B") and valves.movements and not valves.effects
     assert valves.to_frame()["part"].unique().tolist() == ["valve discrete"]
+
+
+def test_the_page_says_what_moved_by_titles(bundle: Bundle, tmp_path: Path) -> None:
+    found = si.compare(bundle, moved_by(bundle, "friction", "coulomb_nm", 12.0))
+    assert "coulomb_nm" in found.headline()
+    write_comparison(tmp_path / "compared.html", found)
+    page = (tmp_path / "compared.html").read_text("utf-8")
+    assert "moved: Coulomb friction" in page and "moved: friction coulomb_nm" not in page

@@ -590,7 +590,7 @@ def test_laws_that_are_not_recommended_are_known_by_their_places() -> None:
 def test_notices_stand_where_their_numbers_stand() -> None:
     from sysid.blocks.sections import Lines, Notes, Section
     from sysid.errors import Notice
-    from sysid.pipeline.pages.notices import by_section, with_notices
+    from sysid.pipeline.pages.notices import by_section, notices_in, with_notices
 
     campaign = read_campaign(BUNDLED)
     log = next(e for e in campaign.logs if e.kind == "valve-pwm")
@@ -613,6 +613,7 @@ def test_notices_stand_where_their_numbers_stand() -> None:
     assert found["surfaces"][0] == pressure.replace(str(log.path), log.path.name)
     section = Section("friction", "Friction", (), (Lines(("said",)),))
     assert with_notices(section, ["said"]) is section
+    assert notices_in([section, Section("data", "", (), (Lines(("b",)),))]) == {"said", "b"}
     many = with_notices(section, [coulomb, *(f"another of kind {c}" for c in "abcdef")])
     first, folded, _ = many.blocks
     assert isinstance(first, Notes) and coulomb in first.lines and len(first.lines) == 4
@@ -703,12 +704,21 @@ def test_a_part_is_not_judged_by_a_motion_in_which_errors_add_up() -> None:
 
 def test_the_next_step_is_weighed_by_what_it_does_to_the_motion() -> None:
     from sysid.pipeline.pages.next_steps import next_line
+    from sysid.pipeline.verdict import verdict_lines
 
     bundle = read_bundle(golden_bundle("diagnosed"))
     assert bundle.friction is not None
     wide = Estimate(0.003, 0.001, "Nm", (0.001, 0.005))
     bundle = bundle.replaced(friction=bundle.friction.replaced(offset_nm=wide))
     assert next_line(bundle, None).startswith("Offset of friction (95 % interval of")
+    # A terminal names the same number, unless the report weighs it by validated motion.
+    plain = {**DIAGNOSIS, "verdict": "effects-found", "unexplained": [], "effects": []}
+    for is_validated in (False, True):
+        validation = read_bundle(golden_bundle("validated")).validation if is_validated else None
+        one = bundle.replaced(validation=validation)
+        said = verdict_lines(one, {**plain, "component": "actuator"})[-1]
+        assert ("Offset of friction (95 % interval of" in said) != is_validated
+        assert ("the report weighs" in said) == is_validated
     moves = {"friction.viscous_nm_s_per_rad": 0.004, "friction.coulomb_nm": 0.001}
     line = next_line(bundle, None, None, lambda: moves, 0.006)
     assert line.startswith("Viscous friction: its standard error moves")

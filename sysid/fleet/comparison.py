@@ -229,7 +229,8 @@ class Comparison(Shown):
                     marks.append(Points(x, y, role, said, is_filled=is_moved))
         ticks = tuple((float(last - i), _title(*key)) for i, key in enumerate(keys))
         scale = Scale("Change in standard errors of the difference (grey: not significant)")
-        panel = Panel(scale, Scale(ticks=ticks), tuple(marks))
+        # Between the rows of numbers a legend would hide points.
+        panel = Panel(scale, Scale(ticks=ticks), tuple(marks), legend="over")
         size = (7.0, max(2.6, 0.22 * len(keys) + 1.0))
         title = "Each number against the first"
         described = self.headline(is_titled=True)

@@ -71,7 +71,7 @@ def write_comparison(path: Path, found: Comparison) -> None:
         subject="comparison",
         facts=[("Compared", ", ".join(found.names))],
         level="fair" if found.moved else "good",
-        sentence=f"{found.headline()}.",
+        sentence=f"{found.headline(is_titled=True)}.",
         metrics=None,
         notes=[f"Notice: {line}." for line in found.notices],
         sections=sections,

@@ -6,12 +6,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from sysid.blocks.numbers import ascii_text
 from sysid.blocks.quality import quality_name
 from sysid.diagnosis import wording
 from sysid.diagnosis.wording import is_of_actuator
 from sysid.io.channels import channel_of
 from sysid.parameters import Bundle, Validation
-from sysid.pipeline.pages.next_steps import best_test
+from sysid.pipeline.pages.next_steps import best_test, lacking_line
 
 
 def verdict_lines(
@@ -94,12 +95,18 @@ def _next(
     lines = wording.advice(diagnosis)
     if not lines and advice is not None and advice["tests"]:
         return best_test(advice["tests"]).removesuffix(".")
-    if not lines:
-        is_advised = bundle.component is None and is_of_actuator(diagnosis)
-        more = "; sysid advise names the most informative test"
-        return f"no open question{more if is_advised else ''}"
-    more = f" ({len(lines) - 1} more in the report)" if len(lines) > 1 else ""
-    return f"{lines[0]}{more}"
+    if lines:
+        more = f" ({len(lines) - 1} more in the report)" if len(lines) > 1 else ""
+        return f"{lines[0]}{more}"
+    # As the report does, which weighs them by simulated motion.
+    is_weighed = bundle.validation is not None and is_of_actuator(diagnosis)
+    if not bundle.rig.is_tank_alone and (lacking := lacking_line(bundle, is_weighed=is_weighed)):
+        return ascii_text(lacking.removesuffix("."))
+    open_ones = "no open question"
+    if is_weighed:
+        open_ones = "no open question on effects; the report weighs the errors of the numbers"
+    is_advised = bundle.component is None and is_of_actuator(diagnosis)
+    return f"{open_ones}{'; sysid advise names the most informative test' if is_advised else ''}"
 
 
 __all__ = ["verdict_lines"]

@@ -111,9 +111,17 @@ def next_line(
         return best_test(advice["tests"])
     if bundle.rig.is_tank_alone:
         return ""
-    for name, lacks, helps in (*_missing(bundle), *(() if moves() else _wide(bundle))):
-        return f"{title_of(name)} ({lacks}): {helps}."
+    if lacking := lacking_line(bundle, is_weighed=bool(moves())):
+        return lacking
     return _most_moved(bundle, moves(), rmse) or ("" if found is None else "No question is open.")
+
+
+def lacking_line(bundle: Bundle, *, is_weighed: bool) -> str:
+    """The first number that lacks information; empty where none does. `is_weighed`: wide intervals
+    are judged by what they do to the motion instead."""
+    for name, lacks, helps in (*_missing(bundle), *(() if is_weighed else _wide(bundle))):
+        return f"{title_of(name)} ({lacks}): {helps}."
+    return ""
 
 
 def best_test(tests: Sequence[Content]) -> str:
@@ -342,4 +350,4 @@ def _size(quantity: Quantity) -> float:
     return quantity.typical or (reach if math.isfinite(reach) else 0.0)
 
 
-__all__ = ["best_test", "next_line", "next_section", "open_questions"]
+__all__ = ["best_test", "lacking_line", "next_line", "next_section", "open_questions"]

@@ -114,6 +114,11 @@ def _without_numbers(line: str) -> str:
     return re.sub(r"[-\d.]+", "", line)
 
 
+def notices_in(sections: Sequence[Section]) -> frozenset[str]:
+    """Every line that the sections' lists say."""
+    return frozenset(line for section in sections for line in _said(section.blocks))
+
+
 def _said(blocks: Sequence[Block]) -> Iterator[str]:
     for block in blocks:
         if isinstance(block, Lines | Notes):
@@ -122,4 +127,4 @@ def _said(blocks: Sequence[Block]) -> Iterator[str]:
             yield from _said(block.blocks)
 
 
-__all__ = ["by_section", "excluded_lines", "section_of", "with_notices"]
+__all__ = ["by_section", "excluded_lines", "notices_in", "section_of", "with_notices"]

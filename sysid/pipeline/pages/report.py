@@ -22,7 +22,12 @@ from sysid.parameters.provenance import family
 from sysid.pipeline.pages.concerns import advised_against
 from sysid.pipeline.pages.held_out import first_picture
 from sysid.pipeline.pages.next_steps import next_line, unfinished
-from sysid.pipeline.pages.notices import by_section, excluded_lines, with_notices
+from sysid.pipeline.pages.notices import (
+    by_section,
+    excluded_lines,
+    notices_in,
+    with_notices,
+)
 from sysid.pipeline.pages.opening import ReportVerdict, position_rmse, verdict
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.linear import for_rig
@@ -97,8 +102,14 @@ def render_report(
         sections, left_out = _sections(campaign, bundle, checks, parts, tell)
     said = by_section(notices, campaign, {section.id for section in sections})
     is_first = not (bundle.refinement or bundle.effects)
+    read = notices_in(sections)  # what the readers say of the logs is not said again
     sections = [
-        with_notices(section, said.get(section.id, ()), is_first=is_first) for section in sections
+        with_notices(
+            section,
+            [line for line in said.get(section.id, ()) if line not in read],
+            is_first=is_first,
+        )
+        for section in sections
     ]
     tell("assembling the page")
     judged = _judged(bundle, validation, diagnosis)
