@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.tanks import drawn as adiabatic_tank
 from sysid.checks.bench import bench_identified, bench_kind
 from sysid.checks.friction import friction_identified
 from sysid.checks.log_check import check_log
@@ -201,6 +202,19 @@ def test_gas_that_cools_is_the_law_where_the_tests_tell() -> None:
     assert law is not None and law.wall_conductance_w_per_k is None
     assert law.estimates()["c_dis"].value == pytest.approx(5e-9 / K, rel=2e-3)
     assert any("do not distinguish" in line for line in found.notices)
+
+
+def test_an_insulated_tank_conducts_nothing() -> None:
+    """Tests that want a little more than no heat from the wall still have that law."""
+    drawn = adiabatic_tank("adiabatic", 810)
+    law = bench_fit("tank", drawn.trials, drawn.rig).part().valves.side("a").discrete
+    assert law is not None
+    for key, true in drawn.truth.items():
+        low, high = law.estimates()[key].interval
+        assert low <= true <= high and high / low < 1.002, key
+    wall = law.wall_conductance_w_per_k
+    assert isinstance(wall, Estimate) and wall.value == wall.interval[0] == 0.0
+    assert wall.std > 0.0 and wall.interval[1] > 0.0
 
 
 def test_an_effect_acts_on_gas_that_cools() -> None:
