@@ -475,8 +475,8 @@ def _is_speed_set(velocity: FloatArray, effort: FloatArray, direction: FloatArra
 
     What was set takes levels, which repeat. Where both do or neither, what followed is the smoother
     course over what was set: a friction curve that falls and rises again has one effort at each
-    speed, but two speeds at an effort. Without a decision
-    the effort is taken to be, as in the thesis.
+    speed, but two speeds at an effort. Without a decision the effort is taken to be what was set,
+    as in the thesis.
     """
     from scipy.special import fdtri
 
