@@ -143,7 +143,8 @@ class PositionDependentFriction(CatalogueEffect):
         return effort + point.parameters.coulomb_effort * share * point.direction
 
     def _peaked(self, xp: Any, wave: Array) -> Array:
-        """The wave with its harmonics, from trough to crest as high as it was."""
+        """The wave with its harmonics, from trough to crest as high as it was: of a wave x of
+        height 1, (1 - r^2) (x - r) / (1 - 2 r x + r^2)."""
         r = self.friction_peakedness
         square = self.friction_sine**2 + self.friction_cosine**2
         height = xp.sqrt(square + _NO_HEIGHT)
