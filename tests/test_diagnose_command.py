@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import re
 import math
 import shutil
 from collections.abc import Callable
@@ -407,8 +408,11 @@ def test_summary_says_verdict_effects_errors_and_what_was_tried(
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("Effects found: stribeck-friction")
     text = "\n".join(lines)
-    value = ran.printed["effects"][0]["parameters"]["stribeck_torque_nm"]["value"]
-    assert f"{value:.4g}" in text
+    found = ran.printed["effects"][0]["parameters"]["stribeck_torque_nm"]
+    # To the second digit of its error.
+    shown = re.search(r"stribeck_torque_nm\D*([\d.]+)", text)
+    assert shown is not None
+    assert float(shown[1]) == pytest.approx(found["value"], abs=0.05 * found["std"])
     for error in ran.printed["residual"]["theta_rad"].values():
         assert f"{error:.4g}" in text
     rejected = ran.diagnosed.found.detail.effects[0].suspects[1]

@@ -266,7 +266,7 @@ def test_an_inertia_that_cannot_be_is_named(bundled: Campaign, fitted: Bundle) -
     wrong = friction.replaced(inertia_kg_m2=Estimate.symmetric(-0.5, 0.2, "kg m2", 9.0))
     spoilt = fitted.replaced(friction=wrong)
     assert spoilt.model(bundled.rig).parameters.inertia == bundled.rig.total_inertia()
-    assert any("inertia_kg_m2 is -0.5 (-0.95" in n for n in assumed_parameters(spoilt))
+    assert any("inertia_kg_m2 is -0.50 (-0.95 to -0.05)" in n for n in assumed_parameters(spoilt))
     with pytest.raises(NotIdentifiedError, match=r"inertia is -0\.5 kg m2, which is impossible"):
         spoilt.model(dataclasses.replace(bundled.rig, inertia=None))
 

@@ -212,12 +212,12 @@ class FitQuality:
         if self.impossible:
             return f"impossible: {'; '.join(self.impossible)}"
         found = [self._of_used(), *map(self._of_excluded, self.left_out)]
+        if self.outdone_by:  # says more than the lack of fit that it explains
+            found.insert(0, ("usable", f"{self.outdone_by} follows these tests better"))
         if self.contradicted:
             found.append(("usable", CONTRADICTED))
         if self.spare == 0:
             found.append(("usable", "no test repeats it, so its error is unknown"))
-        if self.outdone_by:
-            found.append(("usable", f"{self.outdone_by} follows these tests better"))
         rank, why = max(found, key=lambda one: (_RANKS.index(one[0]), bool(one[1])))
         return f"{rank}: {why}" if why else rank
 
