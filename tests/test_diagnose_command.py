@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import re
 import math
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace

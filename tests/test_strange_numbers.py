@@ -229,7 +229,8 @@ def test_a_negative_inertia_is_named_and_the_search_ends(
     inertia = fitted.inertia
     assert inertia is not None and not inertia.identified
     assert fitted.coulomb is not None and fitted.coulomb.value == pytest.approx(0.1, rel=0.02)
-    for part in ("left free, inertia_kg_m2 is -4.11e-04 (-4.38e-04 to -3.84e-04)", "held at 0", "channels' times"):
+    left_free = "left free, inertia_kg_m2 is -4.11e-04 (-4.38e-04 to -3.84e-04)"
+    for part in (left_free, "held at 0", "channels' times"):
         assert part in said, part
     assert main(["diagnose", str(campaign), "--bundle", str(bundle), "--quick"]) == 0
     found = capsys.readouterr()
