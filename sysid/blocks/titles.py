@@ -1,4 +1,4 @@
-"""Titles as they stand alone and within sentences."""
+"""Titles and words as they stand alone and within sentences."""
 
 from __future__ import annotations
 
@@ -18,4 +18,10 @@ def capital(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
-__all__ = ["capital", "within"]
+def use_word(use: str, *, before_noun: bool = False) -> str:
+    """What a log is used for, from its entry in a campaign ("fit", "holdout")."""
+    held_out = "held-out" if before_noun else "held out"
+    return held_out if use == "holdout" else "training"
+
+
+__all__ = ["capital", "use_word", "within"]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from sysid.blocks.numbers import MISSING, duration, number
 from sysid.blocks.sections import Block, Fold, Lines, Section
 from sysid.blocks.tables import Table, table
+from sysid.blocks.titles import use_word
 from sysid.checks.identifiability import readable
 from sysid.checks.log_check import listed
 from sysid.io.channels import channel_of
@@ -66,7 +67,7 @@ def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> Table:
             entry.file,
             entry.kind if check is None or check.declared else _kinds(check),
             entry.valve.upper() if entry.valve else MISSING,
-            "held out" if entry.use == "holdout" else "training",
+            use_word(entry.use),
         )
         if check is None:
             rows.append((*head, MISSING, MISSING, MISSING, MISSING, "not checked"))

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from sysid.blocks.titles import use_word
 from sysid.checks.campaign_check import CampaignCheck
 from sysid.checks.log_check import LogCheck
 from sysid.commands.options import (
@@ -181,7 +182,7 @@ def _log(check: LogCheck) -> Iterator[Printed]:
 def _blocks(check: LogCheck) -> Iterator[Printed]:
     yield Strong(check.file)
     if check.declared is not None:
-        use = "held-out" if check.use == "holdout" else "training"
+        use = use_word(check.use or "fit", before_noun=True)
         yield f"in the campaign: {check.declared}, {use}"
     if check.by_row:
         yield check.extent

@@ -21,6 +21,7 @@ from sysid.blocks.figures import (
 )
 from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, FigureGroup, Section
+from sysid.blocks.titles import use_word
 from sysid.diagnosis.figures import drawable, regressor_axis
 from sysid.diagnosis.wording import regressor_name
 from sysid.errors import InputError, NotIdentifiedError
@@ -132,7 +133,7 @@ def tests_caption(content: Content, shown: int) -> str:
     """Says of the first `shown` tests of a part's content what is drawn."""
     figures = content["figures"]
     tests: Sequence[Content] = figures["tests"][:shown]
-    used = "held-out" if figures.get("use") == "holdout" else "training"
+    used = use_word(figures.get("use", "fit"), before_noun=True)
     many = len(tests) > 1
     names = "; ".join(entry["test"] for entry in tests if entry["test"])
     listed = f": {names}" if names else ""

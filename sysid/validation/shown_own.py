@@ -8,6 +8,7 @@ from sysid.blocks.figures import Figure, Line, Panel, Rule, Scale
 from sysid.blocks.numbers import number, span
 from sysid.blocks.sections import Block, FigureGroup, Section
 from sysid.blocks.tables import table
+from sysid.blocks.titles import use_word
 from sysid.io.campaign import Campaign
 from sysid.parameters import ComponentRecord
 from sysid.validation.results import TestResult, ValidationResult
@@ -27,7 +28,7 @@ def own_section(
     if validation is not None:
         blocks.append(_errors(validation))
         tests = _shown(validation)
-        used = "held-out" if tests[0].use == "holdout" else "training"
+        used = use_word(tests[0].use, before_noun=True)
         blocks += [_group(name, tests, units.get(name, ""), used) for name in tests[0].measured]
         intro.append("Every test is modelled as a whole, open loop, from its own measured start.")
     return Section("component", "Component of the user's own", tuple(intro), tuple(blocks))

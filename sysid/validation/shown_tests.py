@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sysid.blocks.titles import use_word
 from sysid.estimation.linear import NORMAL
 from sysid.io.channels import Channel, shown_of
 from sysid.types import FloatArray
@@ -52,8 +53,7 @@ class ShownTest:
     def title(self) -> str:
         """Log, test and use; text from a file, to be escaped."""
         test = f", test {self.test}" if self.test else ""
-        used = "held out" if self.use == "holdout" else "training"
-        return f"{self.log}{test} ({self.kind}, {used})"
+        return f"{self.log}{test} ({self.kind}, {use_word(self.use)})"
 
     def under(self, models: Sequence[str]) -> ShownTest:
         """The same under some of its valve models; under its own where it has none of them."""

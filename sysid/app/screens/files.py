@@ -15,9 +15,10 @@ from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
 from sysid.app.screens.mapping import Mapping, Plausible, plausibility, series_of
 from sysid.blocks import numbers
+from sysid.blocks.titles import use_word
 from sysid.errors import InputError
 from sysid.io.bare_rig import read_bare_logs
-from sysid.io.campaign import Campaign
+from sysid.io.campaign import USES, Campaign
 from sysid.io.conversion import sources_of
 from sysid.io.declaration import ChoiceKey, Key, NumberKey, declared_keys
 from sysid.io.files import stamp_of
@@ -142,7 +143,7 @@ class FilesScreen(Screen):
 
     def _adding(self, mapping: Mapping) -> str:
         kinds = [("", "kind of test"), *((k.name, f"{k.name}: {k.content}") for k in TEST_KINDS)]
-        uses = [("fit", "training"), ("holdout", "held out")]
+        uses = [(use, use_word(use)) for use in USES]
         valves = [("", "no valve"), ("a", "valve A"), ("b", "valve B")]
         text = "Add to the campaign" if mapping.is_in_format else "Convert and add to the campaign"
         files = "".join(parts.tick(f"also:{i}", name, name in mapping.further)

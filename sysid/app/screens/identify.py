@@ -15,7 +15,7 @@ from sysid.app import parts
 from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
 from sysid.blocks.html import block_html
-from sysid.blocks.titles import capital
+from sysid.blocks.titles import capital, use_word
 from sysid.errors import Failure, on_its_own
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, stamp_of
@@ -214,7 +214,7 @@ def _so_far(content: IdentifyContent) -> str:
             found_by = (item for item in one.check.identifies if item.identified)
             names = [readable(item.parameter) for item in found_by]
             answer = parts.words(listed(names) or "nothing by itself")
-        use = "held out" if entry.use == "holdout" else "training"
+        use = use_word(entry.use)
         lines.append([f"<b>{parts.words(entry.file)}</b>", parts.words(entry.kind), use, answer])
     table = parts.rows(("Log", "Kind", "Use", "Identifies by itself"), lines)
     return f"{_HEAD}<p class='sentence'>{parts.words(said)}</p>{table}"

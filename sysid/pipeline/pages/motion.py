@@ -12,6 +12,7 @@ from sysid.blocks.figures import TALL_PANEL, Dash, Figure, Line, Mark, Panel, Ro
 from sysid.blocks.numbers import MISSING, number, percent
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Plot, Section
 from sysid.blocks.tables import Table, table
+from sysid.blocks.titles import use_word
 from sysid.diagnosis.wording import joined, own_friction
 from sysid.io.channels import Channel, channel_of
 from sysid.pipeline.pages.interactive import overlay_document, overlay_samples
@@ -122,7 +123,7 @@ def _table(logs: Sequence[LogResult], channel: Channel) -> Table:
         rows.append(
             (
                 log.name,
-                "held out" if log.use == "holdout" else "training",
+                use_word(log.use),
                 MODEL_NAMES[log.model],
                 *horizons,
                 number(channel.residual(result.errors.rmse)),
