@@ -138,8 +138,9 @@ class PositionDependentFriction(CatalogueEffect):
     def friction_effort(self, effort: Array, point: Point) -> Array:
         xp = array_namespace(point.position, self.friction_sine)
         phase = self.friction_wave_per_rad * point.position
-        wave = self.friction_sine * xp.sin(phase) + self.friction_cosine * xp.cos(phase)
-        share = self._peaked(xp, wave)
+        share = self.friction_sine * xp.sin(phase) + self.friction_cosine * xp.cos(phase)
+        if not base.is_zero(self.friction_peakedness):
+            share = self._peaked(xp, share)
         return effort + point.parameters.coulomb_effort * share * point.direction
 
     def _peaked(self, xp: Any, wave: Array) -> Array:
