@@ -200,12 +200,23 @@ def _of_what(content: Content, entry: Content) -> str:
     """Of what else a residual is that depends little on any one regressor; empty of others."""
     if is_weighed(content, entry):
         return f", {WEIGHED}"
-    sizes = [r for r in content.get("remainder") or () if r["channel"] == entry["channel"]]
-    if not sizes or entry["share"] > _LITTLE or not sizes[0]["rmse"] > 0.0:
+    rest = _remainder_of(content, entry)
+    if rest is None or entry["share"] > _LITTLE:
         return ""
-    parts = {key: (sizes[0][key] / sizes[0]["rmse"]) ** 2 for key in _REST}
+    parts = {key: _share(rest, key) for key in _REST}
     most = max(parts, key=lambda key: parts[key])
     return f"; {percent(100.0 * parts[most], 2)} {_REST[most]}" if parts[most] > _MOST else ""
+
+
+def _remainder_of(content: Content, entry: Content) -> Content | None:
+    """The remainder of an `unexplained` residual; None where it is not known."""
+    every = content.get("remainder") or ()
+    return next((rest for rest in every if rest["channel"] == entry["channel"]), None)
+
+
+def _share(rest: Content, key: str) -> float:
+    """A part of a remainder as a share of its square; of none 0."""
+    return float(rest[key] / rest["rmse"]) ** 2 if rest["rmse"] > 0.0 else 0.0
 
 
 def is_weighed(content: Content, entry: Content) -> bool:
@@ -213,12 +224,10 @@ def is_weighed(content: Content, entry: Content) -> bool:
 
     It is then of the squares by which effects are judged, each frequency weighed by its noise.
     """
-    sizes = [r for r in content.get("remainder") or () if r["channel"] == entry["channel"]]
-    if not is_of_actuator(content) or not sizes or not entry["share"]:
+    rest = _remainder_of(content, entry)
+    if rest is None or not is_of_actuator(content):
         return False
-    rest = sizes[0]
-    repeats = (rest["repeatable"] / rest["rmse"]) ** 2 if rest["rmse"] > 0.0 else 0.0
-    return bool(repeats < 0.5 * entry["share"])
+    return bool(_share(rest, "repeatable") < 0.5 * entry["share"])
 
 
 def remainder_lines(content: Content) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ def adjusted(p_values: Sequence[float]) -> FloatArray:
     p = np.asarray(p_values, dtype=float)
     order = np.argsort(p)
     rank = np.arange(1, len(p) + 1)
-    scaled = p[order] * (len(p) / rank * np.sum(1.0 / rank))
+    scaled = p[order] * (len(p) / rank * _of_dependence(len(p)))
     found = np.empty_like(p)
     # Of those with larger p-values none is adjusted to less.
     found[order] = np.minimum.accumulate(scaled[::-1])[::-1]
@@ -32,7 +32,12 @@ def largest_significant(p_values: Sequence[float]) -> float:
     """The p-value up to which these (n,), adjusted, are significant; of none, that of a first."""
     n = len(p_values)
     found = max(int(np.count_nonzero(adjusted(p_values) < SIGNIFICANCE)), 1)
-    return SIGNIFICANCE * found / (n * float(np.sum(1.0 / np.arange(1, n + 1))))
+    return SIGNIFICANCE * found / (n * _of_dependence(n))
+
+
+def _of_dependence(n: int) -> float:
+    """By what the correction of n independent tests grows for such as depend on one another."""
+    return float(np.sum(1.0 / np.arange(1, n + 1)))
 
 
 __all__ = ["SIGNIFICANCE", "adjusted", "largest_significant"]

@@ -211,9 +211,10 @@ class FitQuality:
         """ "good", "usable", "usable: ...", "poor: ..." or "impossible: ..."."""
         if self.impossible:
             return f"impossible: {'; '.join(self.impossible)}"
-        found = [self._of_used(), *map(self._of_excluded, self.left_out)]
-        if self.outdone_by:  # says more than the lack of fit that it explains
-            found.insert(0, ("usable", f"{self.outdone_by} follows these tests better"))
+        # First what says more than the lack of fit that it explains.
+        outdone = f"{self.outdone_by} follows these tests better"
+        found = [("usable", outdone)] if self.outdone_by else []
+        found += [self._of_used(), *map(self._of_excluded, self.left_out)]
         if self.contradicted:
             found.append(("usable", CONTRADICTED))
         if self.spare == 0:

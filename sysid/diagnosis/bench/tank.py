@@ -361,10 +361,10 @@ class TankComponent(Component):
         together = stack_models(lanes) if models[1:] else models[0]
         iso = self._iso6358([law for law in laws for _ in shown])
         end, first = max(d.time[-1] for d in chosen), min(d.bin_s for d in chosen)
-        cools = self.law == ISO6358 or self._adiabatic(laws[:1], 1) is not None
+        warm = self._adiabatic(laws, len(shown))
+        cools = self.law == ISO6358 or warm is not None
         longest = _LONGEST_STEP_BINS[ISO6358 if cools else THESIS] * first
         times = tank_gas.grid(float(end), first, longest, _GROWTH)
-        warm = self._adiabatic(laws, len(shown))
         found = tank_gas.simulated(starts, times, together, iso, warm)
         runs = np.split(np.arange(len(lanes)), len(models))
         return [

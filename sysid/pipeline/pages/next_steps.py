@@ -119,9 +119,11 @@ def next_line(
 def lacking_line(bundle: Bundle, *, is_weighed: bool) -> str:
     """The first number that lacks information; empty where none does. `is_weighed`: wide intervals
     are judged by what they do to the motion instead."""
-    for name, lacks, helps in (*_missing(bundle), *(() if is_weighed else _wide(bundle))):
-        return f"{title_of(name)} ({lacks}): {helps}."
-    return ""
+    found = (*_missing(bundle), *(() if is_weighed else _wide(bundle)))
+    if not found:
+        return ""
+    name, lacks, helps = found[0]
+    return f"{title_of(name)} ({lacks}): {helps}."
 
 
 def best_test(tests: Sequence[Content]) -> str:

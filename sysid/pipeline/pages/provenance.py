@@ -11,6 +11,7 @@ from typing import Any
 from sysid.blocks.numbers import MISSING
 from sysid.blocks.sections import Block, Fold, Section
 from sysid.blocks.tables import Table, table
+from sysid.blocks.titles import use_word
 from sysid.parameters import Bundle, Provenance
 
 _PACKAGES = ("numpy", "scipy", "jax", "torch", "matplotlib", "bokeh")
@@ -51,10 +52,7 @@ def _made(bundle: Bundle) -> Table:
 
 
 def _logs(source: Provenance) -> Table:
-    rows = [
-        (e.file, e.kind or MISSING, "held out" if e.use == "holdout" else "training", e.sha256)
-        for e in source.logs
-    ]
+    rows = [(e.file, e.kind or MISSING, use_word(e.use), e.sha256) for e in source.logs]
     columns = ("Log", "Kind", "Use", "SHA-256")
     return table(
         "Logs of the bundle's campaign",
@@ -76,8 +74,8 @@ def _flat(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]
         if isinstance(value, Mapping):
             rows += _flat(value, f"{prefix}{key}.")
         else:
-            shown = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-            shown = _WORDS.get(shown, shown)
+            shown = json.dumps(value, ensure_ascii=False)
+            shown = value if isinstance(value, str) else _WORDS.get(shown, shown)
             rows.append((f"{prefix}{key}", shown))
     return rows
 
