@@ -486,10 +486,10 @@ def _summary(fit: DirectionFit, average: ValveAverage | None) -> str:
         law = own.get("held_out")
         if law is not None and obeys_averaged_law(law.rmse, made.network.rmse, made.noise_rmse):
             return (
-                f"{where}: use the averaged law: RMSE in duty on held-out tests {law.rmse:.4f}; of "
-                f"the two surfaces {made.recommended}: {made.reason}"
+                f"{where}: use the averaged law: RMSE on held-out tests {100.0 * law.rmse:.2f} "
+                f"points of duty; of the two surfaces {made.recommended}: {made.reason}"
             )
-        return f"{where}: use {fit.comparison.recommended}: {fit.comparison.reason}"
+        return f"{where}: use {made.recommended}: {made.reason}"
     parts = []
     for name, errors in fit.errors.items():
         use, error = ("held-out", errors["held_out"]) if "held_out" in errors else (
