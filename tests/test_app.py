@@ -414,6 +414,15 @@ def test_a_job_is_cancelled_in_the_page(window: Page) -> None:
     assert not list((window.server.folder / "results").glob("**/.sysid-*.tmp"))
 
 
+@pytest.mark.parametrize("key", ["2", "6"])
+def test_what_is_chosen_from_a_list_is_next_to_it(key: str, window: Page) -> None:
+    window.show(key)
+    window.page.locator(".wide button").first.wait_for()
+    side, wide = (window.page.locator(f".{name}").first.bounding_box() for name in ("side", "wide"))
+    assert side and wide and side["x"] + side["width"] <= wide["x"]
+    assert abs(side["y"] - wide["y"]) < 60.0
+
+
 def test_a_narrow_dark_window(server: Server, browser: Any) -> None:
     context = browser.new_context(viewport={"width": 800, "height": 900}, color_scheme="dark")
     page = Page(server, context.new_page()).open()
@@ -423,6 +432,8 @@ def test_a_narrow_dark_window(server: Server, browser: Any) -> None:
     tests = page.page.locator(".scroll").first
     assert tests.evaluate("(node) => node.scrollWidth <= node.clientWidth")  # nothing is cut off
     assert wide <= 800
+    side, chosen = (page.page.locator(f".{name}").first.bounding_box() for name in ("side", "wide"))
+    assert side and chosen and side["y"] + side["height"] <= chosen["y"]
     assert colour == "rgb(21, 24, 28)"
     assert page.faults == []
     context.close()

@@ -206,6 +206,18 @@ def grid(panes: Sequence[Any], columns: int = _WIDE_PLOTS) -> Any:
     )
 
 
+def beside(side: Sequence[Any], wide: Sequence[Any]) -> Any:
+    """A list, and next to it what was chosen from it; below it where the window is narrow."""
+    # Not Panel's FlexBox: its children are in a box of its own, which wraps them in any window.
+    return pn.Column(
+        pn.Column(*side, css_classes=["side"], margin=0),
+        pn.Column(*wide, css_classes=["wide"], margin=0),
+        sizing_mode="stretch_width",
+        css_classes=["split"],
+        margin=0,
+    )
+
+
 def section_panes(section: Section, scheme: Scheme, chosen: Chosen | None = None) -> list[Any]:
     """A section of the report: its heading, its first paragraphs and its blocks."""
     head = f"<h2>{words(section.title)}</h2>" + "".join(f"<p>{coded(p)}</p>" for p in section.intro)
@@ -218,6 +230,7 @@ def column(*panes: Any) -> Any:
 
 
 __all__ = [
+    "beside",
     "block_panes",
     "button",
     "card",

@@ -97,12 +97,9 @@ class EffectsScreen(Screen):
         self.content = content
         self.head.object = self._head(content)
         self.list.object = self._list(content)
-        left = pn.Column(self.list, css_classes=["side"], margin=0)
         inner = (self.controls, self.values, self.table, self.plot, self.held_out)
-        right = pn.Column(*inner, css_classes=["wide"], margin=0)
         self._draw_choice()
-        panes = [self.head, pn.FlexBox(left, right, css_classes=["split"],
-                                       sizing_mode="stretch_width")]  # fmt: skip
+        panes = [self.head, parts.beside([self.list], inner)]
         if content.section is not None:
             panes.append(self.section_place(content.section))
         return panes

@@ -105,9 +105,7 @@ class LookScreen(Screen):
             self.chosen = [row.key for row in content if row.trial is not None][:1]
         self.list.object = self._list()
         self._draw_traces()
-        left = pn.Column(self.list, css_classes=["side"], margin=0)
-        right = pn.Column(self.bar, self.plot, css_classes=["wide"], margin=0)
-        return [pn.FlexBox(left, right, css_classes=["split"], sizing_mode="stretch_width")]
+        return [parts.beside([self.list], [self.bar, self.plot])]
 
     # --- the list -------------------------------------------------------------------------
 
