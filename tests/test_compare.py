@@ -24,7 +24,7 @@ from sysid.identification.valve_discrete.responses import Responses
 from sysid.parameters import Bundle
 from sysid.parameters.effects import EffectEntry, entry_of
 from sysid.parameters.refinement import Refinement
-from sysid.pipeline.compare import write_comparison
+from sysid.pipeline.compare import shown_names, write_comparison
 from sysid.plant.effects import AtmosphereLeakage
 
 
@@ -323,6 +323,15 @@ def test_responses_of_candidate_valves_follow_from_their_laws(bundle: Bundle) ->
     valves = si.compare(bundle)
     assert valves.names == ("valve A", "valve B") and valves.movements and not valves.effects
     assert valves.to_frame()["part"].unique().tolist() == ["valve discrete"]
+
+
+def test_names_of_bundles_are_as_short_as_they_can_be() -> None:
+    far = "/measurements/rig 3/"
+    assert shown_names([f"{far}a.json", f"{far}b.json"]) == ["a.json", "b.json"]
+    assert shown_names([f"{far}1/a.json", f"{far}2/a.json"]) == ["1/a.json", "2/a.json"]
+    assert shown_names([f"{far}a.json", f"{far}a.json"]) == ["a.json", "a.json (2)"]
+    same = [f"{far}1/a.json", f"{far}2/a.json", f"{far}1/a.json"]
+    assert shown_names(same) == ["1/a.json", "2/a.json", "1/a.json (2)"]
 
 
 def test_the_page_says_what_moved_by_titles(bundle: Bundle, tmp_path: Path) -> None:

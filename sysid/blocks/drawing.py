@@ -23,8 +23,13 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Of a legend above the data: a row's height, inches, and how many letters fit into a row.
-_LEGEND_ROW, _LEGEND_LETTERS = 0.17, 40
+# Of a legend above the data: a row's height and what is around all rows, inches, and how many
+# letters fit into a row of a panel.
+_LEGEND_ROW, _LEGEND_EDGE, _LEGEND_LETTERS = 0.15, 0.09, 40
+# Inches of a letter of a legend, and how many letters a line's sample takes.
+_LETTER, _SAMPLE = 0.074, 5
+# A legend wider than this share of the axes hides data wherever it is.
+_WIDE = 0.7
 # A bitmap's colour cannot follow a page's scheme: one that works on light and dark.
 _CLOUD = "#8a96a3"
 _DASHES: Mapping[str, Any] = {
@@ -262,12 +267,13 @@ def _legend(ax: Axes, panel: Panel) -> None:
     labels = ax.get_legend_handles_labels()[1]
     if panel.legend == "none" or not 0 < len(labels) <= MOST_IN_LEGEND:
         return
-    if panel.legend == "above":
-        # A line's sample takes about five letters.
-        is_short = sum(len(label) + 5 for label in labels) <= _LEGEND_LETTERS
-        columns = len(labels) if is_short else 2
-        height = ax.get_position().height * ax.get_figure(root=True).get_figheight()  # type: ignore[union-attr]
-        room = min(_LEGEND_ROW * math.ceil(len(labels) / columns) / height, 0.5)
+    width, height = ax.get_position().size * ax.get_figure(root=True).get_size_inches()  # type: ignore[union-attr]
+    wide = _LETTER * max(len(label) + _SAMPLE for label in labels)
+    if panel.legend == "above" or (panel.legend == "best" and wide > _WIDE * width):
+        is_short = sum(len(label) + _SAMPLE for label in labels) <= _LEGEND_LETTERS
+        columns = len(labels) if is_short else 2 if wide < 0.8 * width else 1
+        rows = math.ceil(len(labels) / columns)
+        room = min((_LEGEND_ROW * rows + _LEGEND_EDGE) / height, 0.5)
         low, high = ax.get_ylim()
         is_log = panel.y.kind == "log"
         share = 1.0 / (1.0 - room)

@@ -128,6 +128,7 @@ def _environment(folder: Path | None = None) -> Any:
         finalize=lambda value: value if isinstance(value, Markup) else _readable(value),
     )
     environment.filters["typeset"] = _in_text
+    environment.filters["longest_word"] = lambda text: max(map(len, text.split()), default=0)
     return environment
 
 

@@ -16,6 +16,9 @@ from sysid.io.files import write_atomic
 from sysid.parameters import Bundle
 from sysid.pipeline.request import require
 
+# Inches of a figure across the page's one column: its curves have whole names of bundles.
+_WIDE = (7.0, 2.6)
+
 
 def compare(*bundles: Bundle) -> Comparison:
     """Parameters of bundles side by side, and what moved against the first; or valve B against A.
@@ -64,7 +67,7 @@ def write_comparison(path: Path, found: Comparison) -> None:
             "Each valve fills and empties the same chamber from the same supply by its own fitted "
             "law, with its own delays (thesis 3.2.1).",
         )
-        sections.append(Section("responses", "Responses", intro, found.responses.blocks()))
+        sections.append(Section("responses", "Responses", intro, found.responses.blocks(_WIDE)))
     page = fill(
         "control.html",
         name=found.names[0],
@@ -81,16 +84,18 @@ def write_comparison(path: Path, found: Comparison) -> None:
 
 def shown_names(sources: Sequence[str]) -> list[str]:
     """Names that distinguish files: their own, with folders where needed, numbered if the same."""
-    paths = [Path(source) for source in sources]
-    for length in range(1, max((len(p.parts) for p in paths), default=1) + 1):
-        names = ["/".join(p.parts[-length:]) for p in paths]
-        if len(set(names)) == len(names):
-            return names
+    paths = {source: Path(source) for source in sources}
+    short: dict[str, str] = {}
+    for length in range(1, max((len(p.parts) for p in paths.values()), default=1) + 1):
+        short = {source: "/".join(p.parts[-length:]) for source, p in paths.items()}
+        if len(set(short.values())) == len(short):
+            break
     seen: Counter[str] = Counter()
     names = []
     for source in sources:
         seen[source] += 1
-        names.append(source if seen[source] == 1 else f"{source} ({seen[source]})")
+        times = seen[source]
+        names.append(short[source] if times == 1 else f"{short[source]} ({times})")
     return names
 
 

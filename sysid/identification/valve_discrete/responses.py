@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sysid.blocks.drawing import plot_panels
-from sysid.blocks.figures import Dash, Figure, Line, Mark, Panel, Role, Rule, Scale
+from sysid.blocks.figures import PANEL, Dash, Figure, Line, Mark, Panel, Role, Rule, Scale
 from sysid.blocks.numbers import estimate_cells, number
 from sysid.blocks.sections import Block, FigureGroup, Fold
 from sysid.blocks.shown import Shown
@@ -115,7 +115,9 @@ class Responses(Shown):
         """Pressure over time, filling and discharging; returns the axes."""
         return plot_panels([figure.panels[0] for figure in self.figures()], axes)
 
-    def figures(self, id: str = "fig-responses") -> tuple[Figure, ...]:
+    def figures(
+        self, id: str = "fig-responses", size: tuple[float, float] = PANEL
+    ) -> tuple[Figure, ...]:
         """Filling and discharging, a figure each (Figure 3.1)."""
         valves = list(dict.fromkeys(r.valve for r in self.responses))
         found = []
@@ -138,15 +140,16 @@ class Responses(Shown):
                     word.capitalize(),
                     f"{word}: {described}.",
                     (Panel(x, y, (*marks,)),),
+                    size=size,
                 )
             )
         return tuple(found)
 
-    def blocks(self) -> tuple[Block, ...]:
+    def blocks(self, size: tuple[float, float] = PANEL) -> tuple[Block, ...]:
         """The figures with their caption, and the times, for a page."""
         caption = f"Responses over one another, as fitted: {self._chamber()}."
         times = Fold("Times of the responses", tuple(self.tables()))
-        return (FigureGroup(caption, self.figures()), times)
+        return (FigureGroup(caption, self.figures(size=size)), times)
 
     def _chamber(self) -> str:
         kpa = (number(1e-3 * p) for p in (self.supply_pa, self.atmosphere_pa))
