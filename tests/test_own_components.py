@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -182,6 +183,10 @@ def test_it_is_checked_validated_and_reported(cylinder: Path) -> None:
     text = page.read_text("utf-8")
     assert "Component of the user" in text and "fig-own-pressure_pa-0" in text
     assert "open loop: fit" in text and "stiffness_n_per_m" in text
+    # Each error has its unit, and a log's use is the word of every other table.
+    errors = re.findall(r'<td data-label="(Use|Unit)"[^>]*>([^<]*)</td>', text)
+    assert {("Use", "held out"), ("Use", "training"), ("Unit", "m"), ("Unit", "Pa")} <= {*errors}
+    assert ("Use", "fit") not in errors
 
 
 def test_a_law_that_changed_since_the_fit_is_said(tmp_path: Path) -> None:

@@ -23,7 +23,8 @@ from part_reports import PART_NAMES, write_part_report
 from shared_results import bundled_fit
 
 from sysid.blocks import numbers, standing, svg
-from sysid.blocks.tables import Table
+from sysid.blocks.html import block_html
+from sysid.blocks.tables import Table, table
 from sysid.checks.log_check import check_log
 from sysid.diagnosis.figures import regressor_axis, waterfall
 from sysid.diagnosis.wording import error_unit
@@ -472,6 +473,26 @@ def test_a_legend_over_a_wide_figure_stands_beside_its_title() -> None:
     assert float(last) < 0.4 * float(width)  # a phone shows half of the width
 
 
+@pytest.mark.parametrize("name", ["on/off law", "after the seals were new/fitted.json, valve A"])
+@pytest.mark.parametrize("legend", ["best", "above"])
+def test_a_legend_hides_no_curve(name: str, legend: Any) -> None:
+    from sysid.blocks import drawing
+    from sysid.blocks.figures import PANEL, Line, Panel, Scale
+
+    x = np.linspace(0.0, 1.0, 50)
+    waves = [Line(x, 2.0 + 0.1 * np.sin(40.0 * x + i), "model", f"{name}{i}") for i in range(2)]
+    panel = Panel(Scale("Time", "s"), Scale("Error", limits=(0.0, None)), (*waves,), legend=legend)
+    with svg.styled():
+        figure, (ax,) = svg.panels("", (1.0,), PANEL if legend == "above" else (7.0, 2.6))
+        drawing.draw(ax, panel)
+        figure.draw_without_rendering()
+        text = [t.get_window_extent() for t in ax.get_legend().get_texts()]
+        curves = ax.transData.transform(np.concatenate([np.c_[w.x, w.y] for w in waves]))
+    for box in text:
+        within = (curves > (box.x0, box.y0)) & (curves < (box.x1, box.y1))
+        assert not within.all(axis=1).any()
+
+
 def test_a_motor_alone_has_no_valves() -> None:
     bundles: list[Any] = [
         SimpleNamespace(rig=SimpleNamespace(is_motor_alone=alone)) for alone in (True, False)
@@ -724,6 +745,16 @@ def test_the_next_step_is_weighed_by_what_it_does_to_the_motion() -> None:
     assert line.startswith("Viscous friction: its standard error moves")
     assert "4.0 mrad (held-out RMSE 6.0 mrad)" in line
     assert "No number is too uncertain" in next_line(bundle, None, None, lambda: moves, 0.06)
+    # The section that the first screen leads to names that number too, and no command fails.
+    shown = next_section(bundle, None, "run.csv", None, lambda: moves, 0.006)
+    assert shown is not None
+    (lacking,) = (b for b in shown.blocks if isinstance(b, Table))
+    assert [str(row[0]) for row in lacking.rows if "4.0 mrad" in row[1]] == ["Viscous friction"]
+    diagnosed = {**plain, "component": "actuator"}
+    for file in ("campaign.toml", "run.csv"):
+        shown = next_section(bundle, diagnosed, file)
+        assert shown is not None
+        assert any("sysid advise" in text for text in shown.intro) == (file == "campaign.toml")
     section = next_section(bundle, None, "campaign.toml", None, lambda: moves)
     assert section is not None
     assert not [text for text in section.intro if "Ordered" in text]  # of one block
@@ -742,6 +773,10 @@ def test_messages_have_a_page_s_signs() -> None:
         shown = shown.replace(plain, sign)
     assert typeset(line) == shown
     assert typeset("keys such as coulomb_nm, 3 Nmax") == "keys such as coulomb_nm, 3 Nmax"
+    # In a table a reason stands among the numbers.
+    reason = "no discharge starts above the choked boundary (1.887e+05 Pa)"
+    cells = block_html(table("Valve", ("Parameter", "Value"), [("Flow", reason)]))
+    assert "(188700 Pa)" in cells and "e+05" not in cells
 
 
 def test_unidentified_parameters_are_named(made: Made) -> None:
@@ -751,6 +786,10 @@ def test_unidentified_parameters_are_named(made: Made) -> None:
     bundle = made.bundle.replaced(friction=made.bundle.friction.replaced(static_nm=static))
     notes = verdict(bundle, made.validation).notes
     assert any("Static friction" in n and reason in n for n in notes)
+    # On the first screen once: what to do next names it with its reason.
+    html = render_report(campaign=made.campaign, bundle=bundle)
+    first = plain(html[html.index("Verdict</") : html.index("Data and their quality</h2>")])
+    assert first.count(reason) == 1 and "Static friction (not identified" in first
 
 
 def test_the_first_screen_says_what_a_refinement_made_worse(made: Made) -> None:

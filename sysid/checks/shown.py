@@ -43,7 +43,8 @@ def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
     intro = (
         f"{count}, {held} of them held out: no parameter was fitted to these."
         if held
-        else f"{count}; none is held out, so that the errors below are those on the training data.",
+        else f"{count}; none is held out, so that the errors below are those on the training data; "
+        "errors called held-out are of training tests, each excluded from the fit in turn.",
     )
     return Section("data", "Data and their quality", intro, tuple(blocks))
 

@@ -74,8 +74,8 @@ def _incomplete(content: Content) -> str:
     stages = list(dict.fromkeys(stage_text(e["stage"], e.get("round")) for e in missed))
     if not stages:
         return ""
-    lead = "Not" if content["verdict"] == "incomplete" else "The search is incomplete: not"
-    return f" {lead} done: {joined(stages)}."
+    lead = "Not done: " if content["verdict"] == "incomplete" else "The search did not complete "
+    return f" {lead}{joined(stages)}."
 
 
 def _is_undecided(content: Content) -> bool:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from sysid.blocks.figures import Figure, Line, Panel, Rule, Scale
 from sysid.blocks.numbers import number, span
+from sysid.blocks.numbers import unit as shown_unit
 from sysid.blocks.sections import Block, FigureGroup, Section
 from sysid.blocks.tables import table
 from sysid.blocks.titles import use_word
@@ -26,7 +27,7 @@ def own_section(
         "estimated by least squares of its outputs; each interval allows for correlated residuals."
     ]
     if validation is not None:
-        blocks.append(_errors(validation))
+        blocks.append(_errors(validation, units))
         tests = _shown(validation)
         used = use_word(tests[0].use, before_noun=True)
         blocks += [_group(name, tests, units.get(name, ""), used) for name in tests[0].measured]
@@ -39,28 +40,29 @@ def _parameters(part: ComponentRecord) -> Block:
     for name, estimate in part.parameters.items():
         if estimate.identified:
             low, high = estimate.interval
-            numbers = (number(estimate.value), span(low, high), estimate.unit)
+            numbers = (number(estimate.value), span(low, high), shown_unit(estimate.unit))
         else:
-            numbers = ("not identified", estimate.reason or "", estimate.unit)
+            numbers = ("not identified", estimate.reason or "", shown_unit(estimate.unit))
         rows.append((name, *numbers))
     return table("Parameters", ("Parameter", "Value", "95 % interval", "Unit"), rows, text=(3,))
 
 
-def _errors(validation: ValidationResult) -> Block:
+def _errors(validation: ValidationResult, units: Mapping[str, str]) -> Block:
     rows = [
         (
             log.name,
-            "held out" if log.use == "holdout" else "fit",
+            use_word(log.use),
             name,
             number(channel.errors.rmse),
-            "-" if channel.errors.fit_percentage is None else number(channel.errors.fit_percentage),
+            number(channel.errors.fit_percentage),
             number(channel.noise_floor),
+            shown_unit(units.get(name, "")),
         )
         for log in validation.logs
         for name, channel in log.channels.items()
     ]
-    columns = ("Log", "Use", "Output", "RMSE", "Fit, %", "Sensor noise")
-    return table("Errors of whole tests, in each output's unit", columns, rows, text=(1, 2))
+    columns = ("Log", "Use", "Output", "RMSE", "Fit, %", "Sensor noise", "Unit")
+    return table("Errors of whole tests", columns, rows, text=(1, 2, 6))
 
 
 def _shown(validation: ValidationResult) -> Sequence[TestResult]:
@@ -80,7 +82,7 @@ def _figure(key: str, name: str, test: TestResult, unit: str) -> Figure:
     time = Scale("Time", "s")
     panels = (
         Panel(time, Scale(name, unit), test.curves(name, "modelled"), 2.0),
-        Panel(time, Scale("Residual"), (left, Rule(0.0)), legend="none"),
+        Panel(time, Scale("Residual", unit), (left, Rule(0.0)), legend="none"),
     )
     rmse = number(test.channels[name].errors.rmse)
     description = f"{name} of {of}, as measured and as modelled: RMSE {rmse} {unit}".rstrip() + "."

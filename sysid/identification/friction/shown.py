@@ -37,10 +37,12 @@ def friction_section(bundle: Bundle) -> Section:
         blocks.append(Fold(caption, (check.shown(caption),)))
         # Of a refined or extended bundle the numbers are no longer those of the tests alone.
         blocks += [] if bundle.refinement or bundle.effects else _disagreements(friction)
+    speed = speed_figure(friction)
+    law = "friction over speed, one point per constant-effort test, with these parameters' law"
+    if speed is not None and any(isinstance(mark, Band) for mark in speed.panels[0].marks):
+        law += " and the 95 % band in which it lies (single tests scatter beyond it)"
     figures = {
-        "friction over speed, one point per constant-effort test, with the law of these "
-        "parameters and the 95 % band in which the law lies (single tests scatter beyond "
-        "it)": speed_figure(friction),
+        law: speed,
         "breakaway by starting position, with each position's mean and its 95 % interval": (
             breakaway_figure(friction)
         ),

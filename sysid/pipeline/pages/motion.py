@@ -73,8 +73,8 @@ def validation_section(
     ]
     if len(shown) < len(tests):
         intro.append(
-            f"Of {len(tests)} tests {len(shown)} are drawn: those held out, and of each kind "
-            "without held-out tests the one with the worst fit."
+            f"{len(shown)} of {len(tests)} tests {'is' if len(shown) == 1 else 'are'} drawn: those "
+            "held out, and of each kind without held-out tests the one with the worst fit."
         )
     return Section("validation", "Open-loop validation", tuple(intro), tuple(blocks))
 

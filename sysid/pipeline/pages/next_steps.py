@@ -44,11 +44,13 @@ def next_section(
     campaign: str,
     advice: Content | None = None,
     moves: Moves = dict,
+    rmse: float | None = None,
 ) -> Section | None:
     """The section on next steps, from what was found.
 
     `campaign` is its file's name, `advice` what `sysid advise --json` prints, `moves` is asked
-    where parameters have to be ordered. None without next steps.
+    where parameters have to be ordered, `rmse` is the held-out one of the position, rad or m. None
+    without next steps.
     """
     found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
     blocks: list[Block] = []
@@ -57,7 +59,7 @@ def next_section(
         said = advice_on_rest(found)
         blocks += [Lines(said)] if said else []
     if not bundle.rig.is_tank_alone:  # no other test of a tank gives what its discharge does not
-        blocks += _lacking(bundle, moves)
+        blocks += _lacking(bundle, moves, rmse)
     if advice is not None:
         blocks += _advised(advice)
     is_advised = is_of_actuator(found) and bundle.friction is not None and bundle.valves is not None
@@ -73,7 +75,7 @@ def next_section(
             "Predicted for this rig. To write such a test as a file that the rig can play: "
             f"`sysid advise {campaign} --bundle bundle.json -o next.csv`."
         )
-    elif is_advised:
+    elif is_advised and campaign.endswith(".toml"):  # it asks for a campaign, not for a log
         intro.append(
             f"`sysid advise {campaign} --bundle bundle.json` predicts for this rig what each of a "
             "list of further tests would add, and the smallest size of every effect that they "
@@ -146,18 +148,29 @@ def _most_moved(bundle: Bundle, moves: Mapping[str, float], rmse: float | None) 
     """The number whose error moves the simulated position most, and whether that matters."""
     if not moves:
         return ""
-    name = max(moves, key=moves.__getitem__)
-    by = _shown(bundle, moves[name])
-    moved = f"{title_of(name)}: its standard error moves the simulated position by {by}"
-    if rmse is None:
-        return f"{moved}: {_MORE}."
-    of_all = f"(held-out RMSE {_shown(bundle, rmse)})"
-    if moves[name] ** 2 >= _MATTERS * rmse**2:
-        return f"{moved} {of_all}: {_MORE}."
+    if found := _mover(bundle, moves, rmse):
+        name, moved, helps = found
+        return f"{title_of(name)}: {moved}: {helps}."
     return (
         f"No number is too uncertain: no standard error moves the simulated position by more than "
-        f"{by} {of_all}. More tests of these kinds would not lower that error."
+        f"{_shown(bundle, max(moves.values()))} (held-out RMSE {_shown(bundle, rmse or 0.0)}). "
+        "More tests of these kinds would not lower that error."
     )
+
+
+def _mover(
+    bundle: Bundle, moves: Mapping[str, float], rmse: float | None
+) -> tuple[str, str, str] | None:
+    """That number with what its error does and what would help; None where it does little."""
+    if not moves:
+        return None
+    name = max(moves, key=moves.__getitem__)
+    moved = f"its standard error moves the simulated position by {_shown(bundle, moves[name])}"
+    if rmse is None:
+        return name, moved, _MORE
+    if moves[name] ** 2 < _MATTERS * rmse**2:
+        return None
+    return name, f"{moved} (held-out RMSE {_shown(bundle, rmse)})", _MORE
 
 
 def _shown(bundle: Bundle, position: float) -> str:
@@ -268,10 +281,11 @@ def _missing(bundle: Bundle) -> Iterator[tuple[str, str, str]]:
     yield from _uninformed(bundle)
 
 
-def _lacking(bundle: Bundle, moves: Moves) -> list[Block]:
-    """What is not identified, then wide intervals, those first that move the simulation most."""
+def _lacking(bundle: Bundle, moves: Moves, rmse: float | None) -> list[Block]:
+    """What is not identified, then what moves the simulation most, then wide intervals."""
     wide = list(_wide(bundle))
-    moved = moves() if wide else {}
+    moved = moves()
+    mover = _mover(bundle, moved, rmse)
 
     def moves_it(name: str) -> str:
         if name in moved:
@@ -279,7 +293,10 @@ def _lacking(bundle: Bundle, moves: Moves) -> list[Block]:
         return "; the simulated model has no such term" if moved else ""
 
     wide.sort(key=lambda row: -moved.get(row[0], 0.0))
-    found = [*_missing(bundle), *((n, f"{lacks}{moves_it(n)}", helps) for n, lacks, helps in wide)]
+    found = list(_missing(bundle))
+    if mover is not None and all(mover[0] != name for name, *_ in (*found, *wide)):
+        found.append(mover)
+    found += [(n, f"{lacks}{moves_it(n)}", helps) for n, lacks, helps in wide]
     if not found:
         return []
     rows = [(named_number(name), lacks, helps) for name, lacks, helps in found]

@@ -115,17 +115,24 @@ def render_report(
     judged = _judged(bundle, validation, diagnosis)
     off = position_rmse(validation)
     following = on_its_own(partial(next_line, bundle, diagnosis, advice, moves, off))
+    said_next = ("" if isinstance(following, Failure) else following) or unfinished(
+        bundle, diagnosis, is_validated=validation is not None
+    )
+    own_notes = [note for note in judged.notes if not _says_as_much(said_next, note)]
     judged = replace(
         judged,
-        notes=(*_other_rig(campaign, bundle), *judged.notes, *excluded_lines(campaign)),
-        following=(
-            ("" if isinstance(following, Failure) else following)
-            or unfinished(bundle, diagnosis, is_validated=validation is not None)
-        ),
+        notes=(*_other_rig(campaign, bundle), *own_notes, *excluded_lines(campaign)),
+        following=said_next,
     )
     picture = on_its_own(partial(first_picture, validation, diagnosis, campaign.rig.is_linear))
     shown = None if isinstance(picture, Failure) else picture
     return _fill(campaign, bundle, judged, shown, sections, left_out)
+
+
+def _says_as_much(following: str, note: str) -> bool:
+    """Whether what to do next names the one number that a note says is not identified."""
+    name, lacks, _ = following.partition(" (not identified")
+    return bool(lacks) and note.startswith(f"Not identified: {name}: ")
 
 
 def _judged(
@@ -274,7 +281,8 @@ def report_parts(
     def next_steps() -> Section | None:
         from sysid.pipeline.pages.next_steps import next_section
 
-        return next_section(bundle, diagnosis, campaign.path.name, advice, moved_by)
+        off = position_rmse(validation)
+        return next_section(bundle, diagnosis, campaign.path.name, advice, moved_by, off)
 
     def own() -> Section | None:
         from sysid.validation.shown_own import own_section
@@ -298,7 +306,7 @@ def report_parts(
         part = bundle.refinement
         return None if part is None else refinement_section(part, campaign.rig)
 
-    skipped = (diagnosis or {}).get("skipped", _NOT_DIAGNOSED)
+    skipped = (diagnosis or {}).get("skipped", _NOT_DIAGNOSED).removeprefix("diagnosis: ")
     diagnosed_part = ("diagnosis", "Diagnosis", skipped, diagnosed)
     following = ("next", "What to do next", "", next_steps)  # the first screen says it too
     if bundle.component is not None:
