@@ -15,6 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from sysid.errors import (
     Failure,
     InputError,
@@ -122,23 +124,29 @@ def _valves(trials: Sequence[Trial], valve: str | None, rig: Rig) -> list[str]:
         return [valve]
     names = [f"valve_{rig.filled_by(v)}" for v in rig.sides]
     if not any(name in t for name in names for t in trials):
-        raise _no_command(trials[0], names)
+        raise _no_command(trials[0], names, rig)
     switched = [v for v in rig.sides if any(is_switched(t, v) for t in trials)]
     if not switched:
+        names = [f"valve_{v}" for v in rig.valve_names]
         verb = "stay" if len(names) > 1 else "stays"
         raise NotIdentifiedError(
             f"{trials[0].source}: no test switches a valve on ({' and '.join(names)} {verb} 0): no "
-            "flow is identified; a valve-discrete test (off, on for 3 s, off, piston held) would"
+            f"flow is identified; a valve-discrete test ({rig.valve_steps}) would"
         )
     return switched
 
 
-def _no_command(trial: Trial, names: Sequence[str]) -> InputError:
+def _no_command(trial: Trial, names: Sequence[str], rig: Rig) -> InputError:
     if len(names) > 1:
         what, them = f"columns {' and '.join(names)} are missing", "them"
     else:
         what, them = f"column {names[0]} is missing", "it"
     fix = f'add {them}, or map {them} with --map "{names[0]}=COLUMN"'
+    own = [v for v in rig.valve_names if f"duty_{v}" in trial]
+    if own and all(np.isin(trial[f"duty_{v}"], (0.0, 1.0)).all() for v in own):
+        maps = " ".join(f'--map "valve_{v}=duty_{v}"' for v in own)
+        duties, verb = " and ".join(f"duty_{v}" for v in own), "are" if len(own) > 1 else "is"
+        fix = f"{duties} {verb} 0 or 1 throughout: map {them} with {maps}"
     return input_error(trial.source, what, fix)
 
 
@@ -163,10 +171,11 @@ def _fit_valve(
             "flow_control out where the valve has none"
         )
     if not used:
-        trials[0].require([f"valve_{valve}"], f"which tells when {title} switches")
+        own = f"valve_{rig.filled_by(valve)}"
+        trials[0].require([own], f"which tells when {title} switches")
         raise NotIdentifiedError(
-            f"{title}: no test switches it on (valve_{valve} stays 0): none of its parameters is "
-            "identified; a valve-discrete test of it (off, on for 3 s, off, piston held) would"
+            f"{title}: no test switches it on ({own} stays 0): none of its parameters is "
+            f"identified; a valve-discrete test of it ({rig.valve_steps}) would"
         )
     screened = screened_tests(used, valve, rig)
     notices += [n for s in screened for n in s.notices]

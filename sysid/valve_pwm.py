@@ -106,11 +106,8 @@ def fit_valve_pwm(
         raise input_error("valve", f"{valve!r} is unknown", "use a or b")
     if valve is not None:
         rig.require_side(valve, _place(trials))
-    if rig.supply_way < 0.0:
-        raise NotIdentifiedError(
-            f"{_place(trials)}: the supply is a vacuum, under which no PWM surface is fitted; "
-            "valve-discrete tests give the law that is averaged over the pulses"
-        )
+    if rig.why_no_surfaces is not None:
+        raise NotIdentifiedError(f"{_place(trials)}: {rig.why_no_surfaces}")
     moved = [v for v in moved_valves(trials) if v in rig.sides]
     valves = moved if valve is None else [v for v in moved if v == valve]
     if not valves:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from datasets.generator.campaign import GeneratedCampaign, stream
-from datasets.generator.files import write_campaign
+from datasets.generator.files import log_frame, write_campaign
 from datasets.generator.one_chamber import (
     free_place,
     make_one_chamber_campaign,
@@ -21,10 +23,13 @@ from datasets.generator.one_chamber import (
     scaled,
 )
 from datasets.generator.rigs import GeneratedRig
+from datasets.generator.runs import Commands, logged, simulated
+from datasets.generator.valve_tests import held_start
 from sysid.balance.motion import default_cutoff
 from sysid.balance.samples import motion_samples
 from sysid.blocks.figures import Figure, Line
 from sysid.blocks.sections import FigureGroup
+from sysid.checks.identifiability import valves_identified
 from sysid.commands.app import main
 from sysid.controllers.design_model import design_from_bundle
 from sysid.diagnosis.actuator.signatures import candidates
@@ -35,12 +40,15 @@ from sysid.exporters.base_laws import mechanics
 from sysid.exporters.c_header import render
 from sysid.exporters.flat import flatten
 from sysid.friction import fit_friction
+from sysid.identification.valve_discrete.held_chamber import FLOWS
 from sysid.identification.valve_discrete.shown import discrete_section
+from sysid.identification.valve_discrete.start import flows_not_shown
 from sysid.io.campaign import read_campaign
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
 from sysid.io.rig_sections import Motor
 from sysid.io.samples import with_channels
+from sysid.io.units import parse_map
 from sysid.parameters import Bundle, Parts, write_bundle
 from sysid.parameters.effects import EffectEntry
 from sysid.parameters.friction import Friction
@@ -387,6 +395,16 @@ def shut(tmp_path_factory: pytest.TempPathFactory) -> tuple[GeneratedCampaign, P
     return made, place
 
 
+@pytest.fixture(scope="module")
+def shut_vacuum(tmp_path_factory: pytest.TempPathFactory) -> tuple[GeneratedCampaign, Path]:
+    made = make_one_chamber_campaign(
+        9, motion="linear", with_motor=False, vacuum=True, bleeds=True, kinds=("valve-discrete",)
+    )
+    place = tmp_path_factory.mktemp("shut_vacuum")
+    write_campaign(place, made, "generated")
+    return made, place
+
+
 def with_arrangement(rig_text: str, chambers: list[str]) -> Rig:
     valves = {"arrangement": "fill-and-bleed"}
     found = content(rig_text, cylinder={"chambers": chambers}, valves=valves)
@@ -473,6 +491,248 @@ def test_flows_of_two_valves_add_up(rig_text: str) -> None:
     assert flow == pytest.approx([0.0, 7e-4, out, 7e-4 + out])
     assert plant.shared_flow("a", fills, point, Model(p)) == pytest.approx(flow)
     assert not np.any(plant.discrete_flow("b", fills > 0.0, point, Model(p)))
+
+
+# --- held chambers of two valves, as people log them ---------------------------------------
+
+FILL, BLEED = "valve_a_fill", "valve_a_bleed"
+Spans = tuple[tuple[float, float], ...]  # from when to when a valve is on, s
+
+
+def bench_frame(made: GeneratedCampaign) -> pd.DataFrame:
+    """The bench tests of a campaign, as its log holds them."""
+    return log_frame(made.log("valve_discrete_a").tests, made.rig)
+
+
+def read_back(frame: pd.DataFrame, place: Path, folder: Path) -> Log:
+    """A frame written as a log, and read with the rig file of `place`."""
+    frame.to_csv(folder / "bench.csv", index=False)
+    return read_log(folder / "bench.csv", read_rig(place / "rig.toml"))
+
+
+def switched(rig: GeneratedRig, fills: Spans, bleeds: Spans, filled: bool) -> Any:
+    """A test of a held chamber of this rig, shut and `filled` or not where it begins."""
+    n = round(5.0 / rig.row_period)
+    commands = []
+    for spans in (fills, bleeds):
+        command = np.zeros(n)
+        for on, off in spans:
+            command[round(on / rig.row_period) : round(off / rig.row_period)] = 1.0
+        commands.append(command)
+    start = dataclasses.replace(held_start(rig, "a", filled), opened=(0, 0))
+    given = Commands(np.zeros(n), valve_a=commands[0], bleed=commands[1], log_motor=False)
+    states = simulated(rig, rig.plant(), given, start)
+    noise, rng = rig.truth.pressure_noise_pa, np.random.default_rng(5)
+    return logged("1", rig, given, states, noise, rng, {})
+
+
+MISTAKES: dict[str, tuple[Any, str]] = {
+    "swapped": (
+        lambda f: f.rename(columns={FILL: BLEED, BLEED: FILL}),
+        r"valve_a_fill is on and \w+ while valve_a_bleed is on: the two columns are swapped",
+    ),
+    "a normally open bleed valve": (
+        lambda f: f.assign(**{BLEED: 1 - f[BLEED]}),
+        "while it is off: valve_a_bleed is inverted",
+    ),
+    "a normally open fill valve": (
+        lambda f: f.assign(**{FILL: 1 - f[FILL]}),
+        "while it is on: valve_a_fill is inverted",
+    ),
+    "both": (
+        lambda f: f.assign(**{FILL: 1 - f[FILL], BLEED: 1 - f[BLEED]}),
+        "valve_a_fill and valve_a_bleed are inverted",
+    ),
+}
+
+
+@pytest.mark.parametrize("supply", ["pressure", "vacuum"])
+@pytest.mark.parametrize("name", MISTAKES)
+def test_mistaken_commands_of_two_valves_are_named(
+    name: str,
+    supply: str,
+    shut: tuple[GeneratedCampaign, Path],
+    shut_vacuum: tuple[GeneratedCampaign, Path],
+    tmp_path: Path,
+) -> None:
+    made, place = shut if supply == "pressure" else shut_vacuum
+    change, line = MISTAKES[name]
+    log = read_back(change(bench_frame(made)), place, tmp_path)
+    assert log.rig is not None and any(re.search(line, notice) for notice in log.notices)
+    for why in flows_not_shown(log.trials, log.rig, "a").values():
+        assert re.search(line, why) and "bench.csv" in why
+    with pytest.raises(NotIdentifiedError, match=line):
+        fit_valve_discrete(log.trials, log.rig)
+    as_it_was = read_back(bench_frame(made), place, tmp_path)
+    assert not any("swapped" in n or "inverted" in n for n in as_it_was.notices)
+
+
+@pytest.mark.parametrize("stem", ["motion_discrete", "motion_pwm", "friction_motion"])
+def test_a_motion_names_mistaken_commands_too(stem: str, tmp_path: Path) -> None:
+    kinds = (stem.replace("_", "-"),)
+    made = make_one_chamber_campaign(7, motion="linear", with_motor=False, bleeds=True, kinds=kinds)
+    write_campaign(tmp_path, made, "generated")
+    frame = log_frame(made.log(stem).tests, made.rig)
+    fill, bleed = (c for c in frame if str(c).endswith(("_fill", "_bleed")))
+    plain = read_back(frame, tmp_path, tmp_path)
+    assert not any("swapped" in n or "inverted" in n for n in plain.notices)
+    swapped = read_back(frame.rename(columns={fill: bleed, bleed: fill}), tmp_path, tmp_path)
+    assert any("the two columns are swapped" in n for n in swapped.notices)
+    # An inverted duty fills all the time where the other one never exceeds it.
+    for command in (fill, bleed) if stem == "motion_discrete" else (bleed,):
+        inverted = frame.assign(**{command: 1.0 - frame[command]})
+        said = read_back(inverted, tmp_path, tmp_path).notices
+        assert any(f"{command} is inverted" in n for n in said)
+
+
+@pytest.mark.parametrize("supply", ["pressure", "vacuum"])
+def test_an_emptying_that_no_command_shows_is_said(
+    supply: str,
+    shut: tuple[GeneratedCampaign, Path],
+    shut_vacuum: tuple[GeneratedCampaign, Path],
+    tmp_path: Path,
+) -> None:
+    """The bleed valve's column is zeros: filling is fitted as with it, emptying is not, and what is
+    checked says so as well."""
+    made, place = shut if supply == "pressure" else shut_vacuum
+    log = read_back(bench_frame(made).assign(**{BLEED: 0}), place, tmp_path)
+    assert log.rig is not None
+    lacking = flows_not_shown(log.trials, log.rig, "a")
+    found = fit_valve_discrete(log.trials, log.rig, find_ratio=False)["a"].estimates
+    assert set(lacking) == {name for name in FLOWS if not found[name].identified}
+    assert abs(found["c_fill"].value - made.rig.truth.valve_a.c_fill) < 4.0 * found["c_fill"].std
+    why = str(found["c_dis"].reason)
+    assert re.search("while both valves are off: is valve_a_bleed, which stays 0, the command", why)
+
+
+@pytest.mark.parametrize(
+    ("fills", "bleeds", "filled"),
+    [
+        (((2.0, 4.0),), ((0.5, 1.5),), True),
+        (((0.3, 0.33), (0.6, 2.0)), ((2.2, 2.3), (2.6, 4.9)), False),
+        (((0.3, 2.3),), ((2.0, 2.1), (2.5, 4.9)), False),
+    ],
+    ids=["emptied first", "in steps", "both on for a while"],
+)
+def test_a_chamber_is_switched_in_any_order(
+    fills: Spans,
+    bleeds: Spans,
+    filled: bool,
+    shut: tuple[GeneratedCampaign, Path],
+    tmp_path: Path,
+) -> None:
+    made, place = shut
+    test = switched(made.rig, fills, bleeds, filled)
+    log = read_back(log_frame([test], made.rig), place, tmp_path)
+    assert log.rig is not None and not flows_not_shown(log.trials, log.rig, "a")
+    found = fit_valve_discrete(log.trials, log.rig, find_ratio=False)["a"].estimates
+    for key, true in dataclasses.asdict(made.rig.truth.valve_a).items():
+        assert abs(found[key].value - true) < 4.0 * found[key].std, key
+
+
+def test_an_emptying_alone_gives_its_flows(
+    shut: tuple[GeneratedCampaign, Path], tmp_path: Path
+) -> None:
+    made, place = shut
+    test = switched(made.rig, (), ((0.5, 4.9),), True)
+    log = read_back(log_frame([test], made.rig), place, tmp_path)
+    assert log.rig is not None
+    assert set(flows_not_shown(log.trials, log.rig, "a")) == {"choked_flow_fill_kg_s", "c_fill"}
+    found = fit_valve_discrete(log.trials, log.rig, find_ratio=False)["a"].estimates
+    for key in ("choked_flow_dis_kg_s", "c_dis"):
+        true = getattr(made.rig.truth.valve_a, key)
+        assert abs(found[key].value - true) < 4.0 * found[key].std, key
+    delay = made.rig.content["valves"]["on_delay_s"]
+    assert abs(found["on_delay_s"].value - delay) < 4.0 * found["on_delay_s"].std
+
+
+def test_a_later_cycle_counts_too(folder: Path, made: GeneratedCampaign) -> None:
+    """A 3/2 valve that is on as the log begins, in a chamber that is filled: the next cycle shows
+    the filling."""
+    log = log_of(folder, "valve_discrete_a")
+    assert log.rig is not None
+    first, second = log.trials[:2]
+    begun = int(np.flatnonzero(first["valve_a"] > 0.5)[0]) + 2000
+    time = np.concatenate([first.time[begun:], first.time[-1] + 0.001 + second.time])
+    channels = {n: np.concatenate([v[begun:], second[n]]) for n, v in first.channels.items()}
+    both = dataclasses.replace(first, time=time, channels=channels)
+    assert not flows_not_shown([both], log.rig, "a")
+    found = fit_valve_discrete([both], log.rig, find_ratio=False)["a"].estimates
+    for key, true in dataclasses.asdict(made.rig.truth.valve_a).items():
+        assert abs(found[key].value - true) < 4.0 * found[key].std, key
+
+
+def test_an_inverted_command_is_why_a_3_2_valve_is_not_identified(folder: Path) -> None:
+    log = log_of(folder, "valve_discrete_a")
+    assert log.rig is not None
+    inverted = [with_channels(t, valve_a=1.0 - t["valve_a"]) for t in log.trials]
+    with pytest.raises(NotIdentifiedError, match="while its valve is on: valve_a is inverted"):
+        fit_valve_discrete(inverted, log.rig)
+
+
+def test_a_supply_of_the_other_kind_is_said(
+    evacuated: tuple[GeneratedCampaign, Path], folder: Path, tmp_path: Path
+) -> None:
+    """What falls below the atmosphere is no inverted command, and what rises above it neither."""
+    _, place = evacuated
+    for own, supply, line in (
+        (place, 3e5, "falls to .* while valve_a is on, .* or is the supply a vacuum"),
+        (folder, 4e4, "reaches .* while valve_a is on, the rig file's supply_pressure_pa is 4e"),
+    ):
+        content = read_rig(own / "rig.toml").content
+        air = {**content["air"], "supply_pressure_pa": supply}
+        rig = rig_from_content({**content, "air": air}, "rig.toml")
+        log = read_log(own / "valve_discrete_a.csv", rig)
+        assert any(re.search(line, said) for said in log.contradictions)
+        assert not any("inverted" in notice for notice in log.notices)
+        with pytest.raises(NotIdentifiedError, match=line):
+            fit_valve_discrete(log.trials, rig)
+
+
+def test_a_gauge_pressure_of_a_vacuum_is_told_from_a_unit(
+    evacuated: tuple[GeneratedCampaign, Path], tmp_path: Path
+) -> None:
+    made, place = evacuated
+    frame, ambient = bench_frame(made), made.rig.atmosphere
+    gauge = frame.assign(pressure_a_pa=frame["pressure_a_pa"] - ambient)
+    with pytest.raises(InputError, match=r"looks like a gauge pressure in Pa: .*:Pa\(g\)"):
+        read_back(gauge, place, tmp_path)
+    counted = frame.assign(pressure_a_pa=ambient - frame["pressure_a_pa"])
+    with pytest.raises(InputError, match="vacuum gauge, which counts Pa below") as refused:
+        read_back(counted, place, tmp_path)
+    advice = re.search(r'--map "([^"]*)"', str(refused.value))
+    assert advice is not None
+    mapping = parse_map([advice[1]])
+    mapped = read_log(tmp_path / "bench.csv", read_rig(place / "rig.toml"), mapping)
+    assert mapped.trials[0]["pressure_a_pa"] == pytest.approx(frame["pressure_a_pa"][:6000])
+
+
+def test_no_surface_is_promised_where_none_is_fitted(rig_text: str) -> None:
+    bleeds = with_arrangement(rig_text, ["a"])
+    vacuum = one_chamber(rig_text, air={"supply_pressure_pa": 3e4})
+    for rig, why in (
+        (bleeds, "a fill and a bleed valve, of which"),
+        (vacuum, "is a vacuum, under"),
+    ):
+        assert not any("PWM" in i.parameter for i in valves_identified({}, rig))
+        asked = [i for i in valves_identified({"valve-pwm": []}, rig) if "PWM" in i.parameter]
+        assert asked and all(not i.identified and why in i.reason for i in asked)
+        with pytest.raises(NotIdentifiedError, match=why):
+            fit_valve_pwm([], rig)
+
+
+def test_commands_in_other_columns_are_mapped(
+    shut: tuple[GeneratedCampaign, Path], tmp_path: Path
+) -> None:
+    made, place = shut
+    frame = bench_frame(made)
+    duties = frame.rename(columns={FILL: "duty_a_fill", BLEED: "duty_a_bleed"})
+    log = read_back(duties, place, tmp_path)
+    assert log.rig is not None
+    with pytest.raises(InputError, match=r'0 or 1 throughout: map them with --map "valve_a_fill='):
+        fit_valve_discrete(log.trials, log.rig)
+    with pytest.raises(InputError, match=r'"valve_a_fill=valve_a_fill:0\.\.100 -> 0\.\.1"'):
+        read_back(frame.assign(**{FILL: 100 * frame[FILL]}), place, tmp_path)
 
 
 # --- commands -----------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from sysid.blocks.numbers import si_number
 from sysid.checks.friction import Identification, friction_identified
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.identification.valve_discrete.start import flows_not_shown
+from sysid.identification.valve_discrete.trials import is_switched
 from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.channels import DUTIES, SWITCHES
 from sysid.io.logs import Trial
@@ -72,7 +73,8 @@ def valves_identified(
         return
     for valve in rig.sides if valves is None else valves:
         yield from _discrete(by_kind.get("valve-discrete", ()), rig, valve)
-        yield from _pwm(by_kind.get("valve-pwm", ()), valve)
+        if rig.has_pwm_surfaces or "valve-pwm" in by_kind:
+            yield from _pwm(by_kind.get("valve-pwm", ()), rig, valve)
 
 
 def switched_test(rig: Rig, valve: str) -> str:
@@ -97,10 +99,10 @@ def _discrete(trials: Sequence[Trial], rig: Rig, valve: str) -> Iterator[Identif
     """The flows of an on/off valve: those that a fit of the tests finds in their samples."""
     pressure = f"pressure_{valve}_pa"
     fills = f"valve_{rig.filled_by(valve)}"
-    used = [t for t in trials if is_active(t, fills) and pressure in t]
+    used = [t for t in trials if is_switched(t, valve) and pressure in t]
     title = f"valve {valve.upper()}"
     needs = f"needs {switched_test(rig, title[-1])}"
-    if trials and not any(is_active(t, fills) for t in trials):
+    if trials and not any(is_switched(t, valve) for t in trials):
         needs = f"{fills} is not logged, or never switched on: {needs}"
     lacking = dict.fromkeys(_FLOW_NAMES, needs)
     counts = dict.fromkeys(_FLOW_NAMES, 0)
@@ -120,7 +122,7 @@ def _in_regime(trials: Sequence[Trial], rig: Rig, valve: str) -> dict[str, int]:
     air, fills = rig.require("air", "which the valve law needs"), f"valve_{rig.filled_by(valve)}"
     boundary_fill = CRITICAL_RATIO * air.supply_pressure_pa
     boundary_dis = air.atmospheric_pressure_pa / CRITICAL_RATIO
-    filling = np.concatenate([t[f"pressure_{valve}_pa"][t[fills] > 0] for t in trials])
+    filling = np.concatenate([_while_on(t, valve, fills) for t in trials])
     exhaust = np.concatenate([_after_on(t, valve, fills) for t in trials])
     inside = (
         filling < boundary_fill,
@@ -132,9 +134,14 @@ def _in_regime(trials: Sequence[Trial], rig: Rig, valve: str) -> dict[str, int]:
     return dict(zip(_FLOW_NAMES, found, strict=True))
 
 
+def _while_on(trial: Trial, valve: str, command: str) -> FloatArray:
+    pressure = trial[f"pressure_{valve}_pa"]
+    return pressure[trial[command] > 0] if command in trial else pressure[:0]
+
+
 def _after_on(trial: Trial, valve: str, fills: str) -> FloatArray:
     if f"valve_{valve}_bleed" in trial:
-        return trial[f"pressure_{valve}_pa"][trial[f"valve_{valve}_bleed"] > 0]
+        return _while_on(trial, valve, f"valve_{valve}_bleed")
     command = trial[fills] > 0
     first = int(np.argmax(command))
     later = ~command
@@ -142,7 +149,7 @@ def _after_on(trial: Trial, valve: str, fills: str) -> FloatArray:
     return trial[f"pressure_{valve}_pa"][later]
 
 
-def _pwm(trials: Sequence[Trial], valve: str) -> Iterator[Identification]:
+def _pwm(trials: Sequence[Trial], rig: Rig, valve: str) -> Iterator[Identification]:
     name, pressure = f"duty_{valve}", f"pressure_{valve}_pa"
     filling: set[float] = set()
     discharging: set[float] = set()
@@ -154,9 +161,9 @@ def _pwm(trials: Sequence[Trial], valve: str) -> Iterator[Identification]:
         (filling if rising else discharging).add(round(float(np.median(trial[name])), 4))
     for what, duties in (("filling", filling), ("discharging", discharging)):
         duties.discard(0.0)
-        good = len(duties) >= _FEWEST_DUTIES
-        reason = f"{len(duties)} duties"
-        if not good:
+        good = len(duties) >= _FEWEST_DUTIES and rig.has_pwm_surfaces
+        reason = rig.why_no_surfaces or f"{len(duties)} duties"
+        if not good and rig.has_pwm_surfaces:
             tests = f"valve-pwm tests of valve {valve.upper()}, {what}"
             reason += f": needs {tests}, with at least {_FEWEST_DUTIES} duties"
         yield Identification(f"valve {valve.upper()} PWM surface, {what}", good, reason)

@@ -470,12 +470,13 @@ def _check_values(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> No
             is_command = np.isin(columns[name], (0.0, 1.0)) | np.isnan(columns[name])
             bad = np.flatnonzero(~is_command)
             if bad.size:
+                high = float(np.nanmax(columns[name]))
                 raise input_error(
                     f"{where}, {reading.table.place(int(bad[0]))}",
                     f"{name} = {columns[name][bad[0]]:g} is neither 0 nor 1",
-                    f"write 0 (off) or 1 (on), map a measured coil voltage by its range "
-                    f'(--map "{name}=COLUMN:0..24 -> 0..1"); a duty belongs in '
-                    f"duty_{name.removeprefix('valve_')}",
+                    f"write 0 (off) or 1 (on), map a coil's voltage or a percentage by its range "
+                    f'(--map "{name}={reading.origin[name]}:0..{high:g} -> 0..1"); a duty belongs '
+                    f"in duty_{name.removeprefix('valve_')}",
                 )
         else:
             known = _known(columns[name])
@@ -510,8 +511,9 @@ def _check_values(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> No
     if not any(np.any(_known(columns[n]) != 0.0) for n in VALVE_COMMANDS if n in columns):
         reading.contradict("air", _unlike_the_atmosphere(reading, groups))
     whole = {name: values for name, values in columns.items() if not np.isnan(values).any()}
-    reading.contradict("air", plausibility.check_supply(where, whole, rig))
-    reading.notices += response_notices(where, whole, position, rig.effort_channel, rig.supply_way)
+    supply = plausibility.check_supply(where, whole, rig)
+    reading.contradict("air", supply)
+    reading.notices += response_notices(where, whole, rig, knows_supply=supply is None)
 
 
 def _unlike_the_atmosphere(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> str | None:

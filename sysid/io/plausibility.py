@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import SysidError, input_error
+from sysid.io.channels import SIDES
 from sysid.io.declaration import range_of
 from sysid.io.rig import Air, Rig
 from sysid.io.unit_text import TAKEN_FOR_SI
@@ -111,17 +112,24 @@ def _looks_like(
     low, high = float(np.min(values)), float(np.max(values))
     floor = _LOWEST_SHARE_OF_ATMOSPHERE * min(ambient, supply)
     ceiling = _HIGHEST_SHARE_OF_SUPPLY * max(ambient, supply)
+    # The end of the readings that is not the supply's.
+    rest = high if supply < ambient else low
     for gauge in (False, True):
         shift = ambient if gauge else 0.0
         for unit, factor in TAKEN_FOR_SI["Pa"].items():
             fits = low * factor + shift >= floor and high * factor + shift <= ceiling
-            rests = abs(low * factor + shift - ambient) < _AT_REST * ambient
+            rests = abs(rest * factor + shift - ambient) < _AT_REST * ambient
             # Every gauge unit reads zero at rest; a real sensor shows some noise there.
             lives = (high - low) * factor > _LEAST_SPREAD * ambient
             if fits and rests and lives:
                 kind = "a gauge pressure" if gauge else "an absolute pressure"
                 name = f"{unit}(g)" if gauge else unit
                 return f"it looks like {kind} in {unit}: " + _mapping(target, column, name)
+    if supply < ambient and abs(low) < _AT_REST * ambient and floor <= ambient - high:
+        return (
+            "it looks like a vacuum gauge, which counts Pa below the atmosphere: if so, give --map "
+            f'"{target}={column}:0..{ambient:g} -> {ambient:g}..0 Pa"'
+        )
     return None
 
 
@@ -370,43 +378,43 @@ def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str
     """
     if rig.air is None:
         return None
-    declared = float(rig.air.supply_pressure_pa)
+    declared, ambient = float(rig.air.supply_pressure_pa), float(rig.air.atmospheric_pressure_pa)
     said = f"the rig file's supply_pressure_pa is {declared:.4g} Pa"
     if "supply_pressure_pa" in columns:
         logged = float(np.median(columns["supply_pressure_pa"]))
         if max(logged / declared, declared / logged) <= SAME_PRESSURE:
             return None
         return f"{where}: supply_pressure_pa is {logged:.4g} Pa, {said}: one of the two is wrong"
-    for side in "ab":
-        pressure, valve = columns.get(f"pressure_{side}_pa"), columns.get(f"valve_{side}")
-        if pressure is None or valve is None or not np.any(valve > 0.0):
+    for side in SIDES:
+        valve = f"valve_{rig.filled_by(side)}"
+        pressure, on = columns.get(f"pressure_{side}_pa"), columns.get(valve)
+        if pressure is None or on is None or not np.any(on > 0.0):
             continue
-        if rig.supply_way < 0.0:
-            low = float(np.quantile(pressure[valve > 0.0], 1.0 - _HIGH))
-            if low < declared / SAME_PRESSURE:
-                return (
-                    f"{where}: pressure_{side}_pa falls to {low:.4g} Pa while its valve is on, "
-                    f"{said}: one of the two is wrong (a gauge pressure in the rig file?)"
-                )
-            continue
-        judged = (valve > 0.0) & ~_compressed(columns, side, rig)
+        while_on = f"while {valve} is on"
+        wrong = "one of the two is wrong (a gauge pressure in the rig file?)"
+        judged = (on > 0.0) & ~_compressed(columns, side, on > 0.0, rig)
         high = float(np.quantile(pressure[judged], _HIGH)) if judged.any() else 0.0
-        if high > SAME_PRESSURE * declared:
-            return (
-                f"{where}: pressure_{side}_pa reaches {high:.4g} Pa while its valve is on, {said}: "
-                "one of the two is wrong (a gauge pressure in the rig file?)"
-            )
+        low = float(np.quantile(pressure[on > 0.0], 1.0 - _HIGH))
+        if high > SAME_PRESSURE * max(declared, ambient):
+            reached = f"pressure_{side}_pa reaches {high:.4g} Pa {while_on}, {said}"
+            return f"{where}: {reached}: {wrong}"
+        if low < min(declared, ambient) / SAME_PRESSURE:
+            reached = f"pressure_{side}_pa falls to {low:.4g} Pa {while_on}, {said}"
+            fix = wrong if declared < ambient else f"{wrong[:-1]}, or is the supply a vacuum?)"
+            return f"{where}: {reached}: {fix}"
     return None
 
 
-def _compressed(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> NDArray[np.bool_]:
+def _compressed(
+    columns: Mapping[str, FloatArray], side: str, on: NDArray[np.bool_], rig: Rig
+) -> NDArray[np.bool_]:
     """Rows (n,) in which a chamber is smaller than it was since its valve opened."""
-    smaller = np.zeros(len(columns[f"valve_{side}"]), dtype=bool)
+    smaller = np.zeros(len(on), dtype=bool)
     position, cylinder = columns.get(rig.position_channel), rig.cylinder
     if position is None or cylinder is None:
         return smaller
     room = cylinder.chamber_length(position, side)
-    for start, stop in runs(columns[f"valve_{side}"] > 0.0):
+    for start, stop in runs(on):
         own = room[start:stop]
         smaller[start:stop] = own < (1.0 - _COMPRESSED) * np.maximum.accumulate(own)
     return smaller

@@ -241,7 +241,22 @@ class Rig(Shown):
     @property
     def has_pwm_surfaces(self) -> bool:
         """Whether PWM surfaces are fitted of its valves: 3/2 valves at a supply that fills."""
-        return not self.bleeds and self.supply_way > 0.0
+        return self.why_no_surfaces is None
+
+    @property
+    def why_no_surfaces(self) -> str | None:
+        """Why no PWM surfaces are fitted of its valves, in words; None where they are."""
+        if self.bleeds:
+            return (
+                "a fill and a bleed valve, of which no PWM surface is fitted; valve-discrete tests "
+                "give the law that is followed pulse by pulse"
+            )
+        if self.supply_way < 0.0:
+            return (
+                "the supply is a vacuum, under which no PWM surface is fitted; valve-discrete "
+                "tests give the law that is averaged over the pulses"
+            )
+        return None
 
     @property
     def valve_names(self) -> tuple[str, ...]:
@@ -267,6 +282,13 @@ class Rig(Shown):
     def has_air_alone(self) -> bool:
         """Whether a cylinder alone drives it: no motor is declared, nor assumed."""
         return self.motor is None and self.cylinder is not None
+
+    @property
+    def valve_steps(self) -> str:
+        """How a valve-discrete test switches a chamber's valves, in words."""
+        if self.bleeds:
+            return "fill valve on for 3 s, both off, bleed valve on, piston held"
+        return "off, on for 3 s, off, piston held"
 
     def filled_by(self, side: str) -> str:
         """The name of the valve that fills a chamber."""

@@ -69,7 +69,9 @@ def lack_of_fit_notices(curves: CurveFit, title: str, choice: LawChoice) -> list
     lines = []
     problem = curves.problem
     for what, way, rises in (("filling", "fill", True), ("discharge", "dis", False)):
-        delay = DELAYS[0 if rises else 1]
+        # Of two valves either one's opening begins what it does.
+        two = all(piece.chamber.bleeds is not None for piece in problem.pieces)
+        delay = DELAYS[0 if rises or two else 1]
         names = problem.flow_names(way)[:2]
         if not set(names) & set(problem.free):
             continue

@@ -9,11 +9,17 @@ parameters the test can identify.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.identification.valve_discrete.trials import EDGE_GUARD_S, Piece
+from sysid.identification.valve_discrete.trials import (
+    DISCHARGING,
+    EDGE_GUARD_S,
+    FILLING,
+    Piece,
+)
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import FloatArray
 
@@ -23,6 +29,7 @@ FEWEST_ROWS = 3
 _MARGIN = 4.0
 # Share of the way between supply and atmosphere, at its end, which noise determines.
 _NEAR_REST = 0.03
+_NO_ROW = "no row lies before the valve is switched on"
 
 
 @dataclass
@@ -45,6 +52,16 @@ class Stretches:
         self.sparse.add(name)
         self.miss(name, why)
 
+    def add(self, names: Sequence[str], each: Sequence[Stretches]) -> None:
+        """What any of `each` shows of these names; why none does."""
+        for name in names:
+            values = [one.values[name] for one in each if name in one.values]
+            if values:
+                self.values[name] = values[0]
+            elif all(name in one.reasons for one in each):
+                self.miss(name, each[0].reasons[name])
+                self.sparse |= {name} & set().union(*(one.sparse for one in each))
+
     def miss_choked(self, flow: str, delay: str, part: str, rows: slice) -> None:
         """Too few samples in a choked interval; `rows`: those between its very ends."""
         why = f"fewer than 3 samples lie in the linear (choked) part of {part}: log faster"
@@ -54,24 +71,46 @@ class Stretches:
             self.sparse.add(delay)
 
 
+_Reader = Callable[[Piece, float, float, Stretches], None]
+
+
 def read_stretches(piece: Piece) -> Stretches:
-    """Read the first filling and the first discharging of a piece."""
+    """Read every filling and every discharge of a piece: what any of them shows, it shows."""
+    c, found = piece.chamber, Stretches()
     if piece.way < 0.0:
-        return _read_vacuum(piece)
-    found = Stretches()
-    c = piece.chamber
-    if len(c.opens) == 0:
-        _no_filling(found, "the valve is never switched on")
-        _discharge(piece, -math.inf, math.inf, found)
-        return found
-    _filling(piece, float(c.opens[0]), float(c.closes[0]), found)
-    if c.bleeds is not None:
-        return _read_bleed(piece, found)
-    if c.closes[0] > c.time[-1]:
+        found.miss("choked_flow_fill_kg_s", _UNCHOKED)
+        found.miss("choked_flow_dis_kg_s", _UNCHOKED)
+    each = zip(c.opens.tolist(), c.closes.tolist(), strict=True)
+    fills = [(begin, end) for begin, end in each if begin <= c.time[-1]]
+    if fills:
+        filling = _filling if piece.way > 0.0 else _vacuum_filling
+        found.add(FILLING, [_read(filling, piece, *each) for each in fills])
+    else:
+        _no_filling(found, f"the {'' if c.bleeds is None else 'fill '}valve is never switched on")
+    empties = [each for each in _emptyings(piece) if each[0] <= c.time[-1]]
+    if empties:
+        discharge = _discharge if piece.way > 0.0 else _vacuum_discharge
+        found.add(DISCHARGING, [_read(discharge, piece, *each) for each in empties])
+    elif c.bleeds is None:
         _no_discharge(found, "the valve is not switched off again: record longer")
     else:
-        following = float(c.opens[1]) if len(c.opens) > 1 else math.inf
-        _discharge(piece, float(c.closes[0]), following, found)
+        _no_discharge(found, "the bleed valve is never switched on")
+    if c.bleeds is not None:
+        _of_opening(found)
+    return found
+
+
+def _emptyings(piece: Piece) -> list[tuple[float, float]]:
+    """From when and until when, s, the piece's chamber is commanded to empty."""
+    c = piece.chamber
+    if c.bleeds is None and len(c.opens) == 0:
+        return [(-math.inf, math.inf)]
+    return [(b, e) for b, e in zip(*(x.tolist() for x in c.empties), strict=True) if e > c.time[0]]
+
+
+def _read(read: _Reader, piece: Piece, begin: float, end: float) -> Stretches:
+    found = Stretches()
+    read(piece, begin, end, found)
     return found
 
 
@@ -81,59 +120,53 @@ _CLOSING = (
 )
 
 
-def _read_bleed(piece: Piece, found: Stretches) -> Stretches:
-    """The first emptying by a valve of its own, after the filling."""
-    for begin, end in zip(*piece.chamber.empties, strict=True):
-        if begin > piece.chamber.opens[0]:
-            _discharge(piece, float(begin), float(end), found)
-            break
-    else:
-        _no_discharge(found, "the bleed valve is not switched on after the filling")
-    found.values.pop("off_delay_s", None)
+def _of_opening(found: Stretches) -> None:
+    """The delay of a discharge by a valve of its own: that of its opening, as the other one's."""
+    opening = found.values.pop("off_delay_s", None)
     found.reasons["off_delay_s"] = _CLOSING
     found.sparse.discard("off_delay_s")
-    return found
+    if opening is not None and "on_delay_s" not in found.values:
+        found.values["on_delay_s"] = opening
+        found.reasons.pop("on_delay_s", None)
 
 
 _UNCHOKED = "a vacuum's flow is not choked by the thesis' law: no test identifies it"
 
 
-def _read_vacuum(piece: Piece) -> Stretches:
-    """The same of a chamber that a vacuum empties and the atmosphere fills again.
-
-    On, sqrt(P - Ps) falls in proportion to time, off, log(P0 - P).
-    """
-    found, c, margin = Stretches(), piece.chamber, _MARGIN * piece.noise
-    found.miss("choked_flow_fill_kg_s", _UNCHOKED)
-    found.miss("choked_flow_dis_kg_s", _UNCHOKED)
-    head = piece.atmosphere - piece.supply
-    least = max(1.5 * margin, _NEAR_REST * head)
-    if len(c.opens) == 0:
-        _no_filling(found, "the valve is never switched on")
-        begin, end = -math.inf, math.inf
-    else:
-        end = float(c.opens[1]) if len(c.opens) > 1 else math.inf
-        begin, opened = float(c.closes[0]), float(c.opens[0])
-        root = np.sqrt(np.maximum(piece.pressure - piece.supply, 0.0))
-        slope = _fall(root, math.sqrt(least), c.time, (opened, begin))
-        if slope is None:
-            why = "the pressure does not fall towards the supply while the valve is on"
-            _no_filling(found, f"{why}: hold it on longer, or log faster")
-        else:
-            found.values["c_fill"] = -2.0 * slope / c.gain
-        if not np.any(c.time < opened):
-            found.miss("on_delay_s", "no row lies before the valve is switched on")
-    if begin > c.time[-1]:
-        _no_discharge(found, "the valve is not switched off again: record longer")
-        return found
-    below = np.maximum(piece.atmosphere - piece.pressure, 1.0)
-    slope = _fall(np.log(below), math.log(least), c.time, (begin, end))
+def _vacuum_filling(piece: Piece, opened: float, closed: float, found: Stretches) -> None:
+    """A chamber that a vacuum empties: sqrt(P - Ps) falls in proportion to time."""
+    c = piece.chamber
+    root = np.sqrt(np.maximum(piece.pressure - piece.supply, 0.0))
+    slope = _fall(root, math.sqrt(_least_of_vacuum(piece)), c.time, (opened, closed))
     if slope is None:
-        why = "the pressure does not rise to the atmosphere after switching off"
+        why = "the pressure does not fall towards the supply while the valve is on"
+        _no_filling(found, f"{why}: hold it on longer, or log faster")
+    else:
+        found.values["c_fill"] = -2.0 * slope / c.gain
+    if not np.any(c.time < opened):
+        found.miss("on_delay_s", _NO_ROW)
+
+
+def _vacuum_discharge(piece: Piece, begin: float, end: float, found: Stretches) -> None:
+    """A chamber that the atmosphere fills again: log(P0 - P) falls in proportion to time."""
+    c = piece.chamber
+    below = np.maximum(piece.atmosphere - piece.pressure, 1.0)
+    slope = _fall(np.log(below), math.log(_least_of_vacuum(piece)), c.time, (begin, end))
+    if slope is None:
+        why = f"the pressure does not rise to the atmosphere after {_emptied_by(piece)}"
         _no_discharge(found, f"{why}: record longer, or log faster")
     else:
         found.values["c_dis"] = -slope / c.gain
-    return found
+
+
+def _least_of_vacuum(piece: Piece) -> float:
+    """Distance from rest, Pa, below which noise determines a vacuum's pressure."""
+    return max(1.5 * _MARGIN * piece.noise, _NEAR_REST * (piece.atmosphere - piece.supply))
+
+
+def _emptied_by(piece: Piece) -> str:
+    """What begins a discharge, in words."""
+    return "switching off" if piece.chamber.bleeds is None else "the bleed valve is switched on"
 
 
 def _fall(
@@ -151,12 +184,12 @@ def _fall(
 
 
 def _no_filling(found: Stretches, why: str) -> None:
-    for name in ("choked_flow_fill_kg_s", "c_fill", "on_delay_s"):
+    for name in FILLING:
         found.miss(name, why)
 
 
 def _no_discharge(found: Stretches, why: str) -> None:
-    for name in ("choked_flow_dis_kg_s", "c_dis", "off_delay_s"):
+    for name in DISCHARGING:
         found.miss(name, why)
 
 
@@ -175,12 +208,13 @@ def _filling(piece: Piece, opened: float, closed: float, found: Stretches) -> No
         why = f"the pressure stays at {level:.6g} Pa when the valve is switched on"
         _no_filling(found, f"{why}: is this the other valve, or another chamber's sensor?")
         return
-    if not len(before) and level > 0.95 * supply:
+    begun = not np.any(c.time < opened)
+    if begun and level > 0.95 * supply:
         why = "the chamber is already filled in the first row: start with the valve off"
         _no_filling(found, why)
         return
-    if not np.any(c.time < opened):
-        found.miss("on_delay_s", "no row lies before the valve is switched on")
+    if begun:
+        found.miss("on_delay_s", _NO_ROW)
     line = _line(t, p, level + margin, boundary - margin)
     if level > boundary - 2.0 * margin:
         why = f"the filling starts at {level:.6g} Pa, not below the choked boundary of"
@@ -232,18 +266,19 @@ def _discharge(piece: Piece, closed: float, following: float, found: Stretches) 
     rows = (c.time >= closed) & (c.time < following)
     t, p = c.time[rows], piece.pressure[rows]
     if len(p) < FEWEST_ROWS:
-        _no_discharge(found, "fewer than 3 samples lie after switching off: record longer")
+        why = f"fewer than 3 samples lie after {_emptied_by(piece)}: record longer"
+        _no_discharge(found, why)
         return
     boundary = p0 / CRITICAL_RATIO
     before = piece.pressure[(c.time < closed) & (c.time > closed - EDGE_GUARD_S)]
     if not len(before):
-        found.miss("off_delay_s", "no usable row lies before the valve is switched off")
+        found.miss("off_delay_s", f"no usable row lies before {_emptied_by(piece)}")
         before = p[:3]
     level, bottom = float(np.median(before)), float(np.min(_smooth(p)))
     if level < boundary + 2.0 * margin:
         why = (
             f"the discharge is never choked (it starts at {level:.6g} Pa, choked boundary "
-            f"{boundary:.6g} Pa): fill further before switching off"
+            f"{boundary:.6g} Pa): fill further before {_emptied_by(piece)}"
         )
         found.miss("choked_flow_dis_kg_s", why)
         _exponential(t, p, boundary, piece, bottom, found)
@@ -271,7 +306,7 @@ def _exponential(
                 "c_dis",
                 "the discharge never reaches the unchoked interval (lowest pressure "
                 f"{bottom:.6g} Pa, choked boundary {boundary:.6g} Pa): record longer after "
-                "switching off",
+                f"{_emptied_by(piece)}",
             )
         else:
             why = "fewer than 3 samples lie in the unchoked interval of the discharge: log faster"

@@ -7,7 +7,7 @@ separate pieces, each with its own initial pressure.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,8 @@ from sysid import signals
 from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.identification.valve_discrete.held_chamber import HeldChamber
 from sysid.io.logs import Trial
+from sysid.io.plausibility import check_supply
+from sysid.io.responses import mistaken_commands, pressure_runs
 from sysid.io.rig import Air, Cylinder, Rig
 from sysid.io.trial_kind import HELD_SHARE
 from sysid.plant.base import CRITICAL_RATIO, chamber_volume
@@ -25,6 +27,7 @@ from sysid.signals import NoiseFloor
 from sysid.types import BoolArray, FloatArray
 
 FILLING = ("choked_flow_fill_kg_s", "c_fill", "on_delay_s")
+DISCHARGING = ("choked_flow_dis_kg_s", "c_dis", "off_delay_s")
 # A supply that differs by this share from the assumed one changes the flows visibly.
 SUPPLY_TOLERANCE = 0.005
 _BLOCK_S = 0.02
@@ -35,9 +38,19 @@ _RISE_SHARE = 0.9
 # After a command's edge the valve's state is known once the slowest valve has switched.
 EDGE_GUARD_S = 0.05
 _CLIPPED_RUN = 30
+# A pressure that changes by so many standard deviations of its noise moves.
+_MOVED = 20.0
+# Of all that a pressure falls (or rises): more of it while no valve is open is no small leak.
+_MAJORITY = 0.5
 FEWEST_ROWS = 10
 # Smallest noise assumed, Pa: below it, rounding in the file dominates.
 _LEAST_NOISE_PA = 5.0
+
+
+_VOLUME = (
+    "which gives the chamber's volume (where no sensor shows it: the place at which the piston is "
+    "held, the same in every row)"
+)
 
 
 @dataclass(frozen=True)
@@ -48,7 +61,8 @@ class Piece:
     `supply_shift` Pa is added to the chamber's supply. `fits_supply` and `fits_atmosphere`:
     the piece shows the settled pressure, so that the fit estimates it. `sensor`: its noise floor,
     Pa; `volume` m3.
-    `flow_control`: whether the flow control that the valve has, if any, was in place.
+    `flow_control`: whether the flow control that the valve has, if any, was in place. `way`: 1
+    where the declared supply fills the chamber, -1 where it is a vacuum.
     """
 
     label: str
@@ -65,16 +79,12 @@ class Piece:
     volume: float
     fits_initial: bool = True
     flow_control: bool = True
+    way: float = 1.0
 
     @property
     def noise(self) -> float:
         """The whole error of a sample, Pa; never so little that rounding counts."""
         return max(self.sensor.total, _LEAST_NOISE_PA)
-
-    @property
-    def way(self) -> float:
-        """1 where the chamber fills from its supply, -1 where a vacuum empties it."""
-        return 1.0 if self.chamber.supply_reference > self.atmosphere else -1.0
 
     @property
     def supply(self) -> float:
@@ -96,8 +106,8 @@ class Screened:
 
 
 def is_switched(trial: Trial, valve: str) -> bool:
-    """Whether a test switches valve "a" or "b" on, or the one of two that fills the chamber."""
-    names = (f"valve_{valve}", f"valve_{valve}_fill")
+    """Whether a test switches valve "a" or "b" on, or one of the two that the chamber has."""
+    names = (f"valve_{valve}", f"valve_{valve}_fill", f"valve_{valve}_bleed")
     return any(name in trial and bool(np.any(trial[name] > 0.5)) for name in names)
 
 
@@ -118,7 +128,7 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
     command, channel = f"valve_{rig.filled_by(valve)}", f"pressure_{valve}_pa"
     trial.require([command], f"which shows when valve {valve.upper()} switches")
     trial.require([channel], f"which valve {valve.upper()}'s flow is computed from")
-    trial.require([rig.position_channel], "which gives the chamber's volume")
+    trial.require([rig.position_channel], _VOLUME)
     air = rig.require("air", "which the chamber equations need")
     volume, change = _volume(trial, valve, rig)
     if change > HELD_SHARE:
@@ -129,16 +139,18 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
         return Screened((), (f"{trial.source}: excluded: {moved}",), _all_reasons(moved))
     if rig.bleeds:
         trial.require([f"valve_{valve}_bleed"], "which shows when the chamber empties")
-        if bool(np.any((trial[command] > 0.5) & (trial[f"valve_{valve}_bleed"] > 0.5))):
-            both = "the fill and the bleed valve are on together, whose flows add up"
-            return Screened((), (f"{trial.source}: excluded: {both}",), _all_reasons(both))
-    pressure = trial[channel]
-    whole = _whole(trial, pressure, valve, air, volume)
+    mistaken = mistaken_commands(trial.channels, valve, rig)
+    if mistaken is not None:
+        # Columns exchanged or a supply of the other kind: a pressure beyond both ends says which.
+        said = check_supply(trial.source, trial.channels, rig) or f"{trial.source}: {mistaken}"
+        why = said.removeprefix(f"{trial.source}: ")
+        return Screened((), (f"{trial.source}: excluded: {why}",), _all_reasons(said))
+    whole = _whole(trial, trial[channel], valve, air, volume, rig.supply_way)
     return _cut(trial, whole, valve, air, keep_rise)
 
 
 def _all_reasons(why: str) -> tuple[tuple[str, str], ...]:
-    return tuple((n, why) for n in (*FILLING, "choked_flow_dis_kg_s", "c_dis", "off_delay_s"))
+    return tuple((n, why) for n in (*FILLING, *DISCHARGING))
 
 
 def air_gain(air: Air, trial: Trial, volume: float) -> float:
@@ -163,7 +175,9 @@ def _volume(trial: Trial, valve: str, rig: Rig) -> tuple[float, float]:
     return middle, float(np.ptp(volumes)) / middle
 
 
-def _whole(trial: Trial, pressure: FloatArray, valve: str, air: Air, volume: float) -> Piece:
+def _whole(
+    trial: Trial, pressure: FloatArray, valve: str, air: Air, volume: float, way: float
+) -> Piece:
     """The test as one piece, before anything is cut."""
     time, sensor = trial.time, signals.noise_floor(pressure)
     two = f"valve_{valve}_fill" in trial
@@ -188,7 +202,7 @@ def _whole(trial: Trial, pressure: FloatArray, valve: str, air: Air, volume: flo
     p0 = air.atmospheric_pressure_pa
     return Piece(
         trial.label, trial.source, chamber, pressure, sensor, float(pressure[0]), 0.0, False, p0,
-        False, logged, volume, flow_control=trial.flow_control,
+        False, logged, volume, flow_control=trial.flow_control, way=way,
     )  # fmt: skip
 
 
@@ -231,6 +245,12 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
     if lines:
         bad |= clipped
         notices += [f"{trial.source}: pressure_{valve}_pa {line}" for line in lines]
+    for cut in _of_two_valves(trial, whole, valve):
+        bad |= cut.rows
+        line = f"{trial.source}: {cut.why}"
+        notices.append(f"{line}; those rows are excluded")
+        # By the thesis' law a vacuum's flow has no choked part, which no test shows.
+        reasons += [(n, line) for n in cut.names if whole.way > 0.0 or not n.startswith("choked")]
     if len(whole.chamber.opens) and whole.chamber.opens[0] <= time[0] and trial.has_its_start:
         notices.append(
             f"{trial.source}: valve {valve.upper()} is on in the first row; log some rows before "
@@ -261,6 +281,54 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
     pieces = [_piece(whole, rows, plateaus, air) for rows in _segments(whole, bad)]
     never_still = 0 < wandering == len(whole.chamber.opens)
     return Screened(tuple(pieces), tuple(notices), tuple(reasons), never_still)
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """Rows (n,) of a test that no law of a valve alone follows, why, and of which numbers."""
+
+    rows: BoolArray
+    why: str
+    names: tuple[str, ...]
+
+
+def _of_two_valves(trial: Trial, whole: Piece, valve: str) -> Iterator[_Cut]:
+    """Rows in which a fill and a bleed valve do not say by which of them the chamber is moved."""
+    if whole.chamber.bleeds is None:
+        return
+    names = [f"valve_{valve}_{one}" for one in ("fill", "bleed")]
+    of_filling, of_emptying = FILLING, DISCHARGING[:2]
+    fills, empties = (trial[name] > 0.5 for name in names)
+    both = fills & empties
+    if both.any():
+        said = f"{' and '.join(names)} are on together, whose flows add up: switch one at a time"
+        yield _Cut(both, said, (*of_filling, *of_emptying))
+    runs = pressure_runs(whole.pressure, fills, empties, whole.way)
+    for sign, name, says in ((1.0, names[0], "fills"), (-1.0, names[1], "empties")):
+        moved = [sign * run.change for run in runs]
+        least = _MOVED * whole.noise
+        shut = [k for k, run in enumerate(runs) if run.is_shut and moved[k] > least]
+        most = max(shut, key=moved.__getitem__, default=None)
+        total = sum(change for change in moved if change > 0.0)
+        if most is None or sum(moved[k] for k in shut) < _MAJORITY * total:
+            continue
+        rows = np.zeros(len(both), dtype=bool)
+        for k in shut:
+            rows[runs[k].start : runs[k].stop] = True
+        run = runs[most]
+        began, ended = (_level(whole, at) for at in (run.start, run.stop))
+        still = "" if trial[name].any() else ", which stays 0,"
+        moves = "rises" if sign * whole.way > 0.0 else "falls"
+        said = (
+            f"the pressure {moves} from {began:.6g} to {ended:.6g} Pa while both valves are off: "
+            f"is {name}{still} the command of the valve that {says} the chamber, or does it leak?"
+        )
+        yield _Cut(rows, said, of_filling if sign > 0.0 else of_emptying)
+
+
+def _level(piece: Piece, row: int) -> float:
+    """The pressure just before a row, Pa."""
+    return float(np.median(piece.pressure[max(0, row - 5) : max(row, 1)]))
 
 
 def _risen(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float:
@@ -396,7 +464,7 @@ def _segments(piece: Piece, bad: BoolArray) -> list[slice]:
         run
         for run in runs
         if run.stop - run.start >= 2 * FEWEST_ROWS
-        and np.ptp(piece.pressure[run]) > 20.0 * piece.noise
+        and np.ptp(piece.pressure[run]) > _MOVED * piece.noise
     ]
 
 
@@ -406,7 +474,7 @@ def _after_guard(piece: Piece, run: slice) -> slice:
         return run
     time, start = piece.chamber.time, run.start
     c = piece.chamber
-    for edge in (*c.opens, *c.closes, *(c.bleeds[0] if c.bleeds else ())):
+    for edge in (*c.opens, *c.closes, *(np.concatenate(c.bleeds) if c.bleeds else ())):
         if edge <= time[start] < edge + EDGE_GUARD_S:
             start = int(np.searchsorted(time, edge + EDGE_GUARD_S))
     return slice(min(start, run.stop), run.stop)
