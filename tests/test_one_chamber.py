@@ -242,6 +242,22 @@ def test_a_campaign_s_motion_that_air_and_spring_drive_gives_friction(
     assert friction.coulomb_n.value == pytest.approx(made.rig.truth.coulomb_friction, rel=0.15)
 
 
+def test_a_piston_that_nothing_returns_is_said(
+    folder: Path, evacuated: tuple[GeneratedCampaign, Path]
+) -> None:
+    """The rig file lacks the spring: what the air does not explain would pass for friction."""
+    for place in (folder, evacuated[1]):
+        rig = read_rig(place / "rig.toml")
+        path = place / "motion_discrete.csv"
+        assert not read_log(path, rig).contradictions
+        own = {name: table for name, table in rig.content.items() if name != "spring"}
+        (line,) = read_log(path, rig_from_content(own, "rig.toml")).contradictions
+        assert re.search(r"^\S*motion_discrete.csv: the piston returns by .* rig.toml has no", line)
+        assert f"add one, with {rig.units.stiffness} and {rig.units.preload}" in line
+        held = read_log(place / "valve_discrete_a.csv", rig_from_content(own, "rig.toml"))
+        assert not held.contradictions
+
+
 def test_a_crest_between_the_readings_leaves_static_friction_open(
     made: GeneratedCampaign, folder: Path
 ) -> None:

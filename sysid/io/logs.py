@@ -514,6 +514,20 @@ def _check_values(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> No
     supply = plausibility.check_supply(where, whole, rig)
     reading.contradict("air", supply)
     reading.notices += response_notices(where, whole, rig, knows_supply=supply is None)
+    reading.contradict("spring", _returned_by_nothing(reading, whole, groups))
+
+
+def _returned_by_nothing(
+    reading: LogReading, whole: Mapping[str, FloatArray], groups: Sequence[tuple[str, Rows]]
+) -> str | None:
+    """A line where the piston of one chamber returns and the rig file has no spring that does it;
+    a measured effort may be that of a hand."""
+    rig = reading.rig
+    names = (rig.position_channel, f"pressure_{rig.sides[0]}_pa")
+    if rig.effort_channel in whole or any(name not in whole for name in names):
+        return None
+    tests = ((whole[names[0]][rows], whole[names[1]][rows]) for _, rows in groups)
+    return plausibility.check_return(reading.where, tests, rig)
 
 
 def _unlike_the_atmosphere(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> str | None:

@@ -8,7 +8,7 @@ likely unit and the `--map` entry that converts it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,8 @@ _HIGHEST_SHARE_OF_SUPPLY = 4.0
 _FEW = 0.2
 # Pressures within this factor may be one: gauges, supplies and the weather differ by less.
 SAME_PRESSURE = 1.15
+# Share of the travel by which a piston returns that is moved, not only compressed air that gives.
+_RETURNED = 0.05
 # Share of a chamber's room by which it has become smaller: the pressure rises by little more.
 _COMPRESSED = 0.01
 TWICE = 0.05
@@ -418,6 +420,31 @@ def _compressed(
         own = room[start:stop]
         smaller[start:stop] = own < (1.0 - _COMPRESSED) * np.maximum.accumulate(own)
     return smaller
+
+
+def check_return(
+    where: str, tests: Iterable[tuple[FloatArray, FloatArray]], rig: Rig
+) -> str | None:
+    """Tests of a rig with one chamber, each its position (n,) rad or m and its pressure (n,) Pa: a
+    line where the piston moves against the pressure though the rig file has nothing that moves it
+    so, else None."""
+    alone = len(rig.sides) == 1 and rig.spring is None and rig.motor is None
+    if not alone or rig.air is None or rig.travel is None or rig.orientation == "vertical":
+        return None
+    for position, pressure in tests:
+        way = rig.supply_way * position
+        behind = np.maximum.accumulate(way) - way
+        last = int(np.argmax(behind))
+        first = int(np.argmax(way[: last + 1]))
+        pushes = rig.supply_way * (pressure[first : last + 1] - rig.air.atmospheric_pressure_pa)
+        if behind[last] > _RETURNED * rig.travel and float(np.mean(pushes)) > 0.0:
+            u = rig.units
+            return (
+                f"{where}: the piston returns by {behind[last]:.3g} {u.position} against "
+                f"pressure_{rig.sides[0]}_pa, and {rig.source} has no [spring] that returns it: "
+                f"add one, with {u.stiffness} and {u.preload}"
+            )
+    return None
 
 
 def check_temperature(where: str, target: str, column: str, values: FloatArray) -> None:
