@@ -145,7 +145,8 @@ def _no_command(trial: Trial, names: Sequence[str], rig: Rig) -> InputError:
     own = [v for v in rig.valve_names if f"duty_{v}" in trial]
     if own and all(np.isin(trial[f"duty_{v}"], (0.0, 1.0)).all() for v in own):
         maps = " ".join(f'--map "valve_{v}=duty_{v}"' for v in own)
-        duties, verb = " and ".join(f"duty_{v}" for v in own), "are" if len(own) > 1 else "is"
+        verb, them = ("are", "them") if len(own) > 1 else ("is", "it")
+        duties = " and ".join(f"duty_{v}" for v in own)
         fix = f"{duties} {verb} 0 or 1 throughout: map {them} with {maps}"
     return input_error(trial.source, what, fix)
 

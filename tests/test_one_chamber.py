@@ -601,6 +601,17 @@ def test_a_motion_names_mistaken_commands_too(stem: str, tmp_path: Path) -> None
         assert any(f"{command} is inverted" in n for n in said)
 
 
+@pytest.mark.parametrize("column", [FILL, BLEED])
+def test_a_motion_by_no_valve_of_the_log_is_said(
+    column: str, shut: tuple[GeneratedCampaign, Path], tmp_path: Path
+) -> None:
+    made, place = shut
+    frame = log_frame(made.log("motion_discrete").tests, made.rig)
+    line = f"while both valves are off: is {column}, which stays 0, the command of the valve that"
+    assert any(line in n for n in read_back(frame.assign(**{column: 0}), place, tmp_path).notices)
+    assert not any("both valves are off" in n for n in read_back(frame, place, tmp_path).notices)
+
+
 @pytest.mark.parametrize("supply", ["pressure", "vacuum"])
 def test_an_emptying_that_no_command_shows_is_said(
     supply: str,

@@ -176,8 +176,7 @@ def _beyond_stops(where: str, target: str, column: str, values: FloatArray, rig:
             where,
             f"{target} runs from {low:.4g} to {high:.4g} {si}, "
             f"more than the stroke of {rig.travel:.4g} {si} allows",
-            _mapping(target, column, unit)
-            + ", or correct stroke_m or pitch_radius_m in the rig file",
+            _mapping(target, column, unit) + f", or correct {_lengths(rig)} in the rig file",
         )
     if max(-low, high) <= (0.5 + SIZE_KNOWN_TO) * rig.travel:
         return None

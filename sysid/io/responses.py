@@ -29,6 +29,8 @@ _MAJORITY = 0.5
 _ALIKE = 0.1
 # Rows at the end of a run whose median is the pressure there.
 _END_ROWS = 5
+# Of the travel: a held piston gives by no more.
+_HELD = 0.01
 # A pressure that varies by less than so many standard deviations of its noise shows no command.
 _MOVED = 20.0
 
@@ -49,7 +51,7 @@ def response_notices(
             )
     if not knows_supply:
         return
-    two = (_of_two(columns, side, rig) for side in rig.sides)
+    two = (_of_two(columns, side, rig) or _while_shut(columns, side, rig) for side in rig.sides)
     for line in (_answers(columns, rig), *two):
         if line:
             yield f"{where}: {line}"
@@ -127,12 +129,14 @@ class PressureRun:
 
 
 def pressure_runs(
-    pressure: FloatArray, fills: BoolArray, empties: BoolArray, way: float
+    pressure: FloatArray, fills: BoolArray, empties: BoolArray, way: float, starts: IntArray
 ) -> list[PressureRun]:
-    """The runs of a chamber's commands, (n,) each of a test, and what its pressure (n,) Pa changes
-    in each; `way`: the rig's `supply_way`."""
+    """The runs of a chamber's commands, (n,) each, and what its pressure (n,) Pa changes in each.
+
+    `way`: the rig's `supply_way`; `starts`: the rows, after the first, at which tests begin.
+    """
     edges = np.flatnonzero(np.diff(2 * fills + empties)) + 1
-    first, change = _changes(pressure, edges, np.zeros(0, dtype=int))
+    first, change = _changes(pressure, edges, starts)
     stops = [*first[1:], len(pressure)]
     return [
         PressureRun(int(start), int(stop), bool(fills[start]), bool(empties[start]), way * moved)
@@ -163,6 +167,50 @@ def _starts(columns: Mapping[str, FloatArray]) -> IntArray:
     """The rows, after the first, at which the tests of a file begin: where its time restarts."""
     time = columns.get("time_s")
     return np.zeros(0, dtype=int) if time is None else np.flatnonzero(np.diff(time) <= 0.0) + 1
+
+
+@dataclass(frozen=True)
+class Unaccounted:
+    """Rows (n,) in which a chamber fills (else empties) though both of its valves are off, and the
+    line that says so."""
+
+    fills: bool
+    rows: BoolArray
+    line: str
+
+
+def moved_while_shut(
+    pressure: FloatArray,
+    names: tuple[str, str],
+    commands: tuple[FloatArray, FloatArray],
+    way: float,
+    noise: float,
+    starts: IntArray | None = None,
+) -> Iterator[Unaccounted]:
+    """Where more of a pressure's (n,) Pa rise, or fall, is while a fill and a bleed valve are off
+    than while either is on; `noise` is one standard deviation, Pa, the rest as in `_mistaken`."""
+    on = [command > 0.0 for command in commands]
+    begins = np.zeros(0, dtype=int) if starts is None else starts
+    runs = pressure_runs(pressure, on[0], on[1], way, begins)
+    for sign, name, does, command in zip(
+        (1.0, -1.0), names, ("fills", "empties"), commands, strict=True
+    ):
+        shut = [r for r in runs if r.is_shut and sign * r.change > _MOVED * noise]
+        moved = sum(sign * run.change for run in shut)
+        total = sum(max(sign * run.change, 0.0) for run in runs)
+        if not shut or moved < _MAJORITY * total:
+            continue
+        rows = np.zeros(len(pressure), dtype=bool)
+        for run in shut:
+            rows[run.start : run.stop] = True
+        most = max(shut, key=lambda run: sign * run.change)
+        still = "" if np.any(command > 0.0) else ", which stays 0,"
+        moves = "rises" if sign * way > 0.0 else "falls"
+        line = (
+            f"the pressure {moves} by {abs(most.change):.4g} Pa while both valves are off: is "
+            f"{name}{still} the command of the valve that {does} the chamber, or does it leak?"
+        )
+        yield Unaccounted(sign > 0.0, rows, line)
 
 
 def mistaken_commands(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> str | None:
@@ -218,12 +266,35 @@ def _of_two(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> str | Non
     pressure = _at_rest(columns, side, rig) if rig.bleeds else None
     if pressure is None:
         return None
+    names = _two_names(columns, side)
+    if names is None:
+        return None
+    commands = columns[names[0]], columns[names[1]]
+    return _mistaken(pressure, names, commands, rig.supply_way, _starts(columns))
+
+
+def _two_names(columns: Mapping[str, FloatArray], side: str) -> tuple[str, str] | None:
+    """The columns of a chamber's fill and bleed valve; None where the log lacks one."""
     for stem in ("valve", "duty"):
         fill, bleed = f"{stem}_{side}_fill", f"{stem}_{side}_bleed"
         if fill in columns and bleed in columns:
-            commands = columns[fill], columns[bleed]
-            return _mistaken(pressure, (fill, bleed), commands, rig.supply_way, _starts(columns))
+            return fill, bleed
     return None
+
+
+def _while_shut(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> str | None:
+    """A line where a chamber whose piston moves empties, or fills, by no valve of the log; of a
+    held one its fit says so."""
+    names = _two_names(columns, side) if rig.bleeds else None
+    position = columns.get(rig.position_channel)
+    pressure = _at_rest(columns, side, rig) if names is not None else None
+    if names is None or pressure is None or position is None or rig.cylinder is None:
+        return None
+    if np.ptp(position) <= _HELD * (rig.travel or 0.0):
+        return None
+    commands, noise = (columns[names[0]], columns[names[1]]), noise_floor(pressure).total
+    found = moved_while_shut(pressure, names, commands, rig.supply_way, noise, _starts(columns))
+    return next((one.line for one in found), None)
 
 
 def _mistaken(
@@ -291,4 +362,4 @@ def _standard(values: FloatArray) -> FloatArray:
     return np.asarray((values - values.mean()) / values.std())
 
 
-__all__ = ["PressureRun", "mistaken_commands", "pressure_runs", "response_notices"]
+__all__ = ["Unaccounted", "mistaken_commands", "moved_while_shut", "response_notices"]

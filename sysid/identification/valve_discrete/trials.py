@@ -18,7 +18,7 @@ from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.identification.valve_discrete.held_chamber import HeldChamber
 from sysid.io.logs import Trial
 from sysid.io.plausibility import check_supply
-from sysid.io.responses import mistaken_commands, pressure_runs
+from sysid.io.responses import mistaken_commands, moved_while_shut
 from sysid.io.rig import Air, Cylinder, Rig
 from sysid.io.trial_kind import HELD_SHARE
 from sysid.plant.base import CRITICAL_RATIO, chamber_volume
@@ -40,8 +40,6 @@ EDGE_GUARD_S = 0.05
 _CLIPPED_RUN = 30
 # A pressure that changes by so many standard deviations of its noise moves.
 _MOVED = 20.0
-# Of all that a pressure falls (or rises): more of it while no valve is open is no small leak.
-_MAJORITY = 0.5
 FEWEST_ROWS = 10
 # Smallest noise assumed, Pa: below it, rounding in the file dominates.
 _LEAST_NOISE_PA = 5.0
@@ -296,39 +294,16 @@ def _of_two_valves(trial: Trial, whole: Piece, valve: str) -> Iterator[_Cut]:
     """Rows in which a fill and a bleed valve do not say by which of them the chamber is moved."""
     if whole.chamber.bleeds is None:
         return
-    names = [f"valve_{valve}_{one}" for one in ("fill", "bleed")]
+    names = f"valve_{valve}_fill", f"valve_{valve}_bleed"
     of_filling, of_emptying = FILLING, DISCHARGING[:2]
     fills, empties = (trial[name] > 0.5 for name in names)
     both = fills & empties
     if both.any():
         said = f"{' and '.join(names)} are on together, whose flows add up: switch one at a time"
         yield _Cut(both, said, (*of_filling, *of_emptying))
-    runs = pressure_runs(whole.pressure, fills, empties, whole.way)
-    for sign, name, says in ((1.0, names[0], "fills"), (-1.0, names[1], "empties")):
-        moved = [sign * run.change for run in runs]
-        least = _MOVED * whole.noise
-        shut = [k for k, run in enumerate(runs) if run.is_shut and moved[k] > least]
-        most = max(shut, key=moved.__getitem__, default=None)
-        total = sum(change for change in moved if change > 0.0)
-        if most is None or sum(moved[k] for k in shut) < _MAJORITY * total:
-            continue
-        rows = np.zeros(len(both), dtype=bool)
-        for k in shut:
-            rows[runs[k].start : runs[k].stop] = True
-        run = runs[most]
-        began, ended = (_level(whole, at) for at in (run.start, run.stop))
-        still = "" if trial[name].any() else ", which stays 0,"
-        moves = "rises" if sign * whole.way > 0.0 else "falls"
-        said = (
-            f"the pressure {moves} from {began:.6g} to {ended:.6g} Pa while both valves are off: "
-            f"is {name}{still} the command of the valve that {says} the chamber, or does it leak?"
-        )
-        yield _Cut(rows, said, of_filling if sign > 0.0 else of_emptying)
-
-
-def _level(piece: Piece, row: int) -> float:
-    """The pressure just before a row, Pa."""
-    return float(np.median(piece.pressure[max(0, row - 5) : max(row, 1)]))
+    commands = trial[names[0]], trial[names[1]]
+    for one in moved_while_shut(whole.pressure, names, commands, whole.way, whole.noise):
+        yield _Cut(one.rows, one.line, of_filling if one.fills else of_emptying)
 
 
 def _risen(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float:
