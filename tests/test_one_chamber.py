@@ -43,6 +43,7 @@ from sysid.friction import fit_friction
 from sysid.identification.valve_discrete.held_chamber import FLOWS
 from sysid.identification.valve_discrete.shown import discrete_section
 from sysid.identification.valve_discrete.start import flows_not_shown
+from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import read_campaign
 from sysid.io.logs import Log, Trial, read_log
 from sysid.io.rig import Rig, read_rig, rig_from_content
@@ -599,6 +600,46 @@ def test_a_motion_names_mistaken_commands_too(stem: str, tmp_path: Path) -> None
         inverted = frame.assign(**{command: 1.0 - frame[command]})
         said = read_back(inverted, tmp_path, tmp_path).notices
         assert any(f"{command} is inverted" in n for n in said)
+
+
+def test_a_log_of_two_valves_needs_no_rig_file(
+    shut: tuple[GeneratedCampaign, Path], tmp_path: Path
+) -> None:
+    """Its columns say that there are two of one chamber, and where that is open and filled."""
+    made, _ = shut
+    bench_frame(made).to_csv(tmp_path / "bench.csv", index=False)
+    bare = read_bare_logs([tmp_path / "bench.csv"], {})
+    air, true = bare.rig.air, made.rig.content["air"]
+    assert bare.rig.bleeds and bare.rig.sides == ("a",) and air is not None
+    assert air.supply_pressure_pa == pytest.approx(true["supply_pressure_pa"], rel=2e-3)
+    assert air.atmospheric_pressure_pa == pytest.approx(true["atmospheric_pressure_pa"], rel=2e-3)
+    found = fit_valve_discrete(bare.logs[0].trials, bare.rig, find_ratio=False)["a"].estimates
+    # Its volume is assumed: flows are in proportion to it, and to one another.
+    law, flows = made.rig.truth.valve_a, {name: found[name].value for name in FLOWS}
+    factor = flows["c_fill"] / law.c_fill
+    for name, value in flows.items():
+        assert value / getattr(law, name) == pytest.approx(factor, rel=0.01), name
+
+
+@pytest.mark.parametrize("two", [False, True], ids=["3/2", "fill and bleed"])
+def test_a_log_shows_that_its_supply_is_a_vacuum(
+    two: bool,
+    evacuated: tuple[GeneratedCampaign, Path],
+    shut_vacuum: tuple[GeneratedCampaign, Path],
+    tmp_path: Path,
+) -> None:
+    made, _ = shut_vacuum if two else evacuated
+    bench_frame(made).to_csv(tmp_path / "bench.csv", index=False)
+    bare = read_bare_logs([tmp_path / "bench.csv"], {})
+    air, true = bare.rig.air, made.rig.content["air"]
+    assert air is not None and bare.rig.bleeds is two and bare.rig.supply_way < 0.0
+    assert air.supply_pressure_pa == pytest.approx(true["supply_pressure_pa"], rel=0.01)
+    assert air.atmospheric_pressure_pa == pytest.approx(true["atmospheric_pressure_pa"], rel=2e-3)
+    assert not bare.notices and not bare.logs[0].contradictions
+    found = fit_valve_discrete(bare.logs[0].trials, bare.rig, find_ratio=False)["a"].estimates
+    ratio = found["c_dis"].value / found["c_fill"].value
+    law = made.rig.truth.valve_a
+    assert ratio == pytest.approx(law.c_dis / law.c_fill, rel=0.02)
 
 
 @pytest.mark.parametrize("column", [FILL, BLEED])

@@ -21,11 +21,11 @@ from sysid.io.bundled import REFERENCE_BUNDLE, thesis_folder
 from sysid.io.channels import PRESSURES, VALVE_COMMANDS
 from sysid.io.declaration import LONGEST_TEXT, range_of
 from sysid.io.exclusion import Exclusion
-from sysid.io.log_constants import ShownConstants, shown_constants
+from sysid.io.log_constants import VACUUM, ShownConstants, shown_constants
 from sysid.io.logs import Log, log_of, log_table
 from sysid.io.motion import units_of
 from sysid.io.rig import ASSUMED, BARE, Rig, rig_from_content
-from sysid.io.rig_sections import Air, Cylinder, Motor
+from sysid.io.rig_sections import FILL_AND_BLEED, Air, Cylinder, Motor, Valves
 from sysid.io.tables import LogTable
 from sysid.io.units import ColumnMap, parse_map
 
@@ -33,6 +33,13 @@ SOURCE = BARE
 """What messages name in place of a rig file."""
 
 _LINEAR = ("position_m", "velocity_m_per_s", "motor_force_n")
+# What a log's columns say, or nothing depends on.
+_SAID = (
+    ("rig", "name"),
+    ("rig", "motion"),
+    ("cylinder", "chambers"),
+    ("valves", "arrangement"),
+)
 _FULL_TURN = 2.0 * math.pi
 
 
@@ -73,6 +80,8 @@ def read_bare_logs(
     present = {name for table in tables for name in _channels(table, mapping)}
     is_linear = any(name in present for name in _LINEAR)
     reference = _reference(is_linear, paths[0].stem[:LONGEST_TEXT])
+    if any(name.endswith(("_fill", "_bleed")) for name in present & {*VALVE_COMMANDS}):
+        reference = _of_two_valves(reference)
     in_volts = "motor_volts" in present and not present & {"motor_torque_nm", "motor_force_n"}
     draft = _draft(reference, in_volts)
     shown = shown_constants(
@@ -145,6 +154,16 @@ def _reference(is_linear: bool, name: str) -> dict[str, Any]:
     return content
 
 
+def _of_two_valves(reference: Mapping[str, Any]) -> dict[str, Any]:
+    """The same with one chamber, which a fill and a bleed valve serve, as the columns say."""
+    cylinder = {k: v for k, v in reference["cylinder"].items() if not k.endswith(("_b_m2", "_b_m"))}
+    return {
+        **reference,
+        "cylinder": {**cylinder, "chambers": ["a"]},
+        "valves": {**reference["valves"], "arrangement": FILL_AND_BLEED},
+    }
+
+
 def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
@@ -155,6 +174,9 @@ def _draft(reference: Mapping[str, Any], in_volts: bool) -> Rig:
     air = {**reference["air"], "supply_pressure_pa": highest}
     content = {"rig": reference["rig"], "air": air, "sensors": reference["sensors"]}
     draft = rig_from_content(content, SOURCE)
+    if reference["valves"].get("arrangement") == FILL_AND_BLEED:
+        valves = Valves.from_table(reference["valves"], SOURCE)
+        draft = dataclasses.replace(draft, valves=valves)
     return _volts_as_effort(draft) if in_volts else draft
 
 
@@ -173,7 +195,7 @@ def _dotted(content: Mapping[str, Any]) -> Iterator[str]:
     """The keys of a rig file's constants: not its name, nor what the columns say."""
     for section, table in content.items():
         for key in table:
-            if (section, key) not in (("rig", "name"), ("rig", "motion")):
+            if (section, key) not in _SAID:
                 yield f"{section}.{key}"
 
 
@@ -196,7 +218,9 @@ def _completed(
         "pwm.period_s": shown.pwm_period_s,
     }
     low, high = known["air.atmospheric_pressure_pa"], known["air.supply_pressure_pa"]
-    if high is not None and high <= (low or made["air"]["atmospheric_pressure_pa"]):
+    ambient = low or made["air"]["atmospheric_pressure_pa"]
+    is_vacuum = low is not None and high is not None and high < VACUUM * low
+    if high is not None and high <= ambient and not is_vacuum:
         known["air.supply_pressure_pa"] = high = None
     if high is None and "air.supply_pressure_pa" in free and shown.highest_pa is not None:
         # No test is excluded by an assumed supply.
@@ -246,7 +270,7 @@ def _stroke(content: Mapping[str, Any], shown: ShownConstants) -> float | None:
 
 def _set_stroke(cylinder: dict[str, Any], stroke: float) -> None:
     """A stroke, and offsets that leave each chamber its dead length at the end."""
-    for key in ("offset_a_m", "offset_b_m"):
+    for key in {"offset_a_m", "offset_b_m"} & cylinder.keys():
         dead = cylinder[key] - 0.5 * cylinder["stroke_m"]
         if cylinder[key] <= 0.5 * stroke:
             cylinder[key] = _rounded(0.5 * stroke + dead)

@@ -32,6 +32,8 @@ _LEAST_SHARE = 0.85
 _SETTLED = 0.2
 _OFF, _ON, _BEGUN = "off", "on", "begun"
 """What a chamber's valve does while its pressure rests; `begun`: a test, from either."""
+VACUUM = 0.9
+"""Of the atmosphere's pressure: a supply below is a vacuum, and not the weather."""
 # A duty above which a chamber fills to the supply, but for the share of a pulse's end.
 _NEARLY_ON = 0.95
 _ATMOSPHERE = "atmospheric_pressure_pa"
@@ -140,7 +142,10 @@ def _rests(trials: Sequence[Trial], position: str) -> tuple[tuple[float, ...], f
     # Leaks and short stretches keep a chamber below the supply: the highest rests count.
     on = [*found[_ON], *begun_filled]
     low = rests[0] if rests else 0.0
-    top = [value for value in on if value - low > 0.9 * (max(on) - low)]
+    is_vacuum = bool(on) and _within(_ATMOSPHERE, low) is not None and max(on) < VACUUM * low
+    way = -1.0 if is_vacuum else 1.0
+    reach = max((way * (value - low) for value in on), default=0.0)
+    top = [value for value in on if way * (value - low) > 0.9 * reach]
     return rests, _known(float(np.median(top)) if top else None)
 
 
@@ -162,7 +167,10 @@ def _resting(trial: Trial, side: str, position: str) -> Iterator[tuple[str, Floa
     """
     pressure = trial[f"pressure_{side}_pa"]
     switch, duty = f"valve_{side}", f"duty_{side}"
-    if switch in trial:
+    two = [name for stem in (switch, duty) if (name := f"{stem}_fill") in trial]
+    if two:
+        yield from _resting_of_two(trial, pressure, two[0])
+    elif switch in trial:
         command = trial[switch]
         edges = [0, *(np.flatnonzero(np.diff(command)) + 1), len(command)]
         for first, last in itertools.pairwise(edges):
@@ -182,6 +190,23 @@ def _resting(trial: Trial, side: str, position: str) -> Iterator[tuple[str, Floa
         place = trial[position] if position in trial else np.zeros(len(pressure))
         moved = np.abs(place - place[0]) > _MOVED * np.ptp(place)
         yield _OFF, pressure[: int(np.argmax(moved)) if moved.any() else len(pressure)]
+
+
+def _resting_of_two(
+    trial: Trial, pressure: FloatArray, fill: str
+) -> Iterator[tuple[str, FloatArray]]:
+    """The same of a chamber with a fill and a bleed valve, by the former's column: shut, it rests
+    anywhere."""
+    bleed = fill.replace("_fill", "_bleed")
+    fills = trial[fill] > _NEARLY_ON
+    empties = trial[bleed] > _NEARLY_ON if bleed in trial else np.zeros_like(fills)
+    if trial.has_its_start:
+        yield _BEGUN, pressure[:1]
+    edges = [0, *(np.flatnonzero(np.diff(2 * fills + empties)) + 1), len(pressure)]
+    for first, last in itertools.pairwise(edges):
+        if fills[first] != empties[first]:
+            settled = max(1, round(_SETTLED * (last - first)))
+            yield _ON if fills[first] else _OFF, pressure[last - settled : last]
 
 
 def _apart(values: Sequence[float]) -> tuple[list[float], list[float]]:
@@ -310,4 +335,4 @@ def _even_period(frequency: float, length: float) -> float:
     return 1.0 / frequency
 
 
-__all__ = ["ShownConstants", "pwm_period", "shown_constants"]
+__all__ = ["VACUUM", "ShownConstants", "pwm_period", "shown_constants"]

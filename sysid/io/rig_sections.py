@@ -71,6 +71,7 @@ class Air(TomlSection):
 
 
 Arrangement = Literal["3/2", "fill-and-bleed"]
+FILL_AND_BLEED: Arrangement = "fill-and-bleed"
 
 _OPEN_SIDE = {"area_b_m2": 1e-15, "offset_b_m": 1e18}
 """What stands for chamber B where the piston's other side is open to the atmosphere: a piston of no
@@ -501,6 +502,7 @@ class Sensors(TomlSection):
 
 
 __all__ = [
+    "FILL_AND_BLEED",
     "Air",
     "Cylinder",
     "Inertia",
