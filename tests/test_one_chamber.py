@@ -789,6 +789,22 @@ def test_no_surface_is_promised_where_none_is_fitted(rig_text: str) -> None:
             fit_valve_pwm([], rig)
 
 
+def test_no_surface_is_asked_for_where_none_is_fitted(
+    shut: tuple[GeneratedCampaign, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made, place = shut
+    rig = read_rig(place / "rig.toml")
+    friction = bundle_of(made.rig, rig).friction
+    assert friction is not None
+    entry = '[[log]]\nkind = "motion-discrete"\nfile = "motion_discrete.csv"\n'
+    (place / "motion.toml").write_text(f'rig = "rig.toml"\n{entry}')
+    write_bundle(Bundle.new(rig, Parts(friction), []), tmp_path / "bundle.json")
+    words = ["--bundle", str(tmp_path / "bundle.json")]
+    assert main(["validate", str(place / "motion.toml"), *words]) == 3
+    said = capsys.readouterr().err
+    assert "fit valve-discrete tests of its valves into the bundle" in said
+
+
 def test_commands_in_other_columns_are_mapped(
     shut: tuple[GeneratedCampaign, Path], tmp_path: Path
 ) -> None:

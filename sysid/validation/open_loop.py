@@ -55,7 +55,7 @@ from sysid.validation.results import (
 
 _OFFSET_EFFECT = "torque-offset"
 _ALONE = "; a cylinder without valves is judged by `sysid diagnose`, on its held-out tests"
-_NO_VALVES = "fit valve-discrete tests of {}, or valve-pwm tests, into the bundle"
+_NO_VALVES = "fit valve-discrete tests of {}{} into the bundle"
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,8 @@ def _valve_models(
             if surfaces is not None:
                 found.append(_ValveModel(kind, surfaces))
     missing = sorted({e.file for e in entries if not any(m.applies(e.kind) for m in found)})
-    lacking = _NO_VALVES.format(rig.all_valves)
+    or_pwm = ", or valve-pwm tests," if rig.has_pwm_surfaces else ""
+    lacking = _NO_VALVES.format(rig.all_valves, or_pwm)
     if len(missing) == len({e.file for e in entries}):
         raise NotIdentifiedError(
             f"{bundle.source}: holds no valve model of {rig.all_valves} to simulate {missing[0]} "
