@@ -142,6 +142,12 @@ def _no_command(trial: Trial, names: Sequence[str], rig: Rig) -> InputError:
     else:
         what, them = f"column {names[0]} is missing", "it"
     fix = f'add {them}, or map {them} with --map "{names[0]}=COLUMN"'
+    pairs = {f"valve_{v}": f"valve_b{v[1:]}" for v in rig.valve_names}
+    if rig.sides == ("a",) and all(other in trial for other in pairs.values()):
+        both = {**pairs, "pressure_a_pa": "pressure_b_pa"}
+        given = " ".join(f'--map "{name}={other}"' for name, other in both.items())
+        what += f", and {pairs[names[0]]} is of a chamber B, which {rig.source} does not list"
+        return input_error(trial.source, what, f"map what is of its only chamber with {given}")
     own = [v for v in rig.valve_names if f"duty_{v}" in trial]
     if own and all(np.isin(trial[f"duty_{v}"], (0.0, 1.0)).all() for v in own):
         maps = " ".join(f'--map "valve_{v}=duty_{v}"' for v in own)

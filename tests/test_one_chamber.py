@@ -815,6 +815,10 @@ def test_commands_in_other_columns_are_mapped(
     assert log.rig is not None
     with pytest.raises(InputError, match=r'0 or 1 throughout: map them with --map "valve_a_fill='):
         fit_valve_discrete(log.trials, log.rig)
+    of_b = {FILL: "valve_b_fill", BLEED: "valve_b_bleed", "pressure_a_pa": "pressure_b_pa"}
+    log = read_back(frame.rename(columns=of_b), place, tmp_path)
+    with pytest.raises(InputError, match=r"valve_b_fill is of a chamber B, which \S*rig.toml does"):
+        fit_valve_discrete(log.trials, log.rig)
     with pytest.raises(InputError, match=r'"valve_a_fill=valve_a_fill:0\.\.100 -> 0\.\.1"'):
         read_back(frame.assign(**{FILL: 100 * frame[FILL]}), place, tmp_path)
 
