@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from golden_folder import golden_bundle
 from small_campaign import write_small
 
 pytest.importorskip("panel", reason="panel is absent")
@@ -29,6 +30,7 @@ from sysid.app import edits
 from sysid.app.jobs import Job
 from sysid.app.journal import FileChange, Journal
 from sysid.app.page import Window as PageWindow
+from sysid.app.screens.compare import CompareContent, CompareScreen
 from sysid.app.screens.export import ExportScreen
 from sysid.app.screens.files import FilesScreen
 from sysid.app.screens.fit import FitScreen
@@ -41,6 +43,8 @@ from sysid.blocks.figures import Scale
 from sysid.errors import InputError
 from sysid.io.campaign import read_campaign
 from sysid.io.listing import channels_of
+from sysid.parameters import read_bundle
+from sysid.pipeline.compare import compare
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 _TEXT_OF = """(place) => {
@@ -309,6 +313,8 @@ def test_two_windows_on_one_campaign(window: Page) -> None:
     window.page.locator("button[data-do=look-exclude-test]").click()
     other.page.get_by_text("excluded: test 1: cable torn").wait_for()
     assert read_campaign(path).logs[0].exclude[0].why == "cable torn"
+    # Nothing is left of it to exclude once more.
+    window.page.locator("button[data-do=look-exclude-test][disabled]").wait_for()
     wait_until(lambda: 'why = "cable torn"' in window.text(".done"))
     other.page.locator("#main").focus()
     other.page.keyboard.press("z")
@@ -417,10 +423,12 @@ def test_a_job_is_cancelled_in_the_page(window: Page) -> None:
 @pytest.mark.parametrize("key", ["2", "6"])
 def test_what_is_chosen_from_a_list_is_next_to_it(key: str, window: Page) -> None:
     window.show(key)
-    window.page.locator(".wide button").first.wait_for()
+    window.page.locator(".wide").first.wait_for()
     side, wide = (window.page.locator(f".{name}").first.bounding_box() for name in ("side", "wide"))
     assert side and wide and side["x"] + side["width"] <= wide["x"]
     assert abs(side["y"] - wide["y"]) < 60.0
+    rows = window.page.locator(".side .scroll").first
+    assert rows.evaluate("(node) => node.scrollWidth <= node.clientWidth")  # nothing is cut off
 
 
 def test_a_narrow_dark_window(server: Server, browser: Any) -> None:
@@ -603,6 +611,17 @@ def test_a_campaign_is_checked_log_by_log(tmp_path: Path) -> None:
     os.utime(tmp_path / files[1], ns=(0, 0))
     screen.draw(screen.read())
     assert shown(0).count("is being checked") == 1 and len(screen.later) == 2
+
+
+def test_a_comparison_without_errors_draws_no_empty_figure(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, tmp_path / "campaign.toml", tmp_path / "results")
+    screen = CompareScreen(SimpleNamespace(bench=bench, scheme="light"))
+    fitted = read_bundle(golden_bundle("diagnosed"))
+    thesis = read_bundle(REPOSITORY / "datasets/thesis/reference_bundle.json")
+    for other, count in ((thesis, 2), (fitted, 3)):  # the responses; and each number
+        found = compare(fitted, other)
+        panes = screen.draw(CompareContent((), (), found, (), ""))
+        assert len(panes[3].objects) == count
 
 
 def test_a_million_samples_are_thinned_to_the_window() -> None:

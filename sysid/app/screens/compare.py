@@ -86,7 +86,9 @@ class CompareScreen(Screen):
         tables = "".join(block_html(t) for t in content.compared.tables() if t.rows)
         notices = parts.listed(content.compared.notices)
         responses = content.compared.responses
-        figures = [content.compared.figure(), *(responses.figures() if responses else ())]
+        # Where no number has an error in both, none was compared: there is nothing to draw.
+        against = [content.compared.figure()] if content.compared.movements else []
+        figures = [*against, *(responses.figures() if responses else ())]
         panes = [parts.figure_pane(figure, self.window.scheme) for figure in figures]
         heading = (
             f"<p class='sentence'>{parts.words(content.compared.headline(is_titled=True))}</p>"

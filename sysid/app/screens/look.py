@@ -216,14 +216,18 @@ class LookScreen(Screen):
             return head + (parts.note(hint) if shown else "")
         row = shown[0]
         assert row.trial is not None
+        is_out = any(
+            one.test in ("", row.trial.label) and one.from_s is None and one.to_s is None
+            for one in row.entry.exclude
+        )
         low, high = ("", "") if self.span is None else (f"{v:.6g}" for v in self.span)
         form = (
             f"From {parts.entry('look-from', low, 'From, s', size=7)} s "
             f"to {parts.entry('look-to', high, 'To, s', size=7)} s because "
             f"{parts.entry('look-why', self.why, 'Reason', size=22, hint='reason')} "
-            + parts.button("Exclude the span", "look-exclude-span", off=self.span is None)
+            + parts.button("Exclude the span", "look-exclude-span", off=is_out or self.span is None)
             + " "
-            + parts.button("Exclude the whole test", "look-exclude-test")
+            + parts.button("Exclude the whole test", "look-exclude-test", off=is_out)
         )
         named = parts.words(row.trial.title)
         listed = "".join(self._exclusion(row, i) for i in range(len(row.entry.exclude)))
