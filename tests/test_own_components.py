@@ -185,8 +185,9 @@ def test_it_is_checked_validated_and_reported(cylinder: Path) -> None:
     assert "open loop: fit" in text and "stiffness_n_per_m" in text
     # Each error has its unit, and a log's use is the word of every other table.
     errors = re.findall(r'<td data-label="(Use|Unit)"[^>]*>([^<]*)</td>', text)
-    assert {("Use", "held out"), ("Use", "training"), ("Unit", "m"), ("Unit", "Pa")} <= {*errors}
+    assert {("Use", "held out"), ("Use", "training"), ("Unit", "mm"), ("Unit", "kPa")} <= {*errors}
     assert ("Use", "fit") not in errors
+    assert ">1e5<" not in text and ">Residual (kPa)<" in text  # no power of ten beside an axis
 
 
 def test_a_law_that_changed_since_the_fit_is_said(tmp_path: Path) -> None:

@@ -763,6 +763,20 @@ def test_the_next_step_is_weighed_by_what_it_does_to_the_motion() -> None:
     assert "the simulated model has no such term" in str(said["Offset of friction"])
 
 
+@pytest.mark.parametrize("is_linear", [False, True])
+def test_base_parameters_have_the_units_of_their_own_tables(is_linear: bool) -> None:
+    from sysid.diagnosis.tables import refitted_table
+
+    one = {"before": 6.52e-4, "after": 6.5163e-4, "std": 4.3e-7, "unit": ""}
+    names = ("choked_fill_a", "c_dis_b", "coulomb_effort", "viscous", "own_number")
+    found = refitted_table(
+        {"figures": {"refitted": [{"name": name, **one} for name in names]}}, is_linear
+    )
+    friction = ["N", "N·s/m"] if is_linear else ["N·m", "N·m·s/rad"]
+    assert [row[-1] for row in found.rows] == ["g/s", "kg/(s·Pa)", *friction, ""]
+    assert [str(cell) for cell in found.rows[0][1:3]] == ["0.65200", "0.65163"]
+
+
 def test_messages_have_a_page_s_signs() -> None:
     from sysid.blocks.html import typeset
 
@@ -773,6 +787,7 @@ def test_messages_have_a_page_s_signs() -> None:
         shown = shown.replace(plain, sign)
     assert typeset(line) == shown
     assert typeset("keys such as coulomb_nm, 3 Nmax") == "keys such as coulomb_nm, 3 Nmax"
+    assert typeset("d (P^2 - P0^2)") == "d (P² - P0²)" and typeset("2^10, x^2.5") == "2^10, x^2.5"
     # In a table a reason stands among the numbers.
     reason = "no discharge starts above the choked boundary (1.887e+05 Pa)"
     cells = block_html(table("Valve", ("Parameter", "Value"), [("Flow", reason)]))

@@ -18,6 +18,9 @@ _POWER = re.compile(r"(?<=[A-Za-z])[23]\b")
 # Times and mass flows below this are shown in a thousandth of their unit, as in the figures.
 _SHORT = 0.1
 _THOUSANDTHS = {"s": "ms", "kg/s": "g/s"}
+# Units that take a prefix, and the size from which they take that of a thousand.
+_PREFIXED = frozenset(("m", "s", "rad", "N", "Pa", "V", "A", "W", "J", "Nm"))
+_LARGE = 1e3
 # Powers of ten that are written out.
 _PLAIN = range(-2, 6)
 # The error's power of ten down to which a value that is smaller than it is written out.
@@ -45,6 +48,16 @@ def unit(text: str) -> str:
     for plain, sign in _UNIT_SIGNS.items():
         text = text.replace(plain, sign)
     return _POWER.sub(lambda m: m[0].translate(_SUPERSCRIPT), text)
+
+
+def prefixed(name: str, size: float) -> tuple[str, float]:
+    """The unit in which values of this size (in the unit `name`) are readable, and the scale to it:
+    a thousand or a thousandth of it. Units of several parts stay as they are."""
+    if name not in _PREFIXED or not math.isfinite(size) or size == 0.0:
+        return unit(name), 1.0
+    if abs(size) >= _LARGE:
+        return f"k{name}", 1e-3
+    return (f"m{name}", 1e3) if abs(size) < _SHORT else (name, 1.0)
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -84,7 +84,7 @@ def _effects(content: Content, is_linear: bool) -> list[Block]:
             caption += " Torques and forces count in the direction of positive motion."
         blocks.append(FigureGroup(caption, drawn))
     blocks.append(tables.parameters_table(content))
-    refitted = tables.refitted_table(content)
+    refitted = tables.refitted_table(content, is_linear)
     if is_refined(content):
         line = (
             "The other parameters were estimated again together with these; the section "

@@ -30,7 +30,7 @@ from sysid.diagnosis.wording import (
 )
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import channel_of
-from sysid.parameters.table import title_of_field
+from sysid.parameters.table import title_of_field, unit_of_field
 
 Content = Mapping[str, Any]
 
@@ -109,16 +109,23 @@ def parameters_table(content: Content) -> Table:
             )
             meaning = meanings.get(name, "")
             shown = NotedCell(capital(meaning), name) if meaning else name
+            if name == "side":  # a chamber or its valve, as everywhere by its capital letter
+                shown = NotedCell("Side", name)
+                cells = (NotedCell(cells[0].upper(), plain=cells[0]), *cells[1:])
             rows.append((named(content, effect["id"]), shown, *cells))
     columns = ("Effect", "Parameter", "Value", "Standard error", "95 % interval", "Unit")
     return table(f"Their parameters; standard errors {how}", columns, rows, text=(1, 5))
 
 
-def refitted_table(content: Content) -> Table:
-    """The base parameters that were re-estimated with the effects, before and after."""
+def refitted_table(content: Content, is_linear: bool = False) -> Table:
+    """The base parameters that were re-estimated with the effects, before and after.
+
+    `is_linear`: of a rig that slides. An actuator's are named as in the model, without units.
+    """
     rows: list[tuple[Any, ...]] = []
     for entry in content["figures"].get("refitted") or []:
-        value, unit = float(entry["after"]), entry["unit"]
+        value = float(entry["after"])
+        unit = entry["unit"] or unit_of_field(entry["name"], is_linear=is_linear)
         after = Estimate(value, float(entry["std"]), unit, (math.nan, math.nan))
         # To the digit that the value after is written to.
         before = replace(after, value=float(entry["before"]))
@@ -130,13 +137,9 @@ def refitted_table(content: Content) -> Table:
         title = title_of_field(name)
         shown = NotedCell(title, name) if title else name
         rows.append((shown, estimate_cells(before)[0], *cells[:2], change, cells[3]))
-    columns = ["Parameter", "From", "To", "Standard error", "Change, %", "Unit"]
-    text: tuple[int, ...] = (len(columns) - 1,)
-    # The names of an actuator's parameters have none in the model; they are in SI units.
-    if not any(row[-1] for row in rows):
-        columns, rows, text = columns[:-1], [row[:-1] for row in rows], ()
-    caption = "Parameters of the base model, estimated again (SI units)"
-    return table(caption, columns, rows, text=text)
+    columns = ("Parameter", "From", "To", "Standard error", "Change, %", "Unit")
+    caption = "Parameters of the base model, estimated again"
+    return table(caption, columns, rows, text=(len(columns) - 1,))
 
 
 def errors_table(content: Content) -> Table:

@@ -65,6 +65,13 @@ _TITLES = {
     "jump_fill_percent": "Jump at the boundary, filling",
     "jump_dis_percent": "Jump at the boundary, exhaust",
 }
+# Of the thesis' flow laws, by the names inside.
+_LAW_UNITS = {
+    "choked_fill": "kg/s",
+    "choked_dis": "kg/s",
+    "c_fill": "kg/(s Pa^0.5)",
+    "c_dis": "kg/(s Pa)",
+}
 _FIELDS = {"static": "static_effort", "coulomb": "coulomb_effort"}
 # The name inside of a number, by its key in a part or its name in the plant's parameters.
 _NAMES = (
@@ -122,6 +129,16 @@ def title_of_field(field: str) -> str:
     name, _, side = field.rpartition("_")
     title = title_of_key(name) if side in SIDES else ""
     return f"Valve {side.upper()}, {within(title)}" if title else ""
+
+
+def unit_of_field(field: str, *, is_linear: bool) -> str:
+    """The unit of a number by its name in the plant's parameters; empty where none is known."""
+    units = LINEAR if is_linear else ROTARY
+    efforts = dict.fromkeys(("static", "coulomb", "offset"), units.effort)
+    known = _LAW_UNITS | efforts | {"viscous": units.viscous_unit}
+    name, _, side = field.rpartition("_")
+    key = name if side in SIDES else field
+    return known.get(_NAMES.get(key, key), "")
 
 
 def in_words(text: str) -> str:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from sysid.blocks.figures import Figure, Line, Panel, Rule, Scale
-from sysid.blocks.numbers import number, span
+from sysid.blocks.numbers import number, prefixed, span
 from sysid.blocks.numbers import unit as shown_unit
 from sysid.blocks.sections import Block, FigureGroup, Section
 from sysid.blocks.tables import table
 from sysid.blocks.titles import use_word
 from sysid.io.campaign import Campaign
 from sysid.parameters import ComponentRecord
+from sysid.types import FloatArray
 from sysid.validation.results import TestResult, ValidationResult
 
 
@@ -48,19 +52,24 @@ def _parameters(part: ComponentRecord) -> Block:
 
 
 def _errors(validation: ValidationResult, units: Mapping[str, str]) -> Block:
-    rows = [
-        (
-            log.name,
-            use_word(log.use),
-            name,
-            number(channel.errors.rmse),
-            number(channel.errors.fit_percentage),
-            number(channel.noise_floor),
-            shown_unit(units.get(name, "")),
+    errors = [(log, *one) for log in validation.logs for one in log.channels.items()]
+    largest: dict[str, float] = {}
+    for _, name, channel in errors:
+        largest[name] = max(largest.get(name, 0.0), channel.errors.rmse)
+    rows = []
+    for log, name, channel in errors:
+        unit, scale = prefixed(units.get(name, ""), largest[name])
+        rows.append(
+            (
+                log.name,
+                use_word(log.use),
+                name,
+                number(scale * channel.errors.rmse),
+                number(channel.errors.fit_percentage),
+                number(scale * channel.noise_floor),
+                unit,
+            )
         )
-        for log in validation.logs
-        for name, channel in log.channels.items()
-    ]
     columns = ("Log", "Use", "Output", "RMSE", "Fit, %", "Sensor noise", "Unit")
     return table("Errors of whole tests", columns, rows, text=(1, 2, 6))
 
@@ -78,16 +87,24 @@ def _group(name: str, tests: Sequence[TestResult], unit: str, used: str) -> Figu
 
 def _figure(key: str, name: str, test: TestResult, unit: str) -> Figure:
     of = f"{test.log}, test {test.test}" if test.test else test.log
-    left = Line(test.time, test.residual(name), "second", width=0.8)
+    residual = test.residual(name)
+    own, scale = prefixed(unit, _size(test.measured[name]))
+    less, finer = prefixed(unit, _size(residual))
+    left = Line(test.time, finer * residual, "second", width=0.8)
     time = Scale("Time", "s")
+    curves = (replace(curve, y=scale * curve.y) for curve in test.curves(name, "modelled"))
     panels = (
-        Panel(time, Scale(name, unit), test.curves(name, "modelled"), 2.0),
-        Panel(time, Scale("Residual", unit), (left, Rule(0.0)), legend="none"),
+        Panel(time, Scale(name, own), tuple(curves), 2.0, legend="above"),
+        Panel(time, Scale("Residual", less), (left, Rule(0.0)), legend="none"),
     )
-    rmse = number(test.channels[name].errors.rmse)
-    description = f"{name} of {of}, as measured and as modelled: RMSE {rmse} {unit}".rstrip() + "."
+    rmse = f"{number(finer * test.channels[name].errors.rmse)} {less}".rstrip()
+    description = f"{name} of {of}, as measured and as modelled: RMSE {rmse}."
     title, heading = f"{name}, measured and modelled", f"{name}: {of}"
     return Figure(f"fig-own-{key}", title, description, panels, heading)
+
+
+def _size(values: FloatArray) -> float:
+    return float(np.nanmax(np.abs(values), initial=0.0))
 
 
 __all__ = ["own_section"]
