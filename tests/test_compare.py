@@ -339,4 +339,6 @@ def test_the_page_says_what_moved_by_titles(bundle: Bundle, tmp_path: Path) -> N
     assert "coulomb_nm" in found.headline()
     write_comparison(tmp_path / "compared.html", found)
     page = (tmp_path / "compared.html").read_text("utf-8")
-    assert "moved: Coulomb friction" in page and "moved: friction coulomb_nm" not in page
+    assert "moved: friction coulomb_nm" not in page
+    # One colon, and the bundle that the others are compared with.
+    assert f">Moved against {found.names[0]}: Coulomb friction, friction as a whole.<" in page

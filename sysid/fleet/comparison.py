@@ -28,7 +28,7 @@ from sysid.blocks.numbers import estimate_cells as cells_of
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import NotedCell, Table, table
-from sysid.blocks.titles import capital
+from sysid.blocks.titles import capital, within
 from sysid.errors import InputError, input_error
 from sysid.estimation.linear import LEVEL, Estimate, finite_or_none, t_p_value, t_quantile
 from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted, largest_significant
@@ -129,19 +129,23 @@ class Comparison(Shown):
         return tuple(m for m in self.movements if m.is_significant)
 
     def headline(self, *, is_titled: bool = False) -> str:
-        """What moved against the first, in one line; by keys, as commands have them, or titles."""
+        """What moved against the first, in one line by keys, as commands have them; with titles a
+        sentence without its full stop."""
         moved = list(dict.fromkeys(_label(m, is_titled=is_titled) for m in self.moved))
-        none = "no parameter moved significantly"
+        against = f" against {self.names[0]}" if is_titled else ""
+        none = f"no parameter moved significantly{against}"
         if not self.movements:
             none = "no parameter has a standard error in both: no movement was tested"
-        said = [f"moved: {', '.join(moved)}" if moved else none]
+        said = [f"moved{against}: {', '.join(moved)}" if moved else none]
         for state in ("appeared", "disappeared", "grew", "shrank"):
             effects = dict.fromkeys(
-                part_title(f"effect {e.effect}") if is_titled else e.effect
+                within(part_title(f"effect {e.effect}")) if is_titled else e.effect
                 for e in self.effects
                 if e.state == state
             )
             said += [f"{state}: {', '.join(effects)}"] if effects else []
+        if is_titled:
+            return capital("; ".join(said))
         what = "valves" if self.names == VALVES else "bundles"
         return f"{len(self.names)} {what}, against {self.names[0]}: {'; '.join(said)}"
 
@@ -524,7 +528,7 @@ def _key_cell(part: str, key: str) -> NotedCell:
 def _label(movement: Movement, *, is_titled: bool) -> str:
     if is_titled:
         whole = f"{part_title(movement.part)} as a whole"
-        return _title(movement.part, movement.name) if movement.name else whole
+        return within(_title(movement.part, movement.name) if movement.name else whole)
     part = movement.part.removeprefix("effect ")
     return f"{part} {movement.name}" if movement.name else f"{part} as a whole"
 
