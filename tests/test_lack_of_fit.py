@@ -144,6 +144,15 @@ def test_a_small_share_says_what_most_of_the_residual_is() -> None:
     )
 
 
+def test_a_search_that_a_quick_run_cuts_short_has_not_failed() -> None:
+    missed = [{"stage": "twins", "reason": "left out by --quick"}]
+    content = {"verdict": "unexplained", "effects": [], "residual": {}, "unexplained": [],
+               "because": "unfinished search", "search": {"missed": missed}}  # fmt: skip
+    said = wording.sentence(content)
+    assert "may have missed an effect" in said and "failed" not in said
+    assert said.count("did not complete") == 1 and "incomplete: not done:" not in said
+
+
 # --- the statistic --------------------------------------------------------------------------
 
 

@@ -166,7 +166,7 @@ _NO_STRUCTURE = {
         "the errors on held-out tests are far above those of a correct model, and no residual of "
         "the training tests shows why"
     ),
-    "unfinished search": "what failed in the search may be missing",
+    "unfinished search": "the search did not come to its end, and may have missed an effect",
     "one recording": "one recording cannot tell what the law lacks",
 }
 
