@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_diagnosis import OTHERS, Tests, finder_of, made, null_of, seen_in
+from test_diagnosis import OTHERS, Tests, finder_of, made, null_of, seen_in, twin_of
 
 from sysid.diagnosis.actuator import finder as finder_module
 from sysid.diagnosis.actuator.bent_waves import bent_waves
@@ -19,7 +19,7 @@ from sysid.diagnosis.actuator.finder import Finder, _worth_fitting
 from sysid.diagnosis.actuator.fitted_set import fit_set, weighed
 from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, rise, weights_of
 from sysid.diagnosis.actuator.null_distribution import Null
-from sysid.diagnosis.actuator.projection import Projected
+from sysid.diagnosis.actuator.projection import Projected, channel_squares, projected
 from sysid.diagnosis.actuator.samples import Traces, commanded_lengths, prepare
 from sysid.diagnosis.actuator.screened import Bias, Signed, screened
 from sysid.diagnosis.actuator.signatures import candidates, signature
@@ -123,6 +123,28 @@ def test_where_nothing_is_missing_there_is_no_evidence_for_anything(
     # Every effect was tried, and those that bias alone explains were asked of the twins.
     some = finder._screened[frozenset()]
     assert {form.id for form in some.forms} == {kind.id for kind in kinds} | set(OTHERS)
+
+
+@pytest.mark.parametrize("tests", [2, 8], ids=["in two tests", "in every test"])
+def test_an_effect_of_a_few_tests_is_no_effect(
+    tests: int, rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """An offset of two tests explains more than noise ever does, and is none of the rig."""
+    traces, model, declared = rig
+    twin = twin_of(model, traces, declared, 3)
+    motor = twin.motor.copy()
+    for run in twin.runs[-tests:]:
+        motor[run.rows] += 0.01
+    shown = replace(lacking(rig).frame, traces=replace(twin, motor=motor))
+    base = projected(shown, model)
+    channels = tuple(ResidualChannel.of_noise(len(base.frame.windows[name])) for name in CHANNELS)
+    none = channel_squares(base, base.rest)
+    found = fit_set(base, channels, [TorqueOffset(0.001)], none)
+    (support,) = found.supports
+    assert cost(channels, none) - cost(channels, found.squares) > 100.0
+    assert support.squares == pytest.approx(none, rel=1e-3)
+    assert (found.evidence(channels, none) > 100.0) == (tests == len(twin.runs))
+    assert (support.most < 20.0) == (tests < len(twin.runs))
 
 
 def test_a_shape_that_gains_on_twins_once_it_is_fitted_is_no_evidence(
@@ -236,7 +258,7 @@ def test_the_evidence_of_a_set_is_that_of_all_its_numbers(
     found = finder.sets[frozenset({"quadratic-drag"})]
     (effect,) = found.effects
     (strength,) = effect.strengths()
-    assert len(type(effect).quantities) == 1
+    assert [q for q in type(effect).quantities if not q.is_choice] == [strength]
     weights = weights_of(finder.channels, found.squares)
     own = weighed(base, weights)
     best = float(getattr(effect, strength.name))

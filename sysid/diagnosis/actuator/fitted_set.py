@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid.diagnosis.actuator.bent_waves import bent_waves
+from sysid.diagnosis.actuator.between_tests import Support, supports
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
@@ -31,12 +32,13 @@ class FittedSet:
 
     `refit` with the channels as they count; `squares` (channels,) of what is left, as they are;
     `complexity`: minus twice the log of the prior at the numbers, and of the share of it that the
-    data leave (Laplace's approximation).
+    data leave (Laplace's approximation); `supports`: what speaks for each of the effects.
     """
 
     refit: Refit
     squares: FloatArray
     complexity: float
+    supports: tuple[Support, ...]
 
     @property
     def effects(self) -> tuple[CatalogueEffect, ...]:
@@ -57,7 +59,13 @@ class FittedSet:
         if not self.is_whole:
             return -math.inf
         fall = cost(channels, none) - cost(channels, self.squares)
-        return float(fall) - self.complexity
+        return float(fall) - self.complexity - self._of_few_tests(channels)
+
+    def _of_few_tests(self, channels: Sequence[ResidualChannel]) -> float:
+        """What the effects gain beyond what the scatter of their strengths between tests allows."""
+        gains = (cost(channels, s.squares) - cost(channels, self.squares) for s in self.supports)
+        pairs = zip(gains, self.supports, strict=True)
+        return sum(max(float(gain) - support.most, 0.0) for gain, support in pairs)
 
 
 def fit_set(
@@ -81,7 +89,8 @@ def fit_set(
             others = [refit(base, bent) for bent in bent_waves(first, found.effects)]
             found = min([found, *others], key=lambda end: end.fit.sum_of_squares)
         left = channel_squares(first, found.rest) / weights
-        own = FittedSet(found, left, _prior_cost(found.effects) + _log_volume(found))
+        complexity = _prior_cost(found.effects) + _log_volume(found)
+        own = FittedSet(found, left, complexity, supports(base, found, weights))
         if best is not None and own.evidence(channels, left) < best.evidence(channels, left):
             break
         best, effects = own, found.effects
