@@ -45,7 +45,7 @@ SAME_LAW: dict[str, dict[str, str | float | tuple[str, float]]] = {
         "area_curvature_per_rad2": "barrel_per_rad2",
         "area_slope_per_rad": 0.0,
     },
-    "quadratic-drag:quadratic": {"drag_nm_s2_per_rad2": "drag"},
+    "quadratic-drag:quadratic": {"drag_nm_s2_per_rad2": "drag", "drag_exponent": 2.0},
     "cable-spring:linear": {"stiffness_nm_per_rad": "cable_nm_per_rad", "spring_rest_rad": 0.0},
     "cable-spring:preloaded": {
         "stiffness_nm_per_rad": "cable_nm_per_rad",

@@ -297,15 +297,31 @@ class Presliding(CatalogueEffect):
 
 @dataclass(frozen=True)
 class QuadraticDrag(CatalogueEffect):
-    """Drag that grows with the square of the speed: + d w |w|."""
+    """Drag that grows faster than the speed: + d |w|^n sign w, n = 2 with its square."""
 
     drag_nm_s2_per_rad2: Array = 0.0
+    drag_exponent: Array = 2.0
 
     id = "quadratic-drag"
     title = "Quadratic drag"
     subsystem = "friction"
     quantities = (
-        Quantity("drag_nm_s2_per_rad2", "Nm s2/rad2", 0.005, 0.0, 0.5, "per squared speed"),
+        Quantity(
+            "drag_nm_s2_per_rad2", "Nm s2/rad2", 0.005, 0.0, 0.5, "at a speed of one unit, squared"
+        ),
+        Quantity(
+            "drag_exponent",
+            "-",
+            2.0,
+            1.5,
+            2.0,
+            "of the speed: 2 square, 1.75 turbulent flow past a smooth wall, 1.5 in between",
+            is_strength=False,
+            # Of a fitted one next to the strength neither would be known well.
+            grid=(1.5, 1.75, 2.0),
+            absent=2.0,
+            is_choice=True,
+        ),
     )
     signature = "torque at high speed"
     rivals = ("stribeck-friction",)
@@ -314,7 +330,10 @@ class QuadraticDrag(CatalogueEffect):
 
     def friction_effort(self, effort: Array, point: Point) -> Array:
         xp = array_namespace(point.velocity, self.drag_nm_s2_per_rad2)
-        return effort + self.drag_nm_s2_per_rad2 * point.velocity * xp.abs(point.velocity)
+        # Never zero: a power of zero has no derivative.
+        speed = xp.maximum(xp.abs(point.velocity), 1e-12)
+        growth = speed ** (self.drag_exponent - 1.0)
+        return effort + self.drag_nm_s2_per_rad2 * point.velocity * growth
 
 
 @dataclass(frozen=True)
