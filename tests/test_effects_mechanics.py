@@ -216,6 +216,11 @@ def moving(**changes: Any) -> Point:
 BACK: dict[str, Any] = {"velocity": -0.07, "direction": -1.0}
 
 
+def _second_of_mesh() -> float:
+    twice = 2.0 * (20.0 + math.atan(0.75))
+    return 0.05 * (0.4 * math.sin(twice) - 0.2 * math.cos(twice))
+
+
 @pytest.mark.parametrize(
     ("effect", "port", "forth", "back"),
     [
@@ -270,6 +275,13 @@ BACK: dict[str, Any] = {"velocity": -0.07, "direction": -1.0}
             "external_effort",
             0.02 * math.sin(20.0) + 0.01 * math.cos(20.0),
             0.02 * math.sin(20.0) + 0.01 * math.cos(20.0),
+        ),
+        (
+            # A wave of 0.05 sin(20 theta + atan(3 / 4)), its second harmonic with a share of each.
+            linkage.GearMeshRipple(0.04, 0.03, 20.0, 0.4, -0.2),
+            "external_effort",
+            0.05 * math.sin(20.0 + math.atan(0.75)) + _second_of_mesh(),
+            0.05 * math.sin(20.0 + math.atan(0.75)) + _second_of_mesh(),
         ),
         (motor.TorqueOffset(0.01), "external_effort", 0.01, 0.01),
         (motor.TorqueConstantError(0.05), "motor_effort", 0.025, 0.025),

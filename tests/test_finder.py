@@ -34,7 +34,7 @@ from sysid.plant.effects.friction import (
     SealFriction,
     StribeckFriction,
 )
-from sysid.plant.effects.linkage import LinkFlexibility
+from sysid.plant.effects.linkage import GearMeshRipple, LinkFlexibility
 from sysid.plant.effects.motor import TorqueOffset
 from sysid.plant.effects.sensor import PressureLag, TimeSkew
 from sysid.plant.effects.supply import SupplyPulsation
@@ -376,6 +376,19 @@ def test_strokes_are_found_from_a_sine_whose_phase_makes_up_for_its_frequency(
     # wave has no phase to be wrong.
     assert list(bent_waves(base, (StribeckFriction(0.1, 0.1),))) == []
     assert list(bent_waves(base, (LinkFlexibility(0.1),))) == []
+
+
+def test_a_ripple_with_a_second_harmonic_is_one_effect(
+    rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """Of a wave with a strong second harmonic a sine leaves more than is tolerated."""
+    true = GearMeshRipple(0.03, 0.02, 17.3, 0.45, -0.3)
+    finder = finder_of(lacking(rig, true), null, (*KINDS, GearMeshRipple))
+    names = frozenset({"gear-mesh-ripple"})
+    assert finder.run() == names
+    (found,) = finder.sets[names].effects
+    for q in type(found).quantities:
+        assert getattr(found, q.name) == pytest.approx(getattr(true, q.name), rel=0.1)
 
 
 @pytest.mark.parametrize("wave", [2.4, 4.8])

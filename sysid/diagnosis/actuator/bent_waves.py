@@ -29,7 +29,7 @@ def bent_waves(
     its own length and of twice that."""
     for place, effect in enumerate(effects):
         for q in type(effect).shapes() if _has_phase(effect) else ():
-            if q.is_choice or len(q.grid) != 1:
+            if q.is_choice or q.is_smooth or len(q.grid) != 1:
                 continue
             value = float(getattr(effect, q.name))
             given = (*effects[:place], *effects[place + 1 :])

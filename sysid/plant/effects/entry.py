@@ -47,7 +47,7 @@ class Quantity:
     form it takes. `typical` is the usual size on a rig like the reference rig. `grid` holds
     the values that screening tries: of a shape parameter all plausible ones, of a strength
     only where the effect is not proportional to it (a threshold, a limit, a dead gap; `is_smooth`
-    where it has a slope all the same).
+    where it has a slope all the same; of a shape tried at one value, that a fit finds the others).
     `key` is its name in files and reports, where that differs from the field's name. `is_wave`:
     a wave number over position (rad per unit), of which data show something only where a whole
     period lies within what they visit. `absent`: what files mean that were written before the

@@ -17,6 +17,7 @@ from sysid.plant.base import (
     Array,
     Parameters,
     array_namespace,
+    is_zero,
     limit_effort,
 )
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
@@ -30,6 +31,8 @@ _LEAST_SHARE = 0.01
 _LEAST_GAP = 1e-5
 _CONTACT_RATE = 2.0 * math.pi * 60.0
 _CONTACT_DAMPING = 0.5
+# A ripple, Nm: far less than any rig shows.
+_LEAST_HEIGHT = 1e-12
 LEAST_INERTIA = 0.02
 """What a mismatch leaves of the declared inertia at least."""
 # Through these a flexible link acts where the encoder is behind its spring.
@@ -170,13 +173,34 @@ class Backlash(CatalogueEffect):
         }
 
 
+def _second_harmonic(name: str, phase: str) -> Quantity:
+    return Quantity(
+        name,
+        "-",
+        0.0,
+        -1.0,
+        1.0,
+        f"second harmonic over the wave, {phase}",
+        is_strength=False,
+        grid=(0.0,),
+        absent=0.0,
+        is_smooth=True,
+    )
+
+
 @dataclass(frozen=True)
 class GearMeshRipple(CatalogueEffect):
-    """Torque that varies with the mesh of the rack: + s sin(n theta) + c cos(n theta)."""
+    """Torque that varies with the mesh of the rack: + s sin(n theta) + c cos(n theta).
+
+    Teeth that change over twice a pitch, or are worn, add the second harmonic: of a wave
+    A sin(x) that is A (a sin(2 x) + b cos(2 x)), a and b the shares of it.
+    """
 
     mesh_sine_nm: Array = 0.0
     mesh_cosine_nm: Array = 0.0
     mesh_wave_per_rad: Array = 20.0
+    second_sine: Array = 0.0
+    second_cosine: Array = 0.0
 
     id = "gear-mesh-ripple"
     title = "Gear mesh ripple"
@@ -195,6 +219,8 @@ class GearMeshRipple(CatalogueEffect):
             grid=tuple(float(n) for n in (*range(6, 30), *range(30, 62, 2), *range(64, 100, 4))),
             is_wave=True,
         ),
+        _second_harmonic("second_sine", "in phase with the wave"),
+        _second_harmonic("second_cosine", "a quarter of its own period ahead"),
     )
     signature = "a line in the torque's spectrum over angle"
     rivals = ("torque-ripple",)
@@ -204,7 +230,16 @@ class GearMeshRipple(CatalogueEffect):
     def external_effort(self, effort: Array, point: Point) -> Array:
         xp = array_namespace(point.position, self.mesh_sine_nm)
         phase = self.mesh_wave_per_rad * point.position
-        return effort + (self.mesh_sine_nm * xp.sin(phase) + self.mesh_cosine_nm * xp.cos(phase))
+        sine, cosine = xp.sin(phase), xp.cos(phase)
+        wave = self.mesh_sine_nm * sine + self.mesh_cosine_nm * cosine
+        if is_zero(self.second_sine) and is_zero(self.second_cosine):
+            return effort + wave
+        ahead = self.mesh_sine_nm * cosine - self.mesh_cosine_nm * sine
+        # Never zero: a root of zero has no derivative.
+        height = xp.sqrt(self.mesh_sine_nm**2 + self.mesh_cosine_nm**2 + _LEAST_HEIGHT**2)
+        second = self.second_sine * 2.0 * wave * ahead
+        second = second + self.second_cosine * (ahead**2 - wave**2)
+        return effort + wave + second / height
 
 
 @dataclass(frozen=True)
