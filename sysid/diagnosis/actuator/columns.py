@@ -31,7 +31,8 @@ class FormColumns:
     """A form of an effect: the effect's name, its columns, and what it may not be combined with.
 
     `lower`, `upper` (k,): bounds of its strengths, in usual sizes. `claims`: of two forms that
-    claim the same, only one may be there.
+    claim the same, only one may be there. `is_plain`: whether its choices are the effect's usual
+    ones.
     """
 
     name: str
@@ -39,6 +40,7 @@ class FormColumns:
     lower: FloatArray
     upper: FloatArray
     claims: frozenset[str]
+    is_plain: bool = True
 
 
 @dataclass(frozen=True)
@@ -113,11 +115,13 @@ class Columns:
         """(blocks,): what evidence for a block has to exceed whatever it gains on twins.
 
         Odds of 20 to 1, and twice the log of how many effects, and forms of the effect, were tried:
-        the best of so many gains as much by chance.
+        the best of so many gains as much by chance. The same odds for a form over the plain one:
+        an interval of its strength says nothing of a choice that is wrong.
         """
         forms = Counter(block.name for block in self.blocks)
         counts = [2.0 * math.log(len(forms) * forms[block.name]) for block in self.blocks]
-        return ODDS + np.array(counts)
+        odds = [ODDS if block.is_plain else 2.0 * ODDS for block in self.blocks]
+        return np.asarray(np.add(odds, counts))
 
     @functools.cached_property
     def penalty(self) -> FloatArray:

@@ -212,6 +212,7 @@ def _blocks(forms: Sequence[Candidate]) -> Iterator[FormColumns]:
             lower / sizes,
             upper / sizes,
             frozenset(form.neutral().states),
+            form.is_plain,
         )
         first += len(strengths)
 

@@ -44,6 +44,13 @@ class Candidate:
     def id(self) -> str:
         return self.effect.id
 
+    @property
+    def is_plain(self) -> bool:
+        """Whether the choices that have a plain form are in it."""
+        chosen = dict(self.shape)
+        choices = [q for q in self.effect.shapes() if q.is_choice and q.absent is not None]
+        return all(chosen.get(q.name, q.absent) == q.absent for q in choices)
+
     def on(self, side: str) -> Candidate:
         """The same form on another side."""
         shape = tuple((n, side if n == "side" else v) for n, v in self.shape)

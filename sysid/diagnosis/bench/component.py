@@ -322,11 +322,20 @@ def smallest_probe(
 
 
 def shapes(quantities: Sequence[Quantity]) -> list[dict[str, float]]:
-    """Every form of an effect: its shapes' values by field, over their grids."""
+    """Every form of an effect: its shapes' values by field, over their grids.
+
+    A choice that has a plain form is that: a few tests of a part hardly tell an exponent.
+    """
     own = [q for q in quantities if not q.is_strength]
     names = [q.name for q in own]
-    grids = [q.grid or (q.typical,) for q in own]
+    grids = [_values(q) for q in own]
     return [dict(zip(names, row, strict=True)) for row in itertools.product(*grids)]
+
+
+def _values(shape: Quantity) -> tuple[float, ...]:
+    if shape.is_choice and shape.absent is not None:
+        return (shape.absent,)
+    return shape.grid or (shape.typical,)
 
 
 def bends(values: FloatArray, lag: int = 1) -> FloatArray:

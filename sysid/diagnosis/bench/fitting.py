@@ -63,11 +63,12 @@ class FittedLaw:
         return FittedLaw(component, tuple(tests), law, fit)
 
     def estimates(self, effect: CatalogueEffect) -> dict[str, Estimate]:
-        """An effect's numbers by field.
+        """An effect's numbers by field, save for choices.
 
         Intervals allow for correlated residuals, and for numbers that differ from test to test.
         """
-        return {q.name: self._estimate(_key(type(effect), q)) for q in type(effect).quantities}
+        fitted = [q for q in type(effect).quantities if not q.is_choice]
+        return {q.name: self._estimate(_key(type(effect), q)) for q in fitted}
 
     def base_estimates(self) -> dict[str, Estimate]:
         """The law's own parameters by name, likewise."""
@@ -221,8 +222,11 @@ def _moved(own: Sequence[Parameter], fit: LeastSquaresFit) -> list[Parameter]:
     ]
 
 
-def _bounds(quantity: Quantity) -> tuple[float, float]:
-    """Those of a fit: a strength may have any size, a shape what these tests can show."""
+def _bounds(quantity: Quantity, value: float) -> tuple[float, float]:
+    """Those of a fit: a strength may have any size, a shape what these tests can show, and no fit
+    moves a choice."""
+    if quantity.is_choice:
+        return value, value
     return quantity.anywhere if quantity.is_strength else (quantity.lower, quantity.upper)
 
 
@@ -230,9 +234,9 @@ def _effect_parameters(component: Component, effects: Sequence[CatalogueEffect])
     return [
         Parameter(
             _key(type(e), q),
-            float(np.clip(getattr(e, q.name), *_bounds(q))),
+            float(np.clip(getattr(e, q.name), *_bounds(q, getattr(e, q.name)))),
             q.unit,
-            *_bounds(q),
+            *_bounds(q, getattr(e, q.name)),
             abs(getattr(e, q.name)) or abs(q.typical),
         )
         for e in effects
