@@ -34,7 +34,7 @@ from sysid.plant.effects.friction import (
     SealFriction,
     StribeckFriction,
 )
-from sysid.plant.effects.linkage import GearMeshRipple, LinkFlexibility
+from sysid.plant.effects.linkage import GearMeshRipple, LinkFlexibility, MountingTilt
 from sysid.plant.effects.motor import TorqueOffset
 from sysid.plant.effects.sensor import PressureLag, TimeSkew
 from sysid.plant.effects.supply import SupplyPulsation
@@ -145,6 +145,10 @@ def test_an_effect_of_a_few_tests_is_no_effect(
     assert support.squares == pytest.approx(none, rel=1e-3)
     assert (found.evidence(channels, none) > 100.0) == (tests == len(twin.runs))
     assert (support.most < 20.0) == (tests < len(twin.runs))
+    # Two that imitate each other do not gain more than either.
+    starts = [TorqueOffset(0.001), MountingTilt(0.001, 0.001)]
+    pair = fit_set(base, channels, starts, none)
+    assert (pair.evidence(channels, none) > 50.0) == (tests == len(twin.runs))
 
 
 def test_a_shape_that_gains_on_twins_once_it_is_fitted_is_no_evidence(

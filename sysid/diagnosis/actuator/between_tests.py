@@ -1,4 +1,4 @@
-"""How much of what an effect explains its numbers' scatter from test to test allows.
+"""How much of what effects explain the scatter of their strengths from test to test allows.
 
 Noise differs from row to row. What else a model lacks, or a filter adds, is the same along a whole
 test: a mean of pulses that every cycle is sampled at the same places, the friction of that day. An
@@ -9,7 +9,6 @@ scatter between tests, as far as that exceeds what noise alone makes of it.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,20 +16,20 @@ from scipy.special import chdtri
 
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit
-from sysid.estimation.covariance import Covariance
-from sysid.plant.effects.entry import CatalogueEffect
 from sysid.types import FloatArray
 
 # The chance that noise alone makes strengths differ by more between tests.
 _LEVEL = 0.05
+# Below this share of the largest a direction of the strengths is none.
+_LEAST = 1e-9
 
 
 @dataclass(frozen=True)
 class Support:
-    """What speaks for an effect of a fitted set.
+    """What speaks for one direction of a fitted set's strengths.
 
-    `squares` (channels,): what the others leave without it, to first order; `most`: the largest
-    fall of minus twice the log likelihood that the scatter of its strengths allows.
+    `squares` (channels,): what would be left without it, to first order; `most`: the largest fall
+    of minus twice the log likelihood that the scatter along it allows.
     """
 
     squares: FloatArray
@@ -38,55 +37,74 @@ class Support:
 
 
 def supports(base: Projected, found: Refit, weights: FloatArray) -> tuple[Support, ...]:
-    """The support of each effect of a fit to a residual whose channels have weights (channels,)."""
-    covariance = found.fit.jackknife_covariance(base.frame.tests)
-    return tuple(
-        Support(_without(base, found, effect) / weights, _most(found, effect, covariance))
-        for effect in found.effects
-    )
+    """The support of a fit to a residual whose channels have weights (channels,).
 
-
-def _places(found: Refit, effect: CatalogueEffect, *, strengths: bool) -> list[int]:
-    """The places of an effect's strengths, or shapes, among those of a fit's numbers that show."""
-    kind = type(effect)
-    names = {f"{effect.id}/{q.name}" for q in (kind.strengths() if strengths else kind.shapes())}
-    shown = np.any(found.fit.jacobian != 0.0, axis=0)
-    return [i for i, name in enumerate(found.fit.names) if name in names and shown[i]]
-
-
-def _without(base: Projected, found: Refit, effect: CatalogueEffect) -> FloatArray:
-    """(channels,): squares with an effect's strengths at 0, all numbers but its own at their best.
-
-    Without the effect its shapes have no meaning.
+    In the directions in which the strengths of all effects are uncorrelated by the noise and by
+    their scatter: effects that imitate each other share what they gain. Shapes are as they are.
     """
     fit = found.fit
-    own = _places(found, effect, strengths=True)
-    gone = fit.jacobian[:, own] @ fit.values[own]
-    others = np.delete(fit.jacobian, [*own, *_places(found, effect, strengths=False)], axis=1)
-    size = np.linalg.norm(others, axis=0)
-    others = others[:, size > 0.0] / size[size > 0.0]
-    if others.shape[1]:
-        gone = gone - others @ np.linalg.lstsq(others, gone, rcond=1e-9)[0]
-    return channel_squares(base, found.rest - gone)
-
-
-def _most(found: Refit, effect: CatalogueEffect, covariance: Covariance) -> float:
-    """Wald's statistic of an effect's strengths, its shapes as they are, at the largest that so few
-    tests leave possible; infinite where no scatter is known, as of what a single test shows."""
-    strengths = _places(found, effect, strengths=True)
-    shapes = _places(found, effect, strengths=False)
-    strengths, shapes = (
-        [i for i in places if covariance.matrix[i, i] > 0.0] for places in (strengths, shapes)
+    strengths, shapes = _places(found)
+    if not strengths:
+        return ()
+    covariance = fit.jackknife_covariance(base.frame.tests)
+    known = [float(covariance.dof[i]) for i in strengths if covariance.dof[i] >= 1.0]
+    if not known:  # nothing is known of a scatter of what a single test shows
+        return ()
+    columns = _beside_base(found, strengths)
+    # Directions in which a step of one lowers the squares by one.
+    left, sizes, ways = np.linalg.svd(
+        columns / np.linalg.norm(columns, axis=0), full_matrices=False
     )
-    dof = min((float(covariance.dof[i]) for i in strengths), default=0.0)
-    if dof < 1.0:
-        return math.inf
+    kept = sizes > _LEAST * sizes[0]
+    scale = np.linalg.norm(columns, axis=0)
+    steps = (sizes[kept, None] * ways[kept]) * scale
+    scatter = steps @ _given_shapes(covariance.matrix, strengths, shapes) @ steps.T
+    spreads, turned = np.linalg.eigh(scatter)
+    amounts = turned.T @ steps @ fit.values[strengths]
+    gone = left[:, kept] @ turned * amounts
+    allowed = float(chdtri(min(known), _LEVEL)) / min(known)
+    most = amounts**2 * allowed / np.maximum(spreads, _LEAST)
+    return tuple(
+        Support(channel_squares(base, found.rest - own) / weights, float(limit))
+        for own, limit in zip(gone.T, most, strict=True)
+    )
+
+
+def _places(found: Refit) -> tuple[list[int], list[int]]:
+    """The places of the effects' strengths, and of their shapes, among the numbers that show."""
+    fit = found.fit
+    held = {*fit.diagnosis.at_bound, *fit.diagnosis.unidentified}
+    shown = {name: i for i, name in enumerate(fit.names) if name not in held}
+    kinds = [(e.id, type(e)) for e in found.effects]
+    strengths = [f"{id_}/{q.name}" for id_, kind in kinds for q in kind.strengths()]
+    shapes = [f"{id_}/{q.name}" for id_, kind in kinds for q in kind.shapes()]
+    return [shown[n] for n in strengths if n in shown], [shown[n] for n in shapes if n in shown]
+
+
+def _beside_base(found: Refit, strengths: list[int]) -> FloatArray:
+    """(rows, strengths): the strengths' slopes, the base parameters at their best."""
+    jacobian = found.fit.jacobian
+    own = jacobian[:, strengths]
+    count = sum(len(type(e).quantities) for e in found.effects)
+    base = jacobian[:, count:]
+    size = np.linalg.norm(base, axis=0)
+    base = base[:, size > 0.0] / size[size > 0.0]
+    if base.shape[1]:
+        own = own - base @ np.linalg.lstsq(base, own, rcond=1e-9)[0]
+    return np.asarray(own)
+
+
+def _given_shapes(matrix: FloatArray, strengths: list[int], shapes: list[int]) -> FloatArray:
+    """The strengths' covariance (k, k) with the shapes as they are: a block of the inverse."""
     together = [*strengths, *shapes]
-    scale = np.sqrt(np.diag(covariance.matrix)[together])
-    inverse = np.linalg.pinv(covariance.matrix[np.ix_(together, together)] / np.outer(scale, scale))
+    scale = np.sqrt(np.maximum(np.diag(matrix)[together], 1e-300))
+    whole = matrix[np.ix_(together, together)] / np.outer(scale, scale)
     count = len(strengths)
-    z = found.fit.values[strengths] / scale[:count]
-    return float(z @ inverse[:count, :count] @ z) * float(chdtri(dof, _LEVEL)) / dof
+    if not shapes:
+        return np.asarray(matrix[np.ix_(strengths, strengths)])
+    inverse = np.linalg.pinv(whole, hermitian=True)[:count, :count]
+    own = np.linalg.pinv(inverse, hermitian=True)
+    return np.asarray(own * np.outer(scale[:count], scale[:count]))
 
 
 __all__ = ["Support", "supports"]

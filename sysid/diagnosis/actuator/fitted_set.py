@@ -32,7 +32,7 @@ class FittedSet:
 
     `refit` with the channels as they count; `squares` (channels,) of what is left, as they are;
     `complexity`: minus twice the log of the prior at the numbers, and of the share of it that the
-    data leave (Laplace's approximation); `supports`: what speaks for each of the effects.
+    data leave (Laplace's approximation); `supports`: what speaks for the effects' strengths.
     """
 
     refit: Refit
@@ -62,7 +62,7 @@ class FittedSet:
         return float(fall) - self.complexity - self._of_few_tests(channels)
 
     def _of_few_tests(self, channels: Sequence[ResidualChannel]) -> float:
-        """What the effects gain beyond what the scatter of their strengths between tests allows."""
+        """What the effects gain beyond what their strengths' scatter between tests allows."""
         gains = (cost(channels, s.squares) - cost(channels, self.squares) for s in self.supports)
         pairs = zip(gains, self.supports, strict=True)
         return sum(max(float(gain) - support.most, 0.0) for gain, support in pairs)
