@@ -16,6 +16,7 @@ from friction_trials import UNWRITTEN
 from golden_folder import BUNDLED, golden_bundle
 
 import sysid as si
+from sysid.blocks.html import typeset
 from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.io.bare_rig import read_bare_logs
@@ -76,7 +77,8 @@ def test_the_literal_command(kind: str, folder: Path, capsys: pytest.CaptureFixt
     assert sorted(keys) == sorted(bundle.rig.assumed) and len(keys) == len(set(keys))
     for one in assumptions(bundle):
         assert one.line in assumed
-        assert one.text in page.partition('<span class="count">1</span>')[0].replace("&#39;", "'")
+        first_screen = page.partition('<span class="count">1</span>')[0].replace("&#39;", "'")
+        assert typeset(one.text) in first_screen
     air = bundle.rig.require("air", "")
     assert air.atmospheric_pressure_pa == pytest.approx(ATMOSPHERE, rel=1e-3)
     if kind != "friction":
