@@ -44,19 +44,16 @@ def supports(base: Projected, found: Refit, weights: FloatArray) -> tuple[Suppor
     """
     fit = found.fit
     strengths, shapes = _places(found)
-    if not strengths:
-        return ()
+    columns, scale = _beside_base(found, strengths)
+    strengths = [i for i, size in zip(strengths, scale, strict=True) if size > 0.0]
+    columns, scale = columns[:, scale > 0.0], scale[scale > 0.0]
     covariance = fit.jackknife_covariance(base.frame.tests)
     known = [float(covariance.dof[i]) for i in strengths if covariance.dof[i] >= 1.0]
     if not known:  # nothing is known of a scatter of what a single test shows
         return ()
-    columns = _beside_base(found, strengths)
-    # Directions in which a step of one lowers the squares by one.
-    left, sizes, ways = np.linalg.svd(
-        columns / np.linalg.norm(columns, axis=0), full_matrices=False
-    )
+    # Directions in which a step of one changes the squares by one.
+    left, sizes, ways = np.linalg.svd(columns, full_matrices=False)
     kept = sizes > _LEAST * sizes[0]
-    scale = np.linalg.norm(columns, axis=0)
     steps = (sizes[kept, None] * ways[kept]) * scale
     scatter = steps @ _given_shapes(covariance.matrix, strengths, shapes) @ steps.T
     spreads, turned = np.linalg.eigh(scatter)
@@ -81,8 +78,9 @@ def _places(found: Refit) -> tuple[list[int], list[int]]:
     return [shown[n] for n in strengths if n in shown], [shown[n] for n in shapes if n in shown]
 
 
-def _beside_base(found: Refit, strengths: list[int]) -> FloatArray:
-    """(rows, strengths): the strengths' slopes, the base parameters at their best."""
+def _beside_base(found: Refit, strengths: list[int]) -> tuple[FloatArray, FloatArray]:
+    """The strengths' slopes, the base parameters at their best: columns (rows, k) of unit length,
+    and that length (k,), 0 of one that the base parameters make up for."""
     jacobian = found.fit.jacobian
     own = jacobian[:, strengths]
     count = sum(len(type(e).quantities) for e in found.effects)
@@ -91,7 +89,9 @@ def _beside_base(found: Refit, strengths: list[int]) -> FloatArray:
     base = base[:, size > 0.0] / size[size > 0.0]
     if base.shape[1]:
         own = own - base @ np.linalg.lstsq(base, own, rcond=1e-9)[0]
-    return np.asarray(own)
+    length = np.linalg.norm(own, axis=0)
+    length[length <= _LEAST * np.linalg.norm(jacobian[:, strengths], axis=0)] = 0.0
+    return own / np.where(length > 0.0, length, 1.0), length
 
 
 def _given_shapes(matrix: FloatArray, strengths: list[int], shapes: list[int]) -> FloatArray:
