@@ -46,6 +46,7 @@ from sysid.identification.valve_discrete.start import flows_not_shown
 from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import read_campaign
 from sysid.io.logs import Log, Trial, read_log
+from sysid.io.responses import response_notices
 from sysid.io.rig import Rig, read_rig, rig_from_content
 from sysid.io.rig_sections import Motor
 from sysid.io.samples import with_channels
@@ -127,6 +128,31 @@ def one_chamber(rig_text: str, **sections: Any) -> Rig:
     )
     own = {"cylinder": {"chambers": ["a"]}, **sections}
     return rig_from_content(content(kept, **own), "rig.toml")
+
+
+@pytest.mark.parametrize(
+    ("bleed", "exponent"), [(1.0, 0.0), (0.0, 1.0), (0.0, 1.4)], ids=["vented", "warm", "cold"]
+)
+def test_what_a_piston_does_to_its_chamber_is_no_command(
+    bleed: float, exponent: float, rig_text: str
+) -> None:
+    """A chamber breathes through an open valve; a shut one is compressed, whatever its heat."""
+    rig = one_chamber(rig_text, valves={"arrangement": "fill-and-bleed"})
+    assert rig.cylinder is not None
+    time = np.arange(0.0, 4.3, 1e-3)
+    angle = 1.2 * np.sin(2.0 * math.pi * 0.5 * time + 0.3)
+    length = rig.cylinder.chamber_length(angle, "a")
+    breath = 3e3 * np.cos(2.0 * math.pi * 0.5 * time + 0.3)
+    shown = 1e5 * (length / length[0]) ** -exponent - bleed * breath
+    noise = np.random.default_rng(1).normal(0.0, 50.0, len(time))
+    columns = {
+        "time_s": time,
+        "theta_rad": angle,
+        "pressure_a_pa": shown + noise,
+        "valve_a_fill": np.zeros(len(time)),
+        "valve_a_bleed": np.full(len(time), bleed),
+    }
+    assert list(response_notices("run.csv", columns, rig)) == []
 
 
 def test_one_chamber_needs_no_key_of_the_other(rig_text: str) -> None:

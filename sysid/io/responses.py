@@ -3,7 +3,9 @@
 A valve that is open moves its chamber's pressure towards what it connects the chamber to: the
 supply, or the atmosphere. That holds for each run of rows in which an on/off command stays, so that
 runs are judged by what the pressure changes in them. Under PWM a 3/2 valve is never long in either
-state, and the pressure's level follows the duty.
+state, and the pressure's level follows the duty. A piston that moves changes the pressure too: what
+counts is what both the pressure does and its value at the mean volume, whether the chamber is shut
+or open.
 """
 
 from __future__ import annotations
@@ -113,6 +115,20 @@ def _opposed(commands: list[str], way: float) -> str:
 
 
 @dataclass(frozen=True)
+class Pressures:
+    """A chamber's pressure (n,) Pa as it is `shown`, and `at_rest`: as it were at the mean volume
+    were the chamber shut, which valves alone change."""
+
+    shown: FloatArray
+    at_rest: FloatArray
+
+    @classmethod
+    def held(cls, pressure: FloatArray) -> Pressures:
+        """Of a piston that does not move."""
+        return cls(pressure, pressure)
+
+
+@dataclass(frozen=True)
 class PressureRun:
     """Rows, from `start` to `stop`, in which a chamber's commands stay: what it is connected to,
     and how far, Pa, its pressure moves towards the supply."""
@@ -129,19 +145,32 @@ class PressureRun:
 
 
 def pressure_runs(
-    pressure: FloatArray, fills: BoolArray, empties: BoolArray, way: float, starts: IntArray
+    pressures: Pressures, fills: BoolArray, empties: BoolArray, way: float, starts: IntArray
 ) -> list[PressureRun]:
-    """The runs of a chamber's commands, (n,) each, and what its pressure (n,) Pa changes in each.
+    """The runs of a chamber's commands, (n,) each, and what its pressure changes in each.
 
     `way`: the rig's `supply_way`; `starts`: the rows, after the first, at which tests begin.
     """
     edges = np.flatnonzero(np.diff(2 * fills + empties)) + 1
-    first, change = _changes(pressure, edges, starts)
-    stops = [*first[1:], len(pressure)]
+    first, change = _moved_by_valves(pressures, edges, starts)
+    stops = [*first[1:], len(pressures.shown)]
     return [
         PressureRun(int(start), int(stop), bool(fills[start]), bool(empties[start]), way * moved)
         for start, stop, moved in zip(first, stops, change.tolist(), strict=True)
     ]
+
+
+def _moved_by_valves(
+    pressures: Pressures, edges: IntArray, starts: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """The first rows (m,) of the runs between edges, and what valves change the pressure in each,
+    Pa, at least: what it does as it is shown and at rest."""
+    first, shown = _changes(pressures.shown, edges, starts)
+    if pressures.at_rest is pressures.shown:
+        return first, shown
+    _, at_rest = _changes(pressures.at_rest, edges, starts)
+    least = np.minimum(np.abs(shown), np.abs(at_rest))
+    return first, np.where(shown * at_rest > 0.0, np.sign(shown) * least, 0.0)
 
 
 def _changes(
@@ -180,18 +209,18 @@ class Unaccounted:
 
 
 def moved_while_shut(
-    pressure: FloatArray,
+    pressures: Pressures,
     names: tuple[str, str],
     commands: tuple[FloatArray, FloatArray],
     way: float,
     noise: float,
     starts: IntArray | None = None,
 ) -> Iterator[Unaccounted]:
-    """Where more of a pressure's (n,) Pa rise, or fall, is while a fill and a bleed valve are off
-    than while either is on; `noise` is one standard deviation, Pa, the rest as in `_mistaken`."""
+    """Where more of a pressure's rise, or fall, is while a fill and a bleed valve are off than
+    while either is on; `noise` is one standard deviation, Pa, the rest as in `_mistaken`."""
     on = [command > 0.0 for command in commands]
     begins = np.zeros(0, dtype=int) if starts is None else starts
-    runs = pressure_runs(pressure, on[0], on[1], way, begins)
+    runs = pressure_runs(pressures, on[0], on[1], way, begins)
     for sign, name, does, command in zip(
         (1.0, -1.0), names, ("fills", "empties"), commands, strict=True
     ):
@@ -200,7 +229,7 @@ def moved_while_shut(
         total = sum(max(sign * run.change, 0.0) for run in runs)
         if not shut or moved < _MAJORITY * total:
             continue
-        rows = np.zeros(len(pressure), dtype=bool)
+        rows = np.zeros(len(pressures.shown), dtype=bool)
         for run in shut:
             rows[run.start : run.stop] = True
         most = max(shut, key=lambda run: sign * run.change)
@@ -227,27 +256,27 @@ def mistaken_commands(columns: Mapping[str, FloatArray], side: str, rig: Rig) ->
 
 def _is_inverted(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> bool:
     """Whether a chamber's pressure moves as the inverse of a 3/2 valve's on/off command has it."""
-    pressure, on = _at_rest(columns, side, rig), columns.get(f"valve_{side}")
-    if pressure is None or on is None:
+    pressures, on = _pressures(columns, side, rig), columns.get(f"valve_{side}")
+    if pressures is None or on is None:
         return False
     starts = _starts(columns)
-    (share,) = _accounted(pressure, [2.0 * on - 1.0], rig.supply_way, starts)
+    (share,) = _accounted(pressures, [2.0 * on - 1.0], rig.supply_way, starts)
     return bool(share < -_MAJORITY)
 
 
-def _at_rest(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> FloatArray | None:
-    """A chamber's pressure (n,) Pa as it were at its mean volume, which valves alone change; None
-    where it is not logged, or varies by little more than its noise."""
+def _pressures(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> Pressures | None:
+    """A chamber's pressures; None where none is logged, or it varies by little more than noise."""
     pressure = columns.get(f"pressure_{side}_pa")
     if pressure is None or not _moves(pressure):
         return None
     position = columns.get(rig.position_channel)
     if position is None or rig.cylinder is None or rig.air is None:
-        return pressure
+        return Pressures.held(pressure)
     length = rig.cylinder.chamber_length(position, side)
     if np.min(length) <= 0.0:  # an offset or a zero of another rig
-        return pressure
-    return pressure * (length / np.mean(length)) ** rig.air.heat_capacity_ratio
+        return Pressures.held(pressure)
+    volume = (length / np.mean(length)) ** rig.air.heat_capacity_ratio
+    return Pressures(pressure, pressure * volume)
 
 
 def _moves(pressure: FloatArray) -> bool:
@@ -263,14 +292,14 @@ def _of_two(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> str | Non
     Of the ways in which people exchange and invert them, the one by which the pressure moves as it
     must.
     """
-    pressure = _at_rest(columns, side, rig) if rig.bleeds else None
-    if pressure is None:
+    pressures = _pressures(columns, side, rig) if rig.bleeds else None
+    if pressures is None:
         return None
     names = _two_names(columns, side)
     if names is None:
         return None
     commands = columns[names[0]], columns[names[1]]
-    return _mistaken(pressure, names, commands, rig.supply_way, _starts(columns))
+    return _mistaken(pressures, names, commands, rig.supply_way, _starts(columns))
 
 
 def _two_names(columns: Mapping[str, FloatArray], side: str) -> tuple[str, str] | None:
@@ -287,18 +316,18 @@ def _while_shut(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> str |
     held one its fit says so."""
     names = _two_names(columns, side) if rig.bleeds else None
     position = columns.get(rig.position_channel)
-    pressure = _at_rest(columns, side, rig) if names is not None else None
-    if names is None or pressure is None or position is None or rig.cylinder is None:
+    pressures = _pressures(columns, side, rig) if names is not None else None
+    if names is None or pressures is None or position is None or rig.cylinder is None:
         return None
     if np.ptp(position) <= _HELD * (rig.travel or 0.0):
         return None
-    commands, noise = (columns[names[0]], columns[names[1]]), noise_floor(pressure).total
-    found = moved_while_shut(pressure, names, commands, rig.supply_way, noise, _starts(columns))
+    commands, noise = (columns[names[0]], columns[names[1]]), noise_floor(pressures.shown).total
+    found = moved_while_shut(pressures, names, commands, rig.supply_way, noise, _starts(columns))
     return next((one.line for one in found), None)
 
 
 def _mistaken(
-    pressure: FloatArray,
+    pressures: Pressures,
     names: tuple[str, str],
     commands: tuple[FloatArray, FloatArray],
     way: float,
@@ -317,7 +346,9 @@ def _mistaken(
         f"the pressure {away} while {fill} is on and {toward} while {bleed} is on, and both are on "
         f"while it stays: {fill} and {bleed} are {inverted}": (1.0 - f, 1.0 - b),
     }
-    held, *shares = _accounted(pressure, [f - b, *(x - y for x, y in others.values())], way, starts)
+    held, *shares = _accounted(
+        pressures, [f - b, *(x - y for x, y in others.values())], way, starts
+    )
     best = max(shares)
     if best <= _MAJORITY or best - held <= _MAJORITY:
         return None
@@ -329,19 +360,22 @@ def _mistaken(
 
 
 def _accounted(
-    pressure: FloatArray, ways: Sequence[FloatArray], way: float, starts: IntArray
+    pressures: Pressures, ways: Sequence[FloatArray], way: float, starts: IntArray
 ) -> FloatArray:
     """The share of what the pressure moves that each of some commands accounts for, less what it
     contradicts.
 
     `ways` (n,) each: above 0 where the valves fill the chamber, below where they empty it; `starts`
-    are the rows at which tests begin. What the pressure moves is that between any edges of them.
+    are the rows at which tests begin. What the pressure moves is that between any edges of them;
+    commands that never switch account for nothing.
     """
     signs = np.sign(np.array(ways))
     edges = np.flatnonzero(np.any(np.diff(signs, axis=1), axis=0)) + 1
-    first, change = _changes(pressure, edges, starts)
-    total = float(np.sum(np.abs(change)))
-    return way * (signs[:, first] @ change) / total if total else np.zeros(len(ways))
+    first, change = _moved_by_valves(pressures, edges, starts)
+    total, noise = float(np.sum(np.abs(change))), noise_floor(pressures.shown).total
+    if not len(edges) or total <= _MOVED * noise:
+        return np.zeros(len(ways))
+    return np.asarray(way * (signs[:, first] @ change) / total)
 
 
 def _shares(
@@ -362,4 +396,4 @@ def _standard(values: FloatArray) -> FloatArray:
     return np.asarray((values - values.mean()) / values.std())
 
 
-__all__ = ["Unaccounted", "mistaken_commands", "moved_while_shut", "response_notices"]
+__all__ = ["Pressures", "Unaccounted", "mistaken_commands", "moved_while_shut", "response_notices"]

@@ -18,7 +18,7 @@ from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.identification.valve_discrete.held_chamber import HeldChamber
 from sysid.io.logs import Trial
 from sysid.io.plausibility import check_supply
-from sysid.io.responses import mistaken_commands, moved_while_shut
+from sysid.io.responses import Pressures, mistaken_commands, moved_while_shut
 from sysid.io.rig import Air, Cylinder, Rig
 from sysid.io.trial_kind import HELD_SHARE
 from sysid.plant.base import CRITICAL_RATIO, chamber_volume
@@ -302,7 +302,8 @@ def _of_two_valves(trial: Trial, whole: Piece, valve: str) -> Iterator[_Cut]:
         said = f"{' and '.join(names)} are on together, whose flows add up: switch one at a time"
         yield _Cut(both, said, (*of_filling, *of_emptying))
     commands = trial[names[0]], trial[names[1]]
-    for one in moved_while_shut(whole.pressure, names, commands, whole.way, whole.noise):
+    held = Pressures.held(whole.pressure)
+    for one in moved_while_shut(held, names, commands, whole.way, whole.noise):
         yield _Cut(one.rows, one.line, of_filling if one.fills else of_emptying)
 
 
