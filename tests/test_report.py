@@ -608,6 +608,43 @@ def test_laws_that_are_not_recommended_are_known_by_their_places() -> None:
     assert not_recommended(Valve(), "a") == set()
 
 
+@pytest.mark.parametrize(("share", "best"), [(0.1, "averaged"), (10.0, "bipolynomial")])
+def test_one_surface_alone_is_weighed_against_the_averaged_law(share: float, best: str) -> None:
+    """The verdict is on the law to use, which needs no comparison of two surfaces."""
+    from sysid.identification.valve_pwm.choice import not_recommended, recommended
+    from sysid.identification.valve_pwm.shown import _compared, _Measured, _obedience
+    from sysid.parameters import PwmSurfaces
+    from sysid.parameters.valves import AveragedRecord, DutyErrors
+
+    def errors(rmse: float) -> DutyErrors:
+        return DutyErrors(
+            rmse=rmse, max_relative_error_percent=1.0, max_error_points=1.0, p95_error_points=1.0,
+            n_parameters=9, n_points=50,
+        )  # fmt: skip
+
+    surface = Surface(errors_duty={"held_out": errors(0.04)})
+    held = PwmSurfaces(bipolynomial=surface)
+    alone = Valve(pwm=PwmDirections(fill=held))
+    assert recommended(alone, "fill") == "bipolynomial"
+    keys = ("c_fill", "c_dis", "choked_flow_fill_kg_s", "choked_flow_dis_kg_s", "delay_difference_s")
+    numbers = {key: Estimate.unidentified("", "not asked for") for key in keys}
+    law = AveragedRecord(errors_duty={"fill": {"held_out": errors(0.04 * share)}}, **numbers)
+    valve = Valve(pwm=PwmDirections(fill=held, averaged=law))
+    assert recommended(valve, "fill") == best
+    places = {
+        "bipolynomial": "valves.a.pwm.fill.bipolynomial",
+        "averaged": "valves.a.pwm.averaged, fill",
+    }
+    assert not_recommended(valve, "a") & set(places.values()) == {
+        place for kind, place in places.items() if kind != best
+    }
+    parts = [_Measured("a", "fill", valve, None, {})]
+    assert "bipolynomial" in " ".join(_obedience(parts))
+    shown = next(block for block in _compared(parts) if isinstance(block, Table))
+    assert [row[-1] for row in shown.rows] == ["use this"]
+    assert "Noise alone" not in shown.headings and "noise alone" not in shown.caption
+
+
 def test_notices_stand_where_their_numbers_stand() -> None:
     from sysid.blocks.sections import Lines, Notes, Section
     from sysid.errors import Notice
@@ -1134,6 +1171,19 @@ def part_reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Reports of parts tested alone: an axis, a linear axis under pressure, and a tank."""
     folder = tmp_path_factory.mktemp("parts")
     return {name: write_part_report(name, folder) for name in PART_NAMES}
+
+
+@pytest.mark.parametrize("size", [5.0, 2e-5, 123456.0])
+def test_a_label_stands_clear_of_wide_tick_labels(size: float) -> None:
+    from sysid.blocks import svg
+    from sysid.blocks.figures import Figure, Line, Panel, Scale
+
+    x = np.linspace(0.0, 1.0, 9)
+    panel = Panel(Scale("Time", "s"), Scale("Residual", "kPa"), (Line(x, size * (x - 0.5)),))
+    drawn = svg.picture(Figure("f", "Residual", "", (panel,))).svg
+    edge = re.search(r'x="([-\d.]+)"[^>]*rotate\(-90[^>]*>Residual', drawn)
+    # Turned, its letters reach from its baseline to the left by their height, 8.6 pt.
+    assert edge is not None and float(edge[1]) >= 8.6
 
 
 @pytest.mark.parametrize("look", LOOKS)

@@ -133,6 +133,9 @@ def panels(
 _NAMES_INSIDE, _COLOUR_BAR = 0.16, 0.62
 _BUCKETS_PER_INCH = 72.0  # one a point
 _LETTER_INCHES = 0.62 * _FONT_PT / 72.0
+# Left of the axes besides the tick labels: the ticks, the turned label, what is between them, and
+# as much at the edge.
+_BESIDE_TICK_LABELS = (2.5 + 3.5 + 4.0 + 1.3 * _FONT_PT + 3.5) / 72.0
 
 
 def picture(figure: Figure) -> Picture:
@@ -151,12 +154,33 @@ def picture(figure: Figure) -> Picture:
             mapped = draw(ax, panel, COLOUR, buckets)
             if mapped is not None:
                 _colour_bar(made, ax, mapped, cells[0].unit)
+        if not figure.panels[0].has_names:
+            _make_room(made, axes)
+        for ax, panel in zip(axes, figure.panels, strict=True):
             if panel.legend == "over":
                 _move_to_title(made, ax)
         for ax in axes[:-1]:
             ax.set_xlabel("")
         made.align_ylabels(axes)
         return to_figure(made, figure.id, figure.title, figure.description)
+
+
+def _make_room(figure: MatplotlibFigure, axes: Sequence[Axes]) -> None:
+    """Move the axes' left edge to the right where wide tick labels would push the label out."""
+    widest = max(
+        (
+            text.get_window_extent().width
+            for ax in axes
+            for text in ax.yaxis.get_ticklabels(which="both")
+            if ax.viewLim.y0 <= text.get_position()[1] <= ax.viewLim.y1
+        ),
+        default=0.0,
+    )
+    left = (widest / figure.dpi + _BESIDE_TICK_LABELS) / figure.get_figwidth()
+    for ax in axes:
+        box = ax.get_position()
+        if left > box.x0:
+            ax.set_position((left, box.y0, box.x1 - left, box.height))
 
 
 def _move_to_title(figure: MatplotlibFigure, ax: Axes) -> None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from sysid.blocks.numbers import ascii_text, estimate_cells, number, si_cells
+from sysid.blocks.numbers import MISSING, ascii_text, estimate_cells, number, si_cells
 from sysid.estimation.linear import Estimate
 
 _DIGITS = 4
@@ -63,6 +63,20 @@ class Table:
     def headings(self) -> tuple[str, ...]:
         """The columns' names with their units."""
         return tuple(column.heading for column in self.columns)
+
+    def without(self, *names: str) -> Table:
+        """The table without those of the named columns in which no row has anything."""
+        empty = {
+            place
+            for place, column in enumerate(self.columns)
+            if column.name in names and all(row[place] in ("", MISSING) for row in self.rows)
+        }
+        kept = [place for place in range(len(self.columns)) if place not in empty]
+        return replace(
+            self,
+            columns=tuple(self.columns[place] for place in kept),
+            rows=tuple(tuple(row[place] for place in kept) for row in self.rows),
+        )
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def _logs_table(pairs: Sequence[tuple[CampaignLog, LogCheck | None]]) -> Table:
     columns = (
         "Log", "Kind", "Valve", "Use", "Tests", "Rows", "Duration (s)", "Period (ms)", "Remarks",
     )  # fmt: skip
-    return table("Logs", columns, rows, text=(1, 2, 3, 8))
+    return table("Logs", columns, rows, text=(1, 2, 3, 8)).without("Valve")
 
 
 def _kinds(check: LogCheck) -> str:

@@ -13,18 +13,35 @@ def choice_of(held: PwmSurfaces) -> SurfaceChoice | None:
     return made if isinstance(made, SurfaceChoice) else None
 
 
-def rivals(valve: Valve, direction: str) -> tuple[DutyErrors, DutyErrors] | None:
-    """Held-out errors of the averaged law and of the network; None without both."""
-    law, held = valve.averaged(), valve.surfaces(direction)
-    network = None if held is None else held.surface("ann")
-    if law is None or network is None:
+def best_surface(held: PwmSurfaces) -> str | None:
+    """The better surface of a direction: the only one, else as compared; None where unknown."""
+    kinds = list(held.surfaces())
+    if len(kinds) == 1:
+        return kinds[0]
+    choice = choice_of(held)
+    return None if choice is None else choice.recommended
+
+
+def rival(valve: Valve, direction: str) -> str | None:
+    """The surface that the averaged law is compared with: the network, else the only surface."""
+    held = valve.surfaces(direction)
+    if held is None:
         return None
-    errors = law.errors(direction, "held_out"), network.errors("held_out")
+    return "ann" if held.surface("ann") is not None else best_surface(held)
+
+
+def rivals(valve: Valve, direction: str) -> tuple[DutyErrors, DutyErrors] | None:
+    """Held-out errors of the averaged law and of its rival; None without both."""
+    law, held, kind = valve.averaged(), valve.surfaces(direction), rival(valve, direction)
+    surface = None if held is None or kind is None else held.surface(kind)
+    if law is None or surface is None:
+        return None
+    errors = law.errors(direction, "held_out"), surface.errors("held_out")
     return None if errors[0] is None or errors[1] is None else (errors[0], errors[1])
 
 
 def is_averaged(valve: Valve, direction: str) -> bool:
-    """Whether both are there, and the averaged law follows as well as the network."""
+    """Whether both are there, and the averaged law follows as well as its rival."""
     found, held = rivals(valve, direction), valve.surfaces(direction)
     if found is None or held is None:
         return False
@@ -36,15 +53,12 @@ def is_averaged(valve: Valve, direction: str) -> bool:
 def recommended(valve: Valve, direction: str) -> str | None:
     """The kind to use: the averaged law where it is obeyed, else the better surface.
 
-    None where nothing was compared.
+    None where several were fitted and none was compared.
     """
     held = valve.surfaces(direction)
     if held is None:
         return None
-    if is_averaged(valve, direction):
-        return AVERAGED
-    choice = choice_of(held)
-    return None if choice is None else choice.recommended
+    return AVERAGED if is_averaged(valve, direction) else best_surface(held)
 
 
 def not_recommended(valve: Valve, side: str) -> set[str]:
@@ -61,4 +75,12 @@ def not_recommended(valve: Valve, side: str) -> set[str]:
     return found
 
 
-__all__ = ["choice_of", "is_averaged", "not_recommended", "recommended", "rivals"]
+__all__ = [
+    "best_surface",
+    "choice_of",
+    "is_averaged",
+    "not_recommended",
+    "recommended",
+    "rival",
+    "rivals",
+]

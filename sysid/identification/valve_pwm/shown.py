@@ -50,6 +50,8 @@ _STYLES: tuple[tuple[Role, Dash], ...] = (
     ("second", "dashed"),
     ("third", "dotted"),
 )
+# Columns of the comparison that say nothing where one surface alone was fitted.
+_MAY_BE_EMPTY = ("Noise alone", "Choice")
 # Room for a duty's name beyond the curves of a figure, as a share of the pressures' range.
 _NAME_ROOM = 0.16
 _LAW_NAMES = {
@@ -173,25 +175,30 @@ def surfaces_section(
 def _obedience(parts: Sequence[_Measured]) -> Iterator[str]:
     """Directions in which a valve obeys the averaged law, by held-out error in duty."""
     obeyed = []
+    names: list[str] = []
     for part in parts:
         rivals = choices.rivals(part.valve, part.direction)
-        if rivals is None:
+        kind = choices.rival(part.valve, part.direction)
+        if rivals is None or kind is None:
             continue
-        law, network = rivals
+        law, surface = rivals
+        name = _NAMES[kind].lower()
         if choices.is_averaged(part.valve, part.direction):
             obeyed.append(part.title[0].lower() + part.title[1:])
+            names.append(name)
             continue
         yield (
             f"{part.title}: the valve does not obey the averaged law. Its error is "
-            f"{number(_points(law.rmse))} points of duty on held-out tests, the network's "
-            f"{number(_points(network.rmse))}: use the network there."
+            f"{number(_points(law.rmse))} points of duty on held-out tests, the {name}'s "
+            f"{number(_points(surface.rmse))}: use the {name} there."
         )
     if obeyed:
         is_all = len(obeyed) == len(parts) > 1
         named = "every valve, filling and discharging" if is_all else "; ".join(obeyed)
         yield (
-            "On held-out tests the averaged law gives the duty as closely as the network, or "
-            f"within twice what noise alone causes: {named}."
+            "On held-out tests the averaged law gives the duty as closely as the "
+            f"{' or the '.join(dict.fromkeys(names))}, or within twice what noise alone causes: "
+            f"{named}."
         )
 
 
@@ -271,7 +278,8 @@ def _held_law(
 def _compared(parts: Sequence[_Measured]) -> list[Block]:
     """What is recommended, and next to it folded what is not; everything where nothing is."""
     every = _comparison(parts)
-    best = [row for row in every.rows if row[-1]]
+    is_chosen = every.headings[-1] == "Choice"
+    best = [row for row in every.rows if is_chosen and row[-1]]
     if not best or len(best) == len(every.rows):
         return [every]
     rest = "Surfaces compared, those that are not recommended among them"
@@ -302,11 +310,12 @@ def _comparison(parts: Sequence[_Measured]) -> Table:
         "Surface", "Parameters", "RMSE, fitted", "RMSE, held-out tests", "95th percentile",
         "Largest", "Largest relative (%)", "Noise alone", "",
     )  # fmt: skip
-    caption = (
-        "Surfaces compared: errors of the duty for a wanted flow, in duty points; noise alone: "
-        "what the scatter of the measured flow causes"
-    )
-    return table(caption, (*columns[:-1], "Choice"), rows, text=(8,))
+    caption = "Surfaces compared: errors of the duty for a wanted flow, in duty points"
+    every = table(caption, (*columns[:-1], "Choice"), rows, text=(8,)).without(*_MAY_BE_EMPTY)
+    if _MAY_BE_EMPTY[0] not in every.headings:
+        return every
+    said = "noise alone: what the scatter of the measured flow causes"
+    return replace(every, caption=f"{caption}; {said}")
 
 
 def _figure(of: DutyErrors | SurfaceChoice | None, name: str) -> float | None:
