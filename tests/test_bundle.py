@@ -160,6 +160,22 @@ def test_merge_adds_a_part_and_keeps_the_rest(bundle: Bundle, rig: Rig) -> None:
     assert [e.file for e in merged.provenance.logs] == ["run.csv", "valve.csv"]
 
 
+def test_a_held_out_log_that_changed_is_one_log(bundle: Bundle) -> None:
+    """Its record is that of its content now; a log of the same name and another use stays."""
+
+    def held(letter: str, use: str = "holdout", kind: str = "friction") -> Source:
+        return Source.of(Log(Path("run.csv"), 64 * letter, ()), use, kind)
+
+    first = bundle.with_sources([held("1"), held("2"), held("3", kind="v")])
+    again = first.with_sources([held("1"), held("4")])
+    assert [(e.sha256[0], e.use) for e in again.provenance.logs] == [
+        ("a", "fit"), ("1", "holdout"), ("3", "holdout"), ("4", "holdout"),
+    ]  # fmt: skip
+    # A bundle's training logs are what it was fitted on, whatever they hold now.
+    refitted = first.with_sources([held("5", use="fit")])
+    assert [e.sha256[0] for e in refitted.provenance.logs] == ["a", "1", "2", "3", "5"]
+
+
 def test_parts_of_different_rigs_do_not_mix(bundle: Bundle, content: dict[str, Any]) -> None:
     content["rig"]["air"]["supply_pressure_pa"] = 4e5
     other = bundle_from_json(content, Path("other.json"))

@@ -626,7 +626,13 @@ def test_one_surface_alone_is_weighed_against_the_averaged_law(share: float, bes
     held = PwmSurfaces(bipolynomial=surface)
     alone = Valve(pwm=PwmDirections(fill=held))
     assert recommended(alone, "fill") == "bipolynomial"
-    keys = ("c_fill", "c_dis", "choked_flow_fill_kg_s", "choked_flow_dis_kg_s", "delay_difference_s")
+    keys = (
+        "c_fill",
+        "c_dis",
+        "choked_flow_fill_kg_s",
+        "choked_flow_dis_kg_s",
+        "delay_difference_s",
+    )
     numbers = {key: Estimate.unidentified("", "not asked for") for key in keys}
     law = AveragedRecord(errors_duty={"fill": {"held_out": errors(0.04 * share)}}, **numbers)
     valve = Valve(pwm=PwmDirections(fill=held, averaged=law))

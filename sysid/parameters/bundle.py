@@ -162,8 +162,8 @@ class Bundle(Shown, BundleContent):
         return self.replaced(**fields)
 
     def with_sources(self, sources: Iterable[Source]) -> Bundle:
-        """The bundle with these logs added to its provenance."""
-        return self.replaced(provenance=self.provenance.with_logs(records(sources)))
+        """The bundle with these logs of a campaign in its provenance, as they are now."""
+        return self.replaced(provenance=self.provenance.updated(records(sources)))
 
     def merged(self, other: Bundle) -> Bundle:
         """The bundle with the parts of `other` added; a part that both hold is replaced.

@@ -59,6 +59,21 @@ class Provenance(Part):
         known = {(e.sha256, e.kind, e.use): e for e in [*self.logs, *logs]}
         return self.replaced(logs=list(known.values()))
 
+    def updated(self, logs: Iterable[LogRecord]) -> Provenance:
+        """The provenance with the logs of a campaign as they are now.
+
+        A held-out log whose content has changed replaces its record: nothing was fitted on it.
+        """
+        given = list(logs)
+        now = {e.sha256 for e in given}
+        held = {(e.file, e.kind) for e in given if e.use == "holdout"}
+        kept = [
+            e
+            for e in self.logs
+            if e.use != "holdout" or e.sha256 in now or (e.file, e.kind) not in held
+        ]
+        return self.replaced(logs=kept).with_logs(given)
+
     def merged(self, other: Provenance, *, other_has_friction: bool) -> Provenance:
         """The provenance of a bundle that adds parts of another.
 
