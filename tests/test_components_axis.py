@@ -718,6 +718,7 @@ def test_without_a_held_out_log_tests_are_left_out_in_turn(
     assert main(["diagnose", str(campaign), "--bundle", bundle, "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert any("left out of the fit in turn" in line for line in content["notices"])
+    assert content["judged_on"] == "fit"
     error = content["residual"]["motor_force_n"]
     assert error["after"] < 0.7 * error["before"]
 

@@ -1275,12 +1275,38 @@ def test_effects_that_tests_do_not_distinguish_are_told_on_the_first_screen(made
 
 
 def test_errors_of_a_channel_are_in_one_unit() -> None:
-    """Where none reaches 1 kPa they are in Pa, in sentences, in the table and in the figure."""
+    """Of a part in Pa where none reaches 1 kPa, in sentences, in the table and in the figure; of
+    an actuator in that of its open-loop errors."""
     pressure = channel_of("pressure_a_pa")
+    part = {"component": "tank"}
     assert error_unit(pressure, (151.0, None, 2.07)) == ("Pa", 1.0)
     assert error_unit(pressure, (2151.0, 151.0)) == ("kPa", 1e-3)
-    figure = waterfall(pressure, [151.0], [], 2.07)
+    figure = waterfall(pressure, [151.0], [], 2.07, part)
     assert figure.panels[0].x.unit == "Pa" and "correct model is 2.07 Pa" in figure.description
+    assert error_unit(pressure, (151.0, 2.07), keeps_unit=True) == ("kPa", 1e-3)
+    figure = waterfall(pressure, [151.0], [], 2.07)
+    assert figure.panels[0].x.unit == "kPa" and "bundle has 0.151 kPa" in figure.description
+
+
+@pytest.mark.parametrize("use", ["fit", "holdout"])
+def test_a_part_says_which_tests_its_errors_are_of(use: str) -> None:
+    from sysid.diagnosis.tables import errors_table
+    from sysid.diagnosis.wording import sentence
+
+    content = {
+        "verdict": "unexplained", "because": "held-out errors", "component": "tank",
+        "judged_on": use, "effects": [], "unexplained": [], "refined": False,
+        "residual": {"pressure_a_pa": {"before": 634.0, "after": 634.0, "noise_floor": 5.55}},
+    }  # fmt: skip
+    named = {"fit": "training tests, each excluded from the fit in turn", "holdout": "held-out"}
+    said = sentence(content)
+    drawn = waterfall(channel_of("pressure_a_pa"), [634.0], [], 5.55, content)
+    for text in (said, errors_table(content).caption, drawn.title):
+        assert named[use] in text
+        assert ("held-out" in text) == (use == "holdout")
+    short = "training tests" if use == "fit" else "held-out tests"
+    assert drawn.panels[0].x.name == f"RMSE on {short}"
+    assert f"the errors on {short} are far above" in said
 
 
 def test_a_regressor_has_its_unit_by_either_name() -> None:

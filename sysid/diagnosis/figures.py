@@ -35,6 +35,8 @@ from sysid.diagnosis.wording import (
     error_unit,
     errors_by_step,
     floor_text,
+    is_of_actuator,
+    judged_tests,
     regressor_key,
     regressor_name,
     steps,
@@ -114,13 +116,18 @@ def steps_panel(content: Mapping[str, Any]) -> Panel:
 
 
 def waterfall(
-    channel: Channel, errors: Sequence[float], steps: Sequence[str], floor: float
+    channel: Channel,
+    errors: Sequence[float],
+    steps: Sequence[str],
+    floor: float,
+    content: Mapping[str, Any] | None = None,
 ) -> Figure:
-    """Held-out RMSE of the original bundle, its reduction by each step, and a correct model's.
+    """RMSE of the original bundle, its reduction by each step, and a correct model's.
 
-    `errors` (1 + steps,) and `floor` in the channel's SI unit.
+    `errors` (1 + steps,) and `floor` in the channel's SI unit; `content` of the diagnosis, None: of
+    an actuator.
     """
-    unit, scale = error_unit(channel, (*errors, floor))
+    unit, scale = error_unit(channel, (*errors, floor), keeps_unit=is_of_actuator(content))
     shown, low = [scale * e for e in errors], scale * floor
     lowest = floor_text(low, shown[-1])
     rows: list[tuple[str, float, float, Role, str]] = [
@@ -150,14 +157,17 @@ def waterfall(
             Line(np.full(2, low), edge, "ink", width=0.8),
         ]
     reach = 1.04 * float(np.nanmax([*shown, low, 1e-12]))
-    x = Scale("RMSE on held-out tests", unit, (0.0, reach))
+    tests = judged_tests(content or {})
+    which = tests.partition(",")[0]
+    # What training tests were excluded from stands in the caption: the axis has no room for it.
+    x = Scale(f"RMSE on {which}", unit, (0.0, reach))
     pairs = zip(steps, shown[1:], strict=True)
     told = "; ".join(f"after {n.removeprefix('+ ')} {number(e)}" for n, e in pairs)
     description = (
         f"The original bundle has {number(shown[0])} {unit}{'; ' + told if told else ''}; the "
         f"error of a correct model is {lowest} {unit}."
     )
-    title = f"Error of {channel.title} on held-out tests, effect by effect"
+    title = f"Error of {channel.title} on {tests}, effect by effect"
     return _rows_figure(
         f"fig-diagnosis-error-{channel.key}", title, description, channel.title, x, marks, len(rows)
     )

@@ -17,6 +17,7 @@ from sysid.diagnosis.wording import (
     is_refined,
     is_weighed,
     joined,
+    judged_tests,
     regressor_name,
     sentence,
 )
@@ -35,7 +36,7 @@ _HOW_LEFT_OUT = (
     "The part was tested alone, so there is no actuator to simulate. Each effect that acts on "
     "it was fitted together with its law and had to predict tests excluded from that fit; it was "
     "added if its strength differs significantly from 0 and it removes a substantial share of the "
-    "prediction error. The errors shown are those of held-out tests."
+    "prediction error. The errors shown are those of {tests}."
 )
 
 
@@ -60,6 +61,7 @@ def diagnosis_section(content: Content, is_linear: bool) -> Section:
         else ""
     )
     how = _HOW_TWINS if is_of_actuator(content) else _HOW_LEFT_OUT
+    how = how.format(tests=judged_tests(content))
     blocks.append(Lines((f"{how}{refined}",), "How effects are found"))
     intro = (sentence(content, content["figures"]["titles"]),)
     return Section("diagnosis", "Diagnosis", intro, tuple(blocks))
@@ -104,25 +106,26 @@ def _explained(content: Content) -> Terms:
 
 
 def _errors(content: Content) -> FigureGroup:
-    """Held-out error of every channel, effect by effect, down to that of a correct model."""
+    """Error of every channel, effect by effect, down to that of a correct model."""
     drawn = tuple(
         figures.waterfall(
             channel_of(name),
             errors,
             tables.step_names(content),
             float(content["residual"][name]["noise_floor"]),
+            content,
         )
         for name, errors in errors_by_step(content).items()
     )
     if not content["effects"]:
         caption = (
-            "Error of the bundle on the held-out tests, and that which a correct model would have "
-            "(thin line)."
+            f"Error of the bundle on {judged_tests(content)}, and that which a correct model "
+            "would have (thin line)."
         )
         return FigureGroup(caption, drawn)
     refined = ", and then their refinement" if is_refined(content) else ""
     rest = (
-        f"error on the held-out tests, and how much each effect reduces it{refined}. The thin "
+        f"error on {judged_tests(content)}, and how much each effect reduces it{refined}. The thin "
         "line is the error that a correct law would have: the change from one sample to the next, "
         "which no law in the logged quantities explains."
     )

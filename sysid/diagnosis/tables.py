@@ -25,6 +25,7 @@ from sysid.diagnosis.wording import (
     is_of_actuator,
     is_refined,
     joined,
+    judged_tests,
     parameter_rows,
     steps,
 )
@@ -143,12 +144,12 @@ def refitted_table(content: Content, is_linear: bool = False) -> Table:
 
 
 def errors_table(content: Content) -> Table:
-    """Held-out errors by channel, effect by effect."""
+    """Errors by channel, effect by effect, on the tests that the diagnosis is judged on."""
     rows = []
     for name, errors in errors_by_step(content).items():
         channel = channel_of(name)
         floor = content["residual"][name]["noise_floor"]
-        unit_of, scale = error_unit(channel, (*errors, floor))
+        unit_of, scale = error_unit(channel, (*errors, floor), keeps_unit=is_of_actuator(content))
         cells = [
             NotedCell(text, plain=MISSING if math.isnan(e) else f"{e:.4g}")
             for e, text in (
@@ -158,7 +159,7 @@ def errors_table(content: Content) -> Table:
         ]
         title = f"{channel.title} ({unit_of})"
         rows.append((NotedCell(title, plain=name), *cells))
-    caption = "RMSE on the held-out tests"
+    caption = f"RMSE on {judged_tests(content)}"
     if is_of_actuator(content):
         caption = "Open-loop RMSE over whole held-out tests"
     columns = ("Channel", "Original bundle", *step_names(content), CORRECT_MODEL)

@@ -55,6 +55,18 @@ def is_of_actuator(content: Content | None) -> bool:
     return content is None or content.get("component", ACTUATOR) == ACTUATOR
 
 
+def is_cross_validated(content: Content) -> bool:
+    """Whether the errors are of training tests, each excluded from the fit in turn."""
+    return content.get("judged_on") == "fit"
+
+
+def judged_tests(content: Content) -> str:
+    """The tests that the errors are of."""
+    if is_cross_validated(content):
+        return "training tests, each excluded from the fit in turn"
+    return "held-out tests"
+
+
 def sentence(content: Content, titles: Mapping[str, str] | None = None) -> str:
     """The verdict in one sentence, and a second one where the search did not end.
 
@@ -123,29 +135,33 @@ def _error_change(content: Content) -> str:
         named += [name for name, fall in falls.items() if fall < _GROWN and name not in named]
     said = []
     for name in named:
-        sizes = _sizes(channel_of(name), errors[name], is_changed=bool(content["effects"]))
+        sizes = _sizes(content, name)
         said.append(f"{channel_of(name).name} {sizes}")
-    return f"errors on held-out tests: {joined(said)}"
+    return f"errors on {judged_tests(content)}: {joined(said)}"
 
 
-def _sizes(channel: Channel, errors: Mapping[str, float | None], *, is_changed: bool) -> str:
+def _sizes(content: Content, name: str) -> str:
     """A channel's errors with their unit: "from 107 to 15.1 mrad (a correct model: 10.2)"."""
+    channel, errors = channel_of(name), content["residual"][name]
     kept = [errors[k] for k in ("before", "after", "noise_floor")]
-    unit, scale = error_unit(channel, kept)
+    unit, scale = error_unit(channel, kept, keeps_unit=is_of_actuator(content))
     before, after, floor = (None if e is None else scale * e for e in kept)
-    change = f"from {span(before, after)}" if is_changed else number(before)
+    change = f"from {span(before, after)}" if content["effects"] else number(before)
     correct = f"(a correct model: {floor_text(floor, after)})"
     return " ".join(filter(None, (change, unit, correct)))
 
 
-def error_unit(channel: Channel, errors: Iterable[float | None]) -> tuple[str, float]:
+def error_unit(
+    channel: Channel, errors: Iterable[float | None], *, keeps_unit: bool = False
+) -> tuple[str, float]:
     """The unit in which all errors (SI) of a channel are shown, and the scale to it.
 
-    Pa in place of kPa where none reaches 1 kPa.
+    Pa in place of kPa where none reaches 1 kPa, unless it `keeps_unit`: an actuator's are in that
+    of its open-loop errors, which its page holds next to them.
     """
     unit, scale = channel.residual_unit, channel.residual_scale
     known = [abs(scale * e) for e in errors if e is not None and math.isfinite(e)]
-    if unit == "kPa" and all(e < 1.0 for e in known):
+    if unit == "kPa" and not keeps_unit and all(e < 1.0 for e in known):
         return "Pa", 1e3 * scale
     return unit, scale
 
@@ -163,8 +179,8 @@ LEAST_SHOWN = 1e-3
 _GROWN = 1.0 / 1.1
 _NO_STRUCTURE = {
     "held-out errors": (
-        "the errors on held-out tests are far above those of a correct model, and no residual of "
-        "the training tests shows why"
+        "the errors on {tests} are far above those of a correct model, and no residual of the "
+        "training tests shows why"
     ),
     "unfinished search": "the search did not come to its end, and may have missed an effect",
     "one recording": "one recording cannot tell what the law lacks",
@@ -173,7 +189,9 @@ _NO_STRUCTURE = {
 
 def _remaining(content: Content) -> str:
     """The remaining structure by balance; if none counts, the reason, and what is largest."""
-    other = _NO_STRUCTURE.get(content.get("because") or "")
+    other = _NO_STRUCTURE.get(content.get("because") or "", "")
+    tests = "training tests" if is_cross_validated(content) else "held-out tests"
+    other = other.replace("{tests}", tests)
     said = (
         "the residual of {0} depends most on {1} ({2} of its variance)"
         if other
@@ -282,6 +300,12 @@ def advice_on_rest(content: Content) -> tuple[str, ...]:
         lines.append(
             "Record the test again from at least two other conditions (pressures, levels): what "
             "repeats in all of them is the law's, and each is predicted by the others."
+        )
+    elif content.get("because") == "held-out errors" and is_cross_validated(content):
+        lines.append(
+            "Check for a log that is not like the others: chambers exchanged, a sign, a unit, "
+            "another rig, or a condition (pressure, level, speed) that no other test has. Then "
+            "record more tests like it, and diagnose again."
         )
     elif content.get("because") == "held-out errors":
         lines.append(
@@ -408,10 +432,12 @@ __all__ = [
     "error_unit",
     "errors_by_step",
     "floor_text",
+    "is_cross_validated",
     "is_of_actuator",
     "is_refined",
     "is_weighed",
     "joined",
+    "judged_tests",
     "own_friction",
     "p_text",
     "parameter_rows",

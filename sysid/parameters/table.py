@@ -56,6 +56,7 @@ _TITLES = {
     "valve_c_dis": "Exhaust coefficient, valve alone",
     "control_c_fill": "Filling coefficient, flow control alone",
     "control_c_dis": "Exhaust coefficient, flow control alone",
+    "adiabatic_share": "Share of the expansion that the wall leaves adiabatic",
     "wall_conductance_w_per_k": "Conductance of the tank's wall",
     "on_delay": "Delay, on",
     "off_delay": "Delay, off",

@@ -118,8 +118,10 @@ class HeldOutEvidence(ComponentEvidence):
         return final.component.renewed(bundle, final.base_estimates(), final.quality())
 
     def to_json(self) -> dict[str, Any]:
-        """Curves, and the effects that parts of the tests name though all of them do not."""
+        """Curves, the effects that parts of the tests name though all of them do not, and the use
+        of the tests that the errors are of: training tests were excluded from the fit in turn."""
         return {
+            "judged_on": "holdout" if self.outside is not None else "fit",
             "undecided": [{"id": u.id, **u.to_json()} for u in self.selection.undecided],
             "curves": [curve.to_json() for curve in self.curves[:MOST_CURVES]],
         }

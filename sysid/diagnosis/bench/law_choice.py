@@ -81,11 +81,14 @@ def _criterion(fitted: FittedLaw, count: float) -> float:
 def _why(fits: Sequence[FittedLaw], place: int, is_decided: bool) -> str:
     """The errors of the laws, and what follows."""
     unit = fits[place].component.unit
-    errors = [f"{fit.component.law_name} {number(rmse([fit.fit.residuals]))}" for fit in fits]
-    said = f"law of the flow: {fits[place].component.law_name}"
+    errors = [
+        f"{number(rmse([fit.fit.residuals]))} {unit} by {fit.component.law_name}" for fit in fits
+    ]
+    name = fits[place].component.law_name
+    said = f"the training tests follow the flow law {name}"
     if not is_decided:
-        said += ", the simplest of those that these tests do not distinguish"
-    return f"{said} (RMSE of the training tests, {unit}: {', '.join(errors)})"
+        said = f"the training tests do not distinguish all flow laws: {name}, the simplest, is used"
+    return f"{said}; RMSE: {', '.join(errors)}"
 
 
 __all__ = ["ChosenLaw", "chosen_law"]

@@ -14,7 +14,14 @@ from sysid.blocks.quality import quality_name
 from sysid.blocks.tables import Table, table
 from sysid.blocks.titles import within
 from sysid.diagnosis.lack_of_fit import MISFIT
-from sysid.diagnosis.wording import error_unit, floor_text, is_of_actuator, joined, sentence
+from sysid.diagnosis.wording import (
+    error_unit,
+    floor_text,
+    is_of_actuator,
+    joined,
+    judged_tests,
+    sentence,
+)
 from sysid.io.channels import VELOCITY_CHANNELS, Channel, channel_of
 from sysid.io.motion import LINEAR, ROTARY
 from sysid.parameters import Bundle, ComponentRecord
@@ -81,10 +88,11 @@ def verdict(
         judged = replace(judged, diagnosis=said)
         if not is_of_actuator(diagnosis) and validation is None:
             followed = _part_followed(diagnosis)
+            alone = _ALONE.format(tests=judged_tests(diagnosis))
             if followed:
-                judged = replace(judged, sentence=followed, notes=(*judged.notes, _ALONE))
+                judged = replace(judged, sentence=followed, notes=(*judged.notes, alone))
             else:
-                judged = replace(judged, sentence=said, diagnosis=_ALONE)
+                judged = replace(judged, sentence=said, diagnosis=alone)
     asked = _asked(diagnosis)
     missing = [name for name, _ in unidentified(bundle) if asked is None or _last(name) in asked]
     found = (
@@ -113,8 +121,8 @@ def _titles(diagnosis: Mapping[str, Any]) -> Mapping[str, str]:
 
 
 _ALONE = (
-    "The part was tested alone: its law was fitted to its own tests and judged on held-out "
-    "tests; there is no actuator whose motion it could be compared with."
+    "The part was tested alone: its law was fitted to its own tests and judged on {tests}; there "
+    "is no actuator whose motion it could be compared with."
 )
 
 
@@ -130,7 +138,8 @@ def _part_followed(diagnosis: Mapping[str, Any]) -> str:
     if fit is None:
         return ""
     channel = channel_of(figures["channel"])
-    unit, scale = error_unit(channel, [errors[k] for k in ("before", "after", "noise_floor")])
+    kept = [errors[k] for k in ("before", "after", "noise_floor")]
+    unit, scale = error_unit(channel, kept)
     rmse, floor = (scale * errors[key] for key in ("after", "noise_floor"))
     how = {"good": "follows its held-out tests well", "fair": "follows its held-out tests roughly",
            "poor": "does not follow its held-out tests"}[level_of_fit(fit)]  # fmt: skip
