@@ -907,6 +907,17 @@ def test_a_model_whose_every_channel_is_far_off_is_not_adequate() -> None:
     assert not is_far_off(np.full(3, np.nan), floor)
 
 
+def test_numbers_of_another_size_explain_nothing_of_the_balances() -> None:
+    evidence = TwinEvidence(looped(SEALS), made(SEALS, scatter=0.02, size=TWO_EACH)[1], ())
+    (seal,) = evidence.effects
+    assert isinstance(seal, SealFriction)
+    found = evidence.loop.search.gains([seal])
+    assert found.shape == (1,) and found[0] > 100.0
+    assert evidence.unseen([seal]) == []
+    strong = replace(seal, seal_torque_nm_per_pa=2.5 * float(seal.seal_torque_nm_per_pa))
+    assert evidence.unseen([strong]) == [0]
+
+
 def test_effects_that_leave_every_channel_far_off_do_not_explain() -> None:
     """As an exhaust that ices was imitated by three effects; without pressures nothing is said."""
     evidence = TwinEvidence(looped(SEALS), made(SEALS, scatter=0.02, size=TWO_EACH)[1], ())

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.blocks.numbers import number
+from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
 from sysid.diagnosis.search_record import Recorder, SearchStage
 from sysid.errors import Failure, InputError, NotIdentifiedError
@@ -45,10 +46,11 @@ def without_contradicted(
 
     Where one has none, the next is made without the one that is the most surely absent; so it is
     without one that grows to the limit of its range and makes an error of the training tests
-    larger. Held-out tests decide nothing.
+    larger, and without one of such a size that it explains nothing of what it was found by.
+    Held-out tests decide nothing.
     """
     found, gone, notices = look(catalogue), [], []
-    while (contradiction := _absent(found) or _beyond_its_range(found)) is not None:
+    while (contradiction := _contradicted(found)) is not None:
         if found.record.cut_short:  # nothing is searched for again
             break
         absent, why = contradiction
@@ -61,6 +63,30 @@ def without_contradicted(
         found = look({name: effect for name, effect in catalogue.items() if name not in gone})
     notices += found.notices
     return dataclasses.replace(found, contradicted=tuple(gone), notices=tuple(notices))
+
+
+def _contradicted(found: Diagnosis) -> tuple[FoundEffect, str] | None:
+    """An effect that motion contradicts, and how; None: it contradicts none."""
+    if found.refinement is None:
+        return None
+    return _absent(found) or _beyond_its_range(found) or _of_another_size(found)
+
+
+def _of_another_size(found: Diagnosis) -> tuple[FoundEffect, str] | None:
+    """The effect whose refined numbers explain least of the balances, if nothing; and what motion
+    does with it.
+
+    As two of opposite signs do that cancel in motion, of which balances see how they differ.
+    """
+    evidence = found.evidence
+    if not isinstance(evidence, TwinEvidence):
+        return None
+    with limited():
+        places = evidence.unseen([one.effect for one in found.effects])
+    if not places:
+        return None
+    one = found.effects[places[0]]
+    return one, f"gives it a size that explains nothing of them ({_sizes(one)})"
 
 
 def _absent(found: Diagnosis) -> tuple[FoundEffect, str] | None:

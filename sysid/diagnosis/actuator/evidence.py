@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from sysid.diagnosis.actuator.columns import ODDS
 from sysid.diagnosis.actuator.figures import influences, residual_curves, rounds_shown, shown_curve
 from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.actuator.search import RefittedStep
@@ -56,6 +59,12 @@ class TwinEvidence(ComponentEvidence):
 
     def estimates(self, place: int) -> dict[str, Estimate]:
         return self.loop.search.estimates(place)
+
+    def unseen(self, effects: Sequence[CatalogueEffect]) -> list[int]:
+        """The places of effects that, with these numbers, explain nothing of the balances that they
+        were found in, the least first: too little for odds of 20 to 1."""
+        gains = self.loop.search.gains(effects)
+        return [int(i) for i in np.argsort(gains) if gains[i] < ODDS]
 
     def rounds_shown(self) -> list[dict[str, Any]]:
         """See `sysid.diagnosis.actuator.figures.rounds_shown`."""

@@ -7,7 +7,7 @@ between a set and another, motion does: how well the fitted motion tests are sim
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from sysid.diagnosis.actuator.finder import Contender, Finder
 from sysid.diagnosis.actuator.fitted_set import FittedSet, fit_set, weighed
 from sysid.diagnosis.actuator.misfit import weights_of
 from sysid.diagnosis.actuator.null_distribution import Null
-from sysid.diagnosis.actuator.projection import Projected, projected
+from sysid.diagnosis.actuator.projection import Projected, channel_squares, projected
 from sysid.diagnosis.actuator.refit import (
     Refit,
     own_columns,
@@ -31,6 +31,7 @@ from sysid.diagnosis.search_record import SearchStage
 from sysid.errors import Failure, SimulationError
 from sysid.estimation.linear import Estimate
 from sysid.parallel import attempt, limited
+from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
@@ -114,6 +115,19 @@ class Search:
         for q in (q for q in type(effect).strengths() if q.is_threshold):
             found[q.name] = with_steps(found[q.name], q, base, self.model, self.joint, place)
         return found
+
+    def gains(self, effects: Sequence[CatalogueEffect]) -> FloatArray:
+        """By how much each of some effects, with its numbers, lowers the balances' squares next to
+        the others, (k,), each balance as it counted; negative where they are smaller without it."""
+
+        def left(some: Sequence[CatalogueEffect]) -> float:
+            given = self.first.model
+            base = projected(self.first.frame, Model(given.parameters, (*given.effects, *some)))
+            return float(self.weights @ channel_squares(base, base.rest))
+
+        whole = left(effects)
+        others = ([*effects[:i], *effects[i + 1 :]] for i in range(len(effects)))
+        return np.array([left(some) - whole for some in others])
 
 
 def search(finder: Finder, simulated: Simulated) -> Search:
