@@ -33,8 +33,8 @@ _ALIKE = 0.1
 _END_ROWS = 5
 # Of the travel: a held piston gives by no more.
 _HELD = 0.01
-# A pressure that varies by less than so many standard deviations of its noise shows no command.
-_MOVED = 20.0
+MOVED = 20.0
+"""A pressure that varies by less than so many standard deviations of its noise shows no command."""
 
 
 def response_notices(
@@ -53,8 +53,7 @@ def response_notices(
             )
     if not knows_supply:
         return
-    two = (_of_two(columns, side, rig) or _while_shut(columns, side, rig) for side in rig.sides)
-    for line in (_answers(columns, rig), *two):
+    for line in (_answers(columns, rig), *(_of_chamber(columns, side, rig) for side in rig.sides)):
         if line:
             yield f"{where}: {line}"
 
@@ -117,47 +116,16 @@ def _opposed(commands: list[str], way: float) -> str:
 @dataclass(frozen=True)
 class Pressures:
     """A chamber's pressure (n,) Pa as it is `shown`, and `at_rest`: as it were at the mean volume
-    were the chamber shut, which valves alone change."""
+    were the chamber shut, which valves alone change. `noise`: one standard deviation, Pa."""
 
     shown: FloatArray
     at_rest: FloatArray
+    noise: float
 
     @classmethod
-    def held(cls, pressure: FloatArray) -> Pressures:
+    def held(cls, pressure: FloatArray, noise: float) -> Pressures:
         """Of a piston that does not move."""
-        return cls(pressure, pressure)
-
-
-@dataclass(frozen=True)
-class PressureRun:
-    """Rows, from `start` to `stop`, in which a chamber's commands stay: what it is connected to,
-    and how far, Pa, its pressure moves towards the supply."""
-
-    start: int
-    stop: int
-    fills: bool
-    empties: bool
-    change: float
-
-    @property
-    def is_shut(self) -> bool:
-        return not (self.fills or self.empties)
-
-
-def pressure_runs(
-    pressures: Pressures, fills: BoolArray, empties: BoolArray, way: float, starts: IntArray
-) -> list[PressureRun]:
-    """The runs of a chamber's commands, (n,) each, and what its pressure changes in each.
-
-    `way`: the rig's `supply_way`; `starts`: the rows, after the first, at which tests begin.
-    """
-    edges = np.flatnonzero(np.diff(2 * fills + empties)) + 1
-    first, change = _moved_by_valves(pressures, edges, starts)
-    stops = [*first[1:], len(pressures.shown)]
-    return [
-        PressureRun(int(start), int(stop), bool(fills[start]), bool(empties[start]), way * moved)
-        for start, stop, moved in zip(first, stops, change.tolist(), strict=True)
-    ]
+        return cls(pressure, pressure, noise)
 
 
 def _moved_by_valves(
@@ -213,33 +181,33 @@ def moved_while_shut(
     names: tuple[str, str],
     commands: tuple[FloatArray, FloatArray],
     way: float,
-    noise: float,
     starts: IntArray | None = None,
 ) -> Iterator[Unaccounted]:
     """Where more of a pressure's rise, or fall, is while a fill and a bleed valve are off than
-    while either is on; `noise` is one standard deviation, Pa, the rest as in `_mistaken`."""
-    on = [command > 0.0 for command in commands]
+    while either is on.
+
+    `way`: the rig's `supply_way`; `starts`: the rows, after the first, at which tests begin.
+    """
+    fills, empties = (command > 0.0 for command in commands)
+    edges = np.flatnonzero(np.diff(2 * fills + empties)) + 1
     begins = np.zeros(0, dtype=int) if starts is None else starts
-    runs = pressure_runs(pressures, on[0], on[1], way, begins)
+    first, change = _moved_by_valves(pressures, edges, begins)
+    toward, is_shut = way * change, ~(fills | empties)[first]
+    lengths = np.diff([*first, len(pressures.shown)])
     for sign, name, does, command in zip(
         (1.0, -1.0), names, ("fills", "empties"), commands, strict=True
     ):
-        shut = [r for r in runs if r.is_shut and sign * r.change > _MOVED * noise]
-        moved = sum(sign * run.change for run in shut)
-        total = sum(max(sign * run.change, 0.0) for run in runs)
-        if not shut or moved < _MAJORITY * total:
+        along = np.maximum(sign * toward, 0.0)
+        shut = is_shut & (along > MOVED * pressures.noise)
+        if not shut.any() or np.sum(along[shut]) < _MAJORITY * np.sum(along):
             continue
-        rows = np.zeros(len(pressures.shown), dtype=bool)
-        for run in shut:
-            rows[run.start : run.stop] = True
-        most = max(shut, key=lambda run: sign * run.change)
         still = "" if np.any(command > 0.0) else ", which stays 0,"
         moves = "rises" if sign * way > 0.0 else "falls"
         line = (
-            f"the pressure {moves} by {abs(most.change):.4g} Pa while both valves are off: is "
+            f"the pressure {moves} by {np.max(along[shut]):.4g} Pa while both valves are off: is "
             f"{name}{still} the command of the valve that {does} the chamber, or does it leak?"
         )
-        yield Unaccounted(sign > 0.0, rows, line)
+        yield Unaccounted(sign > 0.0, np.repeat(shut, lengths), line)
 
 
 def mistaken_commands(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> str | None:
@@ -247,7 +215,8 @@ def mistaken_commands(columns: Mapping[str, FloatArray], side: str, rig: Rig) ->
 
     `columns` (n,) each of a test of the chamber.
     """
-    line = _of_two(columns, side, rig)
+    two = _two_valves(columns, side, rig)
+    line = None if two is None else _mistaken(two)
     if line is not None or f"valve_{side}" not in columns:
         return line
     inverted = _is_inverted(columns, side, rig)
@@ -259,47 +228,48 @@ def _is_inverted(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> bool
     pressures, on = _pressures(columns, side, rig), columns.get(f"valve_{side}")
     if pressures is None or on is None:
         return False
-    starts = _starts(columns)
-    (share,) = _accounted(pressures, [2.0 * on - 1.0], rig.supply_way, starts)
+    (share,) = _accounted(pressures, [2.0 * on - 1.0], rig.supply_way, _starts(columns))
     return bool(share < -_MAJORITY)
 
 
 def _pressures(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> Pressures | None:
     """A chamber's pressures; None where none is logged, or it varies by little more than noise."""
     pressure = columns.get(f"pressure_{side}_pa")
-    if pressure is None or not _moves(pressure):
+    if pressure is None or len(pressure) < MIN_SAMPLES:
+        return None
+    noise = noise_floor(pressure).total
+    if np.ptp(pressure) <= MOVED * noise:
         return None
     position = columns.get(rig.position_channel)
     if position is None or rig.cylinder is None or rig.air is None:
-        return Pressures.held(pressure)
+        return Pressures.held(pressure, noise)
     length = rig.cylinder.chamber_length(position, side)
     if np.min(length) <= 0.0:  # an offset or a zero of another rig
-        return Pressures.held(pressure)
+        return Pressures.held(pressure, noise)
     volume = (length / np.mean(length)) ** rig.air.heat_capacity_ratio
-    return Pressures(pressure, pressure * volume)
+    return Pressures(pressure, pressure * volume, noise)
 
 
-def _moves(pressure: FloatArray) -> bool:
-    """Whether a pressure (n,) Pa varies by more than its noise."""
-    if len(pressure) < MIN_SAMPLES:
-        return False
-    return bool(np.ptp(pressure) > _MOVED * noise_floor(pressure).total)
+@dataclass(frozen=True)
+class _TwoValves:
+    """A chamber's pressures, and the commands (n,) of its fill and its bleed valve, by their
+    columns. `way`: the rig's `supply_way`; `starts`: the rows at which tests begin."""
+
+    pressures: Pressures
+    names: tuple[str, str]
+    commands: tuple[FloatArray, FloatArray]
+    way: float
+    starts: IntArray
 
 
-def _of_two(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> str | None:
-    """How the commands of a fill and a bleed valve are mistaken, on/off or duties: a line, or None.
-
-    Of the ways in which people exchange and invert them, the one by which the pressure moves as it
-    must.
-    """
-    pressures = _pressures(columns, side, rig) if rig.bleeds else None
-    if pressures is None:
-        return None
-    names = _two_names(columns, side)
-    if names is None:
+def _two_valves(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> _TwoValves | None:
+    """On/off or duties; None of other rigs, where the log lacks one, or the pressure stays."""
+    names = _two_names(columns, side) if rig.bleeds else None
+    pressures = _pressures(columns, side, rig) if names is not None else None
+    if names is None or pressures is None:
         return None
     commands = columns[names[0]], columns[names[1]]
-    return _mistaken(pressures, names, commands, rig.supply_way, _starts(columns))
+    return _TwoValves(pressures, names, commands, rig.supply_way, _starts(columns))
 
 
 def _two_names(columns: Mapping[str, FloatArray], side: str) -> tuple[str, str] | None:
@@ -311,30 +281,30 @@ def _two_names(columns: Mapping[str, FloatArray], side: str) -> tuple[str, str] 
     return None
 
 
-def _while_shut(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> str | None:
-    """A line where a chamber whose piston moves empties, or fills, by no valve of the log; of a
-    held one its fit says so."""
-    names = _two_names(columns, side) if rig.bleeds else None
-    position = columns.get(rig.position_channel)
-    pressures = _pressures(columns, side, rig) if names is not None else None
-    if names is None or pressures is None or position is None or rig.cylinder is None:
+def _of_chamber(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> str | None:
+    """A line on a chamber with a fill and a bleed valve: how their commands are mistaken, or that
+    it empties, or fills, by no valve of the log while its piston moves; of a held one its fit says
+    so."""
+    two, position = _two_valves(columns, side, rig), columns.get(rig.position_channel)
+    if two is None:
         return None
+    line = _mistaken(two)
+    if line is not None or position is None or rig.cylinder is None:
+        return line
     if np.ptp(position) <= _HELD * (rig.travel or 0.0):
         return None
-    commands, noise = (columns[names[0]], columns[names[1]]), noise_floor(pressures.shown).total
-    found = moved_while_shut(pressures, names, commands, rig.supply_way, noise, _starts(columns))
+    found = moved_while_shut(two.pressures, two.names, two.commands, two.way, two.starts)
     return next((one.line for one in found), None)
 
 
-def _mistaken(
-    pressures: Pressures,
-    names: tuple[str, str],
-    commands: tuple[FloatArray, FloatArray],
-    way: float,
-    starts: IntArray,
-) -> str | None:
-    (fill, bleed), (f, b) = names, commands
-    toward, away = ("rises", "falls") if way > 0.0 else ("falls", "rises")
+def _mistaken(two: _TwoValves) -> str | None:
+    """How the commands of a fill and a bleed valve are mistaken: a line, or None.
+
+    Of the ways in which people exchange and invert them, the one by which the pressure moves as it
+    must.
+    """
+    (fill, bleed), (f, b) = two.names, two.commands
+    toward, away = ("rises", "falls") if two.way > 0.0 else ("falls", "rises")
     inverted = "inverted (is it a normally open valve?); write 1 where the valve is open"
     others = {
         f"the pressure {away} while {fill} is on and {toward} while {bleed} is on: the two columns "
@@ -347,7 +317,7 @@ def _mistaken(
         f"while it stays: {fill} and {bleed} are {inverted}": (1.0 - f, 1.0 - b),
     }
     held, *shares = _accounted(
-        pressures, [f - b, *(x - y for x, y in others.values())], way, starts
+        two.pressures, [f - b, *(x - y for x, y in others.values())], two.way, two.starts
     )
     best = max(shares)
     if best <= _MAJORITY or best - held <= _MAJORITY:
@@ -372,8 +342,8 @@ def _accounted(
     signs = np.sign(np.array(ways))
     edges = np.flatnonzero(np.any(np.diff(signs, axis=1), axis=0)) + 1
     first, change = _moved_by_valves(pressures, edges, starts)
-    total, noise = float(np.sum(np.abs(change))), noise_floor(pressures.shown).total
-    if not len(edges) or total <= _MOVED * noise:
+    total = float(np.sum(np.abs(change)))
+    if not len(edges) or total <= MOVED * pressures.noise:
         return np.zeros(len(ways))
     return np.asarray(way * (signs[:, first] @ change) / total)
 
@@ -396,4 +366,11 @@ def _standard(values: FloatArray) -> FloatArray:
     return np.asarray((values - values.mean()) / values.std())
 
 
-__all__ = ["Pressures", "Unaccounted", "mistaken_commands", "moved_while_shut", "response_notices"]
+__all__ = [
+    "MOVED",
+    "Pressures",
+    "Unaccounted",
+    "mistaken_commands",
+    "moved_while_shut",
+    "response_notices",
+]

@@ -18,7 +18,7 @@ from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.identification.valve_discrete.held_chamber import HeldChamber
 from sysid.io.logs import Trial
 from sysid.io.plausibility import check_supply
-from sysid.io.responses import Pressures, mistaken_commands, moved_while_shut
+from sysid.io.responses import MOVED, Pressures, mistaken_commands, moved_while_shut
 from sysid.io.rig import Air, Cylinder, Rig
 from sysid.io.trial_kind import HELD_SHARE
 from sysid.plant.base import CRITICAL_RATIO, chamber_volume
@@ -38,8 +38,6 @@ _RISE_SHARE = 0.9
 # After a command's edge the valve's state is known once the slowest valve has switched.
 EDGE_GUARD_S = 0.05
 _CLIPPED_RUN = 30
-# A pressure that changes by so many standard deviations of its noise moves.
-_MOVED = 20.0
 FEWEST_ROWS = 10
 # Smallest noise assumed, Pa: below it, rounding in the file dominates.
 _LEAST_NOISE_PA = 5.0
@@ -302,8 +300,8 @@ def _of_two_valves(trial: Trial, whole: Piece, valve: str) -> Iterator[_Cut]:
         said = f"{' and '.join(names)} are on together, whose flows add up: switch one at a time"
         yield _Cut(both, said, (*of_filling, *of_emptying))
     commands = trial[names[0]], trial[names[1]]
-    held = Pressures.held(whole.pressure)
-    for one in moved_while_shut(held, names, commands, whole.way, whole.noise):
+    held = Pressures.held(whole.pressure, whole.noise)
+    for one in moved_while_shut(held, names, commands, whole.way):
         yield _Cut(one.rows, one.line, of_filling if one.fills else of_emptying)
 
 
@@ -440,7 +438,7 @@ def _segments(piece: Piece, bad: BoolArray) -> list[slice]:
         run
         for run in runs
         if run.stop - run.start >= 2 * FEWEST_ROWS
-        and np.ptp(piece.pressure[run]) > _MOVED * piece.noise
+        and np.ptp(piece.pressure[run]) > MOVED * piece.noise
     ]
 
 
