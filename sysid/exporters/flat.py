@@ -21,7 +21,7 @@ from sysid.parameters import Bundle, EffectEntry, Friction, PwmSurfaces, Unread,
 from sysid.parameters.friction import StaticAtPosition
 from sysid.parameters.possible import impossible
 from sysid.parameters.table import ParameterTable
-from sysid.parameters.valves import LAW_KEYS, DiscreteLaw
+from sysid.parameters.valves import LAW_KEYS, LAW_UNITS, DiscreteLaw
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.surfaces.kinds import SURFACES
 
@@ -314,21 +314,13 @@ def _valve(
 def _law_names(law: DiscreteLaw | None) -> dict[str, tuple[str, str]]:
     """The numbers of an on/off law: key in the bundle -> name in an export, and unit."""
     held = LAW_KEYS if law is None else law.thesis_keys()
-    found = {key: (key, unit) for key, unit in _THESIS_UNITS.items() if key in held.values()}
+    found = {key: (key, unit) for key, unit in LAW_UNITS.items() if key in held.values()}
     if law is not None:
         for name, key in law.iso_keys().items():
             found[key] = (name, "m3/(s Pa)" if name.startswith("sonic") else "-")
         for key in law.series_keys():
-            found[key] = (key, _THESIS_UNITS[key.removeprefix("valve_")])
+            found[key] = (key, LAW_UNITS[key.removeprefix("valve_")])
     return found | {key: (key, "s") for key in ("on_delay_s", "off_delay_s")}
-
-
-_THESIS_UNITS = {
-    "choked_flow_fill_kg_s": "kg/s",
-    "c_fill": "kg/(s Pa^0.5)",
-    "choked_flow_dis_kg_s": "kg/s",
-    "c_dis": "kg/(s Pa)",
-}
 
 
 def _pwm_map(

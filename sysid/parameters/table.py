@@ -24,7 +24,7 @@ from sysid.parameters.content import BundleContent
 from sysid.parameters.correlation import CorrelatedPart
 from sysid.parameters.effects import SIDE, EffectEntry
 from sysid.parameters.friction import Friction
-from sysid.parameters.valves import ISO_KEYS, LAW_KEYS, Valve
+from sysid.parameters.valves import ISO_KEYS, LAW_KEYS, LAW_UNITS, Valve
 from sysid.types import FloatArray
 
 Origin = Literal["friction", "valve", "effect", "component", "rig"]
@@ -65,13 +65,6 @@ _TITLES = {
     "critical_ratio_dis": "Critical ratio, exhaust",
     "jump_fill_percent": "Jump at the boundary, filling",
     "jump_dis_percent": "Jump at the boundary, exhaust",
-}
-# Of the thesis' flow laws, by the names inside.
-_LAW_UNITS = {
-    "choked_fill": "kg/s",
-    "choked_dis": "kg/s",
-    "c_fill": "kg/(s Pa^0.5)",
-    "c_dis": "kg/(s Pa)",
 }
 _FIELDS = {"static": "static_effort", "coulomb": "coulomb_effort"}
 # The name inside of a number, by its key in a part or its name in the plant's parameters.
@@ -136,7 +129,8 @@ def unit_of_field(field: str, *, is_linear: bool) -> str:
     """The unit of a number by its name in the plant's parameters; empty where none is known."""
     units = LINEAR if is_linear else ROTARY
     efforts = dict.fromkeys(("static", "coulomb", "offset"), units.effort)
-    known = _LAW_UNITS | efforts | {"viscous": units.viscous_unit}
+    laws = {name: LAW_UNITS[own] for name, own in LAW_KEYS.items()}
+    known = laws | efforts | {"viscous": units.viscous_unit}
     name, _, side = field.rpartition("_")
     key = name if side in SIDES else field
     return known.get(_NAMES.get(key, key), "")

@@ -26,6 +26,13 @@ LAW_KEYS = {
     "c_fill": "c_fill",
     "c_dis": "c_dis",
 }
+LAW_UNITS = {
+    "choked_flow_fill_kg_s": "kg/s",
+    "c_fill": "kg/(s Pa^0.5)",
+    "choked_flow_dis_kg_s": "kg/s",
+    "c_dis": "kg/(s Pa)",
+}
+"""Of the thesis' flow law, by its keys in a bundle."""
 
 
 # The numbers of a direction that obeys ISO 6358, likewise: keys within keys.
@@ -468,6 +475,7 @@ __all__ = [
     "LAWS",
     "LAW_KEYS",
     "LAW_NAMES",
+    "LAW_UNITS",
     "SERIES",
     "SURFACE_KINDS",
     "THESIS",

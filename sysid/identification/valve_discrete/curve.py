@@ -26,22 +26,18 @@ from sysid.identification.valve_discrete.held_chamber import (
     pressure_curve,
 )
 from sysid.identification.valve_discrete.trials import Piece
-from sysid.parameters.valves import ISO6358, SERIES, THESIS, VALVE_ALONE, WAYS
+from sysid.parameters.valves import ISO6358, LAW_UNITS, SERIES, THESIS, VALVE_ALONE, WAYS
 from sysid.plant.iso6358 import HIGHEST_RATIO
 from sysid.types import FloatArray
 
-_COEFFICIENTS = (("fill", "kg/(s Pa^0.5)"), ("dis", "kg/(s Pa)"))
 UNITS = {
-    "choked_flow_fill_kg_s": "kg/s",
-    "c_fill": "kg/(s Pa^0.5)",
-    "choked_flow_dis_kg_s": "kg/s",
-    "c_dis": "kg/(s Pa)",
+    **LAW_UNITS,
     "on_delay_s": "s",
     "off_delay_s": "s",
     **{f"sonic_conductance_{way}": "m3/(s Pa)" for way in WAYS},
     **{f"critical_ratio_{way}": "-" for way in WAYS},
     **{f"subsonic_index_{way}": "-" for way in WAYS},
-    **{f"{part}_c_{way}": unit for part in ("valve", "control") for way, unit in _COEFFICIENTS},
+    **{f"{part}_c_{way}": LAW_UNITS[f"c_{way}"] for part in ("valve", "control") for way in WAYS},
 }
 
 MOST_STD = 0.3
