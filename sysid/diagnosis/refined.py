@@ -50,9 +50,8 @@ def without_contradicted(
     Held-out tests decide nothing.
     """
     found, gone, notices = look(catalogue), [], []
-    while (contradiction := _contradicted(found)) is not None:
-        if found.record.cut_short:  # nothing is searched for again
-            break
+    # Where the budget is over nothing is searched for again.
+    while not found.record.cut_short and (contradiction := _contradicted(found)) is not None:
         absent, why = contradiction
         progress(f"{absent.id}: motion contradicts it, searching without it")
         gone.append(absent.id)
@@ -67,8 +66,6 @@ def without_contradicted(
 
 def _contradicted(found: Diagnosis) -> tuple[FoundEffect, str] | None:
     """An effect that motion contradicts, and how; None: it contradicts none."""
-    if found.refinement is None:
-        return None
     return _absent(found) or _beyond_its_range(found) or _of_another_size(found)
 
 
@@ -79,7 +76,7 @@ def _of_another_size(found: Diagnosis) -> tuple[FoundEffect, str] | None:
     As two of opposite signs do that cancel in motion, of which balances see how they differ.
     """
     evidence = found.evidence
-    if not isinstance(evidence, TwinEvidence):
+    if found.refinement is None or not isinstance(evidence, TwinEvidence):
         return None
     with limited():
         places = evidence.unseen([one.effect for one in found.effects])

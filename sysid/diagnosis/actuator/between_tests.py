@@ -12,14 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
 
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit
+from sysid.estimation.linear import LEVEL, chi_squared_quantile
 from sysid.types import FloatArray
 
-# The chance that noise alone makes strengths differ by more between tests.
-_LEVEL = 0.05
 # Below this share of the largest a direction of the strengths is none.
 _LEAST = 1e-9
 
@@ -36,34 +34,40 @@ class Support:
     most: float
 
 
-def supports(base: Projected, found: Refit, weights: FloatArray) -> tuple[Support, ...]:
-    """The support of a fit to a residual whose channels have weights (channels,).
+def supports(
+    base: Projected, found: Refit, slopes: FloatArray, weights: FloatArray
+) -> tuple[Support, ...]:
+    """The support of a fit to a residual whose channels have weights (channels,); `slopes`
+    (rows, k) are `found.own_slopes()`.
 
     In the directions in which the strengths of all effects are uncorrelated by the noise and by
     their scatter: effects that imitate each other share what they gain. Shapes are as they are.
     """
     fit = found.fit
     strengths, shapes = _places(found)
-    columns, scale = _beside_base(found, strengths)
-    strengths = [i for i, size in zip(strengths, scale, strict=True) if size > 0.0]
-    columns, scale = columns[:, scale > 0.0], scale[scale > 0.0]
+    whole, own = (np.linalg.norm(m, axis=0) for m in (fit.jacobian, slopes))
+    # Not what the base parameters make up for.
+    strengths = [i for i in strengths if own[i] > _LEAST * whole[i]]
+    scale = own[strengths]
     covariance = fit.jackknife_covariance(base.frame.tests)
     known = [float(covariance.dof[i]) for i in strengths if covariance.dof[i] >= 1.0]
     if not known:  # nothing is known of a scatter of what a single test shows
         return ()
     # Directions in which a step of one changes the squares by one.
+    columns = slopes[:, strengths] / scale
     left, sizes, ways = np.linalg.svd(columns, full_matrices=False)
     kept = sizes > _LEAST * sizes[0]
     steps = (sizes[kept, None] * ways[kept]) * scale
     scatter = steps @ _given_shapes(covariance.matrix, strengths, shapes) @ steps.T
     spreads, turned = np.linalg.eigh(scatter)
     amounts = turned.T @ steps @ fit.values[strengths]
-    gone = left[:, kept] @ turned * amounts
-    allowed = float(chdtri(min(known), _LEVEL)) / min(known)
+    gone = (left[:, kept] @ turned * amounts).T
+    # Noise alone makes strengths differ by more between tests one time in twenty.
+    allowed = float(chi_squared_quantile(min(known), LEVEL)) / min(known)
     most = amounts**2 * allowed / np.maximum(spreads, _LEAST)
     return tuple(
-        Support(channel_squares(base, found.rest - own) / weights, float(limit))
-        for own, limit in zip(gone.T, most, strict=True)
+        Support(channel_squares(base, found.rest - part) / weights, float(limit))
+        for part, limit in zip(gone, most, strict=True)
     )
 
 
@@ -76,22 +80,6 @@ def _places(found: Refit) -> tuple[list[int], list[int]]:
     strengths = [f"{id_}/{q.name}" for id_, kind in kinds for q in kind.strengths()]
     shapes = [f"{id_}/{q.name}" for id_, kind in kinds for q in kind.shapes()]
     return [shown[n] for n in strengths if n in shown], [shown[n] for n in shapes if n in shown]
-
-
-def _beside_base(found: Refit, strengths: list[int]) -> tuple[FloatArray, FloatArray]:
-    """The strengths' slopes, the base parameters at their best: columns (rows, k) of unit length,
-    and that length (k,), 0 of one that the base parameters make up for."""
-    jacobian = found.fit.jacobian
-    own = jacobian[:, strengths]
-    count = sum(len(type(e).quantities) for e in found.effects)
-    base = jacobian[:, count:]
-    size = np.linalg.norm(base, axis=0)
-    base = base[:, size > 0.0] / size[size > 0.0]
-    if base.shape[1]:
-        own = own - base @ np.linalg.lstsq(base, own, rcond=1e-9)[0]
-    length = np.linalg.norm(own, axis=0)
-    length[length <= _LEAST * np.linalg.norm(jacobian[:, strengths], axis=0)] = 0.0
-    return own / np.where(length > 0.0, length, 1.0), length
 
 
 def _given_shapes(matrix: FloatArray, strengths: list[int], shapes: list[int]) -> FloatArray:

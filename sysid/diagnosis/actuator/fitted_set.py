@@ -58,14 +58,12 @@ class FittedSet:
         `none` (channels,); -inf where one of the effects is absent."""
         if not self.is_whole:
             return -math.inf
-        fall = cost(channels, none) - cost(channels, self.squares)
-        return float(fall) - self.complexity - self._of_few_tests(channels)
-
-    def _of_few_tests(self, channels: Sequence[ResidualChannel]) -> float:
-        """What the effects gain beyond what their strengths' scatter between tests allows."""
-        gains = (cost(channels, s.squares) - cost(channels, self.squares) for s in self.supports)
-        pairs = zip(gains, self.supports, strict=True)
-        return sum(max(float(gain) - support.most, 0.0) for gain, support in pairs)
+        left = cost(channels, self.squares)
+        # What they gain beyond what their strengths' scatter between tests allows.
+        of_few_tests = sum(
+            max(float(cost(channels, s.squares) - left) - s.most, 0.0) for s in self.supports
+        )
+        return float(cost(channels, none) - left) - self.complexity - of_few_tests
 
 
 def fit_set(
@@ -89,8 +87,9 @@ def fit_set(
             others = [refit(base, bent) for bent in bent_waves(first, found.effects)]
             found = min([found, *others], key=lambda end: end.fit.sum_of_squares)
         left = channel_squares(first, found.rest) / weights
-        complexity = _prior_cost(found.effects) + _log_volume(found)
-        own = FittedSet(found, left, complexity, supports(base, found, weights))
+        slopes = found.own_slopes()
+        complexity = _prior_cost(found.effects) + _log_volume(found, slopes)
+        own = FittedSet(found, left, complexity, supports(base, found, slopes, weights))
         if best is not None and own.evidence(channels, left) < best.evidence(channels, left):
             break
         best, effects = own, found.effects
@@ -138,18 +137,12 @@ def _is_absent(effect: CatalogueEffect) -> bool:
     )
 
 
-def _log_volume(found: Refit) -> float:
-    """Log determinant of the effects' information in units of their priors, the base parameters
-    at their best: how much of the prior the data rule out."""
-    numbers = [(e, q) for e in found.effects for q in type(e).quantities]
-    count = len(numbers)
-    jacobian = found.fit.jacobian
-    own, base = jacobian[:, :count] * [_prior(q) for _, q in numbers], jacobian[:, count:]
-    if base.shape[1]:
-        size = np.linalg.norm(base, axis=0)
-        base = base[:, size > 0.0] / size[size > 0.0]
-        own = own - base @ np.linalg.lstsq(base, own, rcond=1e-9)[0]
-    return float(np.linalg.slogdet(np.eye(count) + own.T @ own)[1])
+def _log_volume(found: Refit, slopes: FloatArray) -> float:
+    """Log determinant of the effects' information in units of their priors, by their `slopes`
+    (rows, k) with the base parameters at their best: how much of the prior the data rule out."""
+    numbers = [q for e in found.effects for q in type(e).quantities]
+    own = slopes * [_prior(q) for q in numbers]
+    return float(np.linalg.slogdet(np.eye(len(numbers)) + own.T @ own)[1])
 
 
 def _prior(quantity: Quantity) -> float:

@@ -50,6 +50,16 @@ class Refit:
     rest: FloatArray
     fit: LeastSquaresFit
 
+    def own_slopes(self) -> FloatArray:
+        """The slopes (rows, k) of the effects' numbers, the base parameters at their best."""
+        count = sum(len(type(e).quantities) for e in self.effects)
+        own, base = self.fit.jacobian[:, :count], self.fit.jacobian[:, count:]
+        size = np.linalg.norm(base, axis=0)
+        base = base[:, size > 0.0] / size[size > 0.0]
+        if base.shape[1]:
+            own = own - base @ np.linalg.lstsq(base, own, rcond=1e-9)[0]
+        return np.asarray(own)
+
 
 def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
     """Fit the effects' strengths and shapes from a start, in addition to the model's effects.
