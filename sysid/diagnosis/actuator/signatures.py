@@ -48,8 +48,7 @@ class Candidate:
     def is_plain(self) -> bool:
         """Whether the choices that have a plain form are in it."""
         chosen = dict(self.shape)
-        choices = [q for q in self.effect.shapes() if q.is_choice and q.absent is not None]
-        return all(chosen.get(q.name, q.absent) == q.absent for q in choices)
+        return all(q.plain in (None, chosen.get(q.name, q.plain)) for q in self.effect.shapes())
 
     def on(self, side: str) -> Candidate:
         """The same form on another side."""

@@ -333,9 +333,7 @@ def shapes(quantities: Sequence[Quantity]) -> list[dict[str, float]]:
 
 
 def _values(shape: Quantity) -> tuple[float, ...]:
-    if shape.is_choice and shape.absent is not None:
-        return (shape.absent,)
-    return shape.grid or (shape.typical,)
+    return (shape.grid or (shape.typical,)) if shape.plain is None else (shape.plain,)
 
 
 def bends(values: FloatArray, lag: int = 1) -> FloatArray:

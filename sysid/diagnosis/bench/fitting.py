@@ -232,16 +232,16 @@ def _bounds(quantity: Quantity, value: float) -> tuple[float, float]:
 
 def _effect_parameters(component: Component, effects: Sequence[CatalogueEffect]) -> list[Parameter]:
     return [
-        Parameter(
-            _key(type(e), q),
-            float(np.clip(getattr(e, q.name), *_bounds(q, getattr(e, q.name)))),
-            q.unit,
-            *_bounds(q, getattr(e, q.name)),
-            abs(getattr(e, q.name)) or abs(q.typical),
-        )
+        _parameter(_key(type(e), q), q, float(getattr(e, q.name)))
         for e in effects
         for q in component.quantities_of(type(e))
     ]
+
+
+def _parameter(key: str, quantity: Quantity, value: float) -> Parameter:
+    low, high = _bounds(quantity, value)
+    size = abs(value) or abs(quantity.typical)
+    return Parameter(key, float(np.clip(value, low, high)), quantity.unit, low, high, size)
 
 
 def _minimise(

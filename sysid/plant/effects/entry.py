@@ -79,6 +79,11 @@ class Quantity:
         """Whether it acts in steps: screening tries a grid of sizes, and it has no slope."""
         return self.is_strength and bool(self.grid) and not self.is_smooth
 
+    @property
+    def plain(self) -> float | None:
+        """Of a choice, its value in the effect's plain form; None: it has none."""
+        return self.absent if self.is_choice else None
+
     def within(self, travel: float, spacing: float = math.inf) -> Quantity | None:
         """It on a log that visits so much of the position: at least one period; None: none fits.
 
