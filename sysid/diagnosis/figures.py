@@ -37,6 +37,7 @@ from sysid.diagnosis.wording import (
     floor_text,
     is_of_actuator,
     judged_tests,
+    judged_use,
     regressor_key,
     regressor_name,
     steps,
@@ -157,17 +158,15 @@ def waterfall(
             Line(np.full(2, low), edge, "ink", width=0.8),
         ]
     reach = 1.04 * float(np.nanmax([*shown, low, 1e-12]))
-    tests = judged_tests(content or {})
-    which = tests.partition(",")[0]
     # What training tests were excluded from stands in the caption: the axis has no room for it.
-    x = Scale(f"RMSE on {which}", unit, (0.0, reach))
+    x = Scale(f"RMSE on {judged_use(content or {})}", unit, (0.0, reach))
     pairs = zip(steps, shown[1:], strict=True)
     told = "; ".join(f"after {n.removeprefix('+ ')} {number(e)}" for n, e in pairs)
     description = (
         f"The original bundle has {number(shown[0])} {unit}{'; ' + told if told else ''}; the "
         f"error of a correct model is {lowest} {unit}."
     )
-    title = f"Error of {channel.title} on {tests}, effect by effect"
+    title = f"Error of {channel.title} on {judged_tests(content or {})}, effect by effect"
     return _rows_figure(
         f"fig-diagnosis-error-{channel.key}", title, description, channel.title, x, marks, len(rows)
     )

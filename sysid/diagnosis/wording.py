@@ -60,11 +60,15 @@ def is_cross_validated(content: Content) -> bool:
     return content.get("judged_on") == "fit"
 
 
+def judged_use(content: Content) -> str:
+    """The tests that the errors are of, in two words."""
+    return "training tests" if is_cross_validated(content) else "held-out tests"
+
+
 def judged_tests(content: Content) -> str:
-    """The tests that the errors are of."""
-    if is_cross_validated(content):
-        return "training tests, each excluded from the fit in turn"
-    return "held-out tests"
+    """The tests that the errors are of, and how those of training tests are such of predictions."""
+    how = ", each excluded from the fit in turn" if is_cross_validated(content) else ""
+    return f"{judged_use(content)}{how}"
 
 
 def sentence(content: Content, titles: Mapping[str, str] | None = None) -> str:
@@ -190,8 +194,7 @@ _NO_STRUCTURE = {
 def _remaining(content: Content) -> str:
     """The remaining structure by balance; if none counts, the reason, and what is largest."""
     other = _NO_STRUCTURE.get(content.get("because") or "", "")
-    tests = "training tests" if is_cross_validated(content) else "held-out tests"
-    other = other.replace("{tests}", tests)
+    other = other.replace("{tests}", judged_use(content))
     said = (
         "the residual of {0} depends most on {1} ({2} of its variance)"
         if other
@@ -438,6 +441,7 @@ __all__ = [
     "is_weighed",
     "joined",
     "judged_tests",
+    "judged_use",
     "own_friction",
     "p_text",
     "parameter_rows",

@@ -331,7 +331,7 @@ class QuadraticDrag(CatalogueEffect):
     def friction_effort(self, effort: Array, point: Point) -> Array:
         xp = array_namespace(point.velocity, self.drag_nm_s2_per_rad2)
         # Never zero: a power of zero has no derivative.
-        speed = xp.maximum(xp.abs(point.velocity), 1e-12)
+        speed = xp.maximum(xp.abs(point.velocity), base.LEAST_DIVISOR)
         growth = speed ** (self.drag_exponent - 1.0)
         return effort + self.drag_nm_s2_per_rad2 * point.velocity * growth
 

@@ -31,8 +31,6 @@ _LEAST_SHARE = 0.01
 _LEAST_GAP = 1e-5
 _CONTACT_RATE = 2.0 * math.pi * 60.0
 _CONTACT_DAMPING = 0.5
-# A ripple, Nm: far less than any rig shows.
-_LEAST_HEIGHT = 1e-12
 LEAST_INERTIA = 0.02
 """What a mismatch leaves of the declared inertia at least."""
 # Through these a flexible link acts where the encoder is behind its spring.
@@ -236,7 +234,7 @@ class GearMeshRipple(CatalogueEffect):
             return effort + wave
         ahead = self.mesh_sine_nm * cosine - self.mesh_cosine_nm * sine
         # Never zero: a root of zero has no derivative.
-        height = xp.sqrt(self.mesh_sine_nm**2 + self.mesh_cosine_nm**2 + _LEAST_HEIGHT**2)
+        height = xp.sqrt(self.mesh_sine_nm**2 + self.mesh_cosine_nm**2 + LEAST_DIVISOR**2)
         second = self.second_sine * 2.0 * wave * ahead
         second = second + self.second_cosine * (ahead**2 - wave**2)
         return effort + wave + second / height
