@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 from pathlib import Path
 
-from tests.export_compiler import STRICT, compiler
+from export_compiler import STRICT, compiler
 
 
 def strictly(folder: Path, name: str, with_: str, *more: str, output: str = "") -> Path:

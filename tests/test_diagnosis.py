@@ -758,7 +758,7 @@ def test_of_effects_that_explain_as_much_one_of_usual_size_is_likeliest(
         jacobian[:, 0] /= ratio
         moved = replace(effect, **{strength.name: share * strength.typical})  # type: ignore[type-var]
         own = replace(leak.refit, effects=(moved,), fit=replace(fit, jacobian=jacobian))
-        return _prior_cost(own.effects) + _log_volume(own)
+        return _prior_cost(own.effects) + _log_volume(own, own.own_slopes())
 
     assert of_size(1.0) < of_size(0.1) < of_size(0.01)
     assert of_size(10.0) > of_size(1.0) + 50.0

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from export_bundles import RISING, whole_bundle
+from test_validation import true_bundle, written
 
 from datasets.generator.campaign import SMALL, make_campaign
 from datasets.generator.effects import Injected
@@ -44,8 +46,6 @@ from sysid.recording.motion_tests import MotionTest, Segment
 from sysid.recording.simulation import simulate_segments
 from sysid.recording.start_states import ChannelNoise
 from sysid.validation import validate
-from tests.export_bundles import RISING, whole_bundle
-from tests.test_validation import true_bundle, written
 
 
 class Described(CatalogueEffect):

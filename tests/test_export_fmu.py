@@ -12,7 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import RIG_TEXT
 from export_bundles import LINEAR_RIG, as_bundle, estimate, iso_law, upright, whole_content
+from export_compiler import compiler
+from fmu_loop import STEP, Unit, loop
+from strict_c import strictly
 
 from benchmarks.plant_library import PlantLibrary, unpacked
 from benchmarks.rigs import pwm_run
@@ -30,10 +34,6 @@ from sysid.plant.ports import Model
 from sysid.plant.sensors import measured_channels, true_start
 from sysid.plant.simulator import Inputs, ValveCommand, simulate
 from sysid.types import FloatArray
-from tests.conftest import RIG_TEXT
-from tests.export_compiler import compiler
-from tests.fmu_loop import STEP, Unit, loop
-from tests.strict_c import strictly
 
 POSITION, PRESSURE = 1e-6, 1.0  # rad or m, Pa: what the simulator and the C may differ by
 # States, pulses and delays, parameters that drift, sensors that remember or do not.

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_model import Everywhere
 
 from benchmarks.reference_plant import integrate
 from benchmarks.rigs import REFERENCE, random_runs
@@ -37,7 +38,6 @@ from sysid.plant.simulator import (
 )
 from sysid.plant.stepper import advance
 from sysid.plant.trials import inputs_from_trial, simulate_trials, starts_on_supply
-from tests.test_model import Everywhere
 
 POSITION_RAD = 2e-4
 PRESSURE_PA = 30.0
