@@ -200,8 +200,28 @@ def test_gas_that_cools_is_the_law_where_the_tests_tell() -> None:
     found = bench_fit("tank", [real_gas(True, seed) for seed in (1, 2)], rig())
     law = found.part().valves.side("a").discrete
     assert law is not None and law.wall_conductance_w_per_k is None
-    assert law.estimates()["c_dis"].value == pytest.approx(5e-9 / K, rel=2e-3)
+    estimate = law.estimates()["c_dis"]
+    assert estimate.value == pytest.approx(5e-9 / K, rel=2e-3)
     assert any("do not distinguish" in line for line in found.notices)
+    # The interval reaches from the one to the other, and no farther; the error is as large.
+    assert estimate.holds(5e-9) and estimate.holds(5e-9 / K)
+    low, high = estimate.interval
+    assert high - low < 1.1 * (5e-9 - 5e-9 / K)
+    assert estimate.std == pytest.approx((high - low) / (2.0 * 1.96), rel=1e-3)
+
+
+@pytest.mark.parametrize("kind, seed", [("isothermal", 2), ("short", 1)])
+def test_gas_as_warm_as_the_wall_is_among_the_laws(kind: str, seed: int) -> None:
+    """Where its search began with walls that conduct less, and where its wall's number is at the
+    bound: what its coefficient would be is in the interval."""
+    draw = adiabatic_tank(kind, seed)
+    found = bench_fit("tank", draw.trials, draw.rig)
+    law = found.part().valves.side("a").discrete
+    assert law is not None
+    true = draw.truth["c_dis"] * (1.0 if kind == "isothermal" else K)
+    assert law.estimates()["c_dis"].holds(true) and law.estimates()["c_dis"].holds(true / K)
+    (line,) = [line for line in found.notices if "do not distinguish" in line]
+    assert "by thesis with gas that cools" in line
 
 
 def test_an_insulated_tank_conducts_nothing() -> None:

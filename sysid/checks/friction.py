@@ -174,8 +174,8 @@ def bench_fit(
     from sysid.diagnosis.bench.registry import component_of
 
     component = component_of(kind, trials, rig)
-    fitted = chosen_law(component).fitted
-    return fitted.component.identified(fitted.base_estimates()), component.tests
+    choice = chosen_law(component)
+    return choice.fitted.component.identified(choice.estimates), component.tests
 
 
 __all__ = ["Identification", "bench_fit", "friction_identified", "friction_together"]

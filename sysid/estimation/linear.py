@@ -128,6 +128,14 @@ class Estimate:
         low, high = (min(max(limit, lower), upper) for limit in self.interval)
         return Estimate(self.value, self.std, self.unit, (low, high), self.reason)
 
+    def covering(self, others: Sequence[Estimate]) -> Estimate:
+        """The estimate of a number whose interval covers those of others too, as it may be any of
+        them; its standard error is that of so wide an interval."""
+        limits = [self.interval, *(other.interval for other in others)]
+        low, high = min(own[0] for own in limits), max(own[1] for own in limits)
+        std = max(self.std, 0.5 * (high - low) / NORMAL)
+        return replace(self, std=std, interval=(low, high))
+
     def with_error(self, std: float) -> Estimate:
         """The estimate with a further, normal error of this standard deviation."""
         if not (std > 0.0 and self.has_error):

@@ -129,7 +129,7 @@ def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig, law: str = "auto") -
     # A missing effect may cause it, which the diagnosis then names from this number.
     asks = "sysid diagnose names what the law lacks, if the data are right"
     short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
-    estimates = fitted.base_estimates()
+    estimates = choice.estimates
     part = fitted.component.part(estimates, judged)
     said = [f"{kind}: {choice.why}"] if choice.why else []
     more = fitted.component.said_of(estimates)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 from sysid.blocks.numbers import number
 from sysid.diagnosis.bench.component import Component, rmse
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
+from sysid.estimation.linear import Estimate
 from sysid.parameters.valves import AUTO
 
 # Twice the log of the odds from which on a law is chosen: 20 to 1, as an error of 5 % allows.
@@ -19,12 +21,21 @@ _DECIDED = 2.0 * math.log(20.0)
 class ChosenLaw:
     """The fit of the law that was chosen, and a line on why; empty where there was no choice.
 
-    `is_decided`: whether the tests tell it from the others.
+    `is_decided`: whether the tests tell it from the others; `others`: the fits of those from which
+    they do not.
     """
 
     fitted: FittedLaw
     why: str = ""
     is_decided: bool = True
+    others: tuple[FittedLaw, ...] = field(default=(), repr=False)
+
+    @cached_property
+    def estimates(self) -> dict[str, Estimate]:
+        """The law's own parameters by name. As the tests do not say which of the laws is right, an
+        interval covers what each of them says of that number."""
+        found = self.fitted.base_estimates()
+        return _covering(found, [fit.base_estimates() for fit in self.others])
 
 
 def chosen_law(component: Component, law: str = AUTO) -> ChosenLaw:
@@ -49,9 +60,27 @@ def chosen_law(component: Component, law: str = AUTO) -> ChosenLaw:
     chosen = fits[place]
     final = component.settled_as(chosen.component)
     found = chosen if final is chosen.component else _fit(final)
-    is_decided = len({_kind(fits[i].component) for i in open_ones}) == 1
-    is_decided &= not any(_is_more_of(fit, chosen, count) for fit in fits)
-    return ChosenLaw(found, _why(fits, place, is_decided), is_decided)
+    others = [
+        fit
+        for i, fit in enumerate(fits)
+        if i in open_ones and _kind(fit.component) != _kind(chosen.component)
+    ]
+    # Gas as warm as the wall is gas that there is, so that its law counts with its wall at a bound.
+    others += [f for f in every if f not in others and _is_more_of(f, chosen, count)]
+    shown = [fit for fit in every if fit in fits or fit in others]
+    return ChosenLaw(found, _why(shown, chosen, not others), not others, tuple(others))
+
+
+def _covering(
+    own: Mapping[str, Estimate], others: Sequence[Mapping[str, Estimate]]
+) -> dict[str, Estimate]:
+    """Estimates whose intervals cover those that other laws give to numbers of the same name."""
+    found = dict(own)
+    for name, estimate in own.items():
+        same = [e for other in others if (e := other.get(name)) is not None and e.has_interval]
+        if same and estimate.has_interval:
+            found[name] = estimate.covering(same)
+    return found
 
 
 def _fit(component: Component) -> FittedLaw:
@@ -78,16 +107,19 @@ def _criterion(fitted: FittedLaw, count: float) -> float:
     return count * math.log(squares) + len(fitted.fit.values) * math.log(count)
 
 
-def _why(fits: Sequence[FittedLaw], place: int, is_decided: bool) -> str:
+def _why(fits: Sequence[FittedLaw], chosen: FittedLaw, is_decided: bool) -> str:
     """The errors of the laws, and what follows."""
-    unit = fits[place].component.unit
+    unit = chosen.component.unit
     errors = [
         f"{number(rmse([fit.fit.residuals]))} {unit} by {fit.component.law_name}" for fit in fits
     ]
-    name = fits[place].component.law_name
+    name = chosen.component.law_name
     said = f"the training tests follow the flow law {name}"
     if not is_decided:
-        said = f"the training tests do not distinguish all flow laws: {name}, the simplest, is used"
+        said = (
+            f"the training tests do not distinguish all flow laws: {name}, the simplest, is used, "
+            "with intervals that cover what the others say of the same numbers"
+        )
     return f"{said}; RMSE: {', '.join(errors)}"
 
 

@@ -58,9 +58,9 @@ _GRID_SIZES = (0.5, 0.56, 0.63, 0.71, 0.8, 0.9, 1.0)
 _GRID_RATIOS, _GRID_INDICES = (0.1, 0.3, 0.5), (0.5, 1.0)
 _GRID_SHARES = (3e-3, 0.1, 0.5, 0.97)
 # For the thesis' flow out of gas with a temperature: times the coefficients by 3.3.6, and how many
-# times the wall warms the gas through while the tank empties.
+# times the wall warms the gas through while the tank empties; at last it keeps it as warm as it is.
 _SIZES = (1.0, 1.1, 1.2, 1.3, 1.4, 1.55)
-_WARMED = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)
+_WARMED = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, math.inf)
 # Gauss-Newton steps from the best of each share and ratio, and how many are kept after them; the
 # differences of the steps, and the damping that is tried.
 _ROUNDS = ((4, 6), (4, 1))
