@@ -42,6 +42,7 @@ from sysid.identification.valve_discrete.notices import (
     lack_of_fit_notices,
     law_remarks,
     settled_notices,
+    tank_notices,
     verdicts,
 )
 from sysid.identification.valve_discrete.quality import judged
@@ -216,6 +217,7 @@ def _fit_valve(
         for name in (*flow_names(curves, ways), *DELAYS)
         if not estimates[name].identified
     ]
+    notices += tank_notices(pieces, title, rig)
     notices += settled_notices(curves, title, air)
     notices += lack_of_fit_notices(curves, title, choice)
     notices += delay_notices(estimates, title, rig)

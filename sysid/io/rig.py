@@ -321,6 +321,11 @@ class Rig(Shown):
         return self.tank is not None and self.cylinder is None and self.motor is None
 
     @property
+    def held_tank(self) -> Tank | None:
+        """The tank that takes a held chamber's place, as no piston is declared; None without."""
+        return self.tank if self.cylinder is None else None
+
+    @property
     def is_motor_alone(self) -> bool:
         """Whether a motor alone drives it: neither air nor a cylinder nor valves are declared."""
         return self.air is None and self.cylinder is None and self.valves is None

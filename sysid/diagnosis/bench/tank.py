@@ -435,7 +435,9 @@ class TankComponent(Component):
 
     def part(self, estimates: Mapping[str, Estimate], quality: FitQuality | None = None) -> Parts:
         unasked = Estimate.unidentified(
-            "", "a tank's discharge has no flow through an open valve from a supply"
+            "",
+            "a tank's discharge has no flow through an open valve from a supply; a valve-discrete "
+            "test has",
         )
         law: dict[str, Any] = {"c_fill": unasked, "choked_flow_fill_kg_s": unasked}
         law |= self._section(estimates)

@@ -19,6 +19,7 @@ from sysid.io.logs import Trial
 from sysid.types import FloatArray
 
 _PUMPS = ("pump_volts", "valve_a")
+_BY_VALVE = 'sysid fit valve-discrete (in a campaign kind = "valve-discrete")'
 # Residuals are means over a bin, of the tank's own time.
 _BIN = 0.01
 # A parabola through this time of the discharge gives a first guess of the pressure at its start,
@@ -108,10 +109,11 @@ def _discharge(trial: Trial, atmosphere: float) -> _Fall:
     # Off in every row: the test begins with its discharge.
     first = int(on[-1]) + 1 if len(on) else 0
     if len(trial) - first < _FEWEST_BINS:
+        fills = f"; {_BY_VALVE} fits how it fills" if command == "valve_a" and len(on) else ""
         raise NotIdentifiedError(
             f"{trial.source}: c_dis is not identified: {command} is never switched off for good, "
             f"as {_FEWEST_BINS} rows or more would show; a test that goes on after the pump has "
-            "stopped, or its valve is off, would do"
+            f"stopped, or its valve is off, would do{fills}"
         )
     time = trial.time[first:] - trial.time[first]
     pressure = trial["pressure_a_pa"][first:]
@@ -121,8 +123,8 @@ def _discharge(trial: Trial, atmosphere: float) -> _Fall:
         raise NotIdentifiedError(
             f"{trial.source}: c_dis is not identified: the tank is {atmosphere - start:.3g} Pa "
             f"below the atmosphere ({atmosphere:.6g} Pa) when {command} is off, a vacuum that "
-            "fills: a discharge from above it would do (if the pressures are gauge ones, map them "
-            "as such)"
+            f"fills: a discharge from above it would do, or {_BY_VALVE} with the vacuum as the "
+            "rig file's supply_pressure_pa (if the pressures are gauge ones, map them as such)"
         )
     if start - atmosphere < _LEAST_FALL * atmosphere:
         raise NotIdentifiedError(

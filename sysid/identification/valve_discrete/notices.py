@@ -24,6 +24,18 @@ _DELAY_TOLERANCE_S = 0.0003
 _RATIO_TOLERANCE = 0.02
 
 
+def tank_notices(pieces: Sequence[Piece], title: str, rig: Rig) -> list[str]:
+    """Of a tank: what flows are if its wall keeps the gas at the room's temperature."""
+    if rig.held_tank is None or not pieces:
+        return []
+    k = rig.require("air", "which the valve law needs").heat_capacity_ratio
+    return [
+        f"{title}: by its law the tank's gas takes no heat from the wall (3.3.6), as while it "
+        "fills or empties at once; where the wall keeps it as warm as the room, flows and "
+        f"coefficients {k:.3g} times as large would be right"
+    ]
+
+
 def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
     """Tests that settle at other pressures than the rig file's (or the logged supply)."""
     lines = []

@@ -232,8 +232,8 @@ def _law(bundle: Bundle, side: str) -> DiscreteLaw | None:
 
 def _largest_volume(rig: Rig, side: str) -> float | None:
     """The volume of a side's chamber with the piston at its far end, or a tank's, m3."""
-    if rig.tank is not None and rig.cylinder is None:
-        return rig.tank.volume_m3
+    if rig.held_tank is not None:
+        return rig.held_tank.volume_m3
     if (own := rig.cylinder) is None:
         return None
     offset, area = (

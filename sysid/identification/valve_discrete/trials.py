@@ -124,7 +124,8 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
     command, channel = f"valve_{rig.filled_by(valve)}", f"pressure_{valve}_pa"
     trial.require([command], f"which shows when valve {valve.upper()} switches")
     trial.require([channel], f"which valve {valve.upper()}'s flow is computed from")
-    trial.require([rig.position_channel], _VOLUME)
+    if rig.held_tank is None:
+        trial.require([rig.position_channel], _VOLUME)
     air = rig.require("air", "which the chamber equations need")
     volume, change = _volume(trial, valve, rig)
     if change > HELD_SHARE:
@@ -163,6 +164,8 @@ def temperature_of(trial: Trial, air: Air) -> float:
 
 def _volume(trial: Trial, valve: str, rig: Rig) -> tuple[float, float]:
     """The chamber's volume, m3, and the largest change of it in the test as a share."""
+    if rig.held_tank is not None:
+        return rig.held_tank.volume_m3, 0.0
     cylinder: Cylinder = rig.require("cylinder", "which gives the chamber's volume")
     position = trial[rig.position_channel]
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(position, min(5, len(position))), 1)
@@ -363,18 +366,22 @@ def _unsteady(piece: Piece, bad: BoolArray, opened: float, closed: float) -> str
     if len(rows) < 4 * FEWEST_ROWS:
         return None
     time, way = piece.chamber.time[rows], piece.way
-    _, means = _blocks(time, way * piece.pressure[rows], _BLOCK_S)
+    flat = 10  # blocks
+    # What rests for as long as it took to rise: a slow tank hardly moves in a cylinder's time.
+    span = max(_BLOCK_S, _rise_time(time, way * piece.pressure[rows]) / flat)
+    _, means = _blocks(time, way * piece.pressure[rows], span)
     means = means[:-1]
     per_block = max(1, len(rows) // max(len(means), 1))
     wobble = 6.0 * piece.noise / np.sqrt(per_block) + 20.0
-    flat = 10  # blocks
     if len(means) < 2 * flat:
         return None
     last = float(np.mean(means[-flat // 2 :]))
     limit = max(SUPPLY_TOLERANCE * abs(last), wobble)
-    if float(means.max()) - last > limit:
+    # Of one that still rises, the highest lies among the last.
+    highest = float(means[: -flat // 2].max())
+    if highest - last > limit:
         fell = "fell" if way > 0.0 else "rose"
-        return f"the pressure {fell} from {way * means.max():.6g} to {way * last:.6g} Pa"
+        return f"the pressure {fell} from {way * highest:.6g} to {way * last:.6g} Pa"
     windows = np.lib.stride_tricks.sliding_window_view(means, flat)
     level, spread = windows.mean(axis=1), np.ptp(windows, axis=1)
     # Before its valve opens a chamber rests too: at its initial level.
@@ -384,6 +391,12 @@ def _unsteady(piece: Piece, bad: BoolArray, opened: float, closed: float) -> str
         at, rose = way * float(level[np.argmax(resting)]), "rose" if way > 0.0 else "fell"
         return f"the pressure rested at {at:.6g} Pa and then {rose} to {way * last:.6g} Pa"
     return None
+
+
+def _rise_time(time: FloatArray, values: FloatArray) -> float:
+    """The time, s, in which values (n,) rise by 1 - 1/e of all that they rise."""
+    level = values[0] + (1.0 - np.exp(-1.0)) * (np.max(values) - values[0])
+    return float(time[int(np.argmax(values >= level))] - time[0])
 
 
 def _settled(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float | None:

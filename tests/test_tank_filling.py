@@ -1,0 +1,86 @@
+"""A tank that a valve fills from its supply, or pumps down to a vacuum: a held chamber's tests."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sysid.errors import NotIdentifiedError
+from sysid.io.logs import Trial
+from sysid.io.rig import Rig, rig_from_content
+from sysid.pipeline.fit_part import bench_fit, fit_valve_discrete
+
+P0, T, R, K = 101325.0, 293.15, 287.0, 1.4
+
+
+def drawn(seed: int, is_vacuum: bool) -> tuple[Trial, Rig, dict[str, float]]:
+    """A tank of 10 ml to 100 l that takes 0.2 to 60 s, and often is not full at the end."""
+    rng = np.random.default_rng([seed, is_vacuum])
+    volume, lasts = 10 ** rng.uniform(-5.0, -1.0), 10 ** rng.uniform(-0.7, 1.8)
+    supply = rng.uniform(5e3, 4e4) if is_vacuum else rng.uniform(3e5, 9e5)
+    gain, way = K * R * T / volume, -1.0 if is_vacuum else 1.0
+    # sqrt(|Ps - P|) falls evenly: by all of it in `lasts`, which the choked part precedes.
+    begin = P0 if is_vacuum else 0.53 * supply
+    c_fill = 2.0 * np.sqrt(way * (supply - begin)) / (gain * lasts)
+    choked = c_fill * np.sqrt(supply - begin) * rng.uniform(0.95, 1.05) if way > 0.0 else np.inf
+    linear = (begin - P0) / (gain * choked)
+    step = lasts / rng.uniform(300.0, 900.0)
+    time = step * np.arange(int((linear + lasts * rng.uniform(0.6, 2.0)) / step)) + 0.0
+    root = np.sqrt(way * (supply - begin)) - 0.5 * gain * c_fill * (time - linear)
+    later = supply - way * np.maximum(root, 0.0) ** 2
+    pressure = np.where(time < linear, P0 + gain * choked * time, later) if way > 0.0 else later
+    rest = 12
+    pressure = np.concatenate([np.full(rest, P0), pressure])
+    pressure = pressure + 10 ** rng.uniform(1.0, 2.0) * rng.standard_normal(len(pressure))
+    on = (np.arange(len(pressure)) >= rest).astype(float)
+    channels = {"pressure_a_pa": pressure, "valve_a": on}
+    trial = Trial("1", step * np.arange(len(pressure)), channels, "tank.csv")
+    air = {
+        "gas_constant_j_per_kg_k": R,
+        "heat_capacity_ratio": K,
+        "temperature_k": T,
+        "atmospheric_pressure_pa": P0,
+        "supply_pressure_pa": supply,
+    }
+    head = {"name": "tank", "orientation": "horizontal"}
+    content = {"rig": head, "air": air, "tank": {"volume_m3": volume}}
+    truth = {"c_fill": c_fill} | ({} if is_vacuum else {"choked_flow_fill_kg_s": choked})
+    return trial, rig_from_content(content, "rig.toml"), truth
+
+
+@pytest.mark.parametrize("is_vacuum", [False, True], ids=["filled", "pumped down"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_tank_has_the_law_of_the_valve_that_fills_it(seed: int, is_vacuum: bool) -> None:
+    """Whatever its size and the time that it takes."""
+    trial, rig, truth = drawn(seed, is_vacuum)
+    fit = fit_valve_discrete([trial], rig, find_ratio=False, law="thesis")
+    found = fit.part().valves.side("a").discrete.estimates()  # type: ignore[union-attr]
+    for name, true in truth.items():
+        assert found[name].value == pytest.approx(true, rel=5e-3), name
+    assert not found["c_dis"].identified and "not switched off" in str(found["c_dis"].reason)
+    (line,) = [line for line in fit.notices if "1.4 times as large" in line]
+    assert "takes no heat from the wall" in line
+
+
+def test_a_tanks_discharge_names_the_fit_of_its_filling() -> None:
+    trial, rig, _ = drawn(1, False)
+    with pytest.raises(NotIdentifiedError, match=r"valve-discrete.* fits how it fills"):
+        bench_fit("tank", [trial], rig)
+
+
+def test_a_slow_tank_on_a_supply_that_moves_is_refused_all_the_same() -> None:
+    """It rests for as long as it took to fill, and then follows the supply."""
+    trial, rig, _ = drawn(2, False)
+    step, pressure = float(np.diff(trial.time[:2])[0]), trial["pressure_a_pa"]
+    supply = rig.require("air", "").supply_pressure_pa
+    rest = supply + 30.0 * np.random.default_rng(1).standard_normal(3 * len(pressure))
+    rest[2 * len(pressure) :] += 0.05 * supply
+    full = np.concatenate([pressure, rest])
+    more = Trial(
+        "1",
+        step * np.arange(len(full)),
+        {"pressure_a_pa": full, "valve_a": (np.arange(len(full)) >= 12).astype(float)},
+        "moves.csv",
+    )
+    with pytest.raises(NotIdentifiedError, match="supply was unsteady"):
+        fit_valve_discrete([more], rig, find_ratio=False)
