@@ -785,6 +785,24 @@ def test_a_threshold_is_found_between_the_sizes_that_were_screened(
     assert found.whole_ratio == pytest.approx(1.0, abs=0.1)
 
 
+def test_pulses_are_lost_on_both_sides_where_a_fit_began_with_one_and_shortened_them(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """Beside a delay that pulses of every length show, a minimum of its own."""
+    _, rig, model = healthy
+    true = (ValveDelay(4e-4, 0.0), DutyDeadZone(6e-4, "both", 1.0, 0.0))
+    first = seen_in(traces, Model(model.parameters, true), model, rig)
+    finder = finder_of(first, null_of(traces, model, rig), [DutyDeadZone, ValveDelay])
+    starts = (ValveDelay(1e-4, -3e-4), DutyDeadZone(4e-4, "b", 1.8, 1.0))
+    delay, found = fit_set(first, finder.channels, starts, finder.none).effects
+    assert isinstance(delay, ValveDelay) and isinstance(found, DutyDeadZone)
+    assert found.side == "both"
+    assert found.pause_ratio == pytest.approx(0.0, abs=0.1)
+    assert found.whole_ratio == pytest.approx(1.0, abs=0.1)
+    assert found.dead_time_s == pytest.approx(6e-4, rel=0.08)
+    assert delay.on_delay_s == pytest.approx(4e-4, rel=0.1)
+
+
 def test_an_effect_of_one_side_leaves_the_other_rate_alone() -> None:
     assert channels_of(AtmosphereLeakage(1e-17, side="a")) == ("rate_a",)
     assert channels_of(AtmosphereLeakage(1e-17)) == ("rate_a", "rate_b")

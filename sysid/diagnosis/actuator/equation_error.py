@@ -23,7 +23,8 @@ from sysid.plant.sensors import without_errors
 from sysid.types import FloatArray
 
 EFFORT, RATE_A, RATE_B = "effort", "rate_a", "rate_b"
-BALANCES = (EFFORT, RATE_A, RATE_B)
+RATES = (RATE_A, RATE_B)
+BALANCES = (EFFORT, *RATES)
 BREAKAWAY = "breakaway"
 CHANNELS = (*BALANCES, BREAKAWAY)
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sysid.diagnosis.actuator.bent_waves import bent_waves
 from sysid.diagnosis.actuator.between_tests import Support, supports
-from sysid.diagnosis.actuator.equation_error import CHANNELS
+from sysid.diagnosis.actuator.equation_error import CHANNELS, RATES
 from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
@@ -85,6 +86,8 @@ def fit_set(
         found = refit(base, effects)
         if number == 0:
             others = [refit(base, bent) for bent in bent_waves(first, found.effects)]
+            if _has_misfit(channels, channel_squares(first, found.rest) / weights, RATES):
+                others += [refit(base, s) for s in _otherwise_obeyed(first, found.effects)]
             found = min([found, *others], key=lambda end: end.fit.sum_of_squares)
         left = channel_squares(first, found.rest) / weights
         slopes = found.own_slopes()
@@ -164,6 +167,37 @@ def _with_steps(
     others = tuple(e for i, e in enumerate(effects) if i != place)
     model = Model(first.model.parameters, (*first.model.effects, *others))
     return best_near(effect, replace(first, model=model))
+
+
+def _has_misfit(
+    channels: Sequence[ResidualChannel], squares: FloatArray, names: Sequence[str]
+) -> bool:
+    """Whether one of some channels holds more than noise and a model's own error may leave."""
+    own = [CHANNELS.index(name) for name in names]
+    return any(
+        float(channels[c].excess(squares[c])) > max(channels[c].misfit, channels[c].draws)
+        for c in own
+    )
+
+
+def _otherwise_obeyed(
+    first: Projected, effects: tuple[CatalogueEffect, ...]
+) -> Iterator[tuple[CatalogueEffect, ...]]:
+    """Fitted effects with one that changes pulses at each of its shapes that are screened, on its
+    side and on both: between a pulse that is shortened and one that is lost lies no slope."""
+    rows = (first.frame.rows(name) for name in RATES)
+    both = ("both",) if all(own.stop > own.start for own in rows) else ()
+    for place, effect in enumerate(effects):
+        if not (has_threshold(effect) and overrides(effect, "pulses")):
+            continue
+        shapes = [q for q in type(effect).shapes() if q.grid and not q.is_choice]
+        sides = dict.fromkeys((getattr(effect, "side", ""), *both))
+        for side, *values in itertools.product(sides, *(q.grid for q in shapes)):
+            own = {q.name: value for q, value in zip(shapes, values, strict=True)}
+            own |= {"side": side} if type(effect).has_side() else {}
+            form = replace(effect, **own)  # type: ignore[type-var]
+            some = (*effects[:place], form, *effects[place + 1 :])
+            yield (*effects[:place], _with_steps(first, some, place), *effects[place + 1 :])
 
 
 __all__ = ["FittedSet", "fall_on_twin", "fit_set", "weighed"]
