@@ -183,6 +183,16 @@ def test_what_twins_gain_counts_as_misfit_does() -> None:
     assert rise([much], noise, np.array([9_100.0])) == pytest.approx(fall)
 
 
+def test_what_twins_lose_in_one_balance_makes_up_for_no_gain_in_another() -> None:
+    """A remainder slightly above its noise holds what was lost: without it, it is not explained."""
+    channels = (ResidualChannel.of_noise(9000), ResidualChannel(9000, 12.0, 1.0, 9600.0))
+    squares = np.array([9000.0, 9600.0])
+    gained = np.array([200.0, -600.0])
+    own = rise(channels, squares, gained * [1.0, 0.0])
+    assert own == pytest.approx(200.0)
+    assert own > rise(channels, squares, gained) > 0.8 * own
+
+
 def test_what_explains_most_of_a_misfit_is_fitted_next_to_what_gains_most() -> None:
     """A wave between two frequencies explains a part of a chamber's misfit, which counts by its
     logarithm; a little in the torque, which is noise, counts in full."""

@@ -78,8 +78,13 @@ def cost(channels: Sequence[ResidualChannel], squares: FloatArray) -> FloatArray
 
 def rise(channels: Sequence[ResidualChannel], squares: FloatArray, gained: FloatArray) -> float:
     """By how much the cost of a remainder (channels,) rises with the squares (channels,) that it
-    would have gained where nothing is missing: they are as little explained as misfit is."""
-    return float(cost(channels, np.maximum(squares + gained, 0.0)) - cost(channels, squares))
+    would have gained where nothing is missing: they are as little explained as misfit is.
+
+    What it would have lost in a channel counts by its slope: the remainder holds it already.
+    """
+    more, less = np.maximum(gained, 0.0), np.minimum(gained, 0.0)
+    unexplained = float(cost(channels, squares + more) - cost(channels, squares))
+    return unexplained + float(weights_of(channels, squares) @ less)
 
 
 def weights_of(channels: Sequence[ResidualChannel], squares: FloatArray) -> FloatArray:
