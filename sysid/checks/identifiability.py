@@ -79,8 +79,7 @@ def valves_identified(
 
 def switched_test(rig: Rig, valve: str) -> str:
     """The test that identifies an on/off valve, by its letter, in words."""
-    steps = "fill valve on 3 s, both off, bleed valve on" if rig.bleeds else "on 3 s, off"
-    return f"a valve-discrete test of valve {valve}: piston held, {steps}"
+    return f"a valve-discrete test of valve {valve}: {rig.valve_steps}"
 
 
 def excitation(by_kind: TrialsByKind, rig: Rig) -> Iterator[str]:

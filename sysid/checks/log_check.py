@@ -135,6 +135,11 @@ class LogCheck(Shown):
         return f"{name} identifies {_listed(yes)}{lacking}{apart}"
 
     @property
+    def is_even(self) -> bool:
+        """Whether its samples are as evenly spaced as a fit takes for even."""
+        return self.jitter_s < signals.JITTER_IGNORED * self.period_s
+
+    @property
     def extent(self) -> str:
         """Its tests by kind, and how long and how often they were sampled."""
         kinds = ", ".join(f"{count} x {kind}" for kind, count in self.kinds.items())

@@ -104,7 +104,7 @@ def _remarks(entry: CampaignLog, check: LogCheck) -> str:
         found.append("each row a reading by itself")
     if check.gaps:
         found.append(f"{check.gaps} gaps, the longest {duration(check.longest_gap_s)}")
-    if check.jitter_s > 0.01 * check.period_s:
+    if not check.is_even:
         found.append(f"jitter {duration(check.jitter_s)}")
     for channel in check.channels:
         name = channel_of(channel.name).name

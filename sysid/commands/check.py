@@ -38,8 +38,6 @@ from sysid.pipeline.files import read_with
 
 # Lines of remarks, the first of the campaign's logs; all with -v.
 _REMARKS = 12
-# Share of the sampling period below which the times only were rounded.
-_LEAST_JITTER = 1e-6
 
 
 @click.command()
@@ -187,9 +185,8 @@ def _blocks(check: LogCheck) -> Iterator[Printed]:
     if check.by_row:
         yield check.extent
     else:
-        # Rounding of the times is no jitter.
-        is_even = check.jitter_s < _LEAST_JITTER * check.period_s
-        yield f"{check.extent} ({'no jitter' if is_even else f'jitter {check.jitter_s:.2g} s'})"
+        jitter = "no jitter" if check.is_even else f"jitter {check.jitter_s:.2g} s"
+        yield f"{check.extent} ({jitter})"
         longest = f"{check.gaps} gaps, the longest {check.longest_gap_s:.4g} s"
         yield longest if check.gaps else "no gaps"
     yield from check.left_out()

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
-from sysid.io.rig import Rig
+from sysid.io.rig import HELD_SHARE, Rig
 from sysid.signals import MIN_SAMPLES, noise_floor
 from sysid.types import BoolArray, FloatArray, IntArray
 
@@ -31,8 +31,6 @@ _MAJORITY = 0.5
 _ALIKE = 0.1
 # Rows at the end of a run whose median is the pressure there.
 _END_ROWS = 5
-# Of the travel: a held piston gives by no more.
-_HELD = 0.01
 MOVED = 20.0
 """A pressure that varies by less than so many standard deviations of its noise shows no command."""
 
@@ -291,7 +289,7 @@ def _of_chamber(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> str |
     line = _mistaken(two)
     if line is not None or position is None or rig.cylinder is None:
         return line
-    if np.ptp(position) <= _HELD * (rig.travel or 0.0):
+    if np.ptp(position) <= HELD_SHARE * (rig.travel or 0.0):
         return None
     found = moved_while_shut(two.pressures, two.names, two.commands, two.way, two.starts)
     return next((one.line for one in found), None)

@@ -47,6 +47,9 @@ ASSUMED = "assumed"
 
 BARE = "the reference rig"
 """The `source` of a rig that was made without a rig file."""
+HELD_SHARE = 0.005
+"""Of the stroke, or of a chamber's volume: a held piston moves by encoder counts and a little
+elasticity. Flows out of the volume have the same relative error."""
 _NO_FILE = "the assumed rig"
 # Share of the atmosphere's pressure: less drives nothing, and is the weather's.
 _LEAST_VACUUM = 0.05

@@ -9,11 +9,8 @@ import numpy as np
 
 from sysid.io.logs import Trial, smallest_step
 from sysid.io.measured_speed import moves
-from sysid.io.rig import Rig
+from sysid.io.rig import HELD_SHARE, Rig
 
-HELD_SHARE = 0.005
-"""Of the stroke, or of a chamber's volume: a held piston moves by encoder counts and a little
-elasticity. Flows out of the volume have the same relative error."""
 _HELD_STEPS = 20.0
 # Share of half a stroke: a piston held farther in is not at an end.
 _NEAR_AN_END = 0.9

@@ -19,8 +19,7 @@ from sysid.identification.valve_discrete.held_chamber import HeldChamber
 from sysid.io.logs import Trial
 from sysid.io.plausibility import check_supply
 from sysid.io.responses import MOVED, Pressures, mistaken_commands, moved_while_shut
-from sysid.io.rig import Air, Cylinder, Rig
-from sysid.io.trial_kind import HELD_SHARE
+from sysid.io.rig import HELD_SHARE, Air, Cylinder, Rig
 from sysid.plant.base import CRITICAL_RATIO, chamber_volume
 from sysid.plant.valve_timing import switched_intervals
 from sysid.signals import NoiseFloor

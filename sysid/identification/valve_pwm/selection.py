@@ -22,8 +22,7 @@ from sysid.identification.valve_pwm.supply import (
 )
 from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
-from sysid.io.rig import Rig
-from sysid.io.trial_kind import HELD_SHARE
+from sysid.io.rig import HELD_SHARE, Rig
 from sysid.plant.base import chamber_volume
 from sysid.surfaces.domain import SAME_SUPPLY
 from sysid.types import BoolArray, FloatArray
