@@ -187,6 +187,9 @@ def test_it_is_checked_validated_and_reported(cylinder: Path) -> None:
     errors = re.findall(r'<td data-label="(Use|Unit)"[^>]*>([^<]*)</td>', text)
     assert {("Use", "held out"), ("Use", "training"), ("Unit", "mm"), ("Unit", "kPa")} <= {*errors}
     assert ("Use", "fit") not in errors
+    # Names in words with the key beneath, units as people write them.
+    assert ">Stiffness<" in text and "N·s/m" in text and "N*s/m" not in text
+    assert 'data-label="Output">Position<' in text and ">position_m<" not in text
     assert ">1e5<" not in text and ">Residual (kPa)<" in text  # no power of ten beside an axis
 
 

@@ -27,11 +27,11 @@ from sysid.blocks.html import block_html
 from sysid.blocks.tables import Table, table
 from sysid.checks.log_check import check_log
 from sysid.diagnosis.figures import regressor_axis, waterfall
-from sysid.diagnosis.wording import error_unit
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import Campaign, read_campaign
 from sysid.io.channels import channel_of
+from sysid.io.own_channels import balance_unit, error_unit
 from sysid.parameters import Bundle, FittedValves, Surface, Valve, bundle_text, read_bundle
 from sysid.parameters.files import bundle_from_json
 from sysid.parameters.refinement import Refinement
@@ -1275,15 +1275,17 @@ def test_effects_that_tests_do_not_distinguish_are_told_on_the_first_screen(made
 
 
 def test_errors_of_a_channel_are_in_one_unit() -> None:
-    """Of a part in Pa where none reaches 1 kPa, in sentences, in the table and in the figure; of
-    an actuator in that of its open-loop errors."""
+    """Of a part in Pa, of an actuator in that of its open-loop errors: in sentences, tables and
+    figures, those of the law's fit and of the remainder among them."""
     pressure = channel_of("pressure_a_pa")
     part = {"component": "tank"}
-    assert error_unit(pressure, (151.0, None, 2.07)) == ("Pa", 1.0)
-    assert error_unit(pressure, (2151.0, 151.0)) == ("kPa", 1e-3)
+    assert error_unit(pressure, is_alone=True) == ("Pa", 1.0)
+    assert balance_unit("Pa", is_alone=True) == ("Pa", 1.0)
+    assert balance_unit("Pa", is_alone=False) == ("kPa", 1e-3)
+    assert balance_unit("Nm", is_alone=False) == ("mN·m", 1e3)
     figure = waterfall(pressure, [151.0], [], 2.07, part)
     assert figure.panels[0].x.unit == "Pa" and "correct model is 2.07 Pa" in figure.description
-    assert error_unit(pressure, (151.0, 2.07), keeps_unit=True) == ("kPa", 1e-3)
+    assert error_unit(pressure, is_alone=False) == ("kPa", 1e-3)
     figure = waterfall(pressure, [151.0], [], 2.07)
     assert figure.panels[0].x.unit == "kPa" and "bundle has 0.151 kPa" in figure.description
 

@@ -9,6 +9,10 @@ from golden_folder import golden_bundle
 
 import sysid as si
 from sysid.blocks.html import block_html
+from sysid.blocks.numbers import unit as shown
+from sysid.blocks.titles import words_of
+from sysid.io import own_channels
+from sysid.io.own_channels import channel_in, error_unit
 from sysid.parameters import Bundle
 from sysid.parameters.table import in_words, title_of_field
 from sysid.parameters.titles import named, part_title, short_title, title_of
@@ -93,3 +97,37 @@ def test_a_comparison_shows_titles_on_a_page_and_keys_in_a_terminal(bundle: Bund
     assert ticks and not [text for _, text in ticks if _KEY.search(text)]
     # The first of the table is the highest.
     assert max(ticks)[1] == "Static friction"
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "words"),
+    [
+        ("back_emf_v_s_per_rad", "V*s/rad", "back emf"),
+        ("drag_nm_s2_per_rad2", "Nm*s**2/rad**2", "drag"),
+        ("conductance_kg_s_pa", "kg/s/Pa", "conductance"),
+        ("current_a", "A", "current"),
+        # Nothing but the unit, another one, and none.
+        ("volts", "V", "volts"),
+        ("pressure_a", "Pa", "pressure a"),
+        ("command", "1", "command"),
+    ],
+)
+def test_a_name_in_words_is_without_its_unit(name: str, unit: str, words: str) -> None:
+    assert words_of(name, unit) == words
+
+
+def test_units_of_bundles_and_users_are_written_alike() -> None:
+    assert shown("Nm s/rad") == shown("N*m*s/rad") == "N·m·s/rad"
+    assert shown("kg/s/Pa") == shown("kg/(s Pa)") == "kg/(s·Pa)"
+    assert (shown("kg*m**2"), shown("m/s^2"), shown("ohm")) == ("kg·m²", "m/s²", "Ω")
+
+
+def test_channels_of_a_users_own_are_shown_as_those_of_logs() -> None:
+    own = {"angle_rad": "rad", "current_a": "A", "gap_pa": "Pa"}
+    angle, gap = channel_in("angle_rad", own), channel_in("gap_pa", own)
+    assert (angle.title, angle.unit, angle.residual_unit) == ("Angle", "rad", "mrad")
+    assert error_unit(gap, is_alone=True) == ("kPa", 1e-3)  # how large it is, only the user knows
+    both = channel_in("current_a and angle_rad", own)
+    assert (both.name, both.residual_unit) == ("current and angle", "of the spread")
+    assert own_channels.in_words("rate of angle_rad", own) == "rate of angle"
+    assert channel_in("angle_rad", {}).title == "angle_rad"

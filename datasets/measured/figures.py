@@ -18,9 +18,10 @@ from sysid.blocks.numbers import number
 from sysid.blocks.svg import COLOUR
 from sysid.blocks.titles import capital
 from sysid.diagnosis.figures import regressor_axis
-from sysid.diagnosis.wording import error_unit, regressor_key, regressor_name
+from sysid.diagnosis.wording import regressor_key, regressor_name
 from sysid.io.channels import channel_of
 from sysid.io.motion import ROTARY
+from sysid.io.own_channels import error_unit
 from sysid.io.units import CANONICAL_UNITS
 from sysid.types import FloatArray
 
@@ -122,7 +123,7 @@ def shown_in(channel: str, errors: Sequence[float]) -> tuple[str, float]:
     """The unit in which reports show a channel's errors, and the scale to it from SI."""
     shown = channel_of(channel)
     if shown.residual_unit:
-        unit, scale = error_unit(shown, errors)
+        unit, scale = error_unit(shown, is_alone=True)
         name, more = scaled("" if unit == "-" else unit, [scale * e for e in errors])
         return name, scale * more
     return scaled(unit_of(channel), errors)

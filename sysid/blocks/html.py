@@ -76,13 +76,16 @@ def _readable(value: Any) -> Any:
 # A number as messages have it: with a power of ten, or below zero after a space or a bracket.
 _ASCII = re.compile(r"(?<![\w.+-])-?\d+(?:\.\d+)?e[+-]\d+\b|(?<=[\s(])-(?=\d)")
 _SQUARE = re.compile(r"(?<=\w)\^([23])(?![\w.])")
-_TORQUE = re.compile(r"(?<=\d )Nm\b(?: s/rad)?")
+# A unit behind a number, as bundles and users' components have it.
+_UNIT = re.compile(
+    r"(?<=\d )(?:Nm\b(?: s/rad)?|ohm\b|[A-Za-z]+(?:\*\*[23]|[*/](?=[A-Za-z])[A-Za-z]+)+)"
+)
 _BACKTICKS = re.compile("`([^`]+)`")
 
 
 def typeset(line: str) -> str:
-    """A message with the signs that a page has: minus, times, and those of a torque's unit."""
-    line = _TORQUE.sub(lambda m: unit(m[0]), line)
+    """A message with the signs that a page has: minus, times, and those of units."""
+    line = _UNIT.sub(lambda m: unit(m[0]), line)
     line = _SQUARE.sub(lambda m: "²³"[int(m[1]) - 2], line)
     return _ASCII.sub(lambda m: MINUS if m[0] == "-" else _power_of_ten(m[0]), line)
 

@@ -12,15 +12,16 @@ from sysid.estimation.linear import Estimate, finite_or_none
 MINUS = "\N{MINUS SIGN}"
 MISSING = "\N{EM DASH}"
 _SUPERSCRIPT = str.maketrans("-0123456789", "\N{SUPERSCRIPT MINUS}⁰¹²³⁴⁵⁶⁷⁸⁹")
-_UNIT_SIGNS = {"Nm": "N·m", "^0.5": "⁰·⁵", "Pa^1": "Pa", "Pa^2": "Pa²"}
+_UNIT_SIGNS = {"Nm": "N·m", "**": "^", "*": "·", "^0.5": "⁰·⁵", "^1": ""}
+_NO_UNIT = ("-", "1", "dimensionless")
+# Divided by several units, one after another.
+_DIVIDED = re.compile(r"(?:/[A-Za-z]+(?:\*\*\d|\^?\d)?){2,}$")
+_OHM = re.compile(r"\bohm\b")
 _TIMES = re.compile(r" (?=(?:s|m|Pa|K|rad|kg)[23]?\b)")
-_POWER = re.compile(r"(?<=[A-Za-z])[23]\b")
+_POWER = re.compile(r"(?<=[A-Za-z])\^?([23])\b")
 # Times and mass flows below this are shown in a thousandth of their unit, as in the figures.
 _SHORT = 0.1
 _THOUSANDTHS = {"s": "ms", "kg/s": "g/s"}
-# Units that take a prefix, and the size from which they take that of a thousand.
-_PREFIXED = frozenset(("m", "s", "rad", "N", "Pa", "V", "A", "W", "J", "Nm"))
-_LARGE = 1e3
 # Powers of ten that are written out.
 _PLAIN = range(-2, 6)
 # The error's power of ten down to which a value that is smaller than it is written out.
@@ -41,23 +42,15 @@ def known(content: Any) -> Any:
 
 
 def unit(text: str) -> str:
-    """A bundle's unit as it is printed: `Nm s/rad` as `N·m·s/rad`."""
-    if text in ("-", "1"):
+    """A bundle's or a user's unit as it is printed: `Nm s/rad` or `N*m*s/rad` as `N·m·s/rad`."""
+    if text in _NO_UNIT:
         return ""
+    text = _DIVIDED.sub(lambda m: f"/({m[0][1:].replace('/', '*')})", text)
     text = _TIMES.sub("·", text)
     for plain, sign in _UNIT_SIGNS.items():
         text = text.replace(plain, sign)
-    return _POWER.sub(lambda m: m[0].translate(_SUPERSCRIPT), text)
-
-
-def prefixed(name: str, size: float) -> tuple[str, float]:
-    """The unit in which values of this size (in the unit `name`) are readable, and the scale to it:
-    a thousand or a thousandth of it. Units of several parts stay as they are."""
-    if name not in _PREFIXED or not math.isfinite(size) or size == 0.0:
-        return unit(name), 1.0
-    if abs(size) >= _LARGE:
-        return f"k{name}", 1e-3
-    return (f"m{name}", 1e3) if abs(size) < _SHORT else (name, 1.0)
+    text = _POWER.sub(lambda m: m[1].translate(_SUPERSCRIPT), text)
+    return _OHM.sub("Ω", text)
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from sysid.blocks.numbers import MISSING, number, unit
@@ -37,6 +37,9 @@ def quality_name(place: str) -> str:
     return capital(text)
 
 
+ShownIn = Callable[[str], tuple[str, float]]
+
+
 class Judged(Protocol):
     """How well a law follows its tests: as it was fitted, or as a bundle holds it."""
 
@@ -44,15 +47,16 @@ class Judged(Protocol):
         """The bundle's object."""
 
 
-def _cells(judged: Judged) -> tuple[str, ...]:
+def _cells(judged: Judged, shown_in: ShownIn) -> tuple[str, ...]:
     """The cells after the first."""
     found = judged.to_json()
     share, r2 = found["rmse_share"], found["r2"]
-    rmse, name = found["rmse"], unit(found["unit"])
-    # As the comparison of surfaces has it.
-    shown, name = (100.0 * rmse, "points of duty") if name == "of duty" else (rmse, name)
+    rmse = found["rmse"]
+    # Duties as the comparison of surfaces has them.
+    of_duty = found["unit"] == "of duty"
+    name, scale = ("points of duty", 100.0) if of_duty else shown_in(found["unit"])
     return (
-        NotedCell(number(shown), plain=number(rmse)),
+        NotedCell(number(scale * rmse), plain=number(rmse)),
         NotedCell(name, plain=found["unit"]),
         MISSING if share is None else number(100.0 * share, 2),
         MISSING if r2 is None else f"{r2:.4f}",
@@ -62,10 +66,15 @@ def _cells(judged: Judged) -> tuple[str, ...]:
 
 
 def quality_table(
-    found: Mapping[str, Judged], caption: str = "How well the laws follow their tests"
+    found: Mapping[str, Judged],
+    caption: str = "How well the laws follow their tests",
+    shown_in: ShownIn = lambda name: (unit(name), 1.0),
 ) -> Table:
-    """One row per judgement, by its place in a bundle."""
-    rows = [(quality_name(place), *_cells(one)) for place, one in found.items()]
+    """One row per judgement, by its place in a bundle.
+
+    `shown_in`: the unit in which a page shows errors of a unit in SI, and the scale to it.
+    """
+    rows = [(quality_name(place), *_cells(one, shown_in)) for place, one in found.items()]
     return table(caption, _COLUMNS, rows, text=(2, 5, 6))
 
 

@@ -13,6 +13,7 @@ from sysid.blocks.titles import use_word
 from sysid.checks.identifiability import readable
 from sysid.checks.log_check import listed
 from sysid.io.channels import channel_of
+from sysid.io.own_channels import Own, channel_in, in_words
 
 if TYPE_CHECKING:
     from sysid.checks.log_check import LogCheck
@@ -29,9 +30,10 @@ def quality_section(campaign: Campaign, checks: Sequence[LogCheck]) -> Section:
         columns = ("Log", "Test", "Span", "Reason", "Rows")
         blocks.append(table("Excluded, not used at all", columns, excluded, text=(1, 2, 3)))
     known = [(e, c) for e, c in pairs if c is not None]
+    own, numbers = (campaign.own.columns, campaign.own.numbers) if campaign.own else ({}, {})
     if known:
-        blocks.append(Fold("Channels: range, resolution and noise", (_channels_table(known),)))
-        blocks.append(Fold("What each log can identify", (_identifies_table(known),)))
+        blocks.append(Fold("Channels: range, resolution and noise", (_channels_table(known, own),)))
+        blocks.append(Fold("What each log can identify", (_identifies_table(known, numbers),)))
     said = [*campaign.notices, *campaign.rig.notices, *(n for _, c in known for n in c.notices)]
     if said:
         blocks.append(Lines(tuple(dict.fromkeys(said)), "Notices of the readers"))
@@ -115,11 +117,11 @@ def _remarks(entry: CampaignLog, check: LogCheck) -> str:
     return "; ".join(found) or "no gaps, nothing saturated"
 
 
-def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
+def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]], own: Own) -> Table:
     rows = []
     for entry, check in pairs:
         for channel in check.channels:
-            shown = channel_of(channel.name)
+            shown = channel_in(channel.name, own)
             scale = shown.residual_scale
             rows.append(
                 (
@@ -136,14 +138,15 @@ def _channels_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
     return table("Channels", columns, rows, text=(1, 6))
 
 
-def _identifies_table(pairs: Sequence[tuple[CampaignLog, LogCheck]]) -> Table:
-    """What each log identifies, in one cell; what it does not identify is omitted."""
+def _identifies_table(pairs: Sequence[tuple[CampaignLog, LogCheck]], own: Own) -> Table:
+    """What each log identifies, in one cell; what it does not identify is omitted. `own`: the
+    units of the parameters of a user's own component, by name."""
     rows = []
     for entry, check in pairs:
         by_reason: dict[str, list[str]] = {}
         for one in check.identifies:
             if one.identified:
-                by_reason.setdefault(one.reason, []).append(readable(one.parameter))
+                by_reason.setdefault(one.reason, []).append(in_words(readable(one.parameter), own))
         shown = "; ".join(f"{listed(n)} ({why})" for why, n in by_reason.items())
         rows.append((entry.file, shown or "nothing by itself"))
     return table("What each log can identify", ("Log", "Parameters"), rows, text=(1,))

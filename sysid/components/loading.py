@@ -58,6 +58,10 @@ class LoadedComponent(OwnKind):
         return tuple(n for n, c in columns.items() if c.role == "input" and c.between == "held")
 
     @property
+    def numbers(self) -> dict[str, str]:
+        return {p.name: p.unit for p in self.definition.parameters}
+
+    @property
     def defined_in(self) -> str:
         return self.file
 

@@ -58,7 +58,6 @@ class OwnPart(Component):
     stretches: tuple[Stretch, ...]
     scales: tuple[float, ...]
     kept: tuple[str, ...] = ()
-    has_own_columns = True
     channel: str = field(default="", init=False)
     unit: str = field(default="", init=False)
 
@@ -68,6 +67,14 @@ class OwnPart(Component):
         object.__setattr__(self, "channel", " and ".join(outputs))
         unit = self.definition.columns[outputs[0]].unit if one else "of the spread"
         object.__setattr__(self, "unit", unit)
+
+    @property
+    def own_columns(self) -> Mapping[str, str]:  # type: ignore[override]
+        return dict(self.loaded.columns)
+
+    @property
+    def outputs(self) -> tuple[tuple[str, float], ...]:
+        return tuple(zip(self.definition.outputs, self.scales, strict=True))
 
     @property
     def definition(self) -> OwnComponent:

@@ -46,7 +46,8 @@ def names(diagnosis: Diagnosis) -> dict[str, Any]:
 
     `titles` and `meanings` name effects, those that were tried among them, and the parameters of
     those found; `laws` says in a sentence what each found one and each rival does, `telling` which
-    test distinguishes it from others. `missing` says what could not be computed, and why.
+    test distinguishes it from others; `own` are the units of a user's own columns. `missing` says
+    what could not be computed, and why.
     """
     missing: list[str] = []
     looks = on_its_own(diagnosis.evidence.rounds_shown)
@@ -57,7 +58,9 @@ def names(diagnosis: Diagnosis) -> dict[str, Any]:
     rivals = {id for found in diagnosis.effects for id in found.ambiguous_with}
     known = _known(diagnosis)
     named = {found.id for found in diagnosis.effects} | rivals
+    own = diagnosis.evidence.own_columns
     return {
+        **({"own": dict(own)} if own else {}),
         "looks": looks,
         "titles": {id: known[id].title for id in sorted(named | tried) if id in known},
         "laws": {id: catalogue_entry(known[id])["law"] for id in sorted(named) if id in known},
@@ -73,7 +76,8 @@ def names(diagnosis: Diagnosis) -> dict[str, Any]:
 def _known(diagnosis: Diagnosis) -> dict[str, type[CatalogueEffect]]:
     """The catalogue's effects by id, and those that were found, a user's own among them."""
     own = for_rig(catalogue(), diagnosis.evidence.is_linear)
-    return {**own, **{found.id: type(found.effect) for found in diagnosis.effects}}
+    mine = {effect.id: effect for effect in diagnosis.evidence.own_effects}
+    return {**own, **mine, **{found.id: type(found.effect) for found in diagnosis.effects}}
 
 
 __all__ = ["content", "figures", "names"]

@@ -43,6 +43,16 @@ class ComponentEvidence(ABC):
         return False
 
     @property
+    def own_columns(self) -> Mapping[str, str]:
+        """The units by name of the columns of a user's own component; of others empty."""
+        return {}
+
+    @property
+    def own_effects(self) -> Sequence[type[CatalogueEffect]]:
+        """The terms that a user's own component may lack; of others none."""
+        return ()
+
+    @property
     @abstractmethod
     def effects(self) -> Sequence[CatalogueEffect]:
         """The steps' effects, all fitted together."""

@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -32,18 +33,19 @@ from sysid.blocks.figures import (
 from sysid.blocks.numbers import MINUS, fixed, number, span
 from sysid.blocks.titles import capital, within
 from sysid.diagnosis.wording import (
-    error_unit,
     errors_by_step,
     floor_text,
     is_of_actuator,
     judged_tests,
     judged_use,
+    own_of,
     regressor_key,
     regressor_name,
     steps,
 )
 from sysid.estimation.linear import LEVEL, t_quantile
-from sysid.io.channels import Channel, channel_of
+from sysid.io.channels import Channel
+from sysid.io.own_channels import RATE_OF, Own, channel_in, error_unit, shown_unit
 from sysid.types import FloatArray
 
 MOST_SUSPECTS = 8
@@ -128,7 +130,7 @@ def waterfall(
     `errors` (1 + steps,) and `floor` in the channel's SI unit; `content` of the diagnosis, None: of
     an actuator.
     """
-    unit, scale = error_unit(channel, (*errors, floor), keeps_unit=is_of_actuator(content))
+    unit, scale = error_unit(channel, is_alone=not is_of_actuator(content))
     shown, low = [scale * e for e in errors], scale * floor
     lowest = floor_text(low, shown[-1])
     rows: list[tuple[str, float, float, Role, str]] = [
@@ -217,7 +219,7 @@ def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) 
         f"reaches {number(scale * max(abs(m) for m in part['means']))} {unit}"
         for label, _, part in parts
     )
-    name = regressor_name(content["regressor"])
+    name = regressor_name(content["regressor"], own_of(content))
     description = f"Mean residual in bins of {name}: {told}."
     heading = f"{title} over {name}"
     return _residual_figure(
@@ -236,7 +238,7 @@ def influence(id: str, title: str, content: Mapping[str, Any], is_linear: bool) 
     """What an effect adds to a balance, or to a part's prediction, over a regressor."""
     unit, scale, of = _unit_of(content, is_linear, content["means"])
     x, axis = _regressor(content, is_linear)
-    name = regressor_name(content["regressor"])
+    name = regressor_name(content["regressor"], own_of(content))
     mean, low, high = (scale * np.array(content[k]) for k in ("means", "low", "high"))
     marks: list[Mark] = [
         Band(x, low, high, "third"),
@@ -256,7 +258,7 @@ def leftover(id: str, content: Mapping[str, Any], is_linear: bool) -> Figure:
     unit, scale = _residual_unit(content["residual"], is_linear, content["means"])
     title = residual_title(content["residual"], is_linear)
     x, axis = _regressor(content, is_linear)
-    name = regressor_name(content["regressor"])
+    name = regressor_name(content["regressor"], own_of(content))
     marks = _means(x, content, scale, "model", "")
     points = ", ".join(
         f"{number(a, 2)}: {number(scale * b, 2)}" for a, b in zip(x, content["means"], strict=True)
@@ -272,10 +274,10 @@ def _unit_of(
     """Unit and scale of a residual, and what it is of: a balance, or a part's signal."""
     if "unit" in content:
         # Of a part: in the unit of what its law predicts.
-        channel = channel_of(content["channel"])
-        if content.get("own") or channel.residual_unit in ("", "-"):
+        channel = channel_in(content["channel"], own_of(content))
+        if channel.residual_unit in ("", "-"):
             return content["unit"], 1.0, channel.title
-        return channel.residual_unit, channel.residual_scale, channel.title
+        return *error_unit(channel, is_alone=True), channel.title
     unit, scale = _residual_unit(content["channel"], is_linear, means)
     return unit, scale, residual_title(content["channel"], is_linear)
 
@@ -305,22 +307,26 @@ def _stretched(axis: Scale, x: FloatArray, width: float) -> Scale:
 
 def _regressor(content: Mapping[str, Any], is_linear: bool) -> tuple[FloatArray, Scale]:
     """A curve's abscissae in the unit that is shown, and their axis."""
-    is_part, is_own = "unit" in content, bool(content.get("own"))
-    axis, scale = regressor_axis(content["regressor"], is_linear, is_part, is_own=is_own)
+    is_part, own = "unit" in content, own_of(content)
+    axis, scale = regressor_axis(content["regressor"], is_linear, is_part, own=own)
     return scale * np.array(content["centres"]), replace(axis, margin=0.03)
 
 
 def regressor_axis(
-    regressor: str, is_linear: bool, is_part: bool = True, *, is_own: bool = False
+    regressor: str, is_linear: bool, is_part: bool = True, *, own: Own = MappingProxyType({})
 ) -> tuple[Scale, float]:
     """A regressor in words with the unit in which it is shown, and the scale to it.
 
-    A part's further regressors are named with their units, or by a user's own columns (`is_own`).
+    A part's further regressors are named with their units, those of a user's `own` columns have
+    the units of these.
     """
     others = _AS_NAMED if is_part else _PRESSURE
-    units = _AS_NAMED if is_own else _REGRESSOR_UNITS.get(regressor_key(regressor), others)
-    unit, scale = units[is_linear]
-    name = regressor_name(regressor)
+    unit, scale = _REGRESSOR_UNITS.get(regressor_key(regressor), others)[is_linear]
+    column = regressor.removeprefix(RATE_OF)
+    if column in own:
+        unit, scale = shown_unit(own[column])
+        unit = f"{unit}/s" if unit and column != regressor else unit
+    name = regressor_name(regressor, own)
     return Scale(capital(name), unit), scale
 
 

@@ -18,10 +18,11 @@ from sysid.diagnosis.wording import (
     is_weighed,
     joined,
     judged_tests,
+    own_of,
     regressor_name,
     sentence,
 )
-from sysid.io.channels import channel_of
+from sysid.io.own_channels import channel_in
 
 Content = Mapping[str, Any]
 
@@ -109,7 +110,7 @@ def _errors(content: Content) -> FigureGroup:
     """Error of every channel, effect by effect, down to that of a correct model."""
     drawn = tuple(
         figures.waterfall(
-            channel_of(name),
+            channel_in(name, own_of(content)),
             errors,
             tables.step_names(content),
             float(content["residual"][name]["noise_floor"]),
@@ -201,7 +202,8 @@ def _remainder(content: Content, is_linear: bool) -> list[Block]:
     rests = content.get("remainder")
     if not rests:
         return [Fold("Sums of squares before and after", tuple(blocks))] if blocks else []
-    over = list(dict.fromkeys(regressor_name(n) for rest in rests for n in rest["regressors"]))
+    own = own_of(content)
+    over = list(dict.fromkeys(regressor_name(n, own) for rest in rests for n in rest["regressors"]))
     note = (
         "What repeats is what other tests predict over everything that was logged "
         f"({joined(over)}); the rest above the noise differs from test to test."

@@ -23,10 +23,10 @@ from sysid.blocks.numbers import number
 from sysid.blocks.sections import Block, FigureGroup, Section
 from sysid.blocks.titles import use_word
 from sysid.diagnosis.figures import drawable, regressor_axis
-from sysid.diagnosis.wording import regressor_name
+from sysid.diagnosis.wording import own_of, regressor_name
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.io.channels import channel_of
 from sysid.io.kinds import FRICTION_MOTION
+from sysid.io.own_channels import channel_in, error_unit
 from sysid.types import FloatArray
 
 if TYPE_CHECKING:
@@ -158,18 +158,26 @@ def _what(figures: Content) -> str:
 
 def _signal(figures: Content) -> tuple[str, str, float]:
     """Title, shown unit and scale of what the law predicts."""
-    channel = channel_of(figures["channel"])
-    if channel.unit and channel.unit != "-" and not figures.get("own"):
+    channel = channel_in(figures["channel"], own_of(figures))
+    if channel.unit and channel.unit != "-":
         return channel.title, channel.unit, channel.scale
     return channel.title, figures["unit"] if figures["unit"] != "-" else "", 1.0
+
+
+def _residual_unit(figures: Content) -> tuple[str, float]:
+    """Shown unit and scale of what the law leaves of it."""
+    channel = channel_in(figures["channel"], own_of(figures))
+    if channel.unit and channel.unit != "-":
+        return error_unit(channel, is_alone=True)
+    return _signal(figures)[1:]
 
 
 def _over(
     place: int, entry: Content, figures: Content, named: Mapping[str, str], is_linear: bool
 ) -> Figure:
     title, unit, scale = _signal(figures)
-    axis, x_scale = regressor_axis(entry["regressor"], is_linear, is_own=figures["own"])
-    name = regressor_name(entry["regressor"])
+    axis, x_scale = regressor_axis(entry["regressor"], is_linear, own=own_of(figures))
+    name = regressor_name(entry["regressor"], own_of(figures))
     x, measured = x_scale * np.array(entry["x"]), scale * np.array(entry["measured"])
     marks: list[Mark] = [
         Points(x, measured, "measured", "measured", ".", 6.0, alpha=0.6, is_cloud=True)
@@ -199,27 +207,31 @@ def _rms(values: FloatArray) -> float:
 def _test(
     place: int, entry: Content, figures: Content, named: Mapping[str, str], is_linear: bool
 ) -> Figure:
-    title, unit, scale = _signal(figures)
-    axis, x_scale = regressor_axis(entry["along"], is_linear, is_own=figures["own"])
+    of = {**figures, "channel": entry.get("channel", figures["channel"])}
+    title, unit, scale = _signal(of)
+    off_unit, finer = _residual_unit(of)
+    to_si = entry.get("scale", 1.0)
+    scale, finer = scale * to_si, finer * to_si
+    axis, x_scale = regressor_axis(entry["along"], is_linear, own=own_of(figures))
     x = x_scale * np.array(entry["x"])
-    measured = scale * np.array(entry["measured"])
-    above: list[Mark] = [Line(x, measured, "measured", "measured", width=2.2)]
+    measured = np.array(entry["measured"])
+    above: list[Mark] = [Line(x, scale * measured, "measured", "measured", width=2.2)]
     below: list[Mark] = []
     told = []
     for key, label in named.items():
         role, dash = _STYLES[key]
-        modelled = scale * np.array(entry[key])
-        above.append(Line(x, modelled, role, label, dash, 1.0))
-        below.append(Line(x, measured - modelled, role, dash=dash, width=0.8))
-        told.append(f"{label} {number(_rms(measured - modelled))} {unit}".rstrip())
-    test = entry["test"]
+        modelled = np.array(entry[key])
+        above.append(Line(x, scale * modelled, role, label, dash, 1.0))
+        residual = finer * (measured - modelled)
+        below.append(Line(x, residual, role, dash=dash, width=0.8))
+        told.append(f"{label} {number(_rms(residual))} {off_unit}".rstrip())
+    test, along = entry["test"], regressor_name(entry["along"], own_of(figures))
     description = (
-        f"{title} of {test or 'a test'} over {regressor_name(entry['along'])}; RMSE of the samples "
-        f"drawn: {', '.join(told)}."
+        f"{title} of {test or 'a test'} over {along}; RMSE of the samples drawn: {', '.join(told)}."
     )
     panels = (
         Panel(axis, Scale(title, unit), tuple(above), 2.0, "above"),
-        Panel(axis, Scale("Residual", unit), (*below, Rule(0.0)), 1.0, "none"),
+        Panel(axis, Scale("Residual", off_unit), (*below, Rule(0.0)), 1.0, "none"),
     )
     return Figure(
         f"fig-part-test-{place}",

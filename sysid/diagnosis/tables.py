@@ -11,26 +11,26 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sysid.blocks.numbers import MISSING, estimate_cells, number, unit
+from sysid.blocks.numbers import MISSING, estimate_cells, number
 from sysid.blocks.tables import NotedCell, Table, estimate_row, table
-from sysid.blocks.titles import capital
+from sysid.blocks.titles import capital, words_of
 from sysid.diagnosis.wording import (
     CORRECT_MODEL,
     SMALLEST_P,
     balance_of,
     effect_name,
-    error_unit,
     errors_by_step,
     floor_text,
     is_of_actuator,
     is_refined,
     joined,
     judged_tests,
+    own_of,
     parameter_rows,
     steps,
 )
 from sysid.estimation.linear import Estimate
-from sysid.io.channels import channel_of
+from sysid.io.own_channels import balance_unit, channel_in, error_unit
 from sysid.parameters.table import title_of_field, unit_of_field
 
 Content = Mapping[str, Any]
@@ -54,8 +54,9 @@ def summary(content: Content) -> Iterator[Table]:
 
 
 def title_of(content: Content, id: str) -> str:
-    """An effect's title; its id where it has none that is known."""
-    return str(content["figures"]["titles"].get(id) or id)
+    """An effect's title as it stands alone; its id where it has none that is known."""
+    title = content["figures"]["titles"].get(id)
+    return capital(title) if title else id
 
 
 def named(content: Content, id: str) -> NotedCell:
@@ -136,6 +137,8 @@ def refitted_table(content: Content, is_linear: bool = False) -> Table:
         cells = estimate_cells(after)
         name = entry["name"]
         title = title_of_field(name)
+        if not title and own_of(content):
+            title = capital(words_of(name, unit))
         shown = NotedCell(title, name) if title else name
         rows.append((shown, estimate_cells(before)[0], *cells[:2], change, cells[3]))
     columns = ("Parameter", "From", "To", "Standard error", "Change, %", "Unit")
@@ -147,9 +150,9 @@ def errors_table(content: Content) -> Table:
     """Errors by channel, effect by effect, on the tests that the diagnosis is judged on."""
     rows = []
     for name, errors in errors_by_step(content).items():
-        channel = channel_of(name)
+        channel = channel_in(name, own_of(content))
         floor = content["residual"][name]["noise_floor"]
-        unit_of, scale = error_unit(channel, (*errors, floor), keeps_unit=is_of_actuator(content))
+        unit_of, scale = error_unit(channel, is_alone=not is_of_actuator(content))
         cells = [
             NotedCell(text, plain=MISSING if math.isnan(e) else f"{e:.4g}")
             for e, text in (
@@ -157,7 +160,7 @@ def errors_table(content: Content) -> Table:
                 (floor, floor_text(scale * floor, scale * errors[-1])),
             )
         ]
-        title = f"{channel.title} ({unit_of})"
+        title = f"{channel.title} ({unit_of})" if unit_of else channel.title
         rows.append((NotedCell(title, plain=name), *cells))
     caption = f"RMSE on {judged_tests(content)}"
     if is_of_actuator(content):
@@ -199,10 +202,13 @@ def remainder_table(content: Content) -> Table:
     """What the remaining residuals consist of, balance by balance."""
     rows = []
     for rest in content.get("remainder") or ():
-        sizes = (number(rest[k], 3) for k in ("rmse", "repeatable", "scatter", "noise"))
-        balance = balance_of(rest["channel"])
-        shown = NotedCell(unit(rest["unit"]), plain=rest["unit"])
-        rows.append((capital(balance), *sizes, shown))
+        name, scale = balance_unit(rest["unit"], is_alone=not is_of_actuator(content))
+        sizes = (
+            NotedCell(number(scale * rest[k]), plain=number(rest[k]))
+            for k in ("rmse", "repeatable", "scatter", "noise")
+        )
+        balance = balance_of(rest["channel"], own_of(content))
+        rows.append((capital(balance), *sizes, NotedCell(name, plain=rest["unit"])))
     columns = ("Residual of", "RMSE", "Repeats", "Differs between tests", "Noise", "Unit")
     return table("Remainder after the effects; the squares add up", columns, rows, text=(5,))
 

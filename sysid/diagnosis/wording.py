@@ -6,14 +6,16 @@ Everything is read from the dict that `sysid.diagnosis.content.content` makes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from sysid.blocks.numbers import number, percent, span
 from sysid.blocks.titles import capital, within
 from sysid.diagnosis.search_record import QUICK, stage_text
 from sysid.estimation.linear import Estimate
-from sysid.io.channels import CHAMBER_PRESSURES, SIDES, VELOCITY_CHANNELS, Channel, channel_of
+from sysid.io.channels import CHAMBER_PRESSURES, SIDES, VELOCITY_CHANNELS, channel_of
+from sysid.io.own_channels import Own, channel_in, error_unit, in_words
 
 Content = Mapping[str, Any]
 
@@ -53,6 +55,13 @@ _REGRESSORS = {
 def is_of_actuator(content: Content | None) -> bool:
     """Whether a diagnosis' content is of a whole actuator, as without any; else of a part alone."""
     return content is None or content.get("component", ACTUATOR) == ACTUATOR
+
+
+def own_of(content: Content | None) -> Own:
+    """The units by name of the columns of a user's own component, of a diagnosis' content or of
+    what is drawn; of others empty."""
+    found = (content or {}).get("own", (content or {}).get("figures", {}).get("own"))
+    return found if isinstance(found, Mapping) else {}
 
 
 def is_cross_validated(content: Content) -> bool:
@@ -140,34 +149,19 @@ def _error_change(content: Content) -> str:
     said = []
     for name in named:
         sizes = _sizes(content, name)
-        said.append(f"{channel_of(name).name} {sizes}")
+        said.append(f"{channel_in(name, own_of(content)).name} {sizes}")
     return f"errors on {judged_tests(content)}: {joined(said)}"
 
 
 def _sizes(content: Content, name: str) -> str:
     """A channel's errors with their unit: "from 107 to 15.1 mrad (a correct model: 10.2)"."""
-    channel, errors = channel_of(name), content["residual"][name]
+    channel, errors = channel_in(name, own_of(content)), content["residual"][name]
     kept = [errors[k] for k in ("before", "after", "noise_floor")]
-    unit, scale = error_unit(channel, kept, keeps_unit=is_of_actuator(content))
+    unit, scale = error_unit(channel, is_alone=not is_of_actuator(content))
     before, after, floor = (None if e is None else scale * e for e in kept)
     change = f"from {span(before, after)}" if content["effects"] else number(before)
     correct = f"(a correct model: {floor_text(floor, after)})"
     return " ".join(filter(None, (change, unit, correct)))
-
-
-def error_unit(
-    channel: Channel, errors: Iterable[float | None], *, keeps_unit: bool = False
-) -> tuple[str, float]:
-    """The unit in which all errors (SI) of a channel are shown, and the scale to it.
-
-    Pa in place of kPa where none reaches 1 kPa, unless it `keeps_unit`: an actuator's are in that
-    of its open-loop errors, which its page holds next to them.
-    """
-    unit, scale = channel.residual_unit, channel.residual_scale
-    known = [abs(scale * e) for e in errors if e is not None and math.isfinite(e)]
-    if unit == "kPa" and not keeps_unit and all(e < 1.0 for e in known):
-        return "Pa", 1e3 * scale
-    return unit, scale
 
 
 def floor_text(floor: float | None, after: float | None) -> str:
@@ -206,7 +200,8 @@ def _remaining(content: Content) -> str:
         if share is None or (other and share < LEAST_SHOWN):
             continue
         part = f"{number(100.0 * share, 2)} %" if share >= LEAST_SHOWN else "less than 0.1 %"
-        over = balance_of(entry["channel"]), regressor_name(entry["regressor"])
+        own = own_of(content)
+        over = balance_of(entry["channel"], own), regressor_name(entry["regressor"], own)
         line = said.format(*over, part)
         # A share of the squares by which effects are judged may be nothing of the residual's size.
         found.append(f"{line[:-1]}{_of_what(content, entry)})")
@@ -253,16 +248,17 @@ def is_weighed(content: Content, entry: Content) -> bool:
 
 def remainder_lines(content: Content) -> tuple[str, ...]:
     """The parts of the remaining errors, balance by balance; none where they are not known."""
-    return tuple(_remainder_line(rest) for rest in content.get("remainder") or ())
+    own = own_of(content)
+    return tuple(_remainder_line(rest, own) for rest in content.get("remainder") or ())
 
 
-def _remainder_line(rest: Content) -> str:
-    unit, over = rest["unit"], joined([regressor_name(n) for n in rest["regressors"]])
+def _remainder_line(rest: Content, own: Own) -> str:
+    unit, over = rest["unit"], joined([regressor_name(n, own) for n in rest["regressors"]])
     repeats, scatter, noise = (number(rest[k], 3) for k in ("repeatable", "scatter", "noise"))
     return (
-        f"Remainder of {balance_of(rest['channel'])}, {number(rest['rmse'], 3)} {unit} (squares "
-        f"add up): {repeats} {unit} repeat from test to test over {over}, {scatter} {unit} differ "
-        f"between tests, {noise} {unit} are noise."
+        f"Remainder of {balance_of(rest['channel'], own)}, {number(rest['rmse'], 3)} {unit} "
+        f"(squares add up): {repeats} {unit} repeat from test to test over {over}, {scatter} "
+        f"{unit} differ between tests, {noise} {unit} are noise."
     )
 
 
@@ -373,16 +369,17 @@ _BALANCES = {
 }
 
 
-def balance_of(channel: str) -> str:
-    """The balance whose residual a channel of the log format shows."""
+def balance_of(channel: str, own: Own = MappingProxyType({})) -> str:
+    """The balance whose residual a channel of the log format, or of a user's `own`, shows."""
     if channel in CHAMBER_PRESSURES:
         return f"chamber {SIDES[CHAMBER_PRESSURES.index(channel)].upper()}'s balance"
-    return _BALANCES.get(channel, f"the prediction of {channel}")
+    known = {} if own else _BALANCES
+    return known.get(channel, f"the prediction of {channel_in(channel, own).name}")
 
 
-def regressor_name(name: str) -> str:
-    """A regressor in words."""
-    return _REGRESSORS.get(name, name)
+def regressor_name(name: str, own: Own = MappingProxyType({})) -> str:
+    """A regressor in words, those of a user's `own` columns among them."""
+    return in_words(name, own) if own else _REGRESSORS.get(name, name)
 
 
 def regressor_key(name: str) -> str:
@@ -432,7 +429,6 @@ __all__ = [
     "advice_on_rest",
     "balance_of",
     "effect_name",
-    "error_unit",
     "errors_by_step",
     "floor_text",
     "is_cross_validated",
@@ -443,6 +439,7 @@ __all__ = [
     "judged_tests",
     "judged_use",
     "own_friction",
+    "own_of",
     "p_text",
     "parameter_rows",
     "regressor_key",

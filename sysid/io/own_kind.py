@@ -32,6 +32,11 @@ class OwnKind:
     columns: Mapping[str, str]
 
     @property
+    def numbers(self) -> Mapping[str, str]:
+        """The units of its law's parameters, by name; empty where no law is known."""
+        return {}
+
+    @property
     def held(self) -> tuple[str, ...]:
         """Columns that hold from row to row, as a command does; the others are linear."""
         return ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import partial
 
 from sysid.blocks.quality import quality_table
 from sysid.blocks.sections import Block, Fold, Lines, Section
@@ -14,6 +15,7 @@ from sysid.estimation.quality import (
     USABLE_SHARE,
     WITH_LACK_OF_FIT,
 )
+from sysid.io.own_channels import balance_unit
 from sysid.parameters import Bundle
 
 
@@ -43,9 +45,10 @@ def fits_section(bundle: Bundle, advised_against: Collection[str] = ()) -> Secti
     ordered = dict(sorted(judged.items(), key=lambda item: _side(item[0])))
     main = {place: one for place, one in ordered.items() if place not in advised_against}
     others = {place: one for place, one in ordered.items() if place in advised_against}
-    blocks: list[Block] = [quality_table(main or ordered, "Fits")]
+    shown_in = partial(balance_unit, is_alone=bundle.rig.is_tank_alone)
+    blocks: list[Block] = [quality_table(main or ordered, "Fits", shown_in)]
     if main and others:
-        table = quality_table(others, "Fits of laws that are not recommended")
+        table = quality_table(others, "Fits of laws that are not recommended", shown_in)
         blocks.append(Fold("Laws that are not recommended", (table,)))
     blocks.append(Lines(intro, "What the verdicts mean"))
     return Section("fits", "How well the laws follow their tests", (), tuple(blocks))

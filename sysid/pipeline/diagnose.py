@@ -108,7 +108,11 @@ class CampaignDiagnosis(Shown):
 
     def headline(self) -> str:
         """The verdict in one sentence."""
-        return wording.sentence(self.detail.to_json())
+        return wording.sentence(self._told())
+
+    def _told(self) -> dict[str, Any]:
+        """What its sentences are made from: those of a user's own component know its columns."""
+        return {**self.detail.to_json(), "own": dict(self.detail.evidence.own_columns)}
 
     def records(self) -> list[dict[str, Any]]:
         """One record per parameter of an effect: value, std, limits of the 95 % interval, unit."""
@@ -120,7 +124,7 @@ class CampaignDiagnosis(Shown):
 
     def footnotes(self) -> Iterable[str]:
         """What the remaining errors consist of, what to do next, and the notices."""
-        found = self.detail.to_json()
+        found = self._told()
         return (*wording.remainder_lines(found), *wording.advice(found), *super().footnotes())
 
     def plot(self, ax: Axes | None = None) -> Axes:

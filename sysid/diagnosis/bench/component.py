@@ -8,6 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
@@ -49,8 +50,8 @@ class Component(ABC):
     channel: str
     """The predicted channel, in the log format's terms."""
     unit: str
-    has_own_columns = False
-    """Whether the regressors are columns that a user named, in units of the user's."""
+    own_columns: Mapping[str, str] = MappingProxyType({})
+    """The units by the names of the columns, where a user declared both; else empty."""
     left_out: tuple[str, ...] = ()
     """Why tests that were given are not among its own, a line each."""
     precision = 0.0
@@ -63,6 +64,12 @@ class Component(ABC):
     every step that it tries."""
     refuses_misfit = False
     """Whether a fit that leaves more than it explains is refused, as no effect would mend it."""
+
+    @property
+    def outputs(self) -> tuple[tuple[str, float], ...]:
+        """The channels whose samples follow one another in a test's signal, as many of each, with
+        the unit of the signal in that of each channel."""
+        return ((self.channel, 1.0),)
 
     @property
     def law_name(self) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +53,14 @@ class HeldOutEvidence(ComponentEvidence):
     def effects(self) -> Sequence[CatalogueEffect]:
         return self.selection.final.law.effects
 
+    @property
+    def own_columns(self) -> Mapping[str, str]:
+        return self.selection.final.component.own_columns
+
+    @property
+    def own_effects(self) -> Sequence[type[CatalogueEffect]]:
+        return self.selection.final.component.effects({}) if self.own_columns else ()
+
     def estimates(self, place: int) -> dict[str, Estimate]:
         return self.selection.final.estimates(self.effects[place])
 
@@ -78,7 +86,7 @@ class HeldOutEvidence(ComponentEvidence):
         """
         final = self.selection.final
         part, law = final.component, final.law
-        own = {"own": part.has_own_columns}
+        own = {"own": dict(part.own_columns)}
         return {
             "curves": [c.shown() | own for c in self._drawn()],
             "law": [p.name for p in part.parameters()],

@@ -10,7 +10,7 @@ import numpy as np
 
 from sysid.diagnosis.bench.component import Component, Law
 from sysid.diagnosis.influence import rounded, strongest
-from sysid.types import FloatArray
+from sysid.types import FloatArray, IntArray
 
 _MOST_TESTS = 3
 _MOST_SAMPLES = 400
@@ -33,7 +33,7 @@ def drawn(part: Component, outside: Component | None, before: Law, after: Law) -
     return {
         "unit": part.unit,
         "channel": part.channel,
-        "own": part.has_own_columns,
+        "own": dict(part.own_columns),
         "over": over_regressors(part, before, after),
         "tests": tests_shown(shown, before, after),
         "count": len(shown.recordings),
@@ -45,7 +45,8 @@ def tests_shown(part: Component, before: Law, after: Law) -> list[dict[str, Any]
     """Some recordings whole: the signal as measured, and as modelled by the two laws.
 
     The first, the last and one between. Each: `test`, `along` (a regressor's name), and by it `x`,
-    `measured`, `before`, `after`.
+    `measured`, `before`, `after`. Of several outputs each by itself, that which the law after
+    follows worst first: `channel`, and the `scale` to its unit.
     """
     found = []
     recordings = list(part.recordings.items())
@@ -56,15 +57,29 @@ def tests_shown(part: Component, before: Law, after: Law) -> list[dict[str, Any]
         measured = np.concatenate(part.measured(tests))
         if not along or len(columns[along]) != len(measured):
             continue
-        x = columns[along]
-        rows = np.unique(np.linspace(0, len(x) - 1, _MOST_SAMPLES).astype(int))
-        rows = rows if along == "time" else rows[np.argsort(x[rows], kind="stable")]
-        curves = {"x": x, "measured": measured}
+        curves = {"x": columns[along], "measured": measured}
         for key, law in (("before", before), ("after", after)):
             curves[key] = measured - np.concatenate(part.residuals(law, tests))
-        shown = {key: rounded(values[rows]) for key, values in curves.items()}
-        found.append({"test": name, "along": along, **shown})
+        which = _output_of(part, tests)
+        several = []
+        for place, (channel, scale) in enumerate(part.outputs):
+            own = {key: values[which == place] for key, values in curves.items()}
+            x = own["x"]
+            rows = np.unique(np.linspace(0, len(x) - 1, _MOST_SAMPLES).astype(int))
+            rows = rows if along == "time" else rows[np.argsort(x[rows], kind="stable")]
+            shown = {key: rounded(values[rows]) for key, values in own.items()}
+            of = {"channel": channel, "scale": scale} if len(part.outputs) > 1 else {}
+            off = float(np.mean((own["measured"] - own["after"]) ** 2))
+            several.append((off, {"test": name, "along": along, **of, **shown}))
+        found += [one for _, one in sorted(several, key=lambda pair: -pair[0])]
     return found
+
+
+def _output_of(part: Component, tests: Sequence[int]) -> IntArray:
+    """The place of each sample's output among the part's, of these tests end to end."""
+    count = len(part.outputs)
+    each = (len(values) // count for values in part.measured(tests))
+    return np.concatenate([np.repeat(np.arange(count), size) for size in each])
 
 
 def over_regressors(part: Component, before: Law, after: Law) -> list[dict[str, Any]]:

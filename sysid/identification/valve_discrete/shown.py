@@ -35,6 +35,7 @@ from sysid.identification.valve_discrete.held_chamber import (
 from sysid.identification.valve_discrete.responses import valve_of, valve_responses
 from sysid.identification.valve_discrete.trials import Piece, screen
 from sysid.io.logs import Log
+from sysid.io.own_channels import balance_unit
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, DiscreteLaw
 from sysid.parameters.base import read_number
@@ -77,7 +78,7 @@ def discrete_section(
     if not fitted:
         return None
     held = {side: law for side, law in fitted.items() if isinstance(law.tests, list) and law.tests}
-    blocks: list[Block] = [_fit_table(held)] if held else []
+    blocks: list[Block] = [_fit_table(held, is_alone=rig.is_tank_alone)] if held else []
     parts = bundle.parameters.parts()
     blocks += [parts[f"valves.{s}.discrete"].shown(f"Valve {s.upper()}") for s in fitted]
     decided = {s: law.choice for s, law in fitted.items() if isinstance(law.choice, LawDecision)}
@@ -115,18 +116,21 @@ def _decision_line(side: str, decision: LawDecision) -> str:
     return f"Flow law of valve {side.upper()}: {decision.why}."
 
 
-def _fit_table(fitted: Mapping[str, DiscreteLaw]) -> Table:
+def _fit_table(fitted: Mapping[str, DiscreteLaw], *, is_alone: bool) -> Table:
+    unit, scale = balance_unit("Pa", is_alone=is_alone)
+    found = {
+        side: [read_number(n) for n in (law.rmse_pa, law.noise_pa)] for side, law in fitted.items()
+    }
     rows = [
         (
             f"Valve {side.upper()}",
             str(len(law.tests) if isinstance(law.tests, list) else 0),
-            number(read_number(law.rmse_pa)),
-            number(read_number(law.noise_pa)),
+            *(number(None if n is None else scale * n) for n in found[side]),
             percent(read_number(law.fit_percent), 4),
         )
         for side, law in fitted.items()
     ]
-    columns = ("Valve", "Tests", "RMSE (Pa)", "Sensor noise (Pa)", "Fit")
+    columns = ("Valve", "Tests", f"RMSE ({unit})", f"Sensor noise ({unit})", "Fit")
     return table("Fit of the pressure curves", columns, rows)
 
 
@@ -250,11 +254,12 @@ def _panel(
     description = (
         f"Chamber {side.upper()} between {number(float(time[0]))} and {number(float(time[-1]))} s: "
         f"measured pressure from {number(1e-3 * float(measured.min()))} to "
-        f"{number(1e-3 * float(measured.max()))} kPa; the model is off by {number(rmse)} Pa "
-        f"rms, at most {number(float(np.abs(residual).max()))} Pa."
+        f"{number(1e-3 * float(measured.max()))} kPa; the model is off by "
+        f"{number(1e-3 * rmse)} kPa rms, at most "
+        f"{number(1e-3 * float(np.abs(residual).max()))} kPa."
     ) + "".join(
         f" By the law that was not chosen, {name}, it is off by "
-        f"{number(root_mean_square(measured - other[rows]))} Pa rms."
+        f"{number(1e-3 * root_mean_square(measured - other[rows]))} kPa rms."
         for name, other in curve.rejected.items()
     )
     return Figure(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,15 +16,16 @@ from sysid.blocks.tables import Table, table
 from sysid.blocks.titles import within
 from sysid.diagnosis.lack_of_fit import MISFIT
 from sysid.diagnosis.wording import (
-    error_unit,
     floor_text,
     is_of_actuator,
     joined,
     judged_tests,
+    own_of,
     sentence,
 )
 from sysid.io.channels import VELOCITY_CHANNELS, Channel, channel_of
 from sysid.io.motion import LINEAR, ROTARY
+from sysid.io.own_channels import Own, channel_in, error_unit
 from sysid.parameters import Bundle, ComponentRecord
 from sysid.parameters.base import read_number
 from sysid.parameters.table import in_words
@@ -80,9 +82,13 @@ def verdict(
     bundle: Bundle,
     validation: ValidationResult | None,
     diagnosis: Mapping[str, Any] | None = None,
+    own: Own = MappingProxyType({}),
 ) -> ReportVerdict:
-    """Judged on the held-out logs; without any, on the training logs, which the text states."""
-    judged = replace(_validated(bundle, validation), refined=worsened(bundle))
+    """Judged on the held-out logs; without any, on the training logs, which the text states.
+
+    `own`: the units by name of the columns of a user's own component.
+    """
+    judged = replace(_validated(bundle, validation, own), refined=worsened(bundle))
     if diagnosis is not None and "verdict" in diagnosis:
         said = sentence(diagnosis, _titles(diagnosis))
         judged = replace(judged, diagnosis=said)
@@ -137,9 +143,8 @@ def _part_followed(diagnosis: Mapping[str, Any]) -> str:
     fit = Errors.pooled([Errors.of(m, m - after) for m, after in drawn]).fit_percentage
     if fit is None:
         return ""
-    channel = channel_of(figures["channel"])
-    kept = [errors[k] for k in ("before", "after", "noise_floor")]
-    unit, scale = error_unit(channel, kept)
+    channel = channel_in(figures["channel"], own_of(diagnosis))
+    unit, scale = error_unit(channel, is_alone=True)
     rmse, floor = (scale * errors[key] for key in ("after", "noise_floor"))
     how = {"good": "follows its held-out tests well", "fair": "follows its held-out tests roughly",
            "poor": "does not follow its held-out tests"}[level_of_fit(fit)]  # fmt: skip
@@ -155,7 +160,9 @@ def _part_followed(diagnosis: Mapping[str, Any]) -> str:
     return f"{said} (a correct model: {correct})."
 
 
-def own_verdict(part: ComponentRecord, validation: ValidationResult) -> ReportVerdict:
+def own_verdict(
+    part: ComponentRecord, validation: ValidationResult, own: Own = MappingProxyType({})
+) -> ReportVerdict:
     """On a component of the user's own: by the output that is followed worst."""
     held = validation.select("holdout")
     logs = held or validation.logs
@@ -172,13 +179,13 @@ def own_verdict(part: ComponentRecord, validation: ValidationResult) -> ReportVe
     basis = "the held-out tests" if held else "its training tests (none is held out)"
     more = ", its worst output" if len(fits) > 1 else ""
     said = f"The component {part.name} {how} {basis}, open loop: fit {percent(fits[worst])} in "
-    return ReportVerdict(level, f"{said}{worst}{more}.", None)
+    return ReportVerdict(level, f"{said}{channel_in(worst, own).name}{more}.", None)
 
 
-def _validated(bundle: Bundle, validation: ValidationResult | None) -> ReportVerdict:
+def _validated(bundle: Bundle, validation: ValidationResult | None, own: Own) -> ReportVerdict:
     notes = (*_doubtful(bundle), *_unidentified(bundle))
     if bundle.component is not None and validation is not None:
-        return replace(own_verdict(bundle.component, validation), notes=notes)
+        return replace(own_verdict(bundle.component, validation, own), notes=notes)
     if validation is None:
         parts = [
             n

@@ -112,7 +112,7 @@ def render_report(
         for section in sections
     ]
     tell("assembling the page")
-    judged = _judged(bundle, validation, diagnosis)
+    judged = _judged(campaign, bundle, validation, diagnosis)
     off = position_rmse(validation)
     following = on_its_own(partial(next_line, bundle, diagnosis, advice, moves, off))
     said_next = ("" if isinstance(following, Failure) else following) or unfinished(
@@ -136,10 +136,14 @@ def _says_as_much(following: str, note: str) -> bool:
 
 
 def _judged(
-    bundle: Bundle, validation: ValidationResult | None, diagnosis: Mapping[str, Any] | None
+    campaign: Campaign,
+    bundle: Bundle,
+    validation: ValidationResult | None,
+    diagnosis: Mapping[str, Any] | None,
 ) -> ReportVerdict:
     """The verdict; where it cannot be worked out, one that says why."""
-    judged = on_its_own(lambda: verdict(bundle, validation, diagnosis))
+    own = {} if campaign.own is None else campaign.own.columns
+    judged = on_its_own(partial(verdict, bundle, validation, diagnosis, own))
     if not isinstance(judged, Failure):
         return judged
     return ReportVerdict("none", f"No verdict could be reached: {judged.reason}.", None)
@@ -345,6 +349,14 @@ def _logs(campaign: Campaign, kind: str) -> list[tuple[str | None, Log]]:
 # --- the template ----------------------------------------------------------------------
 
 
+def _what_rig(campaign: Campaign, bundle: Bundle) -> str:
+    """What the rig is; of a component of the user's own how it moves is not known."""
+    rig = campaign.rig
+    if bundle.component is not None:
+        return f"component, {bundle.component.kind}"
+    return "tank" if rig.is_tank_alone else f"{rig.orientation}, {rig.motion}"
+
+
 def _fill(
     campaign: Campaign,
     bundle: Bundle,
@@ -367,7 +379,7 @@ def _fill(
         rig=rig,
         campaign=campaign.path.name,
         given="Campaign" if campaign.path.suffix == ".toml" else "Log",
-        orientation="tank" if rig.is_tank_alone else f"{rig.orientation}, {rig.motion}",
+        orientation=_what_rig(campaign, bundle),
         fitted=_moment(bundle.created),
         model=held_parts(bundle),
         verdict=judged,
