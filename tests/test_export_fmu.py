@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -134,14 +135,35 @@ def one_chamber_rig() -> str:
     return text + "\n[spring]\nstiffness_n_per_m = 300.0\npreload_n = 20.0\n"
 
 
+def delays_of_effect() -> dict[str, Any]:
+    numbers = {"on_delay_s": estimate(5e-4, "s"), "off_delay_s": estimate(8e-4, "s")}
+    return {**numbers, "side": "both"}
+
+
+def fill_and_bleed_rig() -> str:
+    """The same with two valves, one of which fills the chamber and one empties it."""
+    delays = "on_delay_s = 0.0022\noff_delay_s = 0.0035\n"
+    return f'{one_chamber_rig()}[valves]\narrangement = "fill-and-bleed"\n{delays}'
+
+
 @pytest.mark.usefixtures("sources_only")
-@pytest.mark.parametrize("kind", ["base", "effects", "one chamber", "iso6358"])
+@pytest.mark.parametrize(
+    "kind",
+    ["base", "effects", "one chamber", "iso6358", "fill and bleed", "fill and bleed, effects"],
+)
 def test_the_plant_in_c_moves_as_the_simulator(kind: str, rig_text: str, tmp_path: Path) -> None:
     compiler("gcc")  # skips without one
-    is_linear = kind == "one chamber"
-    content = whole_content(one_chamber_rig() if is_linear else upright(rig_text))
+    two_valves = kind.startswith("fill")
+    is_linear = two_valves or kind == "one chamber"
+    linear = fill_and_bleed_rig() if two_valves else one_chamber_rig()
+    content = whole_content(linear if is_linear else upright(rig_text))
     if is_linear:
         del content["valves"]["b"]
+    if kind.endswith(", effects"):
+        content["effects"] = [
+            {"id": "tube-lag", "parameters": {"tube_lag_s": estimate(0.002, "s"), "side": "a"}},
+            {"id": "valve-delay", "parameters": delays_of_effect()},
+        ]
     if kind == "iso6358":
         content["valves"]["a"]["discrete"] = iso_law()
     bundle = as_bundle(with_effects(content) if kind == "effects" else content)
@@ -230,6 +252,31 @@ def test_the_same_bundle_gives_the_same_file(rig_text: str, tmp_path: Path) -> N
 
 
 @pytest.mark.usefixtures("sources_only")
+def test_two_valves_of_one_chamber_have_their_names_and_delays(tmp_path: Path) -> None:
+    """Also where no test shows when they close: every model then has the rig file's delay."""
+    content = whole_content(fill_and_bleed_rig())
+    del content["valves"]["b"]
+    lacking = {"value": None, "identified": False, "reason": "no flow shows", "unit": "s"}
+    content["valves"]["a"]["discrete"]["off_delay_s"] = lacking
+    bundle = as_bundle(content)
+    described = unpacked(exported(bundle, tmp_path), tmp_path).parent / "modelDescription.xml"
+    names = set(re.findall(r' name="([^"]+)"', described.read_text("utf-8")))
+    assert names >= {
+        f"{stem}_a_{v}" for stem in ("valve", "duty", "pwm") for v in ("fill", "bleed")
+    }
+    assert names >= {
+        f"rig.valve_a_{v}_{e}_delay_s" for v in ("fill", "bleed") for e in ("on", "off")
+    }
+    assert not any(name.endswith("_b") or "_b_" in name for name in names)
+    header = tmp_path / "model.h"
+    said = export_bundle(bundle, header, "c")
+    text = header.read_text("utf-8")
+    assert "#define SYSID_HAS_VALVE_A_DELAYS 1" in text
+    assert "sysid_valve_a_off_delay_s = (sysid_real)0.0035;" in text
+    assert any("off_delay_s is the rig file's 0.0035" in line for line in said)
+
+
+@pytest.mark.usefixtures("sources_only")
 def test_what_cannot_be_held_is_refused(
     rig_text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -238,11 +285,6 @@ def test_what_cannot_be_held_is_refused(
         {"id": "time-skew", "parameters": {"time_skew_s": estimate(2e-3, "s"), "side": "a"}}
     ]
     with pytest.raises(InputError, match="effect time-skew: cannot be part of a plant in C"):
-        exported(as_bundle(content), tmp_path)
-    two_valves = one_chamber_rig() + '[valves]\narrangement = "fill-and-bleed"\n'
-    content = whole_content(two_valves + "on_delay_s = 0.002\noff_delay_s = 0.002\n")
-    del content["valves"]["b"]
-    with pytest.raises(InputError, match="fill-and-bleed"):
         exported(as_bundle(content), tmp_path)
     content = whole_content(rig_text)
     content["rig"] |= {"assumed": ["cylinder.area_a_m2"]}

@@ -115,6 +115,11 @@ def flatten(bundle: Bundle, sha256: str) -> Flat:
     valves = {
         side: _valve(known, bundle.valve(side), side, rig, missing, where) for side in rig.sides
     }
+    notices += [
+        line
+        for side, valve in valves.items()
+        if (line := _take_declared_delay(valve.discrete, f"valves.{side}.discrete", rig, missing))
+    ]
     provenance = {
         "bundle_schema": bundle.schema_id,
         "bundle_created": clean_text(bundle.created),
@@ -309,6 +314,20 @@ def _valve(
             missing[name] = _NO_PART
         pwm[direction] = _pwm_map(held, name, rig, missing, where)
     return ExportedValve(discrete, pwm)
+
+
+def _take_declared_delay(
+    discrete: NumberTable, place: str, rig: Rig, missing: dict[str, str]
+) -> str | None:
+    """Of a fill and a bleed valve no flow shows when one closes, so that every model of the rig has
+    the file's delay: so does the export, and says so."""
+    if not rig.bleeds or rig.valves is None or discrete["off_delay_s"].value is not None:
+        return None
+    if missing.pop(f"{place}.off_delay_s", None) is None:
+        return None
+    declared = rig.valves.off_delay_s
+    discrete["off_delay_s"] = ExportedNumber(declared, "s")
+    return f"{place}.off_delay_s is the rig file's {declared:.6g} s: no flow shows it"
 
 
 def _law_names(law: DiscreteLaw | None) -> dict[str, tuple[str, str]]:

@@ -33,7 +33,6 @@ _NAMES = {
     "supply_reference": "supply_of_choked_flow_pa",
     "gravity_moment": "gravity_moment_nm",
     "weight": "weight_n",
-    **{f"{edge}_delay_{s}": f"valve_{s}_{edge}_delay_s" for s in SIDES for edge in ("on", "off")},
 }
 _MEANING = {
     "supply_of_choked_flow_pa": "the supply at which choked filling holds, which is proportional "
@@ -79,12 +78,6 @@ def _require_held(bundle: Bundle, effects: Sequence[CatalogueEffect], model: Mod
             f"{bundle.source}: holds no on/off law of {bundle.rig.all_valves}, which a plant that "
             "follows pulses needs; fit valve-discrete tests of each valve into it"
         )
-    if bundle.rig.bleeds:
-        raise input_error(
-            bundle.source,
-            "a plant in C has one command a chamber, and this rig's fill-and-bleed valves two",
-            "simulate in Python",
-        )
     unknown = [
         name
         for name in parameter_names(model.parameters)
@@ -109,22 +102,20 @@ def _inputs(rig: Rig, traced: TracedPlant) -> Iterator[FmuVariable]:
     yield FmuVariable(
         rig.effort_channel, "motor", f"commanded {rig.units.word} of the motor", "input", unit, 0.0
     )
-    for k, side in enumerate(_sides(rig)):
-        upper = side.upper()
+    for k, (name, title) in enumerate(_valves(rig)):
         yield FmuVariable(
-            f"valve_{side}",
+            f"valve_{name}",
             f"valve[{k}]",
-            f"valve {upper} on, where pwm_{side} is false",
+            f"{title} on, where pwm_{name} is false",
             "input",
             start=0.0,
             kind="b",
         )
         if rig.pwm is not None:
             yield FmuVariable(
-                f"duty_{side}",
+                f"duty_{name}",
                 f"duty[{k}]",
-                f"duty of valve {upper}, taken at the start of each PWM period, where pwm_{side} "
-                "is true",
+                f"duty of {title}, taken at the start of each PWM period, where pwm_{name} is true",
                 "input",
                 start=0.0,
                 bounds=(0.0, 1.0),
@@ -158,8 +149,9 @@ def _outputs(rig: Rig) -> Iterator[FmuVariable]:
     for k, side in enumerate(_sides(rig)):
         upper = side.upper()
         yield output(f"flow_{side}_kg_s", f"flow[{k}]", f"flow into chamber {upper}", "kg/s")
+    for k, (own, title) in enumerate(_valves(rig)):
         yield FmuVariable(
-            f"open_{side}", f"is_open[{k}]", f"valve {upper} is really open", "output", kind="b"
+            f"open_{own}", f"is_open[{k}]", f"{title} is really open", "output", kind="b"
         )
     efforts = {
         "motor": "of the motor",
@@ -185,15 +177,12 @@ def _start(rig: Rig, model: Model) -> Iterator[FmuVariable]:
     for k, ((name, unit), value) in enumerate(zip(names, values, strict=True)):
         said = "at the start, as its sensor shows it"
         yield FmuVariable(f"start.{name}", f"start[{k}]", said, "fixed", unit, value)
-    for k, side in enumerate(_sides(rig)):
-        upper = side.upper()
+    for k, (own, title) in enumerate(_valves(rig)):
         if rig.pwm is not None:
-            said = f"valve {upper} follows its duty; false: it is switched on and off"
-            yield FmuVariable(f"pwm_{side}", f"is_pwm[{k}]", said, "fixed", start=1.0, kind="b")
-        said = f"valve {upper} was on before the start"
-        yield FmuVariable(
-            f"start.open_{side}", f"was_open[{k}]", said, "fixed", start=0.0, kind="b"
-        )
+            said = f"{title} follows its duty; false: it is switched on and off"
+            yield FmuVariable(f"pwm_{own}", f"is_pwm[{k}]", said, "fixed", start=1.0, kind="b")
+        said = f"{title} was on before the start"
+        yield FmuVariable(f"start.open_{own}", f"was_open[{k}]", said, "fixed", start=0.0, kind="b")
 
 
 # --- parameters ------------------------------------------------------------------------
@@ -207,9 +196,13 @@ def _parameters(
     rows = {
         row.field: row
         for row in bundle.parameters.fitted().rows
-        if row.origin in ("friction", "valve") and row.name != "offset"
+        if row.origin in ("friction", "valve")
+        and row.name != "offset"
+        # The bundle has one delay for both valves of a chamber.
+        and not (rig.bleeds and row.field in _delays(rig))
     }
     absent = {f.name for f in dataclasses.fields(Parameters) if f.name[-2:] in _ends(rig)}
+    absent -= set(_delays(rig))
     of_effects = {name: (path, row) for name, path, row in _effect_rows(bundle, effects)}
     for one in traced.numbers:
         if one.name == _UNUSED[rig.is_linear] or one.name in absent:
@@ -241,9 +234,22 @@ def _sides(rig: Rig) -> tuple[str, ...]:
     return () if rig.is_motor_alone else rig.sides
 
 
+def _valves(rig: Rig) -> Iterator[tuple[str, str]]:
+    """What its valves' commands are named after, and what they are in words."""
+    for name in () if rig.is_motor_alone else rig.valve_names:
+        side, _, what = name.partition("_")
+        yield name, f"{what} valve of chamber {side.upper()}" if what else f"valve {side.upper()}"
+
+
 def _ends(rig: Rig) -> set[str]:
     """How the names of the parameters of chambers end that the rig lacks."""
     return {f"_{side}" for side in SIDES if side not in _sides(rig)}
+
+
+def _delays(rig: Rig) -> dict[str, str]:
+    """The model's delays of its valves, and what they are called here."""
+    names = zip(SIDES, (name for name, _ in _valves(rig)), strict=False)
+    return {f"{e}_delay_{s}": f"valve_{n}_{e}_delay_s" for s, n in names for e in ("on", "off")}
 
 
 def _effect_rows(
@@ -285,7 +291,7 @@ def _rig_name(name: str, rig: Rig) -> str:
         "static_effort": f"static_{u.suffix}",
         "coulomb_effort": f"coulomb_{u.suffix}",
     }
-    return own.get(name) or _NAMES.get(name) or SAME_NAMES.get(name, name)
+    return own.get(name) or _delays(rig).get(name) or _NAMES.get(name) or SAME_NAMES.get(name, name)
 
 
 def _unit_of(name: str) -> str:

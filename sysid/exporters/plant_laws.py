@@ -96,7 +96,10 @@ class _Tracer:
     def __init__(self, model: Model, effects: Sequence[CatalogueEffect], rig: Rig) -> None:
         self._rig, self._effects = rig, effects
         self._names = parameter_names(model.parameters)
-        self._parameters = Parameters(**{k: symbol(f"q->{k}") for k in self._names})
+        # Two valves a chamber are other equations, no number.
+        bleeds = model.parameters.bleeds
+        own = {k: symbol(f"q->{k}") for k in self._names}
+        self._parameters = Parameters(**own, bleeds=bleeds)
         self._numbers = [
             PlantNumber(k, _finite(float(getattr(model.parameters, k)))) for k in self._names
         ]
