@@ -186,7 +186,7 @@ def _fit_valve(
             f"identified; a valve-discrete test of it ({rig.valve_steps}) would"
         )
     screened = screened_tests(used, valve, rig)
-    notices += [n for s in screened for n in s.notices]
+    notices += dict.fromkeys(n for s in screened for n in s.notices)
     away = away_from_ends(used, rig)
     notices += [f"{title}: {away}"] if away else []
     pieces = [p for s in screened for p in s.pieces]

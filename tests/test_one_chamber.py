@@ -699,6 +699,32 @@ def test_an_emptying_that_no_command_shows_is_said(
     assert re.search("while both valves are off: is valve_a_bleed, which stays 0, the command", why)
 
 
+@pytest.mark.parametrize("supply", ["pressure", "vacuum"])
+def test_a_log_without_the_bleed_valves_command_shows_how_the_chamber_fills(
+    supply: str,
+    shut: tuple[GeneratedCampaign, Path],
+    shut_vacuum: tuple[GeneratedCampaign, Path],
+    tmp_path: Path,
+) -> None:
+    """As with it; of the exhaust it is said which column would show it."""
+    made, place = shut if supply == "pressure" else shut_vacuum
+    whole = bench_frame(made)
+    logs = [read_back(frame, place, tmp_path) for frame in (whole, whole.drop(columns=BLEED))]
+    rig = logs[0].rig
+    assert rig is not None
+    own, lacking = (fit_valve_discrete(log.trials, rig, find_ratio=False) for log in logs)
+    one, other = own["a"].estimates, lacking["a"].estimates
+    for name in (name for name in FLOWS if one[name].identified):
+        if name.startswith("choked_flow_dis") or name == "c_dis":
+            assert not other[name].identified
+            assert f"column {BLEED} is missing" in str(other[name].reason)
+        else:
+            assert other[name].holds(one[name].value)
+            assert other[name].std < 3.0 * one[name].std
+    said = [line for line in lacking.notices if f"are fitted in which {FILL} is on" in line]
+    assert len(said) == 1 and f"bench.csv: column {BLEED}" in said[0]
+
+
 @pytest.mark.parametrize(
     ("fills", "bleeds", "filled"),
     [

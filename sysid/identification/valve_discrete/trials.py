@@ -133,8 +133,9 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
             "hold it at an end"
         )
         return Screened((), (f"{trial.source}: excluded: {moved}",), _all_reasons(moved))
-    if rig.bleeds:
-        trial.require([f"valve_{valve}_bleed"], "which shows when the chamber empties")
+    bleed = f"valve_{valve}_bleed"
+    if rig.bleeds and bleed in trial.unusable:
+        trial.require([bleed], "which shows when the chamber empties")
     mistaken = mistaken_commands(trial.channels, valve, rig)
     if mistaken is not None:
         # Columns exchanged or a supply of the other kind: a pressure beyond both ends says which.
@@ -181,7 +182,10 @@ def _whole(
     two = f"valve_{valve}_fill" in trial
     fills = trial[f"valve_{valve}_fill" if two else f"valve_{valve}"]
     opens, closes = switched_intervals(time, fills)
-    bleeds = switched_intervals(time, trial[f"valve_{valve}_bleed"]) if two else None
+    bleed = f"valve_{valve}_bleed"
+    never = np.zeros(0), np.zeros(0)
+    shown = switched_intervals(time, trial[bleed]) if bleed in trial else never
+    bleeds = shown if two else None
     logged = "supply_pressure_pa" in trial
     supply_from, supply = time[:1], np.array([air.supply_pressure_pa])
     if logged:
@@ -245,8 +249,9 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
         notices += [f"{trial.source}: pressure_{valve}_pa {line}" for line in lines]
     for cut in _of_two_valves(trial, whole, valve):
         bad |= cut.rows
-        line = f"{trial.source}: {cut.why}"
-        notices.append(f"{line}; those rows are excluded")
+        place = cut.place or trial.source
+        line = f"{place}: {cut.why}"
+        notices.append(f"{line}; {cut.used}")
         # By the thesis' law a vacuum's flow has no choked part, which no test shows.
         reasons += [(n, line) for n in cut.names if whole.way > 0.0 or not n.startswith("choked")]
     if len(whole.chamber.opens) and whole.chamber.opens[0] <= time[0] and trial.has_its_start:
@@ -283,11 +288,16 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
 
 @dataclass(frozen=True)
 class _Cut:
-    """Rows (n,) of a test that no law of a valve alone follows, why, and of which numbers."""
+    """Rows (n,) of a test that no law of a valve alone follows, why, and of which numbers.
+
+    `place` where that is said (by default the test), with what is `used`.
+    """
 
     rows: BoolArray
     why: str
     names: tuple[str, ...]
+    place: str = ""
+    used: str = "those rows are excluded"
 
 
 def _of_two_valves(trial: Trial, whole: Piece, valve: str) -> Iterator[_Cut]:
@@ -296,6 +306,9 @@ def _of_two_valves(trial: Trial, whole: Piece, valve: str) -> Iterator[_Cut]:
         return
     names = f"valve_{valve}_fill", f"valve_{valve}_bleed"
     of_filling, of_emptying = FILLING, DISCHARGING[:2]
+    if names[1] not in trial:
+        yield _without_bleed(trial, names, of_emptying)
+        return
     fills, empties = (trial[name] > 0.5 for name in names)
     both = fills & empties
     if both.any():
@@ -305,6 +318,20 @@ def _of_two_valves(trial: Trial, whole: Piece, valve: str) -> Iterator[_Cut]:
     held = Pressures.held(whole.pressure, whole.noise)
     for one in moved_while_shut(held, names, commands, whole.way):
         yield _Cut(one.rows, one.line, of_filling if one.fills else of_emptying)
+
+
+def _without_bleed(trial: Trial, names: tuple[str, str], of_emptying: tuple[str, ...]) -> _Cut:
+    """What is not known without the command that empties the chamber: all rows but those in which
+    the other valve fills it, and the one before, from which it fills."""
+    fills = trial[names[0]] > 0.5
+    from_there = fills.copy()
+    from_there[:-1] |= fills[1:]
+    why = (
+        f"column {names[1]} is missing, which shows when the chamber empties; add it, or map it "
+        f'with --map "{names[1]}=COLUMN"'
+    )
+    used = f"of its tests the rows are fitted in which {names[0]} is on"
+    return _Cut(~from_there, why, of_emptying, trial.source.partition(", test ")[0], used)
 
 
 def _risen(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float:
