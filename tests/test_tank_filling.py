@@ -5,20 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sysid.errors import NotIdentifiedError
+from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
 from sysid.pipeline.fit_part import bench_fit, fit_valve_discrete
 
-P0, T, R, K = 101325.0, 293.15, 287.0, 1.4
+P0, T = 101325.0, 293.15
+AIR, HELIUM = (287.0, 1.4), (2077.0, 1.667)
 
 
-def drawn(seed: int, is_vacuum: bool) -> tuple[Trial, Rig, dict[str, float]]:
+def drawn(
+    seed: int, is_vacuum: bool, gas: tuple[float, float] = AIR
+) -> tuple[Trial, Rig, dict[str, float]]:
     """A tank of 10 ml to 100 l that takes 0.2 to 60 s, and often is not full at the end."""
     rng = np.random.default_rng([seed, is_vacuum])
     volume, lasts = 10 ** rng.uniform(-5.0, -1.0), 10 ** rng.uniform(-0.7, 1.8)
     supply = rng.uniform(5e3, 4e4) if is_vacuum else rng.uniform(3e5, 9e5)
-    gain, way = K * R * T / volume, -1.0 if is_vacuum else 1.0
+    gain, way = gas[0] * gas[1] * T / volume, -1.0 if is_vacuum else 1.0
     # sqrt(|Ps - P|) falls evenly: by all of it in `lasts`, which the choked part precedes.
     begin = P0 if is_vacuum else 0.53 * supply
     c_fill = 2.0 * np.sqrt(way * (supply - begin)) / (gain * lasts)
@@ -36,8 +39,8 @@ def drawn(seed: int, is_vacuum: bool) -> tuple[Trial, Rig, dict[str, float]]:
     channels = {"pressure_a_pa": pressure, "valve_a": on}
     trial = Trial("1", step * np.arange(len(pressure)), channels, "tank.csv")
     air = {
-        "gas_constant_j_per_kg_k": R,
-        "heat_capacity_ratio": K,
+        "gas_constant_j_per_kg_k": gas[0],
+        "heat_capacity_ratio": gas[1],
         "temperature_k": T,
         "atmospheric_pressure_pa": P0,
         "supply_pressure_pa": supply,
@@ -60,6 +63,34 @@ def test_a_tank_has_the_law_of_the_valve_that_fills_it(seed: int, is_vacuum: boo
     assert not found["c_dis"].identified and "not switched off" in str(found["c_dis"].reason)
     (line,) = [line for line in fit.notices if "1.4 times as large" in line]
     assert "takes no heat from the wall" in line
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_tank_of_another_gas(seed: int) -> None:
+    """The laws have the gas that the rig file declares."""
+    trial, rig, truth = drawn(seed, False, HELIUM)
+    fit = fit_valve_discrete([trial], rig, find_ratio=False)
+    found = fit.part().valves.side("a").discrete.estimates()  # type: ignore[union-attr]
+    for name, true in truth.items():
+        assert found[name].value == pytest.approx(true, rel=5e-3), name
+    assert any("1.67 times as large" in line for line in fit.notices)
+
+
+def test_a_data_sheet_of_air_is_not_taken_for_another_gas() -> None:
+    """ISO 6358's conductance of it would be wrong by the root of the gas constants."""
+    sheet = {
+        "law": "iso6358",
+        "sonic_conductance_m3_per_s_pa": {"fill": 1.5e-8, "exhaust": 1.4e-8},
+        "critical_ratio": {"fill": 0.3, "exhaust": 0.3},
+    }
+    for gas, is_air in ((AIR, True), ((296.8, 1.4), True), (HELIUM, False), ((188.9, 1.3), False)):
+        _, rig, _ = drawn(4, False, gas)
+        content = {**rig.content, "valve_a": sheet}
+        if is_air:
+            assert rig_from_content(content, "rig.toml").data_sheet("a") is not None
+            continue
+        with pytest.raises(InputError, match=r"^rig\.toml: \[valve_a\] is a data sheet .* of air"):
+            rig_from_content(content, "rig.toml")
 
 
 def test_a_tanks_discharge_names_the_fit_of_its_filling() -> None:

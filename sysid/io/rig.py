@@ -53,6 +53,8 @@ elasticity. Flows out of the volume have the same relative error."""
 _NO_FILE = "the assumed rig"
 # Share of the atmosphere's pressure: less drives nothing, and is the weather's.
 _LEAST_VACUUM = 0.05
+# J/(kg K): air that is dry, and saturated with water at 40 degC; nitrogen, too.
+_AIR = (286.0, 297.0)
 # Letters in a line of a rig's constants, as it shows itself.
 _LINE = 84
 _TESTS_BY_MOTOR = {
@@ -616,6 +618,7 @@ def _check_together(rig: Rig) -> None:
             f"atmospheric_pressure_pa = {air.atmospheric_pressure_pa:g}",
             "give both as absolute pressures (add the atmosphere to a gauge reading)",
         )
+    _check_data_sheets(rig)
     carries = rig.inertia is not None and rig.inertia.payload_mass_kg > 0.0
     if carries and not rig.is_linear and "payload_length_m" not in rig.content["inertia"]:
         raise input_error(
@@ -650,6 +653,19 @@ def _check_together(rig: Rig) -> None:
                 f"give an offset above {cylinder.stroke_m / 2:g} m: half the stroke and the "
                 "dead length",
             )
+
+
+def _check_data_sheets(rig: Rig) -> None:
+    """ISO 6358's conductance is of air: of another gas a valve passes another volume."""
+    if rig.air is None or _AIR[0] <= rig.air.gas_constant_j_per_kg_k <= _AIR[1]:
+        return
+    for side in filter(rig.data_sheet, SIDES):
+        raise input_error(
+            rig.source,
+            f"[valve_{side}] is a data sheet by ISO 6358, of air, but [air] gas_constant_j_per_kg_k"
+            f" = {rig.air.gas_constant_j_per_kg_k:g} is another gas's",
+            f"remove [valve_{side}], and record valve-discrete tests with that gas",
+        )
 
 
 def _is_atmosphere(air: Air) -> bool:
