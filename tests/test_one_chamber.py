@@ -279,7 +279,9 @@ def test_a_piston_that_nothing_returns_is_said(
         assert not read_log(path, rig).contradictions
         own = {name: table for name, table in rig.content.items() if name != "spring"}
         (line,) = read_log(path, rig_from_content(own, "rig.toml")).contradictions
-        assert re.search(r"^\S*motion_discrete.csv: the piston returns by .* rig.toml has no", line)
+        # Of the rig file, whichever log shows it: once is enough.
+        assert line.startswith("rig.toml: the piston returns against pressure_")
+        assert "motion_discrete" not in line
         assert f"add one, with {rig.units.stiffness} and {rig.units.preload}" in line
         held = read_log(place / "valve_discrete_a.csv", rig_from_content(own, "rig.toml"))
         assert not held.contradictions

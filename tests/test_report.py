@@ -977,7 +977,7 @@ def test_friction_band_is_that_of_the_numbers_errors(made: Made) -> None:
         (12.345, 3, "12.3"),
         (-0.25, 2, "−0.25"),
         (0.00012345, 3, "1.23 × 10⁻⁴"),
-        (9.996e-4, 3, "1.00 × 10⁻³"),
+        (9.996e-4, 3, "0.00100"),
         (123456.0, 3, "123456"),
         (1.5e7, 2, "1.5 × 10⁷"),
         (None, 3, "—"),
@@ -992,11 +992,11 @@ def test_numbers(value: float | None, digits: int, text: str) -> None:
 @pytest.mark.parametrize(
     ("low", "high", "text"),
     [
-        (3.22e-3, 6.02e-3, "(3.22 to 6.02) × 10⁻³"),
-        (0.0, 3e-3, "(0 to 3.00) × 10⁻³"),
+        (3.22e-4, 6.02e-4, "(3.22 to 6.02) × 10⁻⁴"),
+        (0.0, 3e-4, "(0 to 3.00) × 10⁻⁴"),
         (-0.295, 5.29e-5, "−0.295 to 0.00005"),
         (-107.0, 15.1, "−107 to 15.1"),
-        (None, 3e-3, "— to 3.00 × 10⁻³"),
+        (None, 3e-4, "— to 3.00 × 10⁻⁴"),
     ],
 )
 def test_a_range_has_one_power_of_ten(low: float | None, high: float, text: str) -> None:
@@ -1022,6 +1022,17 @@ def test_estimates_show_two_digits_of_their_error() -> None:
     assert numbers.estimate_cells(delay) == ("1.510", "0.021", "−∞ to 1.550", "ms")
     missing = Estimate.unidentified("Nm", "no test")
     assert numbers.estimate_cells(missing)[::2] == ("not identified", "no test")
+
+
+@pytest.mark.parametrize("std", [0.0044, 0.0011])
+def test_a_value_has_one_form_with_its_error_and_without(std: float) -> None:
+    """However large its error is: thousandths are written out, less has a power of ten."""
+    for value, plain in ((-0.0029, "−0.0029"), (0.00029, None)):
+        found = numbers.estimate_cells(
+            Estimate(value, std if plain else 0.1 * std, "Nm", (-1.0, 1.0))
+        )
+        assert found[0] == plain or (plain is None and "× 10⁻⁴" in found[0])
+        assert numbers.number(value, 2) == (plain or "2.9 × 10⁻⁴")
 
 
 def test_packed_samples_come_back_within_half_a_step() -> None:
@@ -1320,7 +1331,7 @@ def test_a_regressor_has_its_unit_by_either_name() -> None:
 
 def test_an_error_far_below_is_a_bound() -> None:
     figure = waterfall(channel_of("position_m"), [8e-3, 6e-3], ["+ one"], 9e-10)
-    assert "correct model is less than 6 × 10⁻³ mm" in figure.description
+    assert "correct model is less than 0.006 mm" in figure.description
 
 
 def test_a_section_starts_an_a4_page(part_reports: dict[str, Path], browser: Any) -> None:

@@ -11,6 +11,8 @@ import sysid as si
 from sysid.blocks.html import block_html
 from sysid.blocks.numbers import unit as shown
 from sysid.blocks.titles import words_of
+from sysid.diagnosis.tables import parameters_table
+from sysid.estimation.linear import Estimate
 from sysid.io import own_channels
 from sysid.io.own_channels import channel_in, error_unit
 from sysid.parameters import Bundle
@@ -131,3 +133,25 @@ def test_channels_of_a_users_own_are_shown_as_those_of_logs() -> None:
     assert (both.name, both.residual_unit) == ("current and angle", "of the spread")
     assert own_channels.in_words("rate of angle_rad", own) == "rate of angle"
     assert channel_in("angle_rad", {}).title == "angle_rad"
+
+
+def test_what_a_number_stands_for_is_said_in_words() -> None:
+    """Pages name the form that was chosen, and no caption is a key to numbers."""
+    for effect in catalogue().values():
+        for quantity in (*effect.quantities, *linear_form(effect).quantities):
+            assert not re.search(r"\b[01]: ", quantity.title), quantity.name
+            if quantity.is_choice and set(quantity.grid) <= {0.0, 1.0}:
+                assert all(quantity.form(value) for value in quantity.grid), quantity.name
+            assert not quantity.forms or quantity.caption
+    seal = catalogue()["seal-friction"]
+    estimates = {q.label: Estimate(0.0, 0.1, q.unit, (0.0, 0.2)).to_json() for q in seal.quantities}
+    content = {
+        "effects": [{"id": seal.id, "parameters": estimates}],
+        "figures": {
+            "titles": {seal.id: seal.title},
+            "meanings": {seal.id: {q.label: q.title for q in seal.quantities}},
+            "forms": {seal.id: seal.forms()},
+        },
+    }
+    shown = block_html(parameters_table(content))
+    assert "the sum of the gauge pressures alone" in shown and "their difference alone" not in shown

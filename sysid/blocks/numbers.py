@@ -23,9 +23,7 @@ _POWER = re.compile(r"(?<=[A-Za-z])\^?([23])\b")
 _SHORT = 0.1
 _THOUSANDTHS = {"s": "ms", "kg/s": "g/s"}
 # Powers of ten that are written out.
-_PLAIN = range(-2, 6)
-# The error's power of ten down to which a value that is smaller than it is written out.
-_LEAST_PLAIN = -4
+_PLAIN = range(-3, 6)
 # Powers of ten from which a terminal writes them; the most digits that make ends differ.
 _LEAST_POWER, _MOST_DIGITS = 6, 9
 # Values in SI from here on are written without decimals.
@@ -126,8 +124,7 @@ def estimate_cells(estimate: Estimate) -> tuple[str, str, str, str]:
         std, low, high = (None if x is None else 1e3 * x for x in (std, low, high))
     places = _decimals(value, std)
     exponent = _exponent(max(abs(value), std or 0.0) or 1.0, 4)
-    # A value close to 0 against its error is as long as the error alone.
-    is_plain = exponent in _PLAIN or (abs(value) < (std or 0.0) and exponent >= _LEAST_PLAIN)
+    is_plain = exponent in _PLAIN
     power = "" if is_plain else _power(exponent)
     scale = 1.0 if is_plain else 10.0**exponent
     decimals = places if is_plain else max(places + exponent, 0)
@@ -177,7 +174,7 @@ def _form(estimate: Estimate) -> Callable[[float], str]:
     size = max(abs(value), std if math.isfinite(std) else 0.0) or 1.0
     exponent = _exponent(size, 4)
     places = _decimals(value, std if math.isfinite(std) else None)
-    is_plain = _LEAST_PLAIN < exponent < _LEAST_POWER
+    is_plain = exponent in range(_PLAIN.start, _LEAST_POWER)
     while True:
         decimals = max(places if is_plain else places + exponent, 0)
         scale, power = (1.0, "") if is_plain else (10.0**exponent, f"e{exponent:+03d}")

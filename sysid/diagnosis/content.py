@@ -45,9 +45,9 @@ def names(diagnosis: Diagnosis) -> dict[str, Any]:
     """What its tables need: `looks`, what each round tried (`ComponentEvidence.rounds_shown`).
 
     `titles` and `meanings` name effects, those that were tried among them, and the parameters of
-    those found; `laws` says in a sentence what each found one and each rival does, `telling` which
-    test distinguishes it from others; `own` are the units of a user's own columns. `missing` says
-    what could not be computed, and why.
+    those found, `forms` says what some values of these stand for; `laws` says in a sentence what
+    each found one and each rival does, `telling` which test distinguishes it from others; `own` are
+    the units of a user's own columns. `missing` says what could not be computed, and why.
     """
     missing: list[str] = []
     looks = on_its_own(diagnosis.evidence.rounds_shown)
@@ -66,9 +66,10 @@ def names(diagnosis: Diagnosis) -> dict[str, Any]:
         "laws": {id: catalogue_entry(known[id])["law"] for id in sorted(named) if id in known},
         "telling": {id: known[id].tie_breaker for id in sorted(named) if id in known},
         "meanings": {
-            found.id: {q.label: q.meaning for q in type(found.effect).quantities}
+            found.id: {q.label: q.title for q in type(found.effect).quantities}
             for found in diagnosis.effects
         },
+        "forms": {found.id: type(found.effect).forms() for found in diagnosis.effects},
         "missing": missing,
     }
 

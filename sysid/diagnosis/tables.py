@@ -103,6 +103,7 @@ def parameters_table(content: Content) -> Table:
     rows: list[tuple[str, ...]] = []
     for effect in content["effects"]:
         meanings = content["figures"]["meanings"].get(effect["id"], {})
+        forms = content["figures"].get("forms", {}).get(effect["id"], {})
         for name, estimate in parameter_rows(effect):
             cells = (
                 (estimate, MISSING, MISSING, "")
@@ -110,6 +111,8 @@ def parameters_table(content: Content) -> Table:
                 else estimate_row(estimate)
             )
             meaning = meanings.get(name, "")
+            if not isinstance(estimate, str):
+                cells = (_said(cells[0], forms.get(name, ()), estimate.value), *cells[1:])
             shown = NotedCell(capital(meaning), name) if meaning else name
             if name == "side":  # a chamber or its valve, as everywhere by its capital letter
                 shown = NotedCell("Side", name)
@@ -117,6 +120,13 @@ def parameters_table(content: Content) -> Table:
             rows.append((named(content, effect["id"]), shown, *cells))
     columns = ("Effect", "Parameter", "Value", "Standard error", "95 % interval", "Unit")
     return table(f"Their parameters; standard errors {how}", columns, rows, text=(1, 5))
+
+
+def _said(cell: str, forms: Sequence[tuple[float, str]], value: float) -> str:
+    """A value's cell, with what it stands for in words where it stands for a form."""
+    said = dict(forms).get(value, "")
+    plain = cell.plain if isinstance(cell, NotedCell) else cell
+    return NotedCell(cell, said, plain=plain) if said else cell
 
 
 def refitted_table(content: Content, is_linear: bool = False) -> Table:

@@ -527,7 +527,7 @@ def _returned_by_nothing(
     if rig.effort_channel in whole or any(name not in whole for name in names):
         return None
     tests = ((whole[names[0]][rows], whole[names[1]][rows]) for _, rows in groups)
-    return plausibility.check_return(reading.where, tests, rig)
+    return plausibility.check_return(tests, rig)
 
 
 def _unlike_the_atmosphere(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> str | None:

@@ -421,12 +421,10 @@ def _compressed(
     return smaller
 
 
-def check_return(
-    where: str, tests: Iterable[tuple[FloatArray, FloatArray]], rig: Rig
-) -> str | None:
+def check_return(tests: Iterable[tuple[FloatArray, FloatArray]], rig: Rig) -> str | None:
     """Tests of a rig with one chamber, each its position (n,) rad or m and its pressure (n,) Pa: a
     line where the piston moves against the pressure though the rig file has nothing that moves it
-    so, else None."""
+    so, else None. It is of the rig file, the same for every log."""
     alone = len(rig.sides) == 1 and rig.spring is None and rig.motor is None
     if not alone or rig.air is None or rig.travel is None or rig.orientation == "vertical":
         return None
@@ -439,9 +437,8 @@ def check_return(
         if behind[last] > _RETURNED * rig.travel and float(np.mean(pushes)) > 0.0:
             u = rig.units
             return (
-                f"{where}: the piston returns by {behind[last]:.3g} {u.position} against "
-                f"pressure_{rig.sides[0]}_pa, and {rig.source} has no [spring] that returns it: "
-                f"add one, with {u.stiffness} and {u.preload}"
+                f"{rig.source}: the piston returns against pressure_{rig.sides[0]}_pa, and no "
+                f"[spring] is declared that returns it; add one, with {u.stiffness} and {u.preload}"
             )
     return None
 

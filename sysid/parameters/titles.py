@@ -100,7 +100,7 @@ def _effects() -> dict[str, tuple[str, dict[str, str]]]:
     found = {}
     for id, effect in catalogue().items():
         quantities = (*linear_form(effect).quantities, *effect.quantities)
-        found[id] = (effect.title, {q.label: q.meaning for q in quantities})
+        found[id] = (effect.title, {q.label: q.title for q in quantities})
     return found
 
 

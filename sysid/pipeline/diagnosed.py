@@ -101,7 +101,8 @@ class ReadDiagnosis(Shown):
         return {
             "looks": [],
             "titles": {id: known[id].title for id in (*mine, *rivals)},
-            "meanings": {id: {q.label: q.meaning for q in e.quantities} for id, e in mine.items()},
+            "meanings": {id: {q.label: q.title for q in e.quantities} for id, e in mine.items()},
+            "forms": {id: e.forms() for id, e in mine.items()},
         }
 
 

@@ -157,14 +157,14 @@ class EffectsScreen(Screen):
             value = getattr(effect, quantity.name)
             low, high = _reach(quantity)
             if quantity.is_choice:
-                options = [(repr(v), f"{v:g}") for v in quantity.grid]
+                options = [(repr(v), quantity.form(v) or f"{v:g}") for v in quantity.grid]
                 control = parts.select(f"fx-set:{place}", options, repr(value), quantity.label)
             else:
                 step = (high - low) / _STEPS
                 control = parts.slider(f"fx-set:{place}", low, high, step, value, quantity.label)
             kind = "strength" if quantity.is_strength else "shape"
             lines.append([f"<b>{parts.words(quantity.label)}</b><small>{kind}: "
-                          f"{parts.words(quantity.meaning)}</small>", control])  # fmt: skip
+                          f"{parts.words(quantity.title)}</small>", control])  # fmt: skip
         if type(effect).has_side():
             sides = [("a", "A"), ("b", "B"), ("both", "both")]
             lines.append(["<b>side</b>", parts.select("fx-side", sides, effect.side, "Side")])

@@ -56,6 +56,8 @@ class Quantity:
     `radius_power`: the power of a pitch radius that brings it from angle and torque to path and
     force, where its unit does not say (a speed per torque, named a speed).
     `least`: what no value is below on the rig at hand, whatever its size.
+    `forms`: what some of its values stand for, in words, and `caption` what these are forms of:
+    pages say so in place of the `meaning`, which files and terminals have.
     """
 
     name: str
@@ -73,6 +75,17 @@ class Quantity:
     is_choice: bool = False
     radius_power: float | None = None
     least: float = -math.inf
+    forms: tuple[tuple[float, str], ...] = ()
+    caption: str = ""
+
+    @property
+    def title(self) -> str:
+        """Its meaning as pages have it."""
+        return self.caption or self.meaning
+
+    def form(self, value: float) -> str:
+        """What a value stands for, in words; empty where it stands for itself."""
+        return dict(self.forms).get(value, "")
 
     @property
     def is_threshold(self) -> bool:
@@ -206,6 +219,11 @@ class CatalogueEffect(Effect):
     def shapes(cls) -> tuple[Quantity, ...]:
         """The quantities that determine the form of the effect."""
         return tuple(q for q in cls.quantities if not q.is_strength)
+
+    @classmethod
+    def forms(cls) -> dict[str, tuple[tuple[float, str], ...]]:
+        """What values of its quantities stand for in words, by the name in files."""
+        return {q.label: q.forms for q in cls.quantities if q.forms}
 
     @classmethod
     def fitted(cls) -> tuple[Quantity, ...]:

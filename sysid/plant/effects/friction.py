@@ -125,6 +125,8 @@ class PositionDependentFriction(CatalogueEffect):
             0.95,
             "0: a sine; towards 1: crests are peaks, towards -1: troughs are dips",
             is_strength=False,
+            caption="how sharp its crests are, below 0 its troughs",
+            forms=((0.0, "a sine"),),
             # A sine shows where a peak is; a fit bends it then.
             grid=(0.0,),
             absent=0.0,
@@ -177,6 +179,8 @@ class SealFriction(CatalogueEffect):
             1.0,
             "0: the sum of the gauge pressures, 1: their difference",
             is_strength=False,
+            caption="share of the pressures' difference in what presses on the seals",
+            forms=((0.0, "the sum of the gauge pressures alone"), (1.0, "their difference alone")),
             grid=(0.0, 0.5, 1.0),
         ),
     )
@@ -218,6 +222,8 @@ class LoadDependentFriction(CatalogueEffect):
             1.0,
             "0: of the motor's effort, 1: of the motor's and the cylinder's together",
             is_strength=False,
+            caption="effort with which it grows",
+            forms=((0.0, "the motor's"), (1.0, "the motor's and the cylinder's together")),
             grid=(0.0, 1.0),
             is_choice=True,
         ),

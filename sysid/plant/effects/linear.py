@@ -78,6 +78,8 @@ def _linear(quantity: Quantity) -> Quantity:
         upper=_scaled(quantity.upper, scale),
         grid=tuple(_scaled(value, scale) for value in quantity.grid),
         meaning=_worded(quantity.meaning),
+        caption=_worded(quantity.caption),
+        forms=tuple((value, _worded(said)) for value, said in quantity.forms),
         absent=None if quantity.absent is None else _scaled(quantity.absent, scale),
     )
 
