@@ -31,6 +31,7 @@ from sysid.app.jobs import Job
 from sysid.app.journal import FileChange, Journal
 from sysid.app.page import Window as PageWindow
 from sysid.app.screens.compare import CompareContent, CompareScreen
+from sysid.app.screens.effects import EffectsScreen
 from sysid.app.screens.export import ExportScreen
 from sysid.app.screens.files import FilesScreen
 from sysid.app.screens.fit import FitScreen
@@ -45,6 +46,7 @@ from sysid.io.campaign import read_campaign
 from sysid.io.listing import channels_of
 from sysid.parameters import read_bundle
 from sysid.pipeline.compare import compare
+from sysid.plant.effects.catalogue import catalogue
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 _TEXT_OF = """(place) => {
@@ -289,6 +291,26 @@ def test_a_screen_before_its_step_leads_to_that_step(tmp_path: Path) -> None:
             page.screens[key].read()
         text = PageWindow._lacking(page, page.screens[key], missing.value)
         assert lacking in text and f'data-do="screen" data-value="{goes_to}"' in text
+
+
+def test_a_list_of_effects_has_no_empty_columns(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, tmp_path / "campaign.toml", tmp_path / "results")
+    screen = EffectsScreen(SimpleNamespace(bench=bench, scheme="light"))
+    known = {"stribeck-friction": catalogue()["stribeck-friction"]}
+    look = {"suspects": [{"id": "stribeck-friction", "gain": 3.0, "p_value": 0.02}]}
+    for diagnosis, heads in ((None, 1), ({"effects": [], "figures": {"looks": [look]}}, 4)):
+        content = SimpleNamespace(known=known, diagnosis=diagnosis)
+        assert screen._list(content).count('scope="col"') == heads
+
+
+def test_tables_on_a_phone_are_those_of_reports(server: Server, browser: Any) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 900})
+    page = Page(server, context.new_page()).open()
+    page.show("4")
+    name = page.page.locator("table.long tbody th").first
+    assert name.evaluate("(node) => getComputedStyle(node).position") == "sticky"
+    assert page.page.evaluate("document.documentElement.scrollWidth") <= 390
+    context.close()
 
 
 def test_a_file_that_is_no_log_is_one_line(window: Page) -> None:

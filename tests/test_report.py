@@ -788,6 +788,11 @@ def test_the_next_step_is_weighed_by_what_it_does_to_the_motion() -> None:
     assert line.startswith("Viscous friction: its standard error moves")
     assert "4.0 mrad (held-out RMSE 6.0 mrad)" in line
     assert "No number is too uncertain" in next_line(bundle, None, None, lambda: moves, 0.06)
+    # That no number is too uncertain is not that nothing is missing.
+    bare = bundle.replaced(effects=[])
+    for given, is_told in ((None, True), ({**plain, "component": "actuator"}, False)):
+        line = next_line(bare, given, None, lambda: moves, 0.06)
+        assert "No number is too uncertain" in line and ("sysid diagnose" in line) == is_told
     # The section that the first screen leads to names that number too, and no command fails.
     shown = next_section(bundle, None, "run.csv", None, lambda: moves, 0.006)
     assert shown is not None
@@ -818,6 +823,18 @@ def test_base_parameters_have_the_units_of_their_own_tables(is_linear: bool) -> 
     friction = ["N", "N·s/m"] if is_linear else ["N·m", "N·m·s/rad"]
     assert [row[-1] for row in found.rows] == ["g/s", "kg/(s·Pa)", *friction, ""]
     assert [str(cell) for cell in found.rows[0][1:3]] == ["0.65200", "0.65163"]
+
+
+def test_what_to_do_next_names_what_is_missing_by_its_key(made: Made) -> None:
+    """The page says it once: by what a line is about, however it is worded."""
+    from sysid.blocks.sections import Said
+    from sysid.pipeline.pages.report import _says_as_much
+
+    note = Said("Not identified: static friction: no test", "friction.static_nm")
+    assert _says_as_much(Said("Static friction: record ramps.", "friction.static_nm"), note)
+    assert not _says_as_much(Said("Offset: record both ways.", "friction.offset_nm"), note)
+    assert not _says_as_much("No question is open.", note)
+    assert not _says_as_much(Said("Ramps.", "friction.static_nm"), "Another reservation")
 
 
 def test_messages_have_a_page_s_signs() -> None:

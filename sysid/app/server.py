@@ -24,6 +24,7 @@ import tornado.web
 from tornado.httputil import HTTPServerRequest
 
 from sysid.app.workbench import Workbench
+from sysid.blocks.html import template_text as block_text
 from sysid.errors import InputError, input_error
 from sysid.io import bounds
 
@@ -111,7 +112,7 @@ class _Style(tornado.web.RequestHandler):
     def get(self) -> None:
         self.set_header("Content-Type", "text/css; charset=utf-8")
         self.set_header("Cache-Control", "max-age=3600")
-        self.finish(template_text("style.css"))
+        self.finish(template_text("style.css") + block_text("phone.css"))
 
 
 class _Results(tornado.web.RequestHandler):

@@ -34,7 +34,7 @@ def fill(template: str, *, folder: Path | None = None, **content: Any) -> str:
         sections=sections,
         version=__version__,
         written=moment(datetime.datetime.now(datetime.UTC)),
-        style=Markup(template_text("style.css")),
+        style=Markup(template_text("style.css") + template_text("phone.css")),
     )
     return page
 

@@ -12,6 +12,19 @@ from sysid.blocks.figures import Figure, Picture
 from sysid.blocks.tables import ComparedTable, Table
 
 
+class Said(str):
+    """A line, and `about`: the names in files of the numbers that it says are not identified."""
+
+    __slots__ = ("about",)
+    about: tuple[str, ...]
+
+    def __new__(cls, text: str, *about: str) -> Said:
+        """The line, and what it is about."""
+        line = super().__new__(cls, text)
+        line.about = about
+        return line
+
+
 @dataclass(frozen=True)
 class FigureGroup:
     """Figures next to each other under one caption, which may name the matching thesis figures."""

@@ -130,11 +130,16 @@ class EffectsScreen(Screen):
             named = f">{parts.words(effect.title)}<small>{id}</small></button>"
             show = show.replace("></button>", named)
             mark = "<b>found</b>" if id in found else ""
-            cells = ["", ""]
-            if id in gains:
-                gain, chance = gains[id]
-                cells = [f"<nobr>{one}</nobr>" for one in (number(gain, 3), _rounded(chance))]
-            lines.append(["class:on" if on else "class:", show, *cells, mark])
+            row = ["class:on" if on else "class:", show]
+            if gains or found:
+                cells = ["", ""]
+                if id in gains:
+                    gain, chance = gains[id]
+                    cells = [f"<nobr>{one}</nobr>" for one in (number(gain, 3), _rounded(chance))]
+                row += [*cells, mark]
+            lines.append(row)
+        if not gains and not found:  # before a diagnosis no effect has any evidence
+            return parts.rows(("Effect",), lines)
         said = "p: how often logs that lack nothing show as much" if gains else ""
         return parts.rows(("Effect", "Evidence", "p", ""), lines, said)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from sysid.blocks.numbers import MISSING, number, span
-from sysid.blocks.sections import Block, Lines, Section
+from sysid.blocks.sections import Block, Lines, Said, Section
 from sysid.blocks.tables import table
 from sysid.blocks.titles import capital, within
 from sysid.diagnosis.tables import named
@@ -115,7 +115,12 @@ def next_line(
         return ""
     if lacking := lacking_line(bundle, is_weighed=bool(moves())):
         return lacking
-    return _most_moved(bundle, moves(), rmse) or ("" if found is None else "No question is open.")
+    none = "" if found is None else "No question is open."
+    following = _most_moved(bundle, moves(), rmse) or none
+    is_open = diagnosis is None and not bundle.effects and bundle.component is None
+    if following and is_open and not _mover(bundle, moves(), rmse):
+        return f"{following} What the model lacks, sysid diagnose finds."
+    return following
 
 
 def lacking_line(bundle: Bundle, *, is_weighed: bool) -> str:
@@ -125,7 +130,8 @@ def lacking_line(bundle: Bundle, *, is_weighed: bool) -> str:
     if not found:
         return ""
     name, lacks, helps = found[0]
-    return f"{title_of(name)} ({lacks}): {helps}."
+    about = [lacking for lacking, *_ in _unidentified(bundle) if lacking == name]
+    return Said(f"{title_of(name)} ({lacks}): {helps}.", *about)
 
 
 def best_test(tests: Sequence[Content]) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from sysid.blocks.numbers import number, percent, span
 from sysid.blocks.quality import quality_name
+from sysid.blocks.sections import Said
 from sysid.blocks.tables import Table, table
 from sysid.blocks.titles import within
 from sysid.diagnosis.lack_of_fit import MISFIT
@@ -391,9 +392,11 @@ def _unidentified(bundle: Bundle) -> Iterator[str]:
         return
     found: dict[str, list[str]] = {}
     for name, reason in unidentified(bundle):
-        found.setdefault(reason, []).append(title_of(name))
-    for reason, (first, *more) in found.items():
-        yield f"Not identified: {joined([first, *map(within, more)])}: {in_words(reason)}"
+        found.setdefault(reason, []).append(name)
+    for reason, names in found.items():
+        first, *more = map(title_of, names)
+        said = f"Not identified: {joined([first, *map(within, more)])}: {in_words(reason)}"
+        yield Said(said, *names)
 
 
 def unidentified(bundle: Bundle) -> Iterator[tuple[str, str]]:

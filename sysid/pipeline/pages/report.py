@@ -10,7 +10,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Section
+from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Said, Section
 from sysid.blocks.standing import section_or_why
 from sysid.blocks.tables import Table, table
 from sysid.diagnosis.wording import effect_name, is_of_actuator
@@ -131,8 +131,8 @@ def render_report(
 
 def _says_as_much(following: str, note: str) -> bool:
     """Whether what to do next names the one number that a note says is not identified."""
-    name, lacks, _ = following.partition(" (not identified")
-    return bool(lacks) and note.startswith(f"Not identified: {name}: ")
+    about = following.about if isinstance(following, Said) else ()
+    return bool(about) and isinstance(note, Said) and note.about == about
 
 
 def _judged(
