@@ -374,7 +374,7 @@ def test_strokes_are_found_from_a_sine_whose_phase_makes_up_for_its_frequency(
     strokes = SupplyPulsation(5e3, -6e3, 2.55, 0.9)
     base = lacking(rig, strokes)
     sine = SupplyPulsation(-7e3, 1e3, 2.55, 0.0)
-    every = [one for (one,) in bent_waves(base, (sine,))]
+    every = list(bent_waves(base, (sine,), 0))
     # The second of each two is as long again: a sine may follow a harmonic of the strokes.
     assert [one.stroke_share for one in every] == pytest.approx([-0.49, -0.49, 0.49, 0.49])
     assert [one.pulsation_hz for one in every] == pytest.approx([2.55, 1.275, 2.55, 1.275])
@@ -388,8 +388,8 @@ def test_strokes_are_found_from_a_sine_whose_phase_makes_up_for_its_frequency(
     assert turned == pytest.approx(math.atan2(-6e3, 5e3), abs=0.4)
     # A shape that screening tries at several values begins at the best of them, and what is no
     # wave has no phase to be wrong.
-    assert list(bent_waves(base, (StribeckFriction(0.1, 0.1),))) == []
-    assert list(bent_waves(base, (LinkFlexibility(0.1),))) == []
+    assert list(bent_waves(base, (StribeckFriction(0.1, 0.1),), 0)) == []
+    assert list(bent_waves(base, (LinkFlexibility(0.1),), 0)) == []
 
 
 def test_a_ripple_with_a_second_harmonic_is_one_effect(

@@ -23,22 +23,21 @@ _PHASES = 16
 
 
 def bent_waves(
-    first: Projected, effects: tuple[CatalogueEffect, ...]
-) -> Iterator[tuple[CatalogueEffect, ...]]:
-    """Fitted effects with a wave bent halfway to each limit of such a shape, at the best phase: of
-    its own length and of twice that."""
-    for place, effect in enumerate(effects):
-        for q in type(effect).shapes() if _has_phase(effect) else ():
-            if q.is_choice or q.is_smooth or len(q.grid) != 1:
-                continue
-            value = float(getattr(effect, q.name))
-            given = (*effects[:place], *effects[place + 1 :])
-            model = Model(first.model.parameters, (*first.model.effects, *given))
-            base = dataclasses.replace(first, model=model)
-            for limit in (q.lower, q.upper):
-                bent = dataclasses.replace(effect, **{q.name: 0.5 * (value + limit)})  # type: ignore[type-var]
-                for wave in (bent, *_twice_as_long(bent)):
-                    yield (*effects[:place], _best_phase(wave, base), *effects[place + 1 :])
+    first: Projected, effects: tuple[CatalogueEffect, ...], place: int
+) -> Iterator[CatalogueEffect]:
+    """The wave at `place` of fitted effects at the best phase, bent halfway to each limit of such a
+    shape, of its own length and of twice that; none where it is no wave."""
+    effect, given = effects[place], (*effects[:place], *effects[place + 1 :])
+    for q in type(effect).shapes() if _has_phase(effect) else ():
+        if q.is_choice or q.is_smooth or len(q.grid) != 1:
+            continue
+        value = float(getattr(effect, q.name))
+        model = Model(first.model.parameters, (*first.model.effects, *given))
+        base = dataclasses.replace(first, model=model)
+        for limit in (q.lower, q.upper):
+            bent = dataclasses.replace(effect, **{q.name: 0.5 * (value + limit)})  # type: ignore[type-var]
+            for wave in (bent, *_twice_as_long(bent)):
+                yield _best_phase(wave, base)
 
 
 def _twice_as_long(effect: CatalogueEffect) -> Iterator[CatalogueEffect]:

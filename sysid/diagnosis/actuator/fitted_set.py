@@ -11,7 +11,7 @@ import numpy as np
 
 from sysid.diagnosis.actuator.bent_waves import bent_waves
 from sysid.diagnosis.actuator.between_tests import Support, supports
-from sysid.diagnosis.actuator.equation_error import CHANNELS, RATES
+from sysid.diagnosis.actuator.equation_error import CHANNELS, RATES, channels_of
 from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
@@ -85,9 +85,8 @@ def fit_set(
         base = weighed(first, weights)
         found = refit(base, effects)
         if number == 0:
-            others = [refit(base, bent) for bent in bent_waves(first, found.effects)]
-            if _has_misfit(channels, channel_squares(first, found.rest) / weights, RATES):
-                others += [refit(base, s) for s in _otherwise_obeyed(first, found.effects)]
+            left = channel_squares(first, found.rest) / weights
+            others = [refit(base, s) for s in _other_starts(first, found.effects, channels, left)]
             found = min([found, *others], key=lambda end: end.fit.sum_of_squares)
         left = channel_squares(first, found.rest) / weights
         slopes = found.own_slopes()
@@ -169,35 +168,44 @@ def _with_steps(
     return best_near(effect, replace(first, model=model))
 
 
-def _has_misfit(
-    channels: Sequence[ResidualChannel], squares: FloatArray, names: Sequence[str]
-) -> bool:
-    """Whether one of some channels holds more than noise and a model's own error may leave."""
-    own = [CHANNELS.index(name) for name in names]
-    return any(
-        float(channels[c].excess(squares[c])) > max(channels[c].misfit, channels[c].draws)
-        for c in own
-    )
+def _other_starts(
+    first: Projected,
+    effects: tuple[CatalogueEffect, ...],
+    channels: Sequence[ResidualChannel],
+    squares: FloatArray,
+) -> Iterator[tuple[CatalogueEffect, ...]]:
+    """Fitted effects with one at another shape, from which a fit may end in a lower minimum, where
+    they leave squares (channels,) that it may explain."""
+    for place, effect in enumerate(effects):
+        names = channels_of(effect, effects)
+        if any(_has_misfit(channels[c], squares[c]) for c in map(CHANNELS.index, names)):
+            forms = (*bent_waves(first, effects, place), *_otherwise_obeyed(first, effects, place))
+            yield from ((*effects[:place], form, *effects[place + 1 :]) for form in forms)
+
+
+def _has_misfit(channel: ResidualChannel, squares: float) -> bool:
+    """Whether a channel holds more than its noise and a model's own error may leave."""
+    return float(channel.excess(squares)) > max(channel.misfit, channel.draws)
 
 
 def _otherwise_obeyed(
-    first: Projected, effects: tuple[CatalogueEffect, ...]
-) -> Iterator[tuple[CatalogueEffect, ...]]:
-    """Fitted effects with one that changes pulses at each of its shapes that are screened, on its
-    side and on both: between a pulse that is shortened and one that is lost lies no slope."""
+    first: Projected, effects: tuple[CatalogueEffect, ...], place: int
+) -> Iterator[CatalogueEffect]:
+    """The effect at `place`, none where it does not change pulses, at each of its shapes that are
+    screened, on its side and on both: between a pulse that is shortened and one that is lost lies
+    no slope."""
+    effect = effects[place]
+    if not (has_threshold(effect) and overrides(effect, "pulses")):
+        return
     rows = (first.frame.rows(name) for name in RATES)
     both = ("both",) if all(own.stop > own.start for own in rows) else ()
-    for place, effect in enumerate(effects):
-        if not (has_threshold(effect) and overrides(effect, "pulses")):
-            continue
-        shapes = [q for q in type(effect).shapes() if q.grid and not q.is_choice]
-        sides = dict.fromkeys((getattr(effect, "side", ""), *both))
-        for side, *values in itertools.product(sides, *(q.grid for q in shapes)):
-            own = {q.name: value for q, value in zip(shapes, values, strict=True)}
-            own |= {"side": side} if type(effect).has_side() else {}
-            form = replace(effect, **own)  # type: ignore[type-var]
-            some = (*effects[:place], form, *effects[place + 1 :])
-            yield (*effects[:place], _with_steps(first, some, place), *effects[place + 1 :])
+    shapes = [q for q in type(effect).shapes() if q.grid and not q.is_choice]
+    sides = dict.fromkeys((getattr(effect, "side", ""), *both))
+    for side, *values in itertools.product(sides, *(q.grid for q in shapes)):
+        own = {q.name: value for q, value in zip(shapes, values, strict=True)}
+        own |= {"side": side} if type(effect).has_side() else {}
+        form = replace(effect, **own)  # type: ignore[type-var]
+        yield _with_steps(first, (*effects[:place], form, *effects[place + 1 :]), place)
 
 
 __all__ = ["FittedSet", "fall_on_twin", "fit_set", "weighed"]
