@@ -32,7 +32,12 @@ from sysid.diagnosis.actuator.equation_error import (
 )
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.finder import Finder
-from sysid.diagnosis.actuator.fitted_set import FittedSet, _log_volume, _prior_cost, fit_set
+from sysid.diagnosis.actuator.fitted_set import (
+    FittedSet,
+    _log_volume,
+    _prior_cost,
+    fit_set,
+)
 from sysid.diagnosis.actuator.holdout import HeldOut
 from sysid.diagnosis.actuator.logged_supply import logged_supply
 from sysid.diagnosis.actuator.loop import Loop, close_loop
@@ -801,6 +806,28 @@ def test_pulses_are_lost_on_both_sides_where_a_fit_began_with_one_and_shortened_
     assert found.whole_ratio == pytest.approx(1.0, abs=0.1)
     assert found.dead_time_s == pytest.approx(6e-4, rel=0.08)
     assert delay.on_delay_s == pytest.approx(4e-4, rel=0.1)
+
+
+def test_a_threshold_counts_in_a_test_by_all_that_it_changes_there(
+    traces: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """The slope of a dead time is that of the few pulses next to it: by it tests would disagree."""
+    _, rig, model = healthy
+    true = DutyDeadZone(6e-4, "both", 1.0, 0.0)
+    first = seen_in(traces, model + true, model, rig)
+    lost = refit(first, [true])
+    (effect,), count = lost.effects, len(DutyDeadZone.quantities)
+    np.testing.assert_array_equal(lost.chords[:, 1:], lost.fit.jacobian[:, 1:])
+    kept = lost.fit.values[count:]
+    names = lost.fit.names[count:]
+    changes = {n: getattr(model.parameters, n) * f for n, f in zip(names, kept, strict=True)}
+    base = Model(model.parameters.replace(**changes), ())
+    present, absent = (first.frame.residual(m) for m in (base + effect, base))
+    changed = first.without_extra((present - absent)[:, None])[:, 0]
+    touched = first.frame.belongs(channels_of(effect))
+    found = lost.chords[:, 0] * effect.dead_time_s
+    np.testing.assert_allclose(found[touched], changed[touched], rtol=1e-6, atol=1e-9)
+    assert not np.allclose(lost.chords[:, 0], lost.fit.jacobian[:, 0])
 
 
 def test_an_effect_of_one_side_leaves_the_other_rate_alone() -> None:

@@ -9,7 +9,7 @@ scatter between tests, as far as that exceeds what noise alone makes of it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,16 +34,13 @@ class Support:
     most: float
 
 
-def supports(
-    base: Projected, found: Refit, slopes: FloatArray, weights: FloatArray
-) -> tuple[Support, ...]:
-    """The support of a fit to a residual whose channels have weights (channels,); `slopes`
-    (rows, k) are `found.own_slopes()`.
+def supports(base: Projected, found: Refit, weights: FloatArray) -> tuple[Support, ...]:
+    """The support of a fit to a residual whose channels have weights (channels,).
 
     In the directions in which the strengths of all effects are uncorrelated by the noise and by
     their scatter: effects that imitate each other share what they gain. Shapes are as they are.
     """
-    fit = found.fit
+    fit, slopes = replace(found.fit, jacobian=found.chords), found.own_chords()
     strengths, shapes = _places(found)
     whole, own = (np.linalg.norm(m, axis=0) for m in (fit.jacobian, slopes))
     # Not what the base parameters make up for.

@@ -43,17 +43,26 @@ class Refit:
 
     `rest` (rows,) is the remainder; `fit`
     holds the effects' parameters by "id/name", in the effects' order, then the base
-    parameters' factors.
+    parameters' factors. `chords` (rows, k + p): its slopes, of a threshold the chord from where its
+    effect is absent.
     """
 
     effects: tuple[CatalogueEffect, ...]
     rest: FloatArray
     fit: LeastSquaresFit
+    chords: FloatArray
 
     def own_slopes(self) -> FloatArray:
         """The slopes (rows, k) of the effects' numbers, the base parameters at their best."""
+        return self._own(self.fit.jacobian)
+
+    def own_chords(self) -> FloatArray:
+        """As `own_slopes`, of the `chords`."""
+        return self._own(self.chords)
+
+    def _own(self, columns: FloatArray) -> FloatArray:
         count = sum(len(type(e).quantities) for e in self.effects)
-        own, base = self.fit.jacobian[:, :count], self.fit.jacobian[:, count:]
+        own, base = columns[:, :count], columns[:, count:]
         size = np.linalg.norm(base, axis=0)
         base = base[:, size > 0.0] / size[size > 0.0]
         if base.shape[1]:
@@ -85,7 +94,8 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
         parameters = [
             replace(p, value=float(v)) for p, v in zip(parameters, fit.values, strict=True)
         ]
-    return Refit(equations.effects(fit.values), equations.rest(fit.values), fit)
+    chords = equations.chords(fit.values, fit.jacobian)
+    return Refit(equations.effects(fit.values), equations.rest(fit.values), fit, chords)
 
 
 class _Equations:
@@ -176,6 +186,21 @@ class _Equations:
         columns = self._columns(values, range(len(self.parameters)))
         self._known, self._is_exact = (values.copy(), self._at(values)[1], columns), True
         return columns
+
+    def chords(self, values: FloatArray, slopes: FloatArray) -> FloatArray:
+        """Slopes (rows, k + p) with those of thresholds replaced: pulse by pulse one is a step, or
+        none, and says nothing of how much the effect explains in a test."""
+        kinds = [q for e in self._starts for q in type(e).quantities]
+        places = [i for i, q in enumerate(kinds) if q.is_threshold and values[i] != 0.0]
+        if not places:
+            return slopes
+        here, found = self._at(values)[0], np.array(slopes)
+        for i in places:
+            absent = np.array(values)
+            absent[i] = 0.0
+            change = (here - self._whitened(absent, self._channels)) / values[i]
+            found[:, i : i + 1] = self._base.without_extra(change[:, None])
+        return found
 
     def _at(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The errors of a point, whitened and next to the extra columns, kept for its slopes."""
