@@ -29,7 +29,7 @@ from sysid.parameters.valves import LAW_KEYS
 from sysid.pipeline import run as stages
 from sysid.pipeline.run import RunReport, run_campaign
 from sysid.refinement.refine import refine
-from sysid.refinement.result import RefineResult
+from sysid.refinement.result import Fit, RefineResult
 from sysid.refinement.unknowns import unknowns_of, without_own_data
 
 SEED = 5
@@ -392,3 +392,33 @@ def test_numbers_that_make_up_for_what_the_model_lacks_are_said_to_do_so(
     right = {p["name"]: p["after"] for p in content["parameters"]}
     name = "friction.coulomb_nm"
     assert found[name]["std"] > 2.0 * right[name]["std"]
+
+
+def test_friction_of_each_test_is_named_where_it_explains_the_errors(made: Made) -> None:
+    """And only there: what it leaves beyond noise is what a model lacks."""
+    bundle = read_bundle(made.bundle)
+
+    def result(after: float, left: list[float] | None) -> RefineResult:
+        one = np.array([1.0, 1.0, np.nan])
+        return RefineResult(
+            parameters=(),
+            correlation=np.zeros((0, 0)),
+            fits={"fit": Fit(one, after * one, one, one)},
+            channels=("theta_rad", "pressure_a_pa", "pressure_b_pa"),
+            scatter=(0.025, 0.02),
+            evaluations=1,
+            converged=True,
+            segments=1,
+            left_out=0,
+            longest=1.0,
+            bundle=bundle,
+            unexplained=None if left is None else np.array(left),
+        )
+
+    explained = result(1.3, [0.004, 0.0, np.nan])
+    assert explained.scatters == "1.3 times worse" and not explained.worse
+    for left in (None, [0.004, 0.6, np.nan]):
+        lacking = result(1.3, left)
+        assert lacking.worse == "1.3 times worse" and not lacking.scatters
+    better = result(0.8, None)
+    assert not better.worse and not better.scatters

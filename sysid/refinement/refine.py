@@ -20,7 +20,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from sysid.balance.imposed import effort_rmse
-from sysid.blocks.numbers import ascii_text
+from sysid.blocks.numbers import ascii_text, percent
 from sysid.errors import (
     Failure,
     InputError,
@@ -205,8 +205,28 @@ def _result(
         },
     )
     if result.worse:
+        left = _without_own_friction(found, tests, result.fits["fit"].after)
+        result = dataclasses.replace(result, unexplained=left)
+    if result.worse:
         notices.append(_worse_notice(result.worse))
+    elif result.scatters:
+        notices.append(_scatter_notice(result))
     return result
+
+
+def _without_own_friction(
+    found: Estimated, tests: Sequence[MotionTest], after: FloatArray
+) -> FloatArray:
+    """What each test's own friction, as it was estimated, does not explain of the errors `after`
+    (3,) of whole tests: RMSE beyond their noise, over these; NaN where not logged."""
+    problem, point = found.problem, found.solution.point
+    residuals = [
+        own
+        for i, test in enumerate(tests)
+        for own in whole_residuals([test], problem.model_for(point, i), problem.position)
+    ]
+    noise = np.median([test.noise.total for test in tests], axis=0)
+    return np.asarray(np.sqrt(np.maximum(rmse(residuals) ** 2 - noise**2, 0.0)) / after)
 
 
 def _model_after(found: Estimated, parameters: Sequence[RefinedParameter]) -> Model:
@@ -375,6 +395,15 @@ def _worse_notice(worse: str) -> str:
     return (
         f"with these numbers whole training tests are simulated {worse}: they compensate "
         "for what the model lacks; run diagnose first, or keep the previous bundle"
+    )
+
+
+def _scatter_notice(result: RefineResult) -> str:
+    sliding, static = (percent(100.0 * share, 2) for share in result.scatter)
+    return (
+        f"with these numbers whole training tests are simulated {result.scatters}, as friction "
+        f"differs from test to test (sliding by {sliding}, static by {static}), which an open-loop "
+        "simulation adds up: with the friction of its own, each is simulated as it should be"
     )
 
 

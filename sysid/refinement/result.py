@@ -12,6 +12,7 @@ import numpy as np
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table
 from sysid.estimation.linear import Estimate, finite_or_none
+from sysid.estimation.quality import GOOD_SHARE
 from sysid.parameters import Bundle
 from sysid.parameters.refinement import Refinement
 from sysid.refinement.shown import before_and_after_table, effort_table, errors_table
@@ -86,7 +87,9 @@ class RefineResult(Shown):
     to test; `longest` segment, s; `evaluations` of the simulation with its derivatives;
     `profiles` by parameter, as asked. `effort`: where a motor alone drives, RMSE of the equation
     of motion along the measured motion before and after, by use and channel (Nm or N).
-    `cut_short`: the budget in force ended before the estimation did.
+    `cut_short`: the budget in force ended before the estimation did. `unexplained`: where training
+    tests are simulated much worse, RMSE (3,) beyond noise, over that after, of what the friction
+    that each test has of its own does not explain.
     """
 
     parameters: tuple[RefinedParameter, ...]
@@ -104,10 +107,24 @@ class RefineResult(Shown):
     notices: tuple[str, ...] = ()
     cut_short: bool = False
     effort: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    unexplained: FloatArray | None = None
 
     @property
     def worse(self) -> str:
-        """How much worse the training tests are simulated, in words; empty if they are not."""
+        """How much worse the training tests are simulated, in words; empty if they are not, or only
+        as friction differs from test to test."""
+        return "" if self.scatters else self._worse
+
+    @property
+    def scatters(self) -> str:
+        """The same where the friction that each test has of its own is why: it explains their
+        errors as a good fit explains a signal, so that little is left that a model could lack."""
+        left = self.unexplained
+        explains = left is not None and bool(np.nanmax(left) <= GOOD_SHARE)
+        return self._worse if explains else ""
+
+    @property
+    def _worse(self) -> str:
         return much_worse(self.fits["fit"].before, self.fits["fit"].after)
 
     def headline(self) -> str:
