@@ -183,3 +183,16 @@ def test_a_bar_over_stages_says_what_is_done_and_the_time_left() -> None:
         tell("fitting friction")
         time.sleep(0.7)
     assert "about 4 min left" in out.getvalue() and "fitting friction" in out.getvalue()
+
+
+def test_a_terminal_shows_results_in_ascii(capsys: pytest.CaptureFixture[str]) -> None:
+    from types import SimpleNamespace
+
+    from sysid.commands.printing import print_result
+
+    found = SimpleNamespace(
+        headline=lambda: "off by 2.05 × 10⁻⁴ N·m", tables=tuple, footnotes=lambda: ("± 3 m²",)
+    )
+    print_result(found)  # type: ignore[arg-type]
+    shown = capsys.readouterr().out
+    assert shown.isascii() and "2.05e-4 N m" in shown and "+/- 3 m2" in shown

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from sysid.blocks.numbers import ascii_text
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
@@ -95,6 +96,6 @@ def advise(
         own = {} if test is None else {"test": test.to_json(), "written": str(written[0])}
         print_json({**found.to_json(), **own})
         return
-    print_blocks((*found.tables(), *remarks(found), found.headline()))
+    print_blocks((*found.tables(), *remarks(found), ascii_text(found.headline())))
     if test is not None:
-        print_blocks((*test.tables(), test.headline(), *written_lines(written)))
+        print_blocks((*test.tables(), ascii_text(test.headline()), *written_lines(written)))

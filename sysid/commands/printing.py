@@ -16,7 +16,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from sysid.blocks.numbers import known
+from sysid.blocks.numbers import ascii_text, known
 from sysid.blocks.progress import stage_bar
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table
@@ -122,13 +122,13 @@ def print_blocks(blocks: Iterable[Printed]) -> None:
 def remarks(found: Shown) -> list[str]:
     """A result's footnotes but for the notices, which are on standard error."""
     noted = {f"notice: {line}" for line in getattr(found, "notices", ())}
-    return [line for line in found.footnotes() if line not in noted]
+    return [ascii_text(line) for line in found.footnotes() if line not in noted]
 
 
 def print_result(found: Shown, written: Iterable[Path] = ()) -> None:
     """A result as `print` shows it, and the files that were written."""
     tables = (block for one in found.tables() if one.rows for block in ("", one))
-    print_blocks((Strong(found.headline()), *tables))
+    print_blocks((Strong(ascii_text(found.headline())), *tables))
     said = remarks(found)
     print_blocks(("", *said, *written_lines(written)))
 

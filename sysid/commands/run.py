@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from sysid.blocks.numbers import ascii_text
 from sysid.blocks.tables import table
 from sysid.commands.budget import budget_option, quick_option
 from sysid.commands.options import (
@@ -111,12 +112,13 @@ def show_run(done: RunReport, as_json: bool, verbose: bool = False) -> None:
     stages = tuple((s.name, s.outcome, f"{s.seconds:.1f}") for s in done.stages)
     report = [f"report: {done.report}"] if done.report.is_file() else []
     validation = done.bundle.validation
+    said = verdict_lines(done.bundle, done.diagnosis, done.not_diagnosed, done.advice)
     print_blocks(
         (
             *([] if validation is None or not verbose else [validation.table()]),
             table("Stages", ("stage", "", "s"), stages),
             f"bundle: {done.folder / BUNDLE_FILE}",
             *report,
-            *verdict_lines(done.bundle, done.diagnosis, done.not_diagnosed, done.advice),
+            *map(ascii_text, said),
         )
     )

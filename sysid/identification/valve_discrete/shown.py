@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -83,7 +84,11 @@ def discrete_section(
     blocks += [parts[f"valves.{s}.discrete"].shown(f"Valve {s.upper()}") for s in fitted]
     decided = {s: law.choice for s, law in fitted.items() if isinstance(law.choice, LawDecision)}
     if decided:
-        blocks.append(Lines(tuple(_decision_line(*one) for one in decided.items())))
+        blocks.append(
+            Lines(
+                tuple(_decision_line(*one, is_alone=rig.is_tank_alone) for one in decided.items())
+            )
+        )
     drawn = {side: _curves(side, law, logs, rig) for side, law in fitted.items()}
     curves = {side: own for side, own in drawn.items() if own}
     if curves:
@@ -111,9 +116,14 @@ def _effects_on_flow(bundle: Bundle) -> tuple[str, ...]:
     return tuple(effect.title for effect in found if effect.subsystem in _ON_PRESSURE)
 
 
-def _decision_line(side: str, decision: LawDecision) -> str:
-    """Why a valve has its law, as a sentence."""
-    return f"Flow law of valve {side.upper()}: {decision.why}."
+_PASCALS = re.compile(r"(?<![\w.])(\d[\d.]*(?:e[+-]\d+)?) Pa\b")
+
+
+def _decision_line(side: str, decision: LawDecision, *, is_alone: bool) -> str:
+    """Why a valve has its law, as a sentence, its errors in the unit of the table above it."""
+    unit, scale = balance_unit("Pa", is_alone=is_alone)
+    why = _PASCALS.sub(lambda m: f"{number(scale * float(m[1]))} {unit}", decision.why)
+    return f"Flow law of valve {side.upper()}: {why}."
 
 
 def _fit_table(fitted: Mapping[str, DiscreteLaw], *, is_alone: bool) -> Table:
