@@ -38,27 +38,32 @@ def supports(base: Projected, found: Refit, weights: FloatArray) -> tuple[Suppor
     """The support of a fit to a residual whose channels have weights (channels,).
 
     In the directions in which the strengths of all effects are uncorrelated by the noise and by
-    their scatter: effects that imitate each other share what they gain. Shapes are as they are.
+    their scatter: effects that imitate each other share what they gain. Shapes are held: fitted to
+    each few of the tests, they would make strengths agree that do not.
     """
-    fit, slopes = replace(found.fit, jacobian=found.chords), found.own_chords()
-    strengths, shapes = _places(found)
-    whole, own = (np.linalg.norm(m, axis=0) for m in (fit.jacobian, slopes))
+    strengths, shapes = _numbers(found)
+    fit = replace(found.fit, jacobian=found.chords).holding(shapes)
+    places = {name: i for i, name in enumerate(found.fit.names)}
+    slopes = found.own_chords()
+    own = {name: float(np.linalg.norm(slopes[:, places[name]])) for name in strengths}
+    whole = dict(zip(fit.names, np.linalg.norm(fit.jacobian, axis=0), strict=True))
+    hidden = {*fit.diagnosis.at_bound, *fit.diagnosis.unidentified}
     # Not what the base parameters make up for.
-    strengths = [i for i in strengths if own[i] > _LEAST * whole[i]]
-    scale = own[strengths]
+    strengths = [n for n in strengths if n not in hidden and own[n] > _LEAST * whole[n]]
+    kept = [fit.names.index(name) for name in strengths]
     covariance = fit.jackknife_covariance(base.frame.tests)
-    known = [float(covariance.dof[i]) for i in strengths if covariance.dof[i] >= 1.0]
+    known = [float(covariance.dof[i]) for i in kept if covariance.dof[i] >= 1.0]
     if not known:  # nothing is known of a scatter of what a single test shows
         return ()
+    scale = np.array([own[name] for name in strengths])
     # Directions in which a step of one changes the squares by one.
-    columns = slopes[:, strengths] / scale
+    columns = slopes[:, [places[name] for name in strengths]] / scale
     left, sizes, ways = np.linalg.svd(columns, full_matrices=False)
-    kept = sizes > _LEAST * sizes[0]
-    steps = (sizes[kept, None] * ways[kept]) * scale
-    scatter = steps @ _given_shapes(covariance.matrix, strengths, shapes) @ steps.T
-    spreads, turned = np.linalg.eigh(scatter)
-    amounts = turned.T @ steps @ fit.values[strengths]
-    gone = (left[:, kept] @ turned * amounts).T
+    some = sizes > _LEAST * sizes[0]
+    steps = (sizes[some, None] * ways[some]) * scale
+    spreads, turned = np.linalg.eigh(steps @ covariance.matrix[np.ix_(kept, kept)] @ steps.T)
+    amounts = turned.T @ steps @ fit.values[kept]
+    gone = (left[:, some] @ turned * amounts).T
     # Noise alone makes strengths differ by more between tests one time in twenty.
     allowed = float(chi_squared_quantile(min(known), LEVEL)) / min(known)
     most = amounts**2 * allowed / np.maximum(spreads, _LEAST)
@@ -68,28 +73,13 @@ def supports(base: Projected, found: Refit, weights: FloatArray) -> tuple[Suppor
     )
 
 
-def _places(found: Refit) -> tuple[list[int], list[int]]:
-    """The places of the effects' strengths, and of their shapes, among the numbers that show."""
-    fit = found.fit
-    held = {*fit.diagnosis.at_bound, *fit.diagnosis.unidentified}
-    shown = {name: i for i, name in enumerate(fit.names) if name not in held}
+def _numbers(found: Refit) -> tuple[list[str], list[str]]:
+    """The names of the effects' strengths, and of their shapes, in the fit."""
     kinds = [(e.id, type(e)) for e in found.effects]
-    strengths = [f"{id_}/{q.name}" for id_, kind in kinds for q in kind.strengths()]
-    shapes = [f"{id_}/{q.name}" for id_, kind in kinds for q in kind.shapes()]
-    return [shown[n] for n in strengths if n in shown], [shown[n] for n in shapes if n in shown]
-
-
-def _given_shapes(matrix: FloatArray, strengths: list[int], shapes: list[int]) -> FloatArray:
-    """The strengths' covariance (k, k) with the shapes as they are: a block of the inverse."""
-    together = [*strengths, *shapes]
-    scale = np.sqrt(np.maximum(np.diag(matrix)[together], 1e-300))
-    whole = matrix[np.ix_(together, together)] / np.outer(scale, scale)
-    count = len(strengths)
-    if not shapes:
-        return np.asarray(matrix[np.ix_(strengths, strengths)])
-    inverse = np.linalg.pinv(whole, hermitian=True)[:count, :count]
-    own = np.linalg.pinv(inverse, hermitian=True)
-    return np.asarray(own * np.outer(scale[:count], scale[:count]))
+    return (
+        [f"{id_}/{q.name}" for id_, kind in kinds for q in kind.strengths()],
+        [f"{id_}/{q.name}" for id_, kind in kinds for q in kind.shapes()],
+    )
 
 
 __all__ = ["Support", "supports"]
