@@ -42,6 +42,7 @@ from sysid.pipeline.pages.interactive import packed
 from sysid.pipeline.pages.next_steps import next_line, next_section, open_questions
 from sysid.pipeline.pages.opening import _table, verdict
 from sysid.pipeline.pages.report import _json, render_report, write_report
+from sysid.pipeline.verdict import verdict_lines
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 BUNDLED = REPOSITORY / "datasets" / "bundled" / "campaign.toml"
@@ -720,9 +721,6 @@ def test_the_first_screen_shows_a_held_out_test_before_and_after() -> None:
 
 
 def test_what_to_do_next_is_what_advise_predicts(made: Made) -> None:
-    from sysid.pipeline.pages.next_steps import next_line
-    from sysid.pipeline.verdict import verdict_lines
-
     advice = {
         "parameters": [{"name": "friction.coulomb_nm", "unit": "Nm", "std_now": 0.002}],
         "tests": [
@@ -767,9 +765,6 @@ def test_a_part_is_not_judged_by_a_motion_in_which_errors_add_up() -> None:
 
 
 def test_the_next_step_is_weighed_by_what_it_does_to_the_motion() -> None:
-    from sysid.pipeline.pages.next_steps import next_line
-    from sysid.pipeline.verdict import verdict_lines
-
     bundle = read_bundle(golden_bundle("diagnosed"))
     assert bundle.friction is not None
     wide = Estimate(0.003, 0.001, "Nm", (0.001, 0.005))
@@ -1300,6 +1295,56 @@ def test_effects_that_tests_do_not_distinguish_are_told_on_the_first_screen(made
     content["figures"]["titles"]["backlash"] = "Backlash in the motor's gear"
     said = next_line(made.bundle, content)
     assert "Stribeck friction; or backlash in the motor's gear. To distinguish them: slow" in said
+
+
+def test_a_question_that_no_test_answers_is_open() -> None:
+    bundle = read_bundle(golden_bundle("diagnosed"))
+    assert bundle.friction is not None
+    known = Estimate(0.003, 1e-4, "Nm", (0.0028, 0.0032))
+    bundle = bundle.replaced(friction=bundle.friction.replaced(offset_nm=known))
+    content = {**DIAGNOSIS, "verdict": "effects-found", "unexplained": []}
+    first = {**DIAGNOSIS["effects"][0], "ambiguous_with": ["backlash"], "advice": ""}
+    said = next_line(bundle, {**content, "effects": [first]})
+    assert said.startswith("These tests do not say which it is: Stribeck friction; or backlash.")
+    assert "No test is known" in said
+    told = verdict_lines(bundle, {**content, "effects": [first]})[-1]
+    assert told.removeprefix("Next: ") == said.removesuffix(".")
+    small = {"friction.coulomb_nm": 1e-4}
+    assert next_line(bundle, {**content, "effects": [first]}, None, lambda: small, 0.06) == said
+    # A test that is known comes before, whichever effect it is of.
+    testable = {**DIAGNOSIS["effects"][1], "advice": "two known pressures"}
+    said = next_line(bundle, {**content, "effects": [first, testable]})
+    assert said.endswith("To distinguish them: two known pressures.")
+
+
+@pytest.mark.parametrize(
+    ("repeats", "scatter", "own", "told"),
+    [
+        (0.9, 0.1, False, "repeats over velocity: the law's form is not quite the rig's; an"),
+        (0.1, 0.9, False, "differs from test to test: log what may differ"),
+        (0.9, 0.1, True, "a term of the component can add"),
+    ],
+)
+def test_errors_above_the_noise_leave_a_question_open(
+    repeats: float, scatter: float, own: bool, told: str
+) -> None:
+    bundle = read_bundle(golden_bundle("diagnosed"))
+    errors = {"before": 4.0, "after": 1.2, "noise_floor": 0.1}
+    rest = {"channel": "motor_force_n", "unit": "N", "rmse": 1.0, "noise": 0.1,
+            "repeatable": repeats, "scatter": scatter, "regressors": ["velocity"]}  # fmt: skip
+    content = {
+        "verdict": "effects-found", "component": "axis", "effects": [], "unexplained": [],
+        "because": None, "residual": {"motor_force_n": errors}, "remainder": [rest],
+        "figures": {}, **({"own": {"motor_force_n": "N"}} if own else {}),
+    }  # fmt: skip
+    said = next_line(bundle, content)
+    assert "on held-out tests are still 12 times the noise" in said and told in said
+    assert verdict_lines(bundle, content)[-1] == f"Next: {said.removesuffix('.')}"
+    section = next_section(bundle, content, "c.toml")
+    assert section is not None and "No question is open" not in str(section)
+    # A correct law's errors leave none.
+    content["residual"] = {"motor_force_n": {**errors, "after": 0.2}}
+    assert "times the noise" not in next_line(bundle, content)
 
 
 def test_errors_of_a_channel_are_in_one_unit() -> None:

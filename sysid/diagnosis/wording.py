@@ -12,6 +12,7 @@ from typing import Any
 
 from sysid.blocks.numbers import number, percent, span
 from sysid.blocks.titles import capital, within
+from sysid.diagnosis.lack_of_fit import MISFIT
 from sysid.diagnosis.search_record import QUICK, stage_text
 from sysid.estimation.linear import Estimate
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES, VELOCITY_CHANNELS, channel_of
@@ -175,6 +176,8 @@ LEAST_SHOWN = 1e-3
 """The share of a residual's variance, or of an error, below which a number of it is not shown."""
 # Before over after, below which an error has grown by a tenth; after over before, has fallen.
 _GROWN = 1.0 / 1.1
+# Verdicts of a search that came to its end and left nothing unexplained.
+_ENDED = ("adequate", "effects-found")
 _NO_STRUCTURE = {
     "held-out errors": (
         "the errors on {tests} are far above those of a correct model, and no residual of the "
@@ -318,12 +321,50 @@ def advice_on_rest(content: Content) -> tuple[str, ...]:
             "would have to produce (--effects FILE); tests that vary its regressor over a "
             "wider range, one at a time, would show more."
         )
+    elif content["verdict"] in _ENDED and (above := dict(above_noise(content))):
+        lines.append(_on_errors(content, max(above, key=lambda name: above[name]), above))
     if not content["residual"]:
         lines.append(
             'Errors before and after are not known: give a motion log use = "holdout" in the '
             "campaign."
         )
     return tuple(lines)
+
+
+def above_noise(content: Content) -> Iterator[tuple[str, float]]:
+    """The channels of a part alone whose errors are a misfit, and how many times the noise each is.
+
+    The floor of a part is what no law could explain; in a motion small errors add up.
+    """
+    if is_of_actuator(content):
+        return
+    for name, errors in content.get("residual", {}).items():
+        after, floor = errors["after"], errors["noise_floor"]
+        if name not in VELOCITY_CHANNELS and floor and after > MISFIT * floor:
+            yield name, after / floor
+
+
+def _on_errors(content: Content, name: str, above: Mapping[str, float]) -> str:
+    """What to do about errors of a channel that are far above the noise though the search ended."""
+    own = own_of(content)
+    said = (
+        f"The errors of {channel_in(name, own).name} on {judged_use(content)} are still "
+        f"{above[name]:.0f} times the noise"
+    )
+    adds = "a term of the component" if own else "an effect of your own (--effects FILE)"
+    form = f"the law's form is not quite the rig's; {adds} can add what it lacks"
+    rest = _remainder_of(content, {"channel": name})
+    parts = {} if rest is None else {key: _share(rest, key) for key in ("repeatable", *_REST)}
+    most = max(parts, key=lambda key: parts[key], default="")
+    if rest is not None and most == "repeatable":
+        over = joined([regressor_name(n, own) for n in rest["regressors"]])
+        return f"{said}; most of their square repeats over {over}: {form}."
+    if most == "scatter":
+        return (
+            f"{said}; most of their square differs from test to test: log what may differ between "
+            "them (temperature, supply, load), and repeat one test unchanged."
+        )
+    return f"{said}: {form}."
 
 
 def own_friction(trace: Content, source: str) -> str:
@@ -425,6 +466,7 @@ __all__ = [
     "LEAST_SHOWN",
     "SMALLEST_P",
     "WEIGHED",
+    "above_noise",
     "advice",
     "advice_on_rest",
     "balance_of",

@@ -6,13 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sysid.blocks.numbers import ascii_text
 from sysid.blocks.quality import quality_name
 from sysid.diagnosis import wording
 from sysid.diagnosis.wording import is_of_actuator
 from sysid.io.channels import channel_of
 from sysid.parameters import Bundle, Validation
-from sysid.pipeline.pages.next_steps import best_test, lacking_line
+from sysid.pipeline.pages.next_steps import known_step, which_it_is
 
 
 def verdict_lines(
@@ -92,16 +91,13 @@ def _next(
         return "add the tests that the diagnosis needs"
     if diagnosis is None:
         return "sysid diagnose finds what the model lacks"
-    lines = wording.advice(diagnosis)
-    if not lines and advice is not None and advice["tests"]:
-        return best_test(advice["tests"]).removesuffix(".")
-    if lines:
-        more = f" ({len(lines) - 1} more in the report)" if len(lines) > 1 else ""
-        return f"{lines[0]}{more}"
     # As the report does, which weighs them by simulated motion.
     is_weighed = bundle.validation is not None and is_of_actuator(diagnosis)
-    if not bundle.rig.is_tank_alone and (lacking := lacking_line(bundle, is_weighed=is_weighed)):
-        return ascii_text(lacking.removesuffix("."))
+    known = known_step(bundle, diagnosis, advice, lambda: is_weighed) or which_it_is(diagnosis)
+    if known:
+        lines = wording.advice(diagnosis)
+        more = f" ({len(lines) - 1} more in the report)" if len(lines) > 1 else ""
+        return f"{known.removesuffix('.')}{more}"
     open_ones = "no open question"
     if is_weighed:
         open_ones = "no open question on effects; the report weighs the errors of the numbers"

@@ -8,10 +8,8 @@ from typing import Any
 
 from sysid.blocks.quality import quality_name
 from sysid.blocks.titles import within
-from sysid.diagnosis.lack_of_fit import MISFIT
-from sysid.diagnosis.wording import is_of_actuator, joined, own_of
+from sysid.diagnosis.wording import above_noise, joined, own_of
 from sysid.identification.valve_pwm.choice import not_recommended
-from sysid.io.channels import VELOCITY_CHANNELS
 from sysid.io.own_channels import channel_in
 from sysid.parameters import Bundle
 from sysid.parameters.titles import title_of
@@ -75,17 +73,9 @@ def of_diagnosis(diagnosis: Mapping[str, Any] | None) -> Iterator[Concern]:
         yield Concern("fair", "the diagnosis, incomplete")
     else:
         yield Concern("good", "the diagnosis")
-    if not is_of_actuator(diagnosis):
-        # The floor of a part is what no law could explain; in a motion small errors add up.
-        own = own_of(diagnosis)
-        for name, errors in diagnosis.get("residual", {}).items():
-            if name in VELOCITY_CHANNELS:
-                continue
-            if errors["noise_floor"] > 0.0 and errors["after"] > MISFIT * errors["noise_floor"]:
-                times = errors["after"] / errors["noise_floor"]
-                yield Concern(
-                    "fair", f"errors of {channel_in(name, own).name} {times:.0f} times the noise"
-                )
+    for name, times in above_noise(diagnosis):
+        channel = channel_in(name, own_of(diagnosis))
+        yield Concern("fair", f"errors of {channel.name} {times:.0f} times the noise")
 
 
 def sentence(level: str, concerns: Sequence[Concern], own: str) -> str:

@@ -52,7 +52,7 @@ def next_section(
     where parameters have to be ordered, `rmse` is the held-out one of the position, rad or m. None
     without next steps.
     """
-    found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
+    found = _diagnosed(diagnosis)
     blocks: list[Block] = []
     if found is not None:
         blocks += _rivals(found)
@@ -97,30 +97,61 @@ def next_line(
     the number whose error moves the simulated position most (`moves`), if that is not little
     against the held-out `rmse` of the position, rad or m.
     """
-    found = diagnosis if diagnosis is not None and "verdict" in diagnosis else None
-    titles = {} if found is None else found.get("figures", {}).get("titles", {})
-    for effect in [] if found is None else found["effects"]:
-        if effect["ambiguous_with"] and effect["advice"]:
-            names = [effect_name(id, titles) for id in (effect["id"], *effect["ambiguous_with"])]
-            return (
-                f"These tests do not say which it is: {'; '.join(names[:-1])}; or {names[-1]}. To "
-                f"distinguish them: {within(effect['advice'])}."
-            )
-    said = () if found is None else advice_on_rest(found)
-    if said:
-        return said[0]
-    if advice is not None and advice["tests"]:
-        return best_test(advice["tests"])
+    if said := known_step(bundle, diagnosis, advice, lambda: bool(moves())):
+        return said
     if bundle.rig.is_tank_alone:
         return ""
-    if lacking := lacking_line(bundle, is_weighed=bool(moves())):
-        return lacking
+    found = _diagnosed(diagnosis)
+    is_certain = not _mover(bundle, moves(), rmse)
+    if found is not None and is_certain and (said := which_it_is(found)):
+        return said
     none = "" if found is None else "No question is open."
     following = _most_moved(bundle, moves(), rmse) or none
     is_open = diagnosis is None and not bundle.effects and bundle.component is None
-    if following and is_open and not _mover(bundle, moves(), rmse):
+    if following and is_open and is_certain:
         return f"{following} What the model lacks, sysid diagnose finds."
     return following
+
+
+def known_step(
+    bundle: Bundle,
+    diagnosis: Content | None,
+    advice: Content | None,
+    is_weighed: Callable[[], bool],
+) -> str:
+    """The step that the findings name, before the numbers are weighed by simulated motion; empty
+    where they name none. `is_weighed` as in `lacking_line`."""
+    found = _diagnosed(diagnosis)
+    if found is not None and (said := (which_it_is(found, is_testable=True))):
+        return said
+    rest = () if found is None else advice_on_rest(found)
+    if rest:
+        return rest[0]
+    if advice is not None and advice["tests"]:
+        return best_test(advice["tests"])
+    return "" if bundle.rig.is_tank_alone else lacking_line(bundle, is_weighed=is_weighed())
+
+
+def which_it_is(found: Content, *, is_testable: bool = False) -> str:
+    """The first effect that the tests do not distinguish from others; empty where they do.
+
+    `is_testable`: of those for which a test is known that would.
+    """
+    titles = found.get("figures", {}).get("titles", {})
+    for effect in found["effects"]:
+        if not effect["ambiguous_with"] or (is_testable and not effect["advice"]):
+            continue
+        names = [effect_name(id, titles) for id in (effect["id"], *effect["ambiguous_with"])]
+        said = f"These tests do not say which it is: {'; '.join(names[:-1])}; or {names[-1]}."
+        if not effect["advice"]:
+            return f"{said} No test is known that would distinguish them."
+        return f"{said} To distinguish them: {within(effect['advice'])}."
+    return ""
+
+
+def _diagnosed(diagnosis: Content | None) -> Content | None:
+    """A diagnosis that came to a verdict."""
+    return diagnosis if diagnosis is not None and "verdict" in diagnosis else None
 
 
 def lacking_line(bundle: Bundle, *, is_weighed: bool) -> str:
@@ -375,4 +406,4 @@ def _size(quantity: Quantity) -> float:
     return quantity.typical or (reach if math.isfinite(reach) else 0.0)
 
 
-__all__ = ["best_test", "lacking_line", "next_line", "next_section", "open_questions"]
+__all__ = ["known_step", "next_line", "next_section", "open_questions", "which_it_is"]
