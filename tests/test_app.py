@@ -40,7 +40,8 @@ from sysid.app.screens.mapping import Assigned, Mapping, plausibility
 from sysid.app.server import Gate
 from sysid.app.traces import BUCKETS, Curve, TracePanel, TraceView
 from sysid.app.workbench import StepMissingError, Workbench
-from sysid.blocks.figures import Scale
+from sysid.blocks.figures import ColourMap, Figure, Panel, Scale
+from sysid.blocks.interactive import draw
 from sysid.errors import InputError
 from sysid.io.campaign import read_campaign
 from sysid.io.listing import channels_of
@@ -644,6 +645,27 @@ def test_a_comparison_without_errors_draws_no_empty_figure(tmp_path: Path) -> No
         found = compare(fitted, other)
         panes = screen.draw(CompareContent((), (), found, (), ""))
         assert len(panes[3].objects) == count
+
+
+def test_a_written_file_is_explained_beneath_its_name(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, tmp_path / "campaign.toml", tmp_path / "results")
+    screen = ExportScreen(SimpleNamespace(bench=bench, scheme="light"))
+    (tmp_path / "results").mkdir()
+    path = Path(shutil.copy(golden_bundle("diagnosed"), tmp_path / "results/bundle.json"))
+    name, size, get = screen._line(path)
+    assert name.startswith("<b>results/bundle.json</b><br><small>the model")
+    assert (
+        re.fullmatch(r"\d+\N{NO-BREAK SPACE}kB", size) and 'href="files/results/bundle.json"' in get
+    )
+
+
+def test_a_unit_stands_clear_of_its_colours() -> None:
+    from bokeh.models import ColorBar
+
+    cells = ColourMap(np.arange(3.0), np.arange(2.0), np.zeros((2, 3)), (0.0, 1.0), "g/s")
+    figure = Figure("f", "Flow", "", (Panel(Scale("x"), Scale("y"), (cells,)),))
+    (bar,) = draw(figure, "light").layout.select({"type": ColorBar})
+    assert bar.title == "g/s" and bar.title_standoff > 2 * ColorBar().title_standoff
 
 
 def test_a_million_samples_are_thinned_to_the_window() -> None:

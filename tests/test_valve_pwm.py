@@ -11,12 +11,14 @@ import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from conftest import RIG_TEXT
 
+from sysid.blocks.figures import Words
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.identification.valve_pwm.coverage import duty_gaps, off_surface_tests
 from sysid.identification.valve_pwm.remarks import Remarks
@@ -27,9 +29,11 @@ from sysid.identification.valve_pwm.samples import (
     sample_tests,
 )
 from sysid.identification.valve_pwm.selection import select_tests
+from sysid.identification.valve_pwm.shown import flow_figure
 from sysid.io.logs import Trial, with_channels
 from sysid.io.rig import Rig, rig_from_content
 from sysid.surfaces import surface_from_dict
+from sysid.surfaces.domain import LevelFlows
 from sysid.valve_pwm import ValvePwmFit, fit_valve_pwm
 
 P0, SUPPLY = 1.0e5, 3.0e5
@@ -627,3 +631,28 @@ def test_a_test_off_the_surface_of_the_others_is_pointed_out() -> None:
 def test_samples_far_apart_are_blocks_of_their_own() -> None:
     """Time in nanoseconds taken for seconds: periods of years were counted one by one."""
     assert pulse_block(0.005, 5e8) == 1
+
+
+def test_a_duty_stands_at_its_own_curve_alone() -> None:
+    pressure = np.linspace(1e5, 3e5, 21)
+    # Discharge: the highest duty flows at the highest pressures alone, and ends in noise.
+    rise = (pressure - 1e5) / 2e5
+    flow = np.array([-3e-4 * (rise + 0.05), -1e-4 * rise, np.zeros(21)])
+    flow[2, :-3] = np.nan
+    flow[2, -3:] = -9e-6, -4e-6, -8e-6
+    levels = LevelFlows(
+        np.array([0.02, 0.4, 0.8]), pressure, flow, np.isfinite(flow).astype(int), np.zeros(0, int)
+    )
+    surface = SimpleNamespace(
+        domain_=SimpleNamespace(holds_duty=lambda duty: duty >= 0.0),
+        flow=lambda duty, p: (-1e-4 * (1.0 - duty),),
+    )
+    (panel,) = flow_figure("Valve A", "a", levels, {"averaged": surface}).panels
+    words = [mark for mark in panel.marks if isinstance(mark, Words)]
+    assert [word.text for word in words] == ["0.02", "0.40", "0.80"]
+    assert all(word.x > 300.0 for word in words)  # beyond the end of the curves, at the same side
+    # One that would lie over another curve is omitted: this one ends before the others.
+    flow[2] = np.where(pressure < 2.4e5, -0.7e-4, np.nan)
+    (panel,) = flow_figure("Valve A", "a", levels, {"averaged": surface}).panels
+    words = [mark for mark in panel.marks if isinstance(mark, Words)]
+    assert [word.text for word in words] == ["0.02", "0.40"]

@@ -352,6 +352,7 @@ def _map(plot: Any, mark: figures.ColourMap, colours: Mapping[str, str], _: Pane
     bar = parts.ColorBar(
         color_mapper=mapper, title=mark.unit, width=8, background_fill_color=None,
         major_label_text_color=colours["ink"], title_text_color=colours["ink"],
+        title_standoff=8, title_text_font_style="normal",
     )  # fmt: skip
     plot.add_layout(bar, "right")
     return bar

@@ -90,19 +90,20 @@ class ExportScreen(Screen):
         text += f"<div class='bar2'>{menu} {report} {files} {tick}</div>"
         lines = [self._line(path) for path in content.files]
         if lines:
-            text += parts.rows(("File", "Size", "", ""), lines, "Files that were written")
+            text += parts.rows(("File", "Size", ""), lines, "Files that were written")
         return [parts.html(text)]
 
     def _line(self, path: Path) -> list[str]:
         name = self.bench.named(path)
-        size = f"{path.stat().st_size / 1000.0:,.0f} kB"
+        head = f"<b>{parts.words(name)}</b><br><small>{_what(path)}</small>"
+        size = f"{path.stat().st_size / 1000.0:,.0f}\N{NO-BREAK SPACE}kB"
         if not path.is_relative_to(self.bench.folder):
-            return [parts.words(name), size, "", _what(path)]
+            return [head, size, ""]
         link = f"files/{quote(name)}"
         shown = "open" if path.suffix == ".html" else "download"
         more = ' target="_blank" rel="noopener"' if shown == "open" else " download"
         get = f'<a href="{link}"{more}>{shown}</a>'
-        return [f"<b>{parts.words(name)}</b>", size, get, f"<small>{_what(path)}</small>"]
+        return [head, size, get]
 
     async def do(self, what: str, value: Any) -> None:
         act, _, rest = what.partition(":")

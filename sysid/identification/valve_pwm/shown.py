@@ -54,6 +54,8 @@ _STYLES: tuple[tuple[Role, Dash], ...] = (
 _MAY_BE_EMPTY = ("Noise alone", "Choice")
 # Room for a duty's name beyond the curves of a figure, as a share of the pressures' range.
 _NAME_ROOM = 0.16
+# Half of a duty's name as it is drawn, as shares of the pressures' range and of the largest flow.
+_NAME_WIDTH, _NAME_HEIGHT = 0.075, 0.045
 _LAW_NAMES = {
     "choked_flow_fill_kg_s": "Choked flow, filling",
     "choked_flow_dis_kg_s": "Choked flow, discharging",
@@ -513,7 +515,7 @@ def _map(
 def flow_figure(title: str, tag: str, levels: LevelFlows, surfaces: Mapping[str, Any]) -> Figure:
     """Flow over pressure at a few duties: measured points, and a line for each law.
 
-    Each duty is at the end of its curve where the flow is largest.
+    Each duty is at its curve's end, on the side where the flows are largest.
     """
     domain = next(iter(surfaces.values())).domain_
     inside = np.flatnonzero(domain.holds_duty(levels.duty))
@@ -551,22 +553,34 @@ def _visited(levels: LevelFlows, row: int) -> FloatArray:
 
 
 def _duties_named(levels: LevelFlows, rows: Sequence[int]) -> list[Words]:
-    """The duty of each level, outside of its curve's end with the larger flow.
+    """The duty of each level, outside of its curve's end, all on the side of the larger flows.
 
-    One that would lie over another is omitted.
+    One that would lie over another, or over a curve, is omitted.
     """
     reach, span = float(np.ptp(levels.pressure)) / 1e3, 1e3 * float(np.nanmax(np.abs(levels.flow)))
+    drawn = {row: np.flatnonzero(np.isfinite(levels.flow[row])) for row in rows}
+    drawn = {row: known for row, known in drawn.items() if len(known)}
+    ends = [np.abs(levels.flow[row, known[[0, -1]]]) for row, known in drawn.items()]
+    if not ends:
+        return []
+    side, outwards = (0, -0.08) if np.diff(np.sum(ends, axis=0))[0] <= 0.0 else (-1, 0.08)
+    curves = {
+        row: (levels.pressure[known] / 1e3, 1e3 * levels.flow[row, known])
+        for row, known in drawn.items()
+    }
     marks: list[Words] = []
-    for row in rows:
-        known = np.flatnonzero(np.isfinite(levels.flow[row]))
-        if not len(known):
-            continue
-        first, last = known[0], known[-1]
-        is_first = abs(levels.flow[row, first]) >= abs(levels.flow[row, last])
-        at = first if is_first else last
-        x = float(levels.pressure[at]) / 1e3 + (-0.08 if is_first else 0.08) * reach
-        y, text = 1e3 * float(levels.flow[row, at]), fixed(float(levels.duty[row]), 2)
-        if all(abs(x - m.x) > 0.15 * reach or abs(y - m.y) > 0.09 * span for m in marks):
+    for row, known in drawn.items():
+        x = float(levels.pressure[known[side]]) / 1e3 + outwards * reach
+        y, text = 1e3 * float(levels.flow[row, known[side]]), fixed(float(levels.duty[row]), 2)
+        is_clear = not any(
+            np.any((np.abs(p - x) < _NAME_WIDTH * reach) & (np.abs(q - y) < _NAME_HEIGHT * span))
+            for other, (p, q) in curves.items()
+            if other != row
+        )
+        if is_clear and all(
+            abs(x - m.x) > 2.0 * _NAME_WIDTH * reach or abs(y - m.y) > 2.0 * _NAME_HEIGHT * span
+            for m in marks
+        ):
             marks.append(Words(x, y, text, is_small=True))
     return marks
 
