@@ -45,6 +45,7 @@ from sysid.blocks.interactive import draw
 from sysid.errors import InputError
 from sysid.io.campaign import read_campaign
 from sysid.io.listing import channels_of
+from sysid.io.plausibility import give_map, with_maps
 from sysid.parameters import read_bundle
 from sysid.pipeline.compare import compare
 from sysid.plant.effects.catalogue import catalogue
@@ -540,6 +541,24 @@ def test_what_a_menu_says_is_an_entry_of_map(assigned: Assigned, entry: str) -> 
 
     assert assigned.entry("t") == entry
     assert parse_map([entry])[assigned.target].column == "t"
+
+
+@pytest.mark.parametrize(
+    ("column", "unit", "said"),
+    [
+        ("p [V]", "bar", "pressure_a_pa in bar"),
+        ("p: chamber", "kPa(g)", "pressure_a_pa in kPa of a gauge"),
+        ("p", "0..101325 -> 101325..0 Pa", "pressure_a_pa in 0..101325 -> 101325..0 Pa"),
+        ("p", "1/255", "pressure_a_pa in 1/255"),
+    ],
+)
+def test_an_entry_that_a_message_asks_for_is_known_in_it(column: str, unit: str, said: str) -> None:
+    told = f"a.csv: it is in another unit; {give_map('pressure_a_pa', column, unit)}, or fix it"
+
+    def shown(target: str, unit: str, is_gauge: bool) -> str:
+        return f"{target} in {unit}{' of a gauge' if is_gauge else ''}"
+
+    assert with_maps(told, shown) == f"a.csv: it is in another unit; {said}, or fix it"
 
 
 def scope_file(folder: Path, name: str, *, channels: int = 2, offset: float = 0.0) -> Path:

@@ -326,7 +326,8 @@ def _doubts(logs: Sequence[Log], rig: Rig, mapping: Mapping[str, ColumnMap]) -> 
         if ends and max(max(ends), -min(ends)) > _FULL_TURN:
             yield (
                 f"{log.path}: {name} runs from {min(ends):.4g} to {max(ends):.4g} rad, more than a "
-                f'turn from its zero: if it is in degrees, give --map "{name}={name}:deg"'
+                "turn from its zero: if it is in degrees, "
+                + plausibility.give_map(name, name, "deg")
             )
 
 

@@ -324,7 +324,7 @@ def missing_time(table: LogTable, *, are_readings: bool = False) -> InputError:
     return input_error(
         table.path,
         f"column time_s is missing (it has {', '.join(table.header[:12])})",
-        f'add it, or give --map "time_s={guess}:{unit}"'
+        f"add it, or {plausibility.give_map('time_s', guess, unit)}"
         + (
             "; if each row is a reading of friction, list it in a campaign as kind = "
             '"friction-points", which needs no time'

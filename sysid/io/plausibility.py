@@ -8,7 +8,8 @@ likely unit and the `--map` entry that converts it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +63,23 @@ _NAMES = {
 }
 
 
+_GIVE = 'give --map "{}={}:{}"'
+_GIVEN = re.compile(_GIVE.format(r"(\w+)", '[^"]*', r'([^":]+?)(\(g\))?'))
+
+
+def give_map(target: str, column: str, unit: str) -> str:
+    """The words that ask for an entry of `--map`."""
+    return _GIVE.format(target, column, unit)
+
+
+def with_maps(text: str, said: Callable[[str, str, bool], str]) -> str:
+    """`text`, where each `give_map` in it is what `said` makes of the log's column, of the unit,
+    and of whether that is a gauge's."""
+    return _GIVEN.sub(lambda found: said(found[1], found[2], found[3] is not None), text)
+
+
 def _mapping(target: str, column: str, unit: str) -> str:
-    return f'if it is in {unit}, give --map "{target}={column}:{unit}"'
+    return f"if it is in {unit}, {give_map(target, column, unit)}"
 
 
 def check_pressure(
@@ -129,8 +145,8 @@ def _looks_like(
                 return f"it looks like {kind} in {unit}: " + _mapping(target, column, name)
     if supply < ambient and abs(low) < _AT_REST * ambient and floor <= ambient - high:
         return (
-            "it looks like a vacuum gauge, which counts Pa below the atmosphere: if so, give --map "
-            f'"{target}={column}:0..{ambient:g} -> {ambient:g}..0 Pa"'
+            "it looks like a vacuum gauge, which counts Pa below the atmosphere: if so, "
+            + give_map(target, column, f"0..{ambient:g} -> {ambient:g}..0 Pa")
         )
     return None
 
@@ -274,7 +290,7 @@ def check_fraction(where: str, target: str, column: str, values: FloatArray) -> 
     elif low >= 0.0 and high > 100.0 and not np.any(values % 1.0):
         # A converter's or timer's full scale.
         full = (1 << int(high).bit_length()) - 1
-        fix = f'if {full} is full duty, give --map "{target}={column}:1/{full}"'
+        fix = f"if {full} is full duty, {give_map(target, column, f'1/{full}')}"
     else:
         fix = (
             "fix the values: a duty lies between 0 and 1 (a command of 5 to 10 V: --map "

@@ -32,6 +32,7 @@ _PURPOSES = {
     ".h": "for a controller in C",
     ".mat": "for MATLAB",
     ".fmu": "for co-simulation",
+    ".xml": "a joint for MuJoCo",
 }
 _EXPORTS = "export"
 

@@ -21,6 +21,7 @@ from sysid.io.channels import LOG_COLUMNS, SIDES, Channel
 from sysid.io.conversion import convert
 from sysid.io.kinds import KINDS, TEST_KINDS
 from sysid.io.listing import ListedChannel, Listing
+from sysid.io.plausibility import with_maps
 from sysid.io.units import CANONICAL_UNITS
 from sysid.pipeline.check import check_file
 
@@ -28,7 +29,6 @@ _PRESSURE = "_pa"
 # More channels than these are not all shown; those that are mapped are.
 _MOST_CHANNELS = 60
 _HOW = "How the file is read"
-_FIX = re.compile(r'give --map "(\w+)=[^":]*:([^"]+?)(\(g\))?"')
 _TIME = re.compile(r"(?i)(time|t|zeit|timestamp|clock|seconds)\b.*")
 # What stands for a test's number at the end of a file's name.
 _NUMBER = re.compile(r"[\W_]*\d+$")
@@ -330,14 +330,14 @@ def _here(text: str, chosen: Mapping) -> str:
     stem = re.escape(chosen.path.stem)
     text = re.sub(rf"\S*sysid-app-\w+[/\\]{stem}\.parquet|{stem}\.parquet", chosen.path.name, text)
     text = text.replace(f"{chosen.path.parent}{os.sep}", "")
-    return _FIX.sub(_fix, text)
+    return with_maps(text, _in_fields)
 
 
-def _fix(found: re.Match[str]) -> str:
-    gauge = " and tick “gauge”" if found[3] else ""
+def _in_fields(target: str, unit: str, is_gauge: bool) -> str:
+    gauge = " and tick “gauge”" if is_gauge else ""
     volts = "; if it is a transducer's voltage, give the sensor's range"
-    more = volts if found[1].endswith(_PRESSURE) else ""
-    return f"write {found[2]} under “in unit”{gauge}{more}"
+    more = volts if target.endswith(_PRESSURE) else ""
+    return f"write {unit} under “in unit”{gauge}{more}"
 
 
 def _lines(texts: Iterable[str], chosen: Mapping) -> Iterator[str]:
