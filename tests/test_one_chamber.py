@@ -483,10 +483,12 @@ def test_a_fill_and_a_bleed_valve(shut: tuple[GeneratedCampaign, Path]) -> None:
     made, place = shut
     log, law = log_of(place, "valve_discrete_a"), made.rig.truth.valve_a
     assert log.rig is not None and not log.contradictions
-    fit = fit_valve_discrete(log.trials, log.rig, find_ratio=False)
+    fit = fit_valve_discrete(log.trials, log.rig)
     found = fit["a"].estimates
     for key, true in dataclasses.asdict(law).items():
         assert abs(found[key].value - true) < 4.0 * found[key].std, key
+    for key in ("critical_ratio_fill", "critical_ratio_dis"):
+        assert found[key].value == pytest.approx(0.53, abs=3e-3), key
     delay = made.rig.content["valves"]["on_delay_s"]
     assert abs(found["on_delay_s"].value - delay) < 4.0 * found["on_delay_s"].std
     assert not found["off_delay_s"].identified

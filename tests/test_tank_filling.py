@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from sysid.commands.app import main
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
@@ -115,3 +118,54 @@ def test_a_slow_tank_on_a_supply_that_moves_is_refused_all_the_same() -> None:
     )
     with pytest.raises(NotIdentifiedError, match="supply was unsteady"):
         fit_valve_discrete([more], rig, find_ratio=False)
+
+
+def filled_and_emptied(folder: Path) -> Path:
+    """A campaign of valve-discrete tests of a tank, by the thesis' law in both directions."""
+    gain, supply, choked = AIR[0] * AIR[1] * T / 1e-3, 4e5, 1e-4
+    step, pressure, values, on = 5e-3, P0, [], []
+    c_fill, c_dis = choked / np.sqrt(0.47 * supply), choked / (P0 / 0.53 - P0)
+    for command, rows in ((0.0, 20), (1.0, 2000), (0.0, 3000)):
+        for _ in range(rows):
+            values.append(pressure)
+            on.append(command)
+            for _ in range(10):
+                filling = min(choked, c_fill * np.sqrt(max(supply - pressure, 0.0)))
+                flow = filling if command else -min(choked, c_dis * (pressure - P0))
+                pressure += gain * flow * step / 10.0
+    rng = np.random.default_rng(3)
+    for name in ("one", "two"):
+        noisy = np.array(values) + 30.0 * rng.standard_normal(len(values))
+        columns = np.column_stack([step * np.arange(len(on)), noisy, on])
+        head = "time_s,pressure_a_pa,valve_a"
+        np.savetxt(folder / f"{name}.csv", columns, "%.9g", ",", header=head, comments="")
+    (folder / "rig.toml").write_text(
+        '[rig]\nname = "tank"\norientation = "horizontal"\n[air]\n'
+        f"temperature_k = {T}\natmospheric_pressure_pa = {P0}\nsupply_pressure_pa = {supply}\n"
+        f"gas_constant_j_per_kg_k = {AIR[0]}\nheat_capacity_ratio = {AIR[1]}\n"
+        "[tank]\nvolume_m3 = 1e-3\n"
+    )
+    logs = "".join(
+        f'[[log]]\nfile = "{name}.csv"\nkind = "valve-discrete"\nuse = "{use}"\n'
+        for name, use in (("one", "fit"), ("two", "holdout"))
+    )
+    (folder / "campaign.toml").write_text(f'name = "tank"\nrig = "rig.toml"\n{logs}')
+    return folder
+
+
+def test_a_campaign_of_a_tank_asks_for_no_test_of_what_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its valve's flows are what its tests identify; there is no friction, and no motion."""
+    monkeypatch.chdir(filled_and_emptied(tmp_path))
+    assert main(["check", "campaign.toml"]) == 0
+    checked = capsys.readouterr().out
+    assert "everything is identified" in checked
+    assert "c_fill" in checked and "friction" not in checked and "valve B" not in checked
+    assert main(["run", "campaign.toml", "-o", "out"]) == 0
+    ran = capsys.readouterr()
+    assert "Next: add tank tests, which a diagnosis of a tank needs" in ran.out
+    assert "a tank alone, which has no motion to simulate" in ran.out
+    assert "friction" not in ran.out + ran.err
+    assert main(["simulate", "one.csv", "--bundle", "out/bundle.json", "-o", "s.csv"]) == 2
+    assert "rig: declares a tank alone" in capsys.readouterr().err

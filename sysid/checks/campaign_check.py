@@ -252,12 +252,14 @@ def _together(tests: Sequence[tuple[CampaignLog, Trial]], rig: Rig) -> Iterator[
         for e, t in rest
         if e.kind in FRICTION_KINDS or (e.kind in MOTION_KINDS and balances(t, rig))
     ]
-    yield from friction_together([t for t, _ in moving], [k for _, k in moving], rig)
+    if not rig.is_tank_alone:
+        yield from friction_together([t for t, _ in moving], [k for _, k in moving], rig)
     for valve in rig.sides:
         by_kind: dict[str, list[Trial]] = {}
         for entry, trial in rest:
             if entry.valve in (None, valve):
-                by_kind.setdefault(kind_of(trial, rig) or "", []).append(trial)
+                found = entry.kind if rig.is_tank_alone else kind_of(trial, rig)
+                by_kind.setdefault(found or "", []).append(trial)
         yield from valves_identified(by_kind, rig, (valve,))
 
 

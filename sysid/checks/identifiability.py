@@ -59,7 +59,9 @@ def identifications(
 
     `by_kind` holds the log's trials by kind; `declared` is the kind that a campaign gives them.
     """
-    yield from friction_identified([t for group in by_kind.values() for t in group], rig, declared)
+    if not rig.is_tank_alone:
+        trials = [t for group in by_kind.values() for t in group]
+        yield from friction_identified(trials, rig, declared)
     if declared != FRICTION_POINTS:
         yield from valves_identified(by_kind, rig)
 
@@ -68,6 +70,12 @@ def valves_identified(
     by_kind: TrialsByKind, rig: Rig, valves: Sequence[str] | None = None
 ) -> Iterator[Identification]:
     """The flows of these valves (None: the rig's), where the rig or the log has some."""
+    if rig.is_tank_alone:
+        tests = by_kind.get("valve-discrete", ())
+        for valve in rig.sides if valves is None else valves:
+            if any(f"pressure_{valve}_pa" in trial for trial in tests):
+                yield from _discrete(tests, rig, valve)
+        return
     commanded = any(is_active(t, *DUTIES, *SWITCHES) for group in by_kind.values() for t in group)
     if rig.cylinder is None or (rig.valves is None and not commanded):
         return

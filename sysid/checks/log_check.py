@@ -346,6 +346,8 @@ def _kind_in(trial: Trial, rig: Rig, declared: str | None, header: PlayedHeader 
     """
     if declared in BENCH_LAWS or declared == FRICTION_POINTS:
         return declared
+    if declared == "valve-discrete" and rig.is_tank_alone:  # by its columns the same as a discharge
+        return declared
     found = bench_kind(trial, rig) or kind_of(trial, rig) or "nothing commanded"
     by_motor = header is not None and header.kind == BY_MOTOR and found in FRICTION_TRIALS
     return BY_MOTOR if by_motor else found

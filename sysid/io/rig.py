@@ -293,11 +293,22 @@ class Rig(Shown):
         """How a valve-discrete test switches a chamber's valves, in words."""
         if self.bleeds:
             return "fill valve on for 3 s, both off, bleed valve on, piston held"
+        if self.held_tank is not None:
+            return "off, on until the pressure rests, off until it rests again"
         return "off, on for 3 s, off, piston held"
 
     def filled_by(self, side: str) -> str:
         """The name of the valve that fills a chamber."""
         return f"{side}_fill" if self.bleeds else side
+
+    def require_motion(self) -> None:
+        """InputError where nothing that it declares moves, so that nothing can be simulated."""
+        if self.is_tank_alone:
+            raise input_error(
+                self.source,
+                "declares a tank alone, which has no motion to simulate",
+                "judge its laws by their own fits (sysid fit), and diagnose them by tank tests",
+            )
 
     def require_side(self, side: str, what: str) -> None:
         """InputError, which names `what` asks, where the rig lacks a chamber and its valve."""

@@ -14,7 +14,7 @@ import numpy as np
 from sysid.blocks.plots import legend, some_axes
 from sysid.blocks.shown import Shown
 from sysid.errors import InputError, input_error
-from sysid.io.channels import VALVE_COMMANDS
+from sysid.io.channels import SWITCHES, VALVE_COMMANDS
 from sysid.io.exclusion import Excluded
 from sysid.io.rig import Rig
 from sysid.io.units import ColumnMap
@@ -135,10 +135,11 @@ class Trial:
             if name in self.unusable:
                 raise InputError(self.unusable[name])
             if name not in self.channels:
+                unit = "" if name in SWITCHES else ":UNIT"  # on and off have none
                 raise input_error(
                     self.source,
                     f"column {name} is missing, {why}",
-                    f'add it, or map it with --map "{name}=COLUMN:UNIT"',
+                    f'add it, or map it with --map "{name}=COLUMN{unit}"',
                 )
 
 

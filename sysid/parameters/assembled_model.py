@@ -76,6 +76,7 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     NotIdentifiedError where the bundle has no friction.
     """
     friction, where = bundle.friction, bundle.source
+    rig.require_motion()
     if friction is None:
         raise NotIdentifiedError(f"{where}: holds no friction; {_friction_wanted(rig)}")
     taken = {name: name for name in FRICTION}
@@ -405,7 +406,7 @@ def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters
     if law is None:
         return ValveParameters(math.nan, math.nan, math.nan, math.nan)
     place = f"{bundle.source}, valves.{side}.discrete"
-    test = f"valve-discrete tests of valve {side} (on and off again, piston held) would identify it"
+    test = f"valve-discrete tests of valve {side.upper()} ({rig.valve_steps}) would identify it"
     values: dict[str, float] = dict.fromkeys(LAW_KEYS, 0.0)
     estimates = law.estimates()
     for name, key in law.iso_keys().items():

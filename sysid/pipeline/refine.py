@@ -79,7 +79,8 @@ def why_not_refined(campaign: Campaign, bundle: Bundle) -> str:
         from sysid.diagnosis.bench.registry import AXIS, part_tested
 
         part = part_tested(campaign.training_kinds(), bundle)
-        if part is not None and not (part == AXIS and campaign.rig.is_motor_alone):
+        is_axis = part == AXIS and campaign.rig.is_motor_alone
+        if campaign.rig.is_tank_alone or (part is not None and not is_axis):
             return "a part tested alone has no motion to simulate"
     return "" if bundle.refinement is None else "it is already refined"
 

@@ -88,6 +88,8 @@ def _next(
     advice: Mapping[str, Any] | None,
 ) -> str:
     if diagnosis is None and is_impossible:
+        if bundle.rig.is_tank_alone:
+            return "add tank tests, which a diagnosis of a tank needs"
         return "add the tests that the diagnosis needs"
     if diagnosis is None:
         return "sysid diagnose finds what the model lacks"

@@ -106,6 +106,7 @@ def refine(
     the bundle does not hold the on/off law of both valves, or nothing can be simulated.
     """
     free, fix, profile = list(free), list(fix), list(profile)
+    campaign.rig.require_motion()
     entries = campaign.select(SIMULATED_KINDS, use="fit")
     if not entries:
         raise input_error(

@@ -100,6 +100,7 @@ def validate(
     tell = progress or (lambda line: None)
     rig = campaign.rig
     notices = [*bundle.other_rig(rig), *_offset(bundle, rig), *assumed_parameters(bundle, rig)]
+    rig.require_motion()
     entries = campaign.select(tuple(kinds), use=None)
     if not entries:
         raise input_error(

@@ -24,7 +24,7 @@ from sysid.identification.valve_discrete.curve import (
 from sysid.identification.valve_discrete.held_chamber import DELAYS, FLOWS
 from sysid.identification.valve_discrete.law_choice import LawChoice
 from sysid.identification.valve_discrete.notices import JUMPS
-from sysid.identification.valve_discrete.ratio import DISCHARGE, FILL, critical_ratio
+from sysid.identification.valve_discrete.ratio import critical_ratio, directions
 from sysid.identification.valve_discrete.regimes import Stretches
 from sysid.identification.valve_discrete.result import DiscreteFit, PressureCurve
 from sysid.io.rig import Air
@@ -136,7 +136,7 @@ def with_volume_error(
 def critical_ratios(curves: CurveFit, estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
     """The critical ratios with the boundary left free."""
     found = {}
-    for way, direction in zip(WAYS, (FILL, DISCHARGE), strict=True):
+    for way, direction in zip(WAYS, directions(curves), strict=True):
         if curves.problem.law(way) != THESIS:
             continue
         missing = [n for n in direction.free if not estimates[n].identified]

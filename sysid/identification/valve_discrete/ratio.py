@@ -45,6 +45,14 @@ FILL = Direction(
 DISCHARGE = Direction(
     "critical_ratio_dis", ("choked_flow_dis_kg_s", "c_dis", "off_delay_s"), filling=False
 )
+# Of two valves the one that empties opens, too.
+BLEED = dataclasses.replace(DISCHARGE, free=("choked_flow_dis_kg_s", "c_dis", "on_delay_s"))
+
+
+def directions(curves: CurveFit) -> tuple[Direction, Direction]:
+    """Filling, and discharging by the same valve or by one of its own."""
+    two = all(piece.chamber.bleeds is not None for piece in curves.problem.pieces)
+    return FILL, BLEED if two else DISCHARGE
 
 
 def critical_ratio(curves: CurveFit, direction: Direction) -> Estimate:

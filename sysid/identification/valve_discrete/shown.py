@@ -97,13 +97,22 @@ def discrete_section(
     if both is not None:
         blocks += both.blocks()
     intro = (
-        "The piston is held, and the valve is switched on and off again; flows, coefficients and "
-        "delays are those whose simulated pressure is closest to the measured one."
+        f"{_how(rig)}; flows, coefficients and delays are those whose simulated pressure is "
+        "closest to the measured one."
         if held
         else "Coefficients are those whose simulated pressure is closest to the measured one while "
         "a tank of constant volume empties through the valve or port.",
     )
     return Section("valves", "On/off valves", intro, tuple(blocks))
+
+
+def _how(rig: Rig) -> str:
+    """How the tests of a valve are made, in words."""
+    if rig.held_tank is not None:
+        return "The volume is the tank's, and the valve is switched on and off again"
+    if rig.bleeds:
+        return "The piston is held, one valve fills the chamber, and another one empties it"
+    return "The piston is held, and the valve is switched on and off again"
 
 
 def _effects_on_flow(bundle: Bundle) -> tuple[str, ...]:
