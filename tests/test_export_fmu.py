@@ -274,6 +274,8 @@ def test_two_valves_of_one_chamber_have_their_names_and_delays(tmp_path: Path) -
     assert "#define SYSID_HAS_VALVE_A_DELAYS 1" in text
     assert "sysid_valve_a_off_delay_s = (sysid_real)0.0035;" in text
     assert any("off_delay_s is the rig file's 0.0035" in line for line in said)
+    assert "with the fill valve on" in text and "with the bleed valve on" in text
+    assert "with the valve off" not in text
 
 
 @pytest.mark.usefixtures("sources_only")

@@ -52,6 +52,7 @@ from sysid.io.rig_sections import Motor
 from sysid.io.samples import with_channels
 from sysid.io.units import parse_map
 from sysid.parameters import Bundle, Parts, write_bundle
+from sysid.parameters.assembled_model import _discrete_law
 from sysid.parameters.effects import EffectEntry
 from sysid.parameters.friction import Friction
 from sysid.parameters.valves import FittedValves
@@ -727,6 +728,9 @@ def test_a_log_without_the_bleed_valves_command_shows_how_the_chamber_fills(
             assert other[name].std < 3.0 * one[name].std
     said = [line for line in lacking.notices if f"are fitted in which {FILL} is on" in line]
     assert len(said) == 1 and f"bench.csv: column {BLEED}" in said[0]
+    # A simulation lacks the same, and no flow of which no test under a vacuum says anything.
+    with pytest.raises(NotIdentifiedError, match=f"column {BLEED} is missing"):
+        _discrete_law(Bundle.new(rig, lacking.part(), []), rig, "a")
 
 
 @pytest.mark.parametrize(

@@ -151,10 +151,19 @@ def valve_flows(flat: Flat, side: str) -> Iterator[BaseLaw]:
     iso = {way: f"sonic_conductance_{way}" in held for way in ("fill", "dis")}
     own = {way: (f"valve_{side}_valve_c_{way}",) * (f"valve_c_{way}" in held) for way in iso}
     chokes = "; with its flow control it chokes by the pressure between the two"
+    # Each of two valves has its own command, and none flows while both are off.
+    fills, empties = (
+        ("fill valve on", "bleed valve on")
+        if flat.rig.bleeds
+        else (
+            "valve on",
+            "valve off",
+        )
+    )
     yield BaseLaw(
         f"HAS_VALVE_{upper}_FILLING",
         f"{name}_filling_flow",
-        f"Flow into chamber {upper}, kg/s, with the valve on "
+        f"Flow into chamber {upper}, kg/s, with the {fills} "
         + (
             "(ISO 6358), choked up to its critical ratio of the supply; negative above the supply"
             if iso["fill"]
@@ -174,7 +183,7 @@ def valve_flows(flat: Flat, side: str) -> Iterator[BaseLaw]:
     yield BaseLaw(
         f"HAS_VALVE_{upper}_EXHAUST",
         f"{name}_exhaust_flow",
-        f"Flow into chamber {upper}, kg/s, with the valve off "
+        f"Flow into chamber {upper}, kg/s, with the {empties} "
         + (
             "(ISO 6358): negative (out) above the atmosphere, and in proportion to the pressure "
             "where it is choked; air comes in below it"

@@ -422,12 +422,19 @@ def _discrete_law(bundle: BundleContent, rig: Rig, side: str) -> ValveParameters
             continue
         other = _of_other_regime(valve, name, rig)
         if other is None:
+            # Under a vacuum no test identifies a choked flow: what the other regime lacks is why.
+            asked = LAW_KEYS[_OTHER_REGIME[name]] if _is_never_shown(name, rig) else key
             # One below zero, without anything else that says it, is held at 0.
-            values[name] = max(_identified(law, key, place, test), 0.0)
+            values[name] = max(_identified(law, asked, place, test), 0.0)
             continue
         boundary = _unit_boundary_flow(name, bundle, rig)
         values[name] = other * boundary if name.startswith("choked") else other / boundary
     return ValveParameters(**values)
+
+
+def _is_never_shown(name: str, rig: Rig) -> bool:
+    """Whether a flow is choked, which a vacuum's is never by the thesis' law."""
+    return name.startswith("choked") and rig.air is not None and rig.supply_way < 0.0
 
 
 def _of_other_regime(valve: Valve, name: str, rig: Rig) -> float | None:
