@@ -20,6 +20,7 @@ from sysid.diagnosis.bench.fitting import fit_law
 from sysid.diagnosis.bench.law_choice import chosen_law
 from sysid.diagnosis.bench.selection import select
 from sysid.diagnosis.bench.tank import TankComponent, tank
+from sysid.diagnosis.wording import advice_on_rest
 from sysid.errors import InputError, NotIdentifiedError, subject_of
 from sysid.estimation.linear import Estimate
 from sysid.io.conversion import convert
@@ -572,3 +573,10 @@ def test_earlier_discharges_of_a_test_are_said_to_be_unused() -> None:
     assert one.left_out == ()
     assert part.discharges[0].start == pytest.approx(one.discharges[0].start, rel=1e-12)
     assert np.array_equal(part.discharges[0].pressure[:100], one.discharges[0].pressure[:100])
+
+
+def test_a_part_without_a_held_out_log_asks_for_one_of_its_own_kind() -> None:
+    content = {"verdict": "adequate", "unexplained": [], "residual": {}, "effects": []}
+    (of_tank,) = advice_on_rest(content | {"component": "tank"})
+    (of_rig,) = advice_on_rest(content)
+    assert "give a log use" in of_tank and "give a motion log use" in of_rig

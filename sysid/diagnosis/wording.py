@@ -324,9 +324,9 @@ def advice_on_rest(content: Content) -> tuple[str, ...]:
     elif content["verdict"] in _ENDED and (above := dict(above_noise(content))):
         lines.append(_on_errors(content, max(above, key=lambda name: above[name]), above))
     if not content["residual"]:
+        log = "motion log" if is_of_actuator(content) else "log"
         lines.append(
-            'Errors before and after are not known: give a motion log use = "holdout" in the '
-            "campaign."
+            f'Errors before and after are not known: give a {log} use = "holdout" in the campaign.'
         )
     return tuple(lines)
 
