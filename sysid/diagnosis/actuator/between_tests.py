@@ -38,31 +38,31 @@ def supports(base: Projected, found: Refit, weights: FloatArray) -> tuple[Suppor
     """The support of a fit to a residual whose channels have weights (channels,).
 
     In the directions in which the strengths of all effects are uncorrelated by the noise and by
-    their scatter: effects that imitate each other share what they gain. Shapes are held: fitted to
-    each few of the tests, they would make strengths agree that do not.
+    their scatter: effects that imitate each other share what they gain. All else is as it is: by
+    shapes fitted to each few of the tests strengths would agree that do not, and by base parameters
+    of which those say little others would differ that agree.
     """
-    strengths, shapes = _numbers(found)
-    fit = replace(found.fit, jacobian=found.chords).holding(shapes)
-    places = {name: i for i, name in enumerate(found.fit.names)}
-    slopes = found.own_chords()
-    own = {name: float(np.linalg.norm(slopes[:, places[name]])) for name in strengths}
-    whole = dict(zip(fit.names, np.linalg.norm(fit.jacobian, axis=0), strict=True))
-    hidden = {*fit.diagnosis.at_bound, *fit.diagnosis.unidentified}
+    names = [f"{e.id}/{q.name}" for e in found.effects for q in type(e).strengths()]
+    columns = np.zeros_like(found.fit.jacobian)
+    own, whole = found.own_chords(), np.linalg.norm(found.chords, axis=0)
     # Not what the base parameters make up for.
-    strengths = [n for n in strengths if n not in hidden and own[n] > _LEAST * whole[n]]
-    kept = [fit.names.index(name) for name in strengths]
-    covariance = fit.jackknife_covariance(base.frame.tests)
-    known = [float(covariance.dof[i]) for i in kept if covariance.dof[i] >= 1.0]
-    if not known:  # nothing is known of a scatter of what a single test shows
-        return ()
-    scale = np.array([own[name] for name in strengths])
+    shown = np.linalg.norm(own, axis=0) > _LEAST * whole[: own.shape[1]]
+    columns[:, : own.shape[1]][:, shown] = own[:, shown]
+    fit = replace(found.fit, jacobian=columns)
+    fit = fit.holding([name for name in fit.names if name not in names])
+    hidden = {*fit.diagnosis.at_bound, *fit.diagnosis.unidentified}
+    fit = fit.holding(hidden)
+    covariance = fit.jackknife_covariance(base.frame.tests) if fit.names else None
+    known = [] if covariance is None else [float(dof) for dof in covariance.dof if dof >= 1.0]
+    if covariance is None or not known:
+        return ()  # nothing is known of a scatter of what a single test shows
+    scale = np.linalg.norm(fit.jacobian, axis=0)
     # Directions in which a step of one changes the squares by one.
-    columns = slopes[:, [places[name] for name in strengths]] / scale
-    left, sizes, ways = np.linalg.svd(columns, full_matrices=False)
+    left, sizes, ways = np.linalg.svd(fit.jacobian / scale, full_matrices=False)
     some = sizes > _LEAST * sizes[0]
     steps = (sizes[some, None] * ways[some]) * scale
-    spreads, turned = np.linalg.eigh(steps @ covariance.matrix[np.ix_(kept, kept)] @ steps.T)
-    amounts = turned.T @ steps @ fit.values[kept]
+    spreads, turned = np.linalg.eigh(steps @ covariance.matrix @ steps.T)
+    amounts = turned.T @ steps @ fit.values
     gone = (left[:, some] @ turned * amounts).T
     # Noise alone makes strengths differ by more between tests one time in twenty.
     allowed = float(chi_squared_quantile(min(known), LEVEL)) / min(known)
@@ -70,15 +70,6 @@ def supports(base: Projected, found: Refit, weights: FloatArray) -> tuple[Suppor
     return tuple(
         Support(channel_squares(base, found.rest - part) / weights, float(limit))
         for part, limit in zip(gone, most, strict=True)
-    )
-
-
-def _numbers(found: Refit) -> tuple[list[str], list[str]]:
-    """The names of the effects' strengths, and of their shapes, in the fit."""
-    kinds = [(e.id, type(e)) for e in found.effects]
-    return (
-        [f"{id_}/{q.name}" for id_, kind in kinds for q in kind.strengths()],
-        [f"{id_}/{q.name}" for id_, kind in kinds for q in kind.shapes()],
     )
 
 
