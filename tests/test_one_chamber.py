@@ -451,6 +451,13 @@ def shut_vacuum(tmp_path_factory: pytest.TempPathFactory) -> tuple[GeneratedCamp
     return made, place
 
 
+@pytest.fixture(params=["shut", "shut_vacuum"], ids=["pressure", "vacuum"])
+def shut_by(request: pytest.FixtureRequest) -> tuple[GeneratedCampaign, Path]:
+    """A chamber with a fill and a bleed valve, by a supply of either kind."""
+    made: tuple[GeneratedCampaign, Path] = request.getfixturevalue(request.param)
+    return made
+
+
 def with_arrangement(rig_text: str, chambers: list[str]) -> Rig:
     valves = {"arrangement": "fill-and-bleed"}
     found = content(rig_text, cylinder={"chambers": chambers}, valves=valves)
@@ -594,16 +601,11 @@ MISTAKES: dict[str, tuple[Any, str]] = {
 }
 
 
-@pytest.mark.parametrize("supply", ["pressure", "vacuum"])
 @pytest.mark.parametrize("name", MISTAKES)
 def test_mistaken_commands_of_two_valves_are_named(
-    name: str,
-    supply: str,
-    shut: tuple[GeneratedCampaign, Path],
-    shut_vacuum: tuple[GeneratedCampaign, Path],
-    tmp_path: Path,
+    name: str, shut_by: tuple[GeneratedCampaign, Path], tmp_path: Path
 ) -> None:
-    made, place = shut if supply == "pressure" else shut_vacuum
+    made, place = shut_by
     change, line = MISTAKES[name]
     log = read_back(change(bench_frame(made)), place, tmp_path)
     assert log.rig is not None and any(re.search(line, notice) for notice in log.notices)
@@ -684,16 +686,12 @@ def test_a_motion_by_no_valve_of_the_log_is_said(
     assert not any("both valves are off" in n for n in read_back(frame, place, tmp_path).notices)
 
 
-@pytest.mark.parametrize("supply", ["pressure", "vacuum"])
 def test_an_emptying_that_no_command_shows_is_said(
-    supply: str,
-    shut: tuple[GeneratedCampaign, Path],
-    shut_vacuum: tuple[GeneratedCampaign, Path],
-    tmp_path: Path,
+    shut_by: tuple[GeneratedCampaign, Path], tmp_path: Path
 ) -> None:
     """The bleed valve's column is zeros: filling is fitted as with it, emptying is not, and what is
     checked says so as well."""
-    made, place = shut if supply == "pressure" else shut_vacuum
+    made, place = shut_by
     log = read_back(bench_frame(made).assign(**{BLEED: 0}), place, tmp_path)
     assert log.rig is not None
     lacking = flows_not_shown(log.trials, log.rig, "a")
@@ -704,15 +702,11 @@ def test_an_emptying_that_no_command_shows_is_said(
     assert re.search("while both valves are off: is valve_a_bleed, which stays 0, the command", why)
 
 
-@pytest.mark.parametrize("supply", ["pressure", "vacuum"])
 def test_a_log_without_the_bleed_valves_command_shows_how_the_chamber_fills(
-    supply: str,
-    shut: tuple[GeneratedCampaign, Path],
-    shut_vacuum: tuple[GeneratedCampaign, Path],
-    tmp_path: Path,
+    shut_by: tuple[GeneratedCampaign, Path], tmp_path: Path
 ) -> None:
     """As with it; of the exhaust it is said which column would show it."""
-    made, place = shut if supply == "pressure" else shut_vacuum
+    made, place = shut_by
     whole = bench_frame(made)
     logs = [read_back(frame, place, tmp_path) for frame in (whole, whole.drop(columns=BLEED))]
     rig = logs[0].rig

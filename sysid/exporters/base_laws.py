@@ -152,14 +152,8 @@ def valve_flows(flat: Flat, side: str) -> Iterator[BaseLaw]:
     own = {way: (f"valve_{side}_valve_c_{way}",) * (f"valve_c_{way}" in held) for way in iso}
     chokes = "; with its flow control it chokes by the pressure between the two"
     # Each of two valves has its own command, and none flows while both are off.
-    fills, empties = (
-        ("fill valve on", "bleed valve on")
-        if flat.rig.bleeds
-        else (
-            "valve on",
-            "valve off",
-        )
-    )
+    one, two = ("valve on", "valve off"), ("fill valve on", "bleed valve on")
+    fills, empties = two if flat.rig.bleeds else one
     yield BaseLaw(
         f"HAS_VALVE_{upper}_FILLING",
         f"{name}_filling_flow",

@@ -34,28 +34,31 @@ class Support:
     most: float
 
 
-def supports(base: Projected, found: Refit, weights: FloatArray) -> tuple[Support, ...]:
-    """The support of a fit to a residual whose channels have weights (channels,).
+def supports(
+    base: Projected, found: Refit, slopes: FloatArray, weights: FloatArray
+) -> tuple[Support, ...]:
+    """The support of a fit to a residual whose channels have weights (channels,); `slopes` are the
+    fit's `own_slopes` (rows, k).
 
     In the directions in which the strengths of all effects are uncorrelated by the noise and by
     their scatter: effects that imitate each other share what they gain. All else is as it is: by
     shapes fitted to each few of the tests strengths would agree that do not, and by base parameters
     of which those say little others would differ that agree.
     """
-    names = [f"{e.id}/{q.name}" for e in found.effects for q in type(e).strengths()]
-    columns = np.zeros_like(found.fit.jacobian)
-    own, whole = found.own_chords(), np.linalg.norm(found.chords, axis=0)
+    own = found.own_chords(slopes)
+    length, whole = (np.linalg.norm(m, axis=0) for m in (own, found.chords))
+    numbers = [q for e in found.effects for q in type(e).quantities]
     # Not what the base parameters make up for.
-    shown = np.linalg.norm(own, axis=0) > _LEAST * whole[: own.shape[1]]
-    columns[:, : own.shape[1]][:, shown] = own[:, shown]
-    fit = replace(found.fit, jacobian=columns)
-    fit = fit.holding([name for name in fit.names if name not in names])
-    hidden = {*fit.diagnosis.at_bound, *fit.diagnosis.unidentified}
-    fit = fit.holding(hidden)
-    covariance = fit.jackknife_covariance(base.frame.tests) if fit.names else None
-    known = [] if covariance is None else [float(dof) for dof in covariance.dof if dof >= 1.0]
-    if covariance is None or not known:
-        return ()  # nothing is known of a scatter of what a single test shows
+    kept = [i for i, q in enumerate(numbers) if q.is_strength and length[i] > _LEAST * whole[i]]
+    fit = found.fit.holding([n for i, n in enumerate(found.fit.names) if i not in kept])
+    fit = replace(fit, jacobian=own[:, kept])
+    fit = fit.holding({*fit.diagnosis.at_bound, *fit.diagnosis.unidentified})
+    if not fit.names:
+        return ()
+    covariance = fit.jackknife_covariance(base.frame.tests)
+    known = [float(dof) for dof in covariance.dof if dof >= 1.0]
+    if not known:  # nothing is known of a scatter of what a single test shows
+        return ()
     scale = np.linalg.norm(fit.jacobian, axis=0)
     # Directions in which a step of one changes the squares by one.
     left, sizes, ways = np.linalg.svd(fit.jacobian / scale, full_matrices=False)

@@ -91,7 +91,7 @@ def fit_set(
         left = channel_squares(first, found.rest) / weights
         slopes = found.own_slopes()
         complexity = _prior_cost(found.effects) + _log_volume(found, slopes)
-        own = FittedSet(found, left, complexity, supports(base, found, weights))
+        own = FittedSet(found, left, complexity, supports(base, found, slopes, weights))
         if best is not None and own.evidence(channels, left) < best.evidence(channels, left):
             break
         best, effects = own, found.effects

@@ -56,9 +56,9 @@ class Refit:
         """The slopes (rows, k) of the effects' numbers, the base parameters at their best."""
         return self._own(self.fit.jacobian)
 
-    def own_chords(self) -> FloatArray:
-        """As `own_slopes`, of the `chords`."""
-        return self._own(self.chords)
+    def own_chords(self, slopes: FloatArray) -> FloatArray:
+        """The same of the `chords`; `slopes` (rows, k) are the `own_slopes`."""
+        return slopes if self.chords is self.fit.jacobian else self._own(self.chords)
 
     def _own(self, columns: FloatArray) -> FloatArray:
         count = sum(len(type(e).quantities) for e in self.effects)

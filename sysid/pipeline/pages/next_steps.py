@@ -122,7 +122,7 @@ def known_step(
     """The step that the findings name, before the numbers are weighed by simulated motion; empty
     where they name none. `is_weighed` as in `lacking_line`."""
     found = _diagnosed(diagnosis)
-    if found is not None and (said := (which_it_is(found, is_testable=True))):
+    if found is not None and (said := which_it_is(found, is_testable=True)):
         return said
     rest = () if found is None else advice_on_rest(found)
     if rest:
