@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from export_compiler import Compiled, header
 
 from datasets.generator.campaign import GeneratedCampaign, stream
 from datasets.generator.files import log_frame, write_campaign
@@ -416,6 +417,31 @@ def test_an_evacuated_motion_is_the_generators(evacuated: tuple[GeneratedCampaig
     assert noise < 1.1 * t.pressure_noise_pa
     way = np.ptp(measured["theta_rad"])
     assert np.max(np.abs(run["theta_rad"] - measured["theta_rad"])) < 0.01 * way
+
+
+def test_the_c_of_a_vacuum_has_the_models_flows(
+    evacuated: tuple[GeneratedCampaign, Path], tmp_path: Path
+) -> None:
+    """Its flow never chokes: what the law lacks there is taken as the simulation takes it."""
+    log = log_of(evacuated[1], "valve_discrete_a")
+    assert log.rig is not None and log.rig.air is not None
+    fit = fit_valve_discrete(log.trials, log.rig, find_ratio=False)
+    bundle = Bundle.new(log.rig, fit.part(), [])
+    header(bundle, tmp_path)
+    c = Compiled(tmp_path, {"valve_a_filling_flow": 2, "valve_a_exhaust_flow": 2}, ())
+    v, supply, ambient = (
+        _discrete_law(bundle, log.rig, "a"),
+        log.rig.air.supply_pressure_pa,
+        log.rig.air.atmospheric_pressure_pa,
+    )
+    pressure = np.linspace(0.4 * supply, 2.2 * ambient, 301)
+    for line in (supply, 1.1 * supply):
+        filled = base.filling_flow(pressure, line, v.choked_fill, v.c_fill, supply)
+        found, _ = c("valve_a_filling_flow", pressure, line)
+        np.testing.assert_allclose(found, filled, rtol=1e-12, atol=1e-18)
+    emptied = base.exhaust_flow(pressure, ambient, v.choked_dis, v.c_dis)
+    found, _ = c("valve_a_exhaust_flow", pressure, ambient)
+    np.testing.assert_allclose(found, emptied, rtol=1e-12, atol=1e-18)
 
 
 def test_no_surface_is_fitted_under_a_vacuum(rig_text: str) -> None:

@@ -7,7 +7,7 @@ constants, its replay the same function on their values.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sysid.exporters.c_constants import parameter_values, read_constants
@@ -16,7 +16,7 @@ from sysid.exporters.flat import Flat, NumberTable, gravity_name, spring_names
 from sysid.exporters.replay import Replay, simple
 from sysid.io.motion import FRICTION
 from sysid.plant import base, valve_laws
-from sysid.plant.base import Array, Parameters, array_namespace
+from sysid.plant.base import Array, Parameters, ValveParameters, array_namespace
 
 
 @dataclass(frozen=True)
@@ -165,13 +165,13 @@ def valve_flows(flat: Flat, side: str) -> Iterator[BaseLaw]:
             f"the supply{chokes if own['fill'] else ''}"
         ),
         (
-            *(_iso_needs if iso["fill"] else _thesis_needs)(side, "fill"),
+            *(_iso_needs(side, "fill") if iso["fill"] else _thesis_needs(flat, side, "fill")),
             *own["fill"],
             "supply_pressure_pa",
         ),
         {"pressure_pa": "pressure", "supply_pa": "supply"},
         lambda p, pressure, supply: valve_laws.filling_flow(
-            p.valve(side), pressure, supply, p.supply_reference, temperature=p.temperature
+            _valve(flat, p, side), pressure, supply, p.supply_reference, temperature=p.temperature
         ),
     )
     yield BaseLaw(
@@ -185,10 +185,13 @@ def valve_flows(flat: Flat, side: str) -> Iterator[BaseLaw]:
             else "(3.6.7, 3.6.10): negative (out) above the atmosphere, choked from atmosphere / "
             f"0.53 on; air comes in below it{chokes if own['dis'] else ''}"
         ),
-        (*(_iso_needs if iso["dis"] else _thesis_needs)(side, "dis"), *own["dis"]),
+        (
+            *(_iso_needs(side, "dis") if iso["dis"] else _thesis_needs(flat, side, "dis")),
+            *own["dis"],
+        ),
         {"pressure_pa": "pressure", "atmosphere_pa": "atmosphere"},
         lambda p, pressure, atmosphere: valve_laws.exhaust_flow(
-            p.valve(side), pressure, atmosphere, temperature=p.temperature
+            _valve(flat, p, side), pressure, atmosphere, temperature=p.temperature
         ),
     )
 
@@ -198,8 +201,34 @@ def _iso_needs(side: str, way: str) -> tuple[str, ...]:
     return (*(f"valve_{side}_{quantity}_{way}" for quantity in quantities), "temperature_k")
 
 
-def _thesis_needs(side: str, way: str) -> tuple[str, ...]:
-    return f"valve_{side}_choked_flow_{way}_kg_s", f"valve_{side}_c_{way}"
+def _thesis_needs(flat: Flat, side: str, way: str) -> tuple[str, ...]:
+    unchoked = f"valve_{side}_c_{way}"
+    if _is_never_choked(flat, side, way):
+        return unchoked, "supply_pressure_pa" if way == "fill" else "atmospheric_pressure_pa"
+    return f"valve_{side}_choked_flow_{way}_kg_s", unchoked
+
+
+def _is_never_choked(flat: Flat, side: str, way: str) -> bool:
+    """Whether the chamber's pressure reaches no choked flow, of which no test says anything."""
+    held = flat.valves[side].discrete
+    is_known = held[f"choked_flow_{way}_kg_s"].value is not None
+    return flat.rig.air is not None and flat.rig.supply_way < 0.0 and not is_known
+
+
+def _valve(flat: Flat, p: Parameters, side: str) -> ValveParameters:
+    """A valve; beyond what a vacuum's chamber reaches its law is continuous, as in the model."""
+    valve = p.valve(side)
+    obeys = {way: not valve_laws.obeys_iso(valve, way) for way in ("fill", "dis")}
+    if obeys["fill"] and _is_never_choked(flat, side, "fill"):
+        c = valve.c_fill if valve.valve_c_fill is None else valve.valve_c_fill
+        line = p.supply_reference
+        flow = base.unchoked_filling_flow(base.filling_boundary(line), line, c)
+        valve = replace(valve, choked_fill=flow)
+    if obeys["dis"] and _is_never_choked(flat, side, "dis"):
+        c = valve.c_dis if valve.valve_c_dis is None else valve.valve_c_dis
+        flow = base.unchoked_exhaust_flow(base.exhaust_boundary(p.atmosphere), p.atmosphere, c)
+        valve = replace(valve, choked_dis=-flow)
+    return valve
 
 
 def chamber(flat: Flat, side: str) -> Iterator[BaseLaw]:
