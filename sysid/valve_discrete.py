@@ -124,7 +124,7 @@ def _valves(trials: Sequence[Trial], valve: str | None, rig: Rig) -> list[str]:
         rig.require_side(valve, trials[0].source)
         return [valve]
     names = [f"valve_{rig.filled_by(v)}" for v in rig.sides]
-    if not any(name in t for name in names for t in trials):
+    if not any(f"valve_{name}" in t for name in rig.valve_names for t in trials):
         raise _no_command(trials[0], names, rig)
     switched = [v for v in rig.sides if any(is_switched(t, v) for t in trials)]
     if not switched:

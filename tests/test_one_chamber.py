@@ -753,6 +753,50 @@ def test_a_log_without_the_bleed_valves_command_shows_how_the_chamber_fills(
         _discrete_law(Bundle.new(rig, lacking.part(), []), rig, "a")
 
 
+@pytest.mark.parametrize("alone", [False, True], ids=["whole log", "discharges alone"])
+def test_a_log_without_the_fill_valves_command_shows_how_the_chamber_empties(
+    alone: bool, shut_by: tuple[GeneratedCampaign, Path], tmp_path: Path
+) -> None:
+    """Either valve alone is tested so: the rows are fitted in which the other one is on."""
+    made, place = shut_by
+    log = read_back(unfilled(made, alone), place, tmp_path)
+    assert log.rig is not None
+    fit = fit_valve_discrete(log.trials, log.rig, find_ratio=False)
+    found, law = fit["a"].estimates, made.rig.truth.valve_a
+    said = [line for line in fit.notices if f"are fitted in which {BLEED} is on" in line]
+    assert len(said) == 1 and f"column {FILL} is missing" in said[0]
+    lacking = flows_not_shown(log.trials, log.rig, "a")
+    assert "c_fill" in lacking and FILL in lacking["c_fill"]
+    assert set(lacking) == {name for name in FLOWS if not found[name].identified}
+    for name in FLOWS[2:]:
+        if name not in lacking:
+            assert abs(found[name].value - getattr(law, name)) < 4.0 * found[name].std, name
+
+
+def unfilled(made: GeneratedCampaign, alone: bool) -> pd.DataFrame:
+    """The bench log without the fill valve's column; `alone`: after the last filling only."""
+    frame = bench_frame(made)
+    if alone:
+        last = frame["test"].map(frame[frame[FILL] > 0.5].groupby("test").time_s.max())
+        frame = frame[frame["time_s"] > last + 0.02]
+    return frame.drop(columns=FILL)
+
+
+@pytest.mark.parametrize("alone", [False, True], ids=["whole log", "discharges alone"])
+def test_discharges_need_no_rig_file(
+    alone: bool, shut: tuple[GeneratedCampaign, Path], tmp_path: Path
+) -> None:
+    made, _ = shut
+    unfilled(made, alone).to_csv(tmp_path / "bench.csv", index=False)
+    bare = read_bare_logs([tmp_path / "bench.csv"], {})
+    assert bare.rig.bleeds and bare.rig.supply_way > 0.0
+    found = fit_valve_discrete(bare.logs[0].trials, bare.rig, find_ratio=False)["a"].estimates
+    # Its volume is assumed: flows are in proportion to it, and to one another.
+    law = made.rig.truth.valve_a
+    ratio = found["choked_flow_dis_kg_s"].value / found["c_dis"].value
+    assert ratio == pytest.approx(law.choked_flow_dis_kg_s / law.c_dis, rel=0.01)
+
+
 @pytest.mark.parametrize(
     ("fills", "bleeds", "filled"),
     [

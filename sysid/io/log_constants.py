@@ -167,7 +167,7 @@ def _resting(trial: Trial, side: str, position: str) -> Iterator[tuple[str, Floa
     """
     pressure = trial[f"pressure_{side}_pa"]
     switch, duty = f"valve_{side}", f"duty_{side}"
-    two = [name for stem in (switch, duty) if (name := f"{stem}_fill") in trial]
+    two = [s for s in (switch, duty) if f"{s}_fill" in trial or f"{s}_bleed" in trial]
     if two:
         yield from _resting_of_two(trial, pressure, two[0])
     elif switch in trial:
@@ -193,14 +193,15 @@ def _resting(trial: Trial, side: str, position: str) -> Iterator[tuple[str, Floa
 
 
 def _resting_of_two(
-    trial: Trial, pressure: FloatArray, fill: str
+    trial: Trial, pressure: FloatArray, stem: str
 ) -> Iterator[tuple[str, FloatArray]]:
-    """The same of a chamber with a fill and a bleed valve, by the former's column: shut, it rests
+    """The same of a chamber with a fill and a bleed valve, by their columns' stem: shut, it rests
     anywhere."""
-    bleed = fill.replace("_fill", "_bleed")
-    fills = trial[fill] > _NEARLY_ON
-    empties = trial[bleed] > _NEARLY_ON if bleed in trial else np.zeros_like(fills)
-    if trial.has_its_start:
+    fill, bleed = f"{stem}_fill", f"{stem}_bleed"
+    off = np.zeros(len(pressure), dtype=bool)
+    fills, empties = (trial[n] > _NEARLY_ON if n in trial else off for n in (fill, bleed))
+    # Without its fill valve's column a log may as well be of a discharge alone.
+    if trial.has_its_start and fill in trial:
         yield _BEGUN, pressure[:1]
     edges = [0, *(np.flatnonzero(np.diff(2 * fills + empties)) + 1), len(pressure)]
     for first, last in itertools.pairwise(edges):

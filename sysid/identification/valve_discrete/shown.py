@@ -34,7 +34,7 @@ from sysid.identification.valve_discrete.held_chamber import (
     pressure_curve,
 )
 from sysid.identification.valve_discrete.responses import valve_of, valve_responses
-from sysid.identification.valve_discrete.trials import Piece, screen
+from sysid.identification.valve_discrete.trials import Piece, is_switched, screen
 from sysid.io.logs import Log
 from sysid.io.own_channels import balance_unit
 from sysid.io.rig import Rig
@@ -166,8 +166,7 @@ def _curves(
         if named not in (None, side):
             continue
         for trial in log.trials:
-            command = trial.channels.get(f"valve_{rig.filled_by(side)}")
-            if command is None or not np.any(command > 0.5):
+            if not is_switched(trial, side):
                 continue
             curves += [_curve(piece, valve, others) for piece in screen(trial, side, rig).pieces]
     return curves

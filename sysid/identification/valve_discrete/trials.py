@@ -121,7 +121,9 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
     `keep_rise`: a filling from an unsteady supply is cut only close to the supply.
     """
     command, channel = f"valve_{rig.filled_by(valve)}", f"pressure_{valve}_pa"
-    trial.require([command], f"which shows when valve {valve.upper()} switches")
+    bleed = f"valve_{valve}_bleed"
+    if not rig.bleeds or bleed not in trial or command in trial.unusable:
+        trial.require([command], f"which shows when valve {valve.upper()} switches")
     trial.require([channel], f"which valve {valve.upper()}'s flow is computed from")
     if rig.held_tank is None:
         trial.require([rig.position_channel], _VOLUME)
@@ -133,7 +135,6 @@ def screen(trial: Trial, valve: str, rig: Rig, *, keep_rise: bool = False) -> Sc
             "hold it at an end"
         )
         return Screened((), (f"{trial.source}: excluded: {moved}",), _all_reasons(moved))
-    bleed = f"valve_{valve}_bleed"
     if rig.bleeds and bleed in trial.unusable:
         trial.require([bleed], "which shows when the chamber empties")
     mistaken = mistaken_commands(trial.channels, valve, rig)
@@ -179,13 +180,15 @@ def _whole(
 ) -> Piece:
     """The test as one piece, before anything is cut."""
     time, sensor = trial.time, signals.noise_floor(pressure)
-    two = f"valve_{valve}_fill" in trial
-    fills = trial[f"valve_{valve}_fill" if two else f"valve_{valve}"]
-    opens, closes = switched_intervals(time, fills)
-    bleed = f"valve_{valve}_bleed"
-    never = np.zeros(0), np.zeros(0)
-    shown = switched_intervals(time, trial[bleed]) if bleed in trial else never
-    bleeds = shown if two else None
+    fill, bleed = f"valve_{valve}_fill", f"valve_{valve}_bleed"
+    two = fill in trial or bleed in trial
+
+    def switched(command: str) -> tuple[FloatArray, FloatArray]:
+        never = np.zeros(0), np.zeros(0)
+        return switched_intervals(time, trial[command]) if command in trial else never
+
+    opens, closes = switched(fill if two else f"valve_{valve}")
+    bleeds = switched(bleed) if two else None
     logged = "supply_pressure_pa" in trial
     supply_from, supply = time[:1], np.array([air.supply_pressure_pa])
     if logged:
@@ -307,7 +310,10 @@ def _of_two_valves(trial: Trial, whole: Piece, valve: str) -> Iterator[_Cut]:
     names = f"valve_{valve}_fill", f"valve_{valve}_bleed"
     of_filling, of_emptying = FILLING, DISCHARGING[:2]
     if names[1] not in trial:
-        yield _without_bleed(trial, names, of_emptying)
+        yield _without(trial, names[1], "when the chamber empties", of_emptying, names[0])
+        return
+    if names[0] not in trial:
+        yield _without(trial, names[0], "when the chamber fills", of_filling, names[1])
         return
     fills, empties = (trial[name] > 0.5 for name in names)
     both = fills & empties
@@ -320,18 +326,18 @@ def _of_two_valves(trial: Trial, whole: Piece, valve: str) -> Iterator[_Cut]:
         yield _Cut(one.rows, one.line, of_filling if one.fills else of_emptying)
 
 
-def _without_bleed(trial: Trial, names: tuple[str, str], of_emptying: tuple[str, ...]) -> _Cut:
-    """What is not known without the command that empties the chamber: all rows but those in which
-    the other valve fills it, and the one before, from which it fills."""
-    fills = trial[names[0]] > 0.5
-    from_there = fills.copy()
-    from_there[:-1] |= fills[1:]
+def _without(trial: Trial, missing: str, what: str, of_it: tuple[str, ...], other: str) -> _Cut:
+    """What is not known without the command of one of two valves: all rows but those in which the
+    `other` one is on, and the one before, at whose pressure it opens."""
+    on = trial[other] > 0.5
+    from_there = on.copy()
+    from_there[:-1] |= on[1:]
     why = (
-        f"column {names[1]} is missing, which shows when the chamber empties; add it, or map it "
-        f'with --map "{names[1]}=COLUMN"'
+        f"column {missing} is missing, which shows {what}; add it, or map it with "
+        f'--map "{missing}=COLUMN"'
     )
-    used = f"of its tests the rows are fitted in which {names[0]} is on"
-    return _Cut(~from_there, why, of_emptying, trial.source.partition(", test ")[0], used)
+    used = f"of its tests the rows are fitted in which {other} is on"
+    return _Cut(~from_there, why, of_it, trial.source.partition(", test ")[0], used)
 
 
 def _risen(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float:
