@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.tanks import drawn as adiabatic_tank
+from sysid.blocks.numbers import number
 from sysid.checks.bench import bench_identified, bench_kind
 from sysid.checks.friction import friction_identified
 from sysid.checks.log_check import check_log
@@ -580,3 +581,42 @@ def test_a_part_without_a_held_out_log_asks_for_one_of_its_own_kind() -> None:
     (of_tank,) = advice_on_rest(content | {"component": "tank"})
     (of_rig,) = advice_on_rest(content)
     assert "give a log use" in of_tank and "give a motion log use" in of_rig
+
+
+def test_a_tank_that_keeps_its_pressure_leaks_nothing() -> None:
+    """Its coefficient is 0, a value; its record is no time of its own, after which it is empty."""
+    rng, time = np.random.default_rng(6), np.arange(0.0, 42.0, 0.05)
+    volts = np.where(time < 2.0, 5.0, 0.0)
+    trials = []
+    for label, level in (("1", 3e4), ("2", 5e4)):
+        pressure = P0 + level + 8.0 * rng.standard_normal(len(time))
+        trials.append(
+            Trial(label, time, {"pressure_a_pa": pressure, "pump_volts": volts}, f"tank {label}")
+        )
+    found = bench_fit("tank", trials, rig())
+    law = found.part().valves.side("a").discrete
+    assert law is not None and law.law_of("dis") == "thesis"
+    estimate = law.estimates()["c_dis"]
+    assert estimate.holds(0.0) and estimate.interval[0] == 0.0
+    # What falls by noise within the record.
+    fall = 3.0 * 8.0 / 3e4 / 40.0
+    assert estimate.interval[1] < fall * VOLUME / (K * R * T)
+    said = " ".join(found.notices)
+    assert "empty" not in said and "times as large" not in said
+
+    rising = trials[0].channels["pressure_a_pa"] + np.maximum(time - 2.0, 0.0)
+    trial = Trial("1", time, {"pressure_a_pa": rising, "pump_volts": volts}, "tank 1")
+    with pytest.raises(NotIdentifiedError, match=r"the pressure rises from 1.* while pump_volts"):
+        tank([trial], rig())
+
+
+@pytest.mark.parametrize("seed", [812, 815])
+def test_the_errors_of_a_choice_are_those_of_the_table(seed: int) -> None:
+    """Until the tank is empty, of every law, and of the fit that is used."""
+    drawn = adiabatic_tank("adiabatic", seed)
+    found = bench_fit("tank", drawn.trials, drawn.rig)
+    law = found.part().valves.side("a").discrete
+    assert law is not None and law.quality is not None
+    (line,) = [line for line in found.notices if "RMSE:" in line]
+    own = f"{number(law.quality['discharge'].rmse)} Pa by thesis with gas that cools"
+    assert own in line

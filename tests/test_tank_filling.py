@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sysid.checks.log_check import check_log
 from sysid.commands.app import main
 from sysid.errors import InputError, NotIdentifiedError
-from sysid.io.logs import Trial
+from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig, rig_from_content
 from sysid.pipeline.fit_part import bench_fit, fit_valve_discrete
 
@@ -169,3 +170,48 @@ def test_a_campaign_of_a_tank_asks_for_no_test_of_what_moves(
     assert "friction" not in ran.out + ran.err
     assert main(["simulate", "one.csv", "--bundle", "out/bundle.json", "-o", "s.csv"]) == 2
     assert "rig: declares a tank alone" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("is_vacuum", [False, True], ids=["filled", "pumped down"])
+def test_check_says_what_a_fill_alone_identifies(is_vacuum: bool) -> None:
+    """By its columns it may be a discharge; what a fit of its valve finds, a check says."""
+    trial, rig, truth = drawn(2, is_vacuum)
+    log = Log(Path("tank.csv"), "", (trial,), (), rig)
+    check = check_log(log, rig)
+    assert check.kinds == {"valve-discrete": 1}
+    names = {item.parameter for item in check.identifies if item.identified}
+    wanted = {"c_fill": "valve A c_fill", "choked_flow_fill_kg_s": "valve A choked filling flow"}
+    assert names == {wanted[name] for name in truth}
+    told = check_log(log, rig, "valve-discrete")
+    assert told.identifies == check.identifies and told.excitation == check.excitation
+
+
+@pytest.mark.parametrize(
+    "lasts, declared, is_said", [(1000.0, P0, False), (0.5, P0, False), (0.5, P0 - 8e3, True)]
+)
+def test_a_chamber_that_hardly_fills_again_does_not_say_where_it_rests(
+    lasts: float, declared: float, is_said: bool
+) -> None:
+    """Where it would rest is fitted, with an error that is then larger than the difference.
+
+    `lasts` s in which it fills by 1 - 1/e, after a vacuum of 30 kPa has emptied it.
+    """
+    rng, time = np.random.default_rng(4), 0.01 * np.arange(1200)
+    on = (time >= 0.5) & (time < 7.0)
+    root = np.sqrt(P0 - 3e4) - 30.0 * (time - 0.5)
+    emptied = 3e4 + np.maximum(root, 0.0) ** 2
+    pressure = np.where(time < 0.5, P0, emptied)
+    pressure[time >= 7.0] = P0 - (P0 - emptied[700]) * np.exp((7.0 - time[time >= 7.0]) / lasts)
+    channels = {"pressure_a_pa": pressure + 30.0 * rng.standard_normal(1200), "valve_a": 1.0 * on}
+    air = {
+        "gas_constant_j_per_kg_k": AIR[0],
+        "heat_capacity_ratio": AIR[1],
+        "temperature_k": T,
+        "atmospheric_pressure_pa": declared,
+        "supply_pressure_pa": 3e4,
+    }
+    head = {"name": "tank", "orientation": "horizontal"}
+    rig = rig_from_content({"rig": head, "air": air, "tank": {"volume_m3": 1e-3}}, "rig.toml")
+    trial = Trial("1", time, channels, "tank.csv")
+    fit = fit_valve_discrete([trial], rig, find_ratio=False, law="thesis")
+    assert any("the open chamber rests at" in line for line in fit.notices) == is_said

@@ -11,7 +11,10 @@ from sysid.io.kinds import FRICTION_POINTS, KIND_BY_COLUMN
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 
-_TANK, _VALVE = "tank", "valve_a"
+TANK, VALVE_TESTS = "tank", "valve-discrete"
+"""Kinds of test whose columns are the same where a valve fills a tank."""
+
+_VALVE = "valve_a"
 BENCH_LAWS = tuple(KIND_BY_COLUMN.values())
 """Kinds of test that give a law of a tank or a valve."""
 
@@ -21,7 +24,7 @@ def bench_kind(trial: Trial, rig: Rig) -> str | None:
     if trial.is_readings:
         return FRICTION_POINTS
     found = next((kind for name, kind in KIND_BY_COLUMN.items() if name in trial), None)
-    return found or (_TANK if _is_of_a_tank(trial, rig) else None)
+    return found or (TANK if _is_of_a_tank(trial, rig) else None)
 
 
 def _is_of_a_tank(trial: Trial, rig: Rig) -> bool:
@@ -53,9 +56,9 @@ def bench_identified(kind: str, trials: Sequence[Trial], rig: Rig) -> Iterator[I
 def _why(kind: str, trials: Sequence[Trial], error: Exception) -> str:
     """Why tests give no law; of a tank without a command also what the log is."""
     commands = {"pump_volts", _VALVE}
-    if kind != _TANK or any(commands & {*t.channels, *t.unusable} for t in trials):
+    if kind != TANK or any(commands & {*t.channels, *t.unusable} for t in trials):
         return str(error)
     return f"this is a tank's discharge (one pressure, and a rig file with [tank]): {error}"
 
 
-__all__ = ["BENCH_LAWS", "bench_identified", "bench_kind"]
+__all__ = ["BENCH_LAWS", "TANK", "VALVE_TESTS", "bench_identified", "bench_kind"]

@@ -16,7 +16,7 @@ from sysid.blocks.figures import Panel, Scale, grouped_bars
 from sysid.blocks.numbers import si_number
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import NotedCell, Table, table
-from sysid.checks.bench import BENCH_LAWS, bench_identified, bench_kind
+from sysid.checks.bench import BENCH_LAWS, TANK, VALVE_TESTS, bench_identified, bench_kind
 from sysid.checks.consistency.campaign import (
     LogReadings,
     located_contradictions,
@@ -24,7 +24,12 @@ from sysid.checks.consistency.campaign import (
 )
 from sysid.checks.consistency.repeats import repeated_tests
 from sysid.checks.friction import Identification
-from sysid.checks.identifiability import excitation, identifications, readable
+from sysid.checks.identifiability import (
+    excitation,
+    identifications,
+    readable,
+    valves_identified,
+)
 from sysid.io.campaign import FRICTION_POINTS, Campaign, CampaignLog
 from sysid.io.channels import DUTIES, PRESSURES, READINGS, SWITCHES
 from sysid.io.exclusion import Excluded
@@ -310,10 +315,26 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
         kind = _kind_in(trial, rig, declared, header)
         kinds[kind] = kinds.get(kind, 0) + 1
         by_kind.setdefault(kind, []).append(trial)
-    designed, wrong = _as_designed(log, header, kinds, declared)
-    channels = _measured_channels(log, rig)
     bench = next(iter(by_kind)) if set(by_kind) & {*BENCH_LAWS} else None
     taken_as = FRICTION_POINTS if set(by_kind) == {FRICTION_POINTS} else declared
+    identified = tuple(
+        identifications(by_kind, rig, taken_as)
+        if bench is None
+        else bench_identified(bench, log.trials, rig)
+    )
+    if (
+        bench == TANK
+        and rig.is_tank_alone
+        and declared is None
+        and not any(one.identified for one in identified)
+    ):
+        # By its columns the same is a fill, of whose valve it gives the law.
+        filled = {VALVE_TESTS: list(log.trials)}
+        other = tuple(valves_identified(filled, rig))
+        if any(one.identified for one in other):
+            by_kind, identified, kinds = filled, other, {VALVE_TESTS: len(log.trials)}
+    designed, wrong = _as_designed(log, header, kinds, declared)
+    channels = _measured_channels(log, rig)
     return LogCheck(
         file=str(log.path),
         kinds=kinds,
@@ -326,11 +347,7 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
         longest_gap_s=float(np.max(steps)) if late.any() else 0.0,
         channels=tuple(check_channel(log, name, rig) for name in channels),
         excitation=tuple(excitation(by_kind, rig)),
-        identifies=tuple(
-            identifications(by_kind, rig, taken_as)
-            if bench is None
-            else bench_identified(bench, log.trials, rig)
-        ),
+        identifies=identified,
         notices=(*designed, *(n for n in log.notices if n not in log.contradictions)),
         declared=declared,
         contradicts=(*log.contradictions, *wrong),
@@ -346,7 +363,7 @@ def _kind_in(trial: Trial, rig: Rig, declared: str | None, header: PlayedHeader 
     """
     if declared in BENCH_LAWS or declared == FRICTION_POINTS:
         return declared
-    if declared == "valve-discrete" and rig.is_tank_alone:  # by its columns the same as a discharge
+    if declared == VALVE_TESTS and rig.is_tank_alone:  # by its columns the same as a discharge
         return declared
     found = bench_kind(trial, rig) or kind_of(trial, rig) or "nothing commanded"
     by_motor = header is not None and header.kind == BY_MOTOR and found in FRICTION_TRIALS

@@ -55,6 +55,10 @@ class Parameter:
         """A typical magnitude, in the parameter's own unit; never zero."""
         return abs(self.scale if self.scale else self.value) or 1.0
 
+    def nearest_bound(self, value: float) -> float:
+        """The bound that a value is at, or nearest to."""
+        return min((self.lower, self.upper), key=lambda bound: abs(bound - value))
+
 
 @dataclass(frozen=True)
 class SolverDiagnosis:
@@ -138,7 +142,7 @@ class LeastSquaresFit:
         """
         own = set(self.diagnosis.at_bound)
         if not own:
-            return Bounded(self, {})
+            return Bounded(self, {}, {})
         size = np.linalg.norm(self.jacobian, axis=0)
         size[size == 0.0] = np.inf
         scaled = self.jacobian / size
@@ -147,12 +151,13 @@ class LeastSquaresFit:
         left = self.residuals + self.jacobian @ moved
         free = replace(self._without_bounds(own), residuals=left)
         found, unsure = covariance(free), {*free.diagnosis.unidentified, *free.diagnosis.tied}
-        steps = {}
+        steps, bounds = {}, {}
         for i, name in enumerate(self.names):
             reach = max(NORMAL * found.std(i), _AT_BOUND * self.parameters[i].size)
             if name in own - unsure and abs(moved[i]) <= reach < math.inf:
                 steps[name] = float(moved[i])
-        return Bounded(self._without_bounds(set(steps)), steps)
+                bounds[name] = self.parameters[i].nearest_bound(self.values[i])
+        return Bounded(self._without_bounds(set(steps)), steps, bounds)
 
     def _without_bounds(self, names: Collection[str]) -> LeastSquaresFit:
         parameters = tuple(
@@ -306,7 +311,9 @@ class LeastSquaresFit:
         i = self.names.index(name)
         parameter, d = self.parameters[i], self.diagnosis
         if name in d.at_bound:
-            bound = f"{self.values[i]:.4g} {parameter.unit}".removesuffix(" -")
+            # A solver stops a rounding short of it.
+            bound = f"{parameter.nearest_bound(self.values[i]):.4g} {parameter.unit}"
+            bound = bound.removesuffix(" -")
             reason = f"{name} is stuck at its bound, {bound}"
             return Estimate.unidentified(parameter.unit, reason.rstrip())
         if name in d.unidentified:
@@ -345,19 +352,20 @@ class Bounded:
     """A fit with some of its parameters at bounds that noise alone put them to.
 
     `fit` has no bounds on these, so that their errors count; `steps` by name, from the bound to the
-    minimum without it.
+    minimum without it, and the `bounds` themselves.
     """
 
     fit: LeastSquaresFit
     steps: Mapping[str, float]
+    bounds: Mapping[str, float]
 
     def estimate(self, name: str, covariance: Covariance) -> Estimate:
-        """As the fit's; the interval is that of the minimum without the bound."""
-        found, step = self.fit.estimate(name, covariance), self.steps.get(name, 0.0)
-        if not step:
+        """As the fit's, or the bound; its interval is that of the minimum without the bound."""
+        found = self.fit.estimate(name, covariance)
+        if name not in self.bounds:
             return found
-        low, high = found.interval
-        return replace(found, interval=(low + step, high + step))
+        (low, high), step = found.interval, self.steps[name]
+        return replace(found, value=self.bounds[name], interval=(low + step, high + step))
 
 
 def _all_but_each(factors: Sequence[FloatArray]) -> list[FloatArray]:

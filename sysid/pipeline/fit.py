@@ -406,7 +406,7 @@ def _why_nothing(fitted: FittedLaw) -> str:
     words = []
     for p in fitted.fit.parameters:
         if p.name in at_bound:
-            nearest = min((p.lower, p.upper), key=lambda b: abs(b - fitted.fit[p.name]))
+            nearest = p.nearest_bound(fitted.fit[p.name])
             words.append(f"{p.name} ends at its bound {nearest:g} {p.unit}".rstrip())
     verb = "are" if len(words) > 1 else "is"
     return (

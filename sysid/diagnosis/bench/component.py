@@ -87,6 +87,10 @@ class Component(ABC):
         """The part under the law of one of its `forms`, on all of its rows."""
         return form
 
+    def judged(self) -> Component:
+        """The part on the rows by which its laws are compared, and their errors said."""
+        return self
+
     def in_form_of(self, bundle: Bundle) -> Component:
         """The part under the law that a bundle holds."""
         return self

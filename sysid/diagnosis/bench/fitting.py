@@ -87,7 +87,7 @@ class FittedLaw:
 
     def quality(self) -> FitQuality:
         """How well the law, with its effects, follows its tests."""
-        component = self.component
+        component = self.component.judged()
         residuals = np.concatenate(component.residuals(self.law, self.tests))
         found = FitQuality.of(
             component.channel,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from sysid.blocks.numbers import number
-from sysid.diagnosis.bench.component import Component, rmse
+from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
 from sysid.estimation.linear import Estimate
 from sysid.parameters.valves import AUTO
@@ -67,7 +67,8 @@ def chosen_law(component: Component, law: str = AUTO) -> ChosenLaw:
     ]
     # Gas as warm as the wall is gas that there is, so that its law counts with its wall at a bound.
     others += [f for f in every if f not in others and _is_more_of(f, chosen, count)]
-    shown = [fit for fit in every if fit in fits or fit in others]
+    # Of the law in use the error is that of the fit which is used, as in every table.
+    shown = [found if fit is chosen else fit for fit in every if fit in fits or fit in others]
     return ChosenLaw(found, _why(shown, chosen, not others), not others, tuple(others))
 
 
@@ -110,9 +111,7 @@ def _criterion(fitted: FittedLaw, count: float) -> float:
 def _why(fits: Sequence[FittedLaw], chosen: FittedLaw, is_decided: bool) -> str:
     """The errors of the laws, and what follows."""
     unit = chosen.component.unit
-    errors = [
-        f"{number(rmse([fit.fit.residuals]))} {unit} by {fit.component.law_name}" for fit in fits
-    ]
+    errors = [f"{number(fit.quality().rmse)} {unit} by {fit.component.law_name}" for fit in fits]
     name = chosen.component.law_name
     said = f"the training tests follow the flow law {name}"
     if not is_decided:

@@ -75,6 +75,8 @@ _GROWTH = 1.06
 _ACTS = 1e-7
 # Of the excess pressure at the start: the difference by which its influence is taken.
 _START_STEP = 1e-3
+# Likewise: what a tank that keeps its pressure loses by a first guess, within its record.
+_LEAST_SHARE = 1e-3
 # Beyond a wall that conducts nothing: noise and the means of bins want a little more, which must
 # not pass for a number that the tests leave open.
 _MOST_ADIABATIC = 1.05
@@ -142,8 +144,7 @@ class TankComponent(Component):
     def forms(self, law: str = AUTO) -> tuple[TankComponent, ...]:
         """The laws that these tests may follow, the simplest first, on what all of them describe:
         until the tank is empty."""
-        atmosphere = float(self.base_parameters.atmosphere)
-        emptying = tuple(d.until_empty(atmosphere) for d in self.discharges)
+        emptying = self._emptying
         found = [] if law == ISO6358 else [dataclasses.replace(self, discharges=emptying)]
         if law == AUTO:
             found.append(dataclasses.replace(found[0], has_temperature=True))
@@ -153,6 +154,16 @@ class TankComponent(Component):
                 for fits in (False, True)
             ]
         return tuple(found)
+
+    @functools.cached_property
+    def _emptying(self) -> tuple[Discharge, ...]:
+        """The discharges until the tank is empty."""
+        atmosphere = float(self.base_parameters.atmosphere)
+        return tuple(d.until_empty(atmosphere) for d in self.discharges)
+
+    def judged(self) -> TankComponent:
+        """Until the tank is empty: what comes after is no flow's."""
+        return dataclasses.replace(self, discharges=self._emptying)
 
     def settled_as(self, form: Component) -> Component:
         """By the thesis the empty tank counts too: its pressure is the atmosphere's."""
@@ -189,7 +200,9 @@ class TankComponent(Component):
         for d in self.discharges:
             excess = d.pressure - p.atmosphere
             width = np.diff(d.time, prepend=0.0)
-            rates.append((d.start - d.pressure[-1]) / float(excess @ width))
+            # A tank that keeps its pressure starts from the least leak that a search can move.
+            least = _LEAST_SHARE * (d.start - p.atmosphere) / float(excess @ width)
+            rates.append(max((d.start - d.pressure[-1]) / float(excess @ width), least))
         per_rate = self._volume / (p.heat_capacity_ratio * p.gas_constant * p.temperature)
         start = float(np.median(rates)) * per_rate
         own = [Parameter("c_dis", start, _COEFFICIENT_UNIT, 0.0)]
@@ -240,7 +253,11 @@ class TankComponent(Component):
         each leads to a minimum of its own."""
         p = self.base_parameters
         steepest = max(
-            float(np.max(np.log(d.start / d.pressure[1:]) / d.time[1:])) for d in self.discharges
+            max(
+                float(np.max(np.log(d.start / d.pressure[1:]) / d.time[1:])),
+                _LEAST_SHARE / float(d.time[-1]),
+            )
+            for d in self.discharges
         )
         most = self._volume / (p.gas_constant * p.temperature * ANR_DENSITY) * steepest
         indices = _GRID_INDICES if self.fits_index else (DEFAULT_INDEX,)
@@ -453,8 +470,12 @@ class TankComponent(Component):
     def said_of(self, estimates: Mapping[str, Estimate]) -> tuple[str, ...]:
         if self.law != THESIS or self.has_temperature:
             return ()
-        times = [f"{name} {own.text}" for name, own in self.wall_ranges.items()]
-        own = next(iter(self.wall_ranges.values()))
+        # No leak is none, however warm the gas is.
+        flows = [n for n in ("c_dis", "choked_flow_dis_kg_s") if _is_a_flow(estimates.get(n))]
+        if not flows:
+            return ()
+        times = [f"{name} {self.wall_ranges[name].text}" for name in flows]
+        own = self.wall_ranges[flows[0]]
         is_open = own.reaches_none and own.reaches_all
         line = (
             "by its law the gas neither cools nor takes heat from the wall (3.3.6); of gas that "
@@ -541,6 +562,11 @@ class TankComponent(Component):
         if not isinstance(wall, Estimate) or not wall.identified:
             return 0.0
         return tank_gas.adiabatic_share(wall.value, self._volume)
+
+
+def _is_a_flow(estimate: Estimate | None) -> bool:
+    """Whether a number is known to be one, and not 0."""
+    return estimate is not None and estimate.has_interval and estimate.interval[0] > 0.0
 
 
 def tank(trials: Sequence[Trial], rig: Rig) -> TankComponent:

@@ -117,7 +117,9 @@ def _discharge(trial: Trial, atmosphere: float) -> _Fall:
         )
     time = trial.time[first:] - trial.time[first]
     pressure = trial["pressure_a_pa"][first:]
-    scale = _scale(time, pressure)
+    before, after, error = _ends(pressure, trial.stride_of("pressure_a_pa"))
+    # A pressure that does not fall shows no time of the tank's own: the record's stands for it.
+    scale = _scale(time, pressure) if before - after > error else float(time[-1])
     start = _first_guess(time, pressure, scale)
     if atmosphere - start > _LEAST_FALL * atmosphere:
         raise NotIdentifiedError(
@@ -130,6 +132,12 @@ def _discharge(trial: Trial, atmosphere: float) -> _Fall:
         raise NotIdentifiedError(
             f"{trial.source}: c_dis is not identified: the discharge starts only "
             f"{start - atmosphere:.3g} Pa above the atmosphere; a stronger fill would do"
+        )
+    if after - before > error:
+        raise NotIdentifiedError(
+            f"{trial.source}: c_dis is not identified: the pressure rises from {before:.6g} to "
+            f"{after:.6g} Pa while {command} is off: something still fills the tank, or its gas "
+            "is warmed; a discharge after it has settled, with the supply shut, would do"
         )
     rows = int(np.count_nonzero(time <= scale))
     if rows < _FEWEST_IN_FALL:
@@ -179,6 +187,15 @@ def _command(trial: Trial) -> str:
             'add it (or valve_a), or name it with --map "pump_volts=COLUMN:V"',
         )
     return command
+
+
+def _ends(pressure: FloatArray, stride: int) -> tuple[float, float, float]:
+    """The means of the first and the last fifth of a pressure (n,), Pa, and by how much they differ
+    by noise at most."""
+    some = max(1, len(pressure) // 5)
+    first, last = float(np.mean(pressure[:some])), float(np.mean(pressure[-some:]))
+    noise = signals.noise_floor(pressure, stride=stride).total
+    return first, last, _SEEN * noise * math.sqrt(2.0 / some)
 
 
 def _scale(time: FloatArray, pressure: FloatArray) -> float:

@@ -116,6 +116,12 @@ class CurveFit:
         """A piece's own parameter ("initial", "supply_shift", "atmosphere"), Pa."""
         return self.problem.own(self.fit.values, index)[name]
 
+    def error(self, name: str, index: int) -> float:
+        """The standard error of a piece's own parameter, Pa; 0 where it is not fitted."""
+        own = self.problem.columns[index][len(self.problem.free) :]
+        named = (k for k in own if self.fit.names[k].split("[")[0] == name)
+        return next((self.covariance.std(k) for k in named), 0.0)
+
     def estimate(self, name: str) -> tuple[Estimate, bool]:
         """A shared parameter, and whether it differs from test to test beyond its error.
 

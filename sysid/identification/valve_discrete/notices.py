@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sysid.estimation.linear import Estimate
+from sysid.estimation.linear import NORMAL, Estimate
 from sysid.estimation.quality import FEWEST_ROWS, SCATTER_TIMES, root_mean_square
 from sysid.identification.valve_discrete.curve import CurveFit
 from sysid.identification.valve_discrete.held_chamber import DELAYS
@@ -62,8 +62,9 @@ def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
                 f"{piece.source}: the filling does not settle, so the supply is assumed to be the "
                 f"rig file's {declared:.6g} Pa; {title}'s c_fill depends on that"
             )
-        rest = curves.value("atmosphere", i)
-        if abs(rest - air.atmospheric_pressure_pa) > SUPPLY_TOLERANCE * rest:
+        rest, unsure = curves.value("atmosphere", i), NORMAL * curves.error("atmosphere", i)
+        # A chamber that hardly begins to empty does not say where it would rest.
+        if abs(rest - air.atmospheric_pressure_pa) > max(SUPPLY_TOLERANCE * rest, unsure):
             lines.append(
                 f"{piece.source}: the open chamber rests at {rest:.6g} Pa, the rig file's "
                 f"atmospheric_pressure_pa is {air.atmospheric_pressure_pa:.6g} Pa: {title}'s c_dis "
