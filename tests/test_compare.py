@@ -6,6 +6,7 @@ import json
 import math
 import re
 import shutil
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,12 @@ from sysid.estimation.linear import Estimate, mean_estimate
 from sysid.fleet.comparison import Comparison
 from sysid.fleet.rows import effects_of
 from sysid.identification.valve_discrete.responses import Responses
-from sysid.parameters import Bundle
+from sysid.io.rig import Rig, rig_from_content
+from sysid.parameters import Bundle, DiscreteLaw, FittedValves, Parts, Valve
 from sysid.parameters.effects import EffectEntry, entry_of
 from sysid.parameters.refinement import Refinement
-from sysid.pipeline.compare import shown_names, write_comparison
+from sysid.parameters.valves import OpenLaw
+from sysid.pipeline.compare import compare, shown_names, write_comparison
 from sysid.plant.effects import AtmosphereLeakage
 
 
@@ -342,3 +345,50 @@ def test_the_page_says_what_moved_by_titles(bundle: Bundle, tmp_path: Path) -> N
     assert "moved: friction coulomb_nm" not in page
     # One colon, and the bundle that the others are compared with.
     assert f">Moved against {found.names[0]}: Coulomb friction, friction as a whole.<" in page
+
+
+# --- flow laws that are not decided --------------------------------------------------------
+
+
+def of_laws(rig: Rig, **by_law: tuple[float, float]) -> Bundle:
+    """A tank's bundle, c_dis and its error by each law that its tests leave open."""
+    unit = "kg/(s Pa)"
+    numbers = {law: Estimate.symmetric(c, std, unit) for law, (c, std) in by_law.items()}
+    first, *others = numbers.values()
+    unasked = Estimate.unidentified("", "not asked")
+    law = DiscreteLaw(
+        c_fill=unasked,
+        choked_flow_fill_kg_s=unasked,
+        choked_flow_dis_kg_s=unasked,
+        c_dis=first.covering(others),
+        by_law=[OpenLaw(law=law, numbers={"c_dis": own}) for law, own in numbers.items()],
+    )
+    return Bundle.new(rig, Parts(valves=FittedValves(a=Valve(discrete=law))), [])
+
+
+def test_numbers_by_laws_that_are_not_decided_move_by_each_of_them(rig_text: str) -> None:
+    """The machine has one law: intervals that cover two hide a movement, and none is made up."""
+    rig = rig_from_content(tomllib.loads(rig_text), "rig.toml")
+    first = of_laws(rig, cold=(9.0e-10, 1e-13), warm=(12.6e-10, 1e-13))
+    (moved,) = compare(first, of_laws(rig, cold=(9.9e-10, 1e-13), warm=(13.8e-10, 2e-13))).moved
+    assert moved.name == "c_dis" and moved.change == pytest.approx(0.9e-10)
+    assert abs(moved.z) == pytest.approx(1.2e-10 / math.hypot(1e-13, 2e-13))
+    again = compare(first, of_laws(rig, cold=(9.9e-10, 1e-13), warm=(12.6e-10, 2e-13)))
+    assert not again.moved and len(again.movements) == 1
+    (line,) = again.notices
+    assert "not decided (cold or warm in both)" in line and line.endswith("of c_dis overlap")
+    # A number of one law is none of the other's.
+    decided = compare(of_laws(rig, cold=(9.0e-10, 1e-13)), of_laws(rig, warm=(12.6e-10, 1e-13)))
+    assert not decided.movements
+    (line,) = decided.notices
+    assert "follows the flow law warm" in line and "cold" in line and "not compared" in line
+    one = compare(first, of_laws(rig, warm=(13.8e-10, 1e-13)))
+    assert [m.change for m in one.moved] == pytest.approx([1.2e-10])
+
+
+def test_a_number_fitted_anew_is_of_no_law_before(rig_text: str) -> None:
+    rig = rig_from_content(tomllib.loads(rig_text), "rig.toml")
+    law = of_laws(rig, cold=(9.0e-10, 1e-13), warm=(12.6e-10, 1e-13)).valve("a").discrete
+    assert law is not None and law.by_law is not None
+    assert law.replaced(c_dis=law.c_dis).by_law is None
+    assert law.replaced(tests=["1"]).by_law == law.by_law

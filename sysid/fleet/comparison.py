@@ -15,7 +15,7 @@ discovery rate (`sysid.estimation.multiple_tests`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -309,7 +309,13 @@ def compare_bundles(bundles: Sequence[Bundle], names: Sequence[str]) -> Comparis
     parts = [bundle.parameters.fitted().parts() for bundle in bundles]
     if not any(set(parts[0]) & set(other) for other in parts[1:]):
         raise _nothing_shared(bundles, names)
-    return _compared(names, parts, _notices(bundles, names))
+    laws = [_laws(bundle) for bundle in bundles]
+    said = [
+        line
+        for name, found, own in zip(names[1:], parts[1:], laws[1:], strict=True)
+        for line in _of_laws(names[0], name, (parts[0], found), (laws[0], own))
+    ]
+    return _compared(names, parts, (*_notices(bundles, names), *said), laws)
 
 
 def _by_valve(bundles: Sequence[Bundle], names: Sequence[str]) -> list[dict[str, ParameterTable]]:
@@ -336,13 +342,17 @@ def _by_valve(bundles: Sequence[Bundle], names: Sequence[str]) -> list[dict[str,
 
 
 def _compared(
-    names: Sequence[str], parts: Sequence[dict[str, ParameterTable]], notices: tuple[str, ...]
+    names: Sequence[str],
+    parts: Sequence[dict[str, ParameterTable]],
+    notices: tuple[str, ...],
+    laws: Sequence[_Laws] = (),
 ) -> Comparison:
-    """The parts of each name against those of the first."""
+    """The parts of each name against those of the first; `laws` that their tests leave open."""
+    known = laws or [_Laws()] * len(names)
     movements = [
         m
-        for name, other in zip(names[1:], parts[1:], strict=True)
-        for m in _moves(parts[0], other, name)
+        for name, other, own in zip(names[1:], parts[1:], known[1:], strict=True)
+        for m in _moves(parts[0], other, name, (known[0], own))
     ]
     p_values = [m.p_value for m, _ in movements]
     level = 1.0 - largest_significant(p_values) if p_values else LEVEL
@@ -412,12 +422,96 @@ def _notices(bundles: Sequence[Bundle], names: Sequence[str]) -> tuple[str, ...]
     return tuple(said)
 
 
+class _Laws(dict[str, dict[str, Mapping[str, Estimate]]]):
+    """By part: the numbers by each law that the tests leave open, by its name."""
+
+    def shared(self, other: _Laws, part: str) -> list[str] | None:
+        """The laws of a part that both have; None where either does not say its laws."""
+        if part not in self or part not in other:
+            return None
+        return [law for law in self[part] if law in other[part]]
+
+
+def _laws(bundle: Bundle) -> _Laws:
+    found = _Laws()
+    for side in SIDES:
+        held = bundle.valve(side).discrete
+        if held is not None and isinstance(held.by_law, list) and held.by_law:
+            found[f"valves.{side}.discrete"] = {one.law: one.numbers for one in held.by_law}
+    return found
+
+
+def _of_laws(
+    first: str,
+    name: str,
+    parts: tuple[dict[str, ParameterTable], dict[str, ParameterTable]],
+    laws: tuple[_Laws, _Laws],
+) -> Iterator[str]:
+    """By which laws a part's numbers are compared, and whether intervals that cover several of
+    them overlap."""
+    for place in laws[0]:
+        shared = laws[0].shared(laws[1], place)
+        if shared is None:
+            continue
+        one, two = (" or ".join(own[place]) for own in laws)
+        if not shared:
+            yield (
+                f"{name}: {place} follows the flow law {two}, that of {first} {one}: numbers of "
+                "different laws are not compared; fit both with the same --law"
+            )
+            continue
+        if len(laws[0][place]) == len(laws[1][place]) == 1:
+            continue
+        both = [
+            (key, estimate, parts[1][place].estimates[key])
+            for key, estimate in parts[0][place].estimates.items()
+            if key in parts[1][place].estimates and estimate.has_error
+        ]
+        met = [f"{key} {'overlap' if _overlap(*pair) else 'do not overlap'}" for key, *pair in both]
+        of_both = f"{one} in {first}, {two} in {name}" if one != two else f"{one} in both"
+        yield (
+            f"{name}: {place}: the flow law is not decided ({of_both}): a number moved where it did "
+            f"by each law that both may have ({', '.join(shared)}); the intervals, which cover the "
+            f"laws, of {', of '.join(met)}"
+        )
+
+
+def _overlap(one: Estimate, two: Estimate) -> bool:
+    (low, high), (least, most) = one.interval, two.interval
+    return low <= most and least <= high
+
+
+def _by_each_law(
+    laws: tuple[_Laws, _Laws], place: str, key: str
+) -> tuple[float, float, float] | None:
+    """The change, in standard errors as well, and its degrees of freedom, of a number that two fits
+    give by each law that both leave open.
+
+    The machine has one law, so that what it moves by each of them it moves: the standard errors are
+    of the law by which it moved least, the change is by the first that both have.
+    """
+    found = []
+    for law in laws[0].shared(laws[1], place) or ():
+        one, two = (own[place][law].get(key) for own in laws)
+        if one is None or two is None or one.unit != two.unit:
+            continue
+        change = two.value - one.value
+        found.append((change, change / math.hypot(one.std, two.std), _welch(one, two)))
+    if not found:
+        return None
+    _, size, dof = min(found, key=lambda moved: abs(moved[1]))
+    return found[0][0], size, dof
+
+
 def _estimate(parts: dict[str, ParameterTable], part: str, key: str) -> Estimate | None:
     return parts[part].estimates.get(key) if part in parts else None
 
 
 def _moves(
-    first: dict[str, ParameterTable], other: dict[str, ParameterTable], bundle: str
+    first: dict[str, ParameterTable],
+    other: dict[str, ParameterTable],
+    bundle: str,
+    laws: tuple[_Laws, _Laws],
 ) -> Iterable[tuple[Movement, float]]:
     """Each movement with the degrees of freedom of its standard error."""
     for place in first:
@@ -433,6 +527,13 @@ def _moves(
             and estimate.unit == two.estimates[key].unit
         )
         if not keys:
+            continue
+        if laws[0].shared(laws[1], place) is not None:
+            for key in keys:
+                if (least := _by_each_law(laws, place, key)) is not None:
+                    moved, size, own = least
+                    p = max(t_p_value(size, own), _SMALLEST_P)
+                    yield Movement(bundle, place, key, moved, size, p), own
             continue
         change = np.array([two.estimates[k].value - one.estimates[k].value for k in keys])
         covariance = one.covariance(keys) + two.covariance(keys)

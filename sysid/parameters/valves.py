@@ -205,6 +205,13 @@ class LawDecision(Part):
     rejected: list[RejectedLaw] = Field(default_factory=list)
 
 
+class OpenLaw(Part):
+    """A flow law that tests do not rule out, with what they say of its `numbers`, by key."""
+
+    law: str
+    numbers: dict[str, Estimate]
+
+
 class DiscreteLaw(DirectionalLaw, CorrelatedPart):
     """The on/off law of one valve (thesis 3.6.6, 3.6.10) with its delays.
 
@@ -213,7 +220,8 @@ class DiscreteLaw(DirectionalLaw, CorrelatedPart):
     `quality` to those of one direction ("fill", "discharge"); `correlation` to the errors of
     flows, coefficients and delays. `declared` lists the numbers that are a data sheet's.
     `wall_conductance_w_per_k` is that of a tank's wall, from which its gas is warmed. `choice` says
-    why the tests have this law, with the laws that they do not have.
+    why the tests have this law, with the laws that they do not have; `by_law` has the laws that the
+    tests of a part alone do not distinguish, each with its own errors.
     """
 
     c_fill: Estimate
@@ -235,11 +243,15 @@ class DiscreteLaw(DirectionalLaw, CorrelatedPart):
     wall_conductance_w_per_k: Lenient[Estimate | None] = None
     declared: Lenient[list[str] | None] = None
     choice: Lenient[LawDecision | None] = None
+    by_law: Lenient[list[OpenLaw] | None] = None
 
     def replaced(self, **fields: Any) -> Self:
-        """As `DirectionalLaw.replaced`; a number replaced loses the correlation."""
+        """As `DirectionalLaw.replaced`; a number replaced loses what a fit said with it."""
         made = super().replaced(**fields)
+        renewed = not fields.keys().isdisjoint(self.estimates())
         stale = "correlation" not in fields and not fields.keys().isdisjoint(self._correlated())
+        if renewed and "by_law" not in fields and made.by_law is not None:
+            made = made.without("by_law")
         return made.without("correlation") if stale and made.correlation is not None else made
 
 
@@ -491,6 +503,7 @@ __all__ = [
     "LawDecision",
     "LawName",
     "LawNames",
+    "OpenLaw",
     "PwmDirections",
     "PwmSurfaces",
     "RejectedLaw",

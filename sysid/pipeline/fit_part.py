@@ -12,11 +12,12 @@ from sysid.io.logs import Trial, any_contradiction
 from sysid.io.rig import Rig
 from sysid.parameters import Parts
 from sysid.parameters.data_sheet import with_data_sheets
-from sysid.parameters.valves import SERIES, SURFACE_KINDS
+from sysid.parameters.valves import SERIES, SURFACE_KINDS, OpenLaw
 from sysid.pipeline.given_tests import Tests, rig_of, trials_of
 from sysid.pipeline.request import Options, takes
 
 if TYPE_CHECKING:
+    from sysid.diagnosis.bench.law_choice import ChosenLaw
     from sysid.identification.friction.result import FrictionResult
     from sysid.identification.valve_discrete.result import ValveDiscreteResult
     from sysid.identification.valve_pwm.result import ValvePwmFit
@@ -130,11 +131,29 @@ def bench_fit(kind: str, trials: Sequence[Trial], rig: Rig, law: str = "auto") -
     asks = "sysid diagnose names what the law lacks, if the data are right"
     short = [f"{kind}: {judged.shortfall}; {asks}"] if judged.explains_too_little else []
     estimates = choice.estimates
-    part = fitted.component.part(estimates, judged)
+    part = _with_laws(fitted.component.part(estimates, judged), choice)
     said = [f"{kind}: {choice.why}"] if choice.why else []
     more = fitted.component.said_of(estimates)
     said += [Notice(f"{kind}: {line}", subject_of(line)) for line in more]
     return FittedPart(part, notices=tuple(about(kind, (*component.left_out, *said, *short))))
+
+
+def _with_laws(part: Parts, choice: ChosenLaw) -> Parts:
+    """A part with what each law says of its numbers that its tests do not rule out."""
+    if not choice.why or part.valves is None:
+        return part
+    found = []
+    for fit in (choice.fitted, *choice.others):
+        valves = fit.component.part(fit.base_estimates()).valves
+        law = None if valves is None else valves.side("a").discrete
+        if law is not None:
+            numbers = {key: e for key, e in law.estimates().items() if e.has_error}
+            found.append(OpenLaw(law=fit.component.law_name, numbers=numbers))
+    valve = part.valves.side("a")
+    if valve.discrete is None:
+        return part
+    held = valve.replaced(discrete=valve.discrete.replaced(by_law=found))
+    return replace(part, valves=part.valves.replaced(a=held))
 
 
 @dataclass(frozen=True)
