@@ -353,7 +353,7 @@ def test_the_page_says_what_moved_by_titles(bundle: Bundle, tmp_path: Path) -> N
 def of_laws(rig: Rig, **by_law: tuple[float, float]) -> Bundle:
     """A tank's bundle, c_dis and its error by each law that its tests leave open."""
     unit = "kg/(s Pa)"
-    numbers = {law: Estimate.symmetric(c, std, unit) for law, (c, std) in by_law.items()}
+    numbers = {law: Estimate.symmetric(c, std, unit, math.inf) for law, (c, std) in by_law.items()}
     first, *others = numbers.values()
     unasked = Estimate.unidentified("", "not asked")
     law = DiscreteLaw(

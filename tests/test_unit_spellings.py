@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import pytest
 from own_components import done
 
 from sysid.errors import InputError
+from sysid.io.logs import read_log
+from sysid.io.rig import read_rig
 from sysid.io.unit_text import parse_unit, ratio_of, without_multiple
+from sysid.io.units import parse_map
 
 PSI, LBF, INCH = 6894.757293168361, 4.4482216152605, 0.0254
 
@@ -150,3 +154,34 @@ def test_what_a_flow_was_taken_for_is_said(tmp_path: Path) -> None:
     assert "Nl/min is taken at DIN 1343: 0 degC, 101.325 kPa, dry (1.2929 kg/m3)" in said
     assert "taken" not in done(*command, *maps, "flow_a_kg_s=q:l/min(ANR)").err
     assert (tmp_path / "log.csv").read_text("utf-8").endswith("0.0,0.1,1.185\n1.0,0.2,2.37\n")
+
+
+@pytest.mark.parametrize("unit", ["l/min(ANR)", "0..10 V -> 0..10 l/min(ANR)"])
+def test_a_volume_of_another_gas_has_its_mass(unit: str, rig_text: str, tmp_path: Path) -> None:
+    """At the same state; of air, and without a rig file, it is air's."""
+    rows = "".join(f"{i},0.{i},{6.0 if i % 2 else 3.0}\n" for i in range(1, 9))
+    (tmp_path / "raw.csv").write_text(f"t,u,q\n{rows}", "utf-8")
+    command = ("convert", tmp_path / "raw.csv", "-o", tmp_path / "log.csv")
+    maps = ("--map", "time_s=t:ms", "--map", "duty_a=u", "--map", f"flow_a_kg_s=q:{unit}")
+
+    def flows() -> list[float]:
+        written = (tmp_path / "log.csv").read_text("utf-8").splitlines()[-2:]
+        return [float(row.split(",")[-1]) for row in written]
+
+    assert "counts air" not in done(*command, *maps).err
+    assert flows() == pytest.approx([1.185e-4, 0.5925e-4])
+    (tmp_path / "rig.toml").write_text(rig_text, "utf-8")
+    assert "counts air" not in done(*command, *maps).err
+    constant = re.search(r"gas_constant_j_per_kg_k = [\d.]+", rig_text)
+    assert constant is not None
+    helium = rig_text.replace(constant[0], "gas_constant_j_per_kg_k = 2077.0")
+    (tmp_path / "rig.toml").write_text(helium, "utf-8")
+    density = 1e5 / (2077.0 * 293.15)
+    said = done(*command, *maps).err
+    assert f"gas (2077 J/(kg K)) at 20 degC, 100 kPa: {density:.4g} kg/m3, where air" in said
+    assert flows() == pytest.approx([density * 1e-4, density * 0.5e-4])
+    # As it is where a log is read by its map.
+    mapping = parse_map(maps[1::2])
+    log = read_log(tmp_path / "raw.csv", read_rig(tmp_path / "rig.toml"), mapping)
+    assert log.trials[0]["flow_a_kg_s"][-2:] == pytest.approx([density * 1e-4, density * 0.5e-4])
+    assert any("counts air" in line for line in log.notices)

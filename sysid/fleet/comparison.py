@@ -470,9 +470,9 @@ def _of_laws(
         met = [f"{key} {'overlap' if _overlap(*pair) else 'do not overlap'}" for key, *pair in both]
         of_both = f"{one} in {first}, {two} in {name}" if one != two else f"{one} in both"
         yield (
-            f"{name}: {place}: the flow law is not decided ({of_both}): a number moved where it did "
-            f"by each law that both may have ({', '.join(shared)}); the intervals, which cover the "
-            f"laws, of {', of '.join(met)}"
+            f"{name}: {place}: the flow law is not decided ({of_both}): a number moved where it "
+            f"did by each law that both may have ({', '.join(shared)}); the intervals, which cover "
+            f"the laws, of {', of '.join(met)}"
         )
 
 

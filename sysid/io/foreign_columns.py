@@ -49,6 +49,21 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+def with_gas(recipe: Recipe, paths: Sequence[Path]) -> Recipe:
+    """A recipe for mass flows uses the gas of the nearest rig file."""
+    if not any(recipe.units.get(target) == "kg/s" for target in recipe.maps):
+        return recipe
+    found = {file for path in paths if (file := nearest_rig_file(path)) is not None}
+    gases = {read_rig(file).other_gas for file in found}
+    if len(gases) > 1:
+        raise input_error(
+            " and ".join(map(str, sorted(found))),
+            "the files' rigs have different gases",
+            "convert them one by one",
+        )
+    return replace(recipe, gas_constant=next(iter(gases), None))
+
+
 def with_atmosphere(recipe: Recipe, paths: Sequence[Path]) -> Recipe:
     """A recipe with gauge pressures uses the atmosphere of the nearest rig file."""
     if recipe.atmosphere_pa is not None or not any(m.gauge for m in recipe.maps.values()):
@@ -271,6 +286,7 @@ def _si_values(
     readings = table.numbers(name, target, rows)
     stamped = name in table.stamped
     entry = entry if stamped else _as_stated(table, name, entry, recipe)
+    entry = entry.of_gas(recipe.gas_constant)
     values = to_si(readings, entry, recipe.atmosphere_pa, stamped=stamped)
     at = np.arange(len(readings)) if rows is None else rows
     stated = table.units.get(name, "")
@@ -402,4 +418,4 @@ def _listing(table: ForeignTable) -> str:
     return f"all columns: sysid convert {table.path.name} --list"
 
 
-__all__ = ["log_columns", "unused_columns", "with_atmosphere"]
+__all__ = ["log_columns", "unused_columns", "with_atmosphere", "with_gas"]

@@ -84,11 +84,13 @@ def in_log_format(
     atmosphere_pa: float | None,
     units: Mapping[str, str | None],
     held: tuple[str, ...] = HELD_COLUMNS,
+    gas_constant: float | None = None,
 ) -> tuple[LogTable, list[str]]:
     """The table of a `foreign_log` with the log format's columns in SI, and notices.
 
     `units` are those of the columns that it may have, by name, of which `held` hold from sample to
-    sample; `atmosphere_pa` (Pa) is added to gauge pressures. Raises InputError as `sysid convert`
+    sample; `atmosphere_pa` (Pa) is added to gauge pressures, `gas_constant` (J/(kg K), None: of
+    air) is that of the gas whose volume is counted. Raises InputError as `sysid convert`
     does.
     """
     if table.foreign is None:
@@ -101,6 +103,7 @@ def in_log_format(
         shape=list(table.foreign.shape),
     )
     recipe = Recipe(maps=dict(maps), atmosphere_pa=atmosphere_pa, units=units, held=held)
+    recipe = replace(recipe, gas_constant=gas_constant)
     with _converted_first():
         frame = log_columns(file, recipe, None)
         unused = unused_columns(file, recipe)

@@ -181,7 +181,9 @@ def log_of(
                 f"{path}: has no column {column!r}, which the campaign maps to {target}"
             )
     if table.foreign is not None:
-        table, said = in_log_format(table, maps, rig.atmosphere_pa, CANONICAL_UNITS)
+        table, said = in_log_format(
+            table, maps, rig.atmosphere_pa, CANONICAL_UNITS, gas_constant=rig.other_gas
+        )
         reading.table, maps = table, {}
         reading.notices += said
     timeless = "time_s" not in maps and "time_s" not in table.header
@@ -300,6 +302,7 @@ def take_column(
         return
     values = table.numbers(column, absent)
     if (entry := maps.get(target)) is not None:
+        entry = entry.of_gas(reading.rig.other_gas)
         said = entry.notices(values, reading.where, table.place)
         stamped = table.is_stamped(column)
         values = to_si(values, entry, reading.rig.atmosphere_pa, stamped=stamped)

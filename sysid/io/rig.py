@@ -53,8 +53,9 @@ elasticity. Flows out of the volume have the same relative error."""
 _NO_FILE = "the assumed rig"
 # Share of the atmosphere's pressure: less drives nothing, and is the weather's.
 _LEAST_VACUUM = 0.05
-# J/(kg K): air that is dry, and saturated with water at 40 degC; nitrogen, too.
+# J/(kg K): air that is dry, and saturated with water at 40 degC; nitrogen, too, and without it.
 _AIR = (286.0, 297.0)
+_MOIST_AIR = (286.0, 295.0)
 # Letters in a line of a rig's constants, as it shows itself.
 _LINE = 84
 _TESTS_BY_MOTOR = {
@@ -405,6 +406,13 @@ class Rig(Shown):
     def atmosphere_pa(self) -> float | None:
         """The atmosphere's pressure, Pa; None where the file does not give it."""
         return None if self.air is None else self.air.atmospheric_pressure_pa
+
+    @property
+    def other_gas(self) -> float | None:
+        """The constant of a gas that is not air, J/(kg K); None of air, or where none is given."""
+        constant = None if self.air is None else self.air.gas_constant_j_per_kg_k
+        is_air = constant is None or _MOIST_AIR[0] <= constant <= _MOIST_AIR[1]
+        return None if is_air else constant
 
     def payload_inertia(self) -> float:
         """What the payload adds to the inertia (thesis 3.3.5), kg m2 or, its mass, kg."""

@@ -137,7 +137,9 @@ def sensor_range(
     size = Fraction(repr(plain.factor))
     slope = (values[1] - values[0]) / (readings[1] - readings[0])
     offset = (values[0] - slope * readings[0]) * size + Fraction(repr(plain.offset))
-    found = Conversion(plain.gauge, float(slope * size), float(offset), plain.remark)
+    found = Conversion(
+        plain.gauge, float(slope * size), float(offset), plain.remark, plain.standard
+    )
     return SensorRange(float(readings[0]), float(readings[1]), unit), found
 
 

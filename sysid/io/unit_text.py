@@ -180,12 +180,28 @@ _PER_MINUTE = re.compile(
     r"(?:1|u|r|rev|revs|umdr\.?|upm|tr)/min|min(?:\^|\*\*)?-1|u\.?p\.?m\.?", re.I
 )
 
-# Mass of a cubic metre (kg) of the air that a volume at a standard state means.
-_ANR = ("ISO 8778: 20 degC, 100 kPa, 65 % humidity", 1.185)
-_DIN_1343 = ("DIN 1343: 0 degC, 101.325 kPa, dry", 1.2929)
-_SEMI_E12 = ("SEMI E12: 0 degC, 101.325 kPa, dry", 1.2929)
-_SCFM = ("68 degF, 14.696 psi(a), dry", 1.2041)
-_ISO_13443 = ("ISO 13443: 15 degC, 101.325 kPa, dry", 1.225)
+
+class StandardState(NamedTuple):
+    """A state at which a volume of gas is counted: pressure in Pa, temperature in K.
+
+    `density` is that of the air which the standard means, kg/m3.
+    """
+
+    name: str
+    density: float
+    pressure: float
+    temperature: float
+
+    def density_of(self, gas_constant: float) -> float:
+        """Of a dry gas with this constant, J/(kg K), there: kg/m3."""
+        return self.pressure / (gas_constant * self.temperature)
+
+
+_ANR = StandardState("ISO 8778: 20 degC, 100 kPa, 65 % humidity", 1.185, 1e5, 293.15)
+_DIN_1343 = StandardState("DIN 1343: 0 degC, 101.325 kPa, dry", 1.2929, 101325.0, 273.15)
+_SEMI_E12 = StandardState("SEMI E12: 0 degC, 101.325 kPa, dry", 1.2929, 101325.0, 273.15)
+_SCFM = StandardState("68 degF, 14.696 psi(a), dry", 1.2041, 101325.0, 293.15)
+_ISO_13443 = StandardState("ISO 13443: 15 degC, 101.325 kPa, dry", 1.225, 101325.0, 288.15)
 _STANDARD_FLOWS = {
     **dict.fromkeys(("slpm", "slm", "sl/min"), ("l/min", _SEMI_E12)),
     **dict.fromkeys(("sccm", "scm3/min", "sml/min"), ("cm**3/min", _SEMI_E12)),
@@ -232,13 +248,15 @@ class Conversion(NamedTuple):
     """SI value = `factor` * reading + `offset`, plus the atmosphere where `gauge` is True.
 
     `gauge` is None where neither gauge nor absolute is written; `remark` says what a unit was
-    taken for where it does not say so itself.
+    taken for where it does not say so itself; `standard` is the state at which a volume of air is
+    counted, of one that is a mass by it.
     """
 
     gauge: bool | None
     factor: float
     offset: float
     remark: str = ""
+    standard: StandardState | None = None
 
 
 def parse_unit(text: str, si: str, where: str) -> Conversion:
@@ -364,17 +382,19 @@ def _standard_flow(text: str, where: str) -> Conversion | None:
     state = _STATE.search(unit)
     if state is not None:
         volume = unit[: state.start()]
-        _, density = _REFERENCE_STATES[re.sub(r"\s", "", state[1]).lower()]
-        return Conversion(None, times * _mass_of(volume, density, where), 0.0)
+        standard = _REFERENCE_STATES[re.sub(r"\s", "", state[1]).lower()]
+        factor = times * _mass_of(volume, standard.density, where)
+        return Conversion(None, factor, 0.0, standard=standard)
     found = _STANDARD_FLOWS.get(re.sub(r"[\s_*]", "", unit).lower())
     if found is None:
         return None
-    volume, (standard, density) = found
+    volume, standard = found
     remark = (
-        f"{unit} is taken at {standard} ({density:g} kg/m3); other states: l/min(ANR) for ISO "
-        "8778, l/min(DIN 1343)"
+        f"{unit} is taken at {standard.name} ({standard.density:g} kg/m3); other states: "
+        "l/min(ANR) for ISO 8778, l/min(DIN 1343)"
     )
-    return Conversion(None, times * _mass_of(volume, density, where), 0.0, remark)
+    factor = times * _mass_of(volume, standard.density, where)
+    return Conversion(None, factor, 0.0, remark, standard)
 
 
 def _mass_of(volume: str, density: float, where: str) -> float:

@@ -33,6 +33,7 @@ from sysid.io.channels import LOG_COLUMNS, SWITCHES
 from sysid.io.sensor_range import SensorRange, ends_of, is_range, parse_range, range_text
 from sysid.io.unit_text import (
     LARGEST,
+    StandardState,
     check_unit,
     in_any_capitals,
     meant_by,
@@ -66,7 +67,8 @@ class ColumnMap:
     SI value = `factor` * reading + `offset`, plus the atmosphere where `gauge` is True.
     `unit` is the unit or range as written (None: SI already); `gauge` is None where it is
     not given; `source` is where the entry was written, for messages; `sensor` is the range of the
-    readings where one was given; `remark` says what the unit was taken for.
+    readings where one was given; `remark` says what the unit was taken for; `standard` is the state
+    at which a volume flow is counted.
     """
 
     target: str
@@ -78,6 +80,30 @@ class ColumnMap:
     source: str = "--map"
     sensor: SensorRange | None = None
     remark: str = ""
+    standard: StandardState | None = None
+
+    def of_gas(self, gas_constant: float | None) -> ColumnMap:
+        """The entry of a volume flow of a gas that is not air, by its constant, J/(kg K): its mass
+        is that of this gas at the same state. None: of air."""
+        if self.standard is None or gas_constant is None:
+            return self
+        density, air = self.standard.density_of(gas_constant), self.standard.density
+        state = (
+            f"{self.standard.temperature - 273.15:.3g} degC, {self.standard.pressure / 1e3:g} kPa"
+        )
+        remark = (
+            f"{self.unit} is taken as that of the rig file's gas ({gas_constant:g} J/(kg K)) at "
+            f"{state}: {density:.4g} kg/m3, where air has {air:g}; if the meter counts air, give "
+            "the mass of one unit in kg/s"
+        )
+        worth = density / air
+        return replace(
+            self,
+            factor=self.factor * worth,
+            offset=self.offset * worth,
+            remark=remark,
+            standard=None,
+        )
 
     def __str__(self) -> str:
         """The entry as it would be written on the command line."""
@@ -253,6 +279,7 @@ def _with_unit(entry: ColumnMap, unit: str, si: str | None, where: str) -> Colum
         offset=found.offset,
         sensor=sensor,
         remark=found.remark,
+        standard=found.standard,
     )
 
 

@@ -67,7 +67,7 @@ class Recipe:
     `rows` are the slices of rows to keep, `rows_text` as written; none: all. `fill` says how
     every column is filled between samples of its own (`sysid.io.alignment`). `units` are those of
     the columns that may be written, by name: the log format's, or a component's; those that `held`
-    names hold from sample to sample.
+    names hold from sample to sample. `gas_constant` is that of the gas, J/(kg K); None: air.
     """
 
     maps: Mapping[str, ColumnMap] = field(default_factory=dict)
@@ -81,6 +81,7 @@ class Recipe:
     fill: str | None = None
     units: Mapping[str, str | None] = field(default_factory=lambda: CANONICAL_UNITS)
     held: tuple[str, ...] = HELD_COLUMNS
+    gas_constant: float | None = None
 
     def is_held(self, target: str) -> bool:
         """Whether a column holds from one of its samples to the next."""
