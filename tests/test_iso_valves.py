@@ -16,6 +16,9 @@ from test_export_control import run_check
 from test_valve_discrete import Bench, make_rig
 
 from benchmarks.iso_bench import IsoBench
+from benchmarks.valves import trial
+from datasets.generator.campaign import make_campaign
+from datasets.generator.effects.catalogue import Injected
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.exporters import check_folder, export_bundle
 from sysid.identification.valve_pwm.averaged import fit_by_law
@@ -315,3 +318,23 @@ def test_mean_flows_of_pwm_tests_choose_the_law() -> None:
         found, _ = fit_by_law(flows, Conditions(5e5, 1e5, 0.005), "auto")
         assert found.conditions.by_iso is by_iso
         assert found.solution.values[:2] == pytest.approx(truth[:2], rel=0.02)
+
+
+def test_a_ratio_at_its_bound_is_no_law_of_the_exhaust() -> None:
+    """Choked exhaust of the thesis' law and an ellipse below it: ISO 6358 comes a little nearer,
+    with a ratio of 0.95 and a delay of 20 ms for 2, and neither is the law."""
+    shape = {"iso_fill": 1.0, "iso_dis": 1.0, "iso_critical_ratio": 0.35, "use_iso_exponent": 0.5}
+    made = make_campaign(
+        9103,
+        stems=("valve_discrete_a",),
+        effects=(Injected("subsonic-flow-shape", "exhaust-too", "", shape),),
+    )
+    trials = [trial(test) for log in made.logs for test in log.tests]
+    rig = rig_from_content(made.rig.content, "generated")
+    found = fit_valve_discrete(trials, rig, find_ratio=False)
+    fit = found["a"]
+    assert fit.choice is not None and set(fit.choice.laws.values()) == {"thesis"}
+    assert any("no critical ratio of ISO 6358 follows the exhaust" in r for r in found.remarks)
+    declared = made.rig.content["valves"]["on_delay_s"]
+    assert fit.on_delay_s.value == pytest.approx(declared, abs=2e-4)
+    assert "the law misses the discharge by" in str(fit.off_delay_s.reason)

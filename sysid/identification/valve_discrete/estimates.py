@@ -24,12 +24,14 @@ from sysid.identification.valve_discrete.curve import (
 from sysid.identification.valve_discrete.held_chamber import DELAYS, FLOWS
 from sysid.identification.valve_discrete.law_choice import LawChoice
 from sysid.identification.valve_discrete.notices import JUMPS
+from sysid.identification.valve_discrete.quality import qualities
 from sysid.identification.valve_discrete.ratio import critical_ratio, directions
 from sysid.identification.valve_discrete.regimes import Stretches
 from sysid.identification.valve_discrete.result import DiscreteFit, PressureCurve
 from sysid.io.rig import Air
 from sysid.parameters.valves import (
     BY_ISO,
+    DIRECTIONS,
     FLOW_CONTROL,
     ISO6358,
     SERIES,
@@ -71,7 +73,7 @@ def flows_and_delays(
                 f"its standard error is {share:.0f} %: record more tests, or log faster",
             )
         if name in DELAYS and estimate.identified and estimate.interval[1] < 0.0:
-            estimate = Estimate.unidentified(UNITS[name], _why_early(estimate, curves))
+            estimate = Estimate.unidentified(UNITS[name], _why_early(name, estimate, curves))
         if scatters and estimate.identified:
             notices.append(
                 f"{title}: {name} differs between tests by more than the noise explains; its "
@@ -96,7 +98,7 @@ def _iso_reasons(curves: CurveFit, reasons: Mapping[str, str]) -> dict[str, str]
     return found
 
 
-def _why_early(delay: Estimate, curves: CurveFit) -> str:
+def _why_early(name: str, delay: Estimate, curves: CurveFit) -> str:
     """Why a pressure seems to respond before its command, and the fix."""
     rows = [float(np.median(np.diff(p.chamber.time))) for p in curves.problem.pieces]
     row = float(np.median(rows))
@@ -105,6 +107,14 @@ def _why_early(delay: Estimate, curves: CurveFit) -> str:
         return (
             f"the command's time is known to a row of {1e3 * row:.3g} ms only, which makes it "
             f"{low:.3g} to {high:.3g} ms: log faster"
+        )
+    direction = dict(zip(DELAYS, DIRECTIONS, strict=True))[name]
+    quality = qualities(curves).get(direction)
+    if quality is not None and quality.lack_of_fit.is_significant:
+        return (
+            f"the law misses the {direction} by {quality.rmse:.3g} Pa rms (noise "
+            f"{quality.scatter:.3g} Pa), and a delay of {low:.3g} to {high:.3g} ms makes good a "
+            "part of it: take a law that follows it (--law), or have diagnose find what it lacks"
         )
     return (
         f"the pressure responds before the command ({low:.3g} to {high:.3g} ms after it): "

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,6 +31,7 @@ from sysid.identification.valve_discrete.quality import qualities, rows_of
 from sysid.identification.valve_discrete.trials import Piece
 from sysid.parameters.valves import (
     AUTO,
+    DIRECTIONS,
     ISO6358,
     LAWS,
     SERIES,
@@ -39,7 +40,7 @@ from sysid.parameters.valves import (
     LawDecision,
     RejectedLaw,
 )
-from sysid.plant.iso6358 import choked_flow
+from sysid.plant.iso6358 import HIGHEST_RATIO, choked_flow
 from sysid.types import BoolArray, FloatArray
 
 # Critical ratios of real valves, from which the fit starts; the best fit counts.
@@ -56,7 +57,8 @@ class LawChoice:
     a flow control in series over the better of the two (None: not fitted); `rejected`: the fits by
     the laws that were not chosen; `better`: by direction, of these the law that follows it
     decidedly better than the law that is kept, because it was asked for or as the directions
-    disagree; `delays`: the fits from which delays are taken, by name, in place of the kept law's.
+    disagree; `delays`: the fits from which delays are taken, by name, in place of the kept law's;
+    `denied`: directions that no critical ratio of ISO 6358 follows, whatever the thesis' law does.
     """
 
     laws: Mapping[str, str]
@@ -67,26 +69,28 @@ class LawChoice:
     rejected: Mapping[str, CurveFit] = field(default_factory=dict)
     better: Mapping[str, str] = field(default_factory=dict)
     delays: Mapping[str, CurveFit] = field(default_factory=dict)
+    denied: tuple[str, ...] = ()
 
     @property
     def total(self) -> float:
-        """Twice the log evidence for ISO 6358, of all directions."""
-        return float(sum(self.evidence.values()))
+        """Twice the log evidence for ISO 6358, of all directions that it can be the law of."""
+        return float(sum(v for way, v in self.evidence.items() if way not in self.denied))
 
     @property
     def disagrees(self) -> bool:
         """Whether one direction is decidedly of one law and the other one of the other."""
-        values = self.evidence.values()
         if SERIES in self.laws.values():
             return False
-        return any(v > DECISIVE for v in values) and any(v < -DECISIVE for v in values)
+        values = [v for way, v in self.evidence.items() if way not in self.denied]
+        against = bool(self.denied) or any(v < -DECISIVE for v in values)
+        return against and any(v > DECISIVE for v in values)
 
     @property
     def undecided(self) -> bool:
         """Whether the tests do not distinguish the laws."""
-        if SERIES in self.laws.values():
+        if SERIES in self.laws.values() or self.denied or self.disagrees:
             return False
-        return bool(self.evidence) and not self.disagrees and abs(self.total) <= DECISIVE
+        return bool(self.evidence) and abs(self.total) <= DECISIVE
 
     def why(self) -> str:
         """The choice in words: what was chosen, and by which evidence."""
@@ -100,6 +104,12 @@ class LawChoice:
         if self.asked != AUTO:
             return f"the law was asked for (--law {self.asked}): {found}" if found else ""
         size = f"twice the log evidence for ISO 6358 {self.total:.3g}"
+        if self.denied:
+            what = " and ".join(_DIRECTION[way] for way in self.denied)
+            return (
+                f"no critical ratio of ISO 6358 follows the {what}, so the thesis' law is kept "
+                f"({found}); --law iso6358 takes the other"
+            )
         if self.disagrees:
             return (
                 f"the two directions obey different laws, so the thesis' is kept ({found}); "
@@ -190,17 +200,28 @@ def _of_two(thesis: CurveFit, asked: str) -> tuple[CurveFit, LawChoice]:
         known = _evidences(thesis, iso, ways)
     rms = {way: {THESIS: _rms(thesis, iso, way), ISO6358: _rms(iso, thesis, way)} for way in known}
     takes_iso = {way: ISO6358 if way in ways else THESIS for way in WAYS}
-    choice = LawChoice(takes_iso, known, rms, asked)
+    denied = tuple(way for way in known if _has_no_ratio(iso, way))
+    choice = LawChoice(takes_iso, known, rms, asked, denied=denied)
     better = asked == AUTO and choice.total > DECISIVE and not choice.disagrees
     if asked == ISO6358 or better:
         return _with_delays_of_the_better(iso, choice, thesis)
     return _with_delays_of_the_better(thesis, dataclasses.replace(choice, laws=plain), iso)
 
 
-def _misses_more_than_noise(curves: CurveFit) -> bool:
-    """Whether the law misses a direction by more than the sensor's noise."""
-    ratios = (q.lack_of_fit.statistic for q in qualities(curves).values())
+def _misses_more_than_noise(curves: CurveFit, ways: Iterable[str] = WAYS) -> bool:
+    """Whether the law misses one of these directions by more than the sensor's noise."""
+    found, names = qualities(curves), dict(zip(WAYS, DIRECTIONS, strict=True))
+    ratios = (found[names[w]].lack_of_fit.statistic for w in ways if names[w] in found)
     return any(ratio is not None and ratio > SCATTER_TIMES for ratio in ratios)
+
+
+def _has_no_ratio(iso: CurveFit, way: str) -> bool:
+    """Whether the best critical ratio is the largest that is tried, which is no valve's, and the
+    law misses the direction all the same: it then only bends towards the curve of another law."""
+    ratio = iso_names(way)[1]
+    if ratio not in iso.fit.diagnosis.at_bound or iso.fit[ratio] < 0.5 * HIGHEST_RATIO:
+        return False
+    return _misses_more_than_noise(iso, [way])
 
 
 def _with_delays_of_the_better(
@@ -211,7 +232,11 @@ def _with_delays_of_the_better(
     law moves the delay to make good for its curve. The rest is fitted again with it."""
     name = ISO6358 if THESIS in choice.laws.values() else THESIS
     sign = 1.0 if name == ISO6358 else -1.0
-    better = {way: name for way, value in choice.evidence.items() if sign * value > DECISIVE}
+    better = {
+        way: name
+        for way, value in choice.evidence.items()
+        if sign * value > DECISIVE and not (name == ISO6358 and way in choice.denied)
+    }
     if choice.asked == AUTO and not choice.disagrees:
         better = {}
     found = dataclasses.replace(choice, rejected={name: rejected}, better=better)

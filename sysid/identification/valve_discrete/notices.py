@@ -158,7 +158,8 @@ def delay_notices(estimates: Mapping[str, Estimate], title: str, rig: Rig) -> li
 def law_remarks(choice: LawChoice, title: str) -> list[str]:
     """Which law was chosen and why, where it is not plainly the thesis'."""
     names = choice.laws.values()
-    plain = not (choice.undecided or choice.disagrees or {ISO6358, SERIES} & {*names})
+    unlike = choice.undecided or choice.disagrees or choice.denied
+    plain = not (unlike or {ISO6358, SERIES} & {*names})
     if choice.asked == AUTO and plain and choice.series is None:
         return []
     why = choice.why()
