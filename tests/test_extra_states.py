@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import weakref
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from sysid.diagnosis.actuator.equation_error import (
     forget,
 )
 from sysid.diagnosis.actuator.samples import Rows, Traces, prepare
-from sysid.diagnosis.actuator.states import integrate_states, measured_flow, point_of
+from sysid.diagnosis.actuator.states import StatesModel, integrate_states, measured_flow, point_of
 from sysid.io.channels import SIDES
 from sysid.plant import plant
 from sysid.plant.base import Array
@@ -176,6 +176,29 @@ def test_states_that_do_not_follow_the_valves_are_the_same_at_another_timing(
     at, later = (integrate_states(t, model + effect, needs_flow=True) for t in (traces, late))
     same = all(np.array_equal(at[name], later[name]) for name in at)
     assert same is not effect.states_follow_valves
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.id)
+def test_states_are_integrated_again_only_for_numbers_that_they_follow(
+    kind: type, short: tuple[Traces, Model]
+) -> None:
+    """A fit moves one number after the other, and most change no state."""
+    traces, model = short
+    effect = kind.typical()  # type: ignore[attr-defined]
+    effect = effect if effect.states else replace(effect, line_time_s=0.02)
+    whole = model + effect
+    here = integrate_states(traces, whole, needs_flow=True)
+    asked = StatesModel.of(whole, traces)
+    for name in (f.name for f in fields(model.parameters)):
+        value = getattr(model.parameters, name)
+        if not isinstance(value, float) or value == 0.0:
+            continue
+        moved = Model(model.parameters.replace(**{name: 1.05 * value}), whole.effects)
+        there = integrate_states(traces, moved, needs_flow=True)
+        same = all(np.array_equal(here[n], there[n]) for n in here)
+        assert same or StatesModel.of(moved, traces) != asked, name
+    stiffer = Model(model.parameters.replace(viscous=0.1), whole.effects)
+    assert StatesModel.of(stiffer, traces) == asked
 
 
 def test_other_sensors_leave_no_traces_of_the_last_ones(short: tuple[Traces, Model]) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from sysid.balance.residuals import breakaway_residual, effort_residual, modelled_rate
 from sysid.diagnosis.actuator import states as extra_states
 from sysid.diagnosis.actuator.samples import Rows, Traces, opening, selected, selection, smooth
-from sysid.diagnosis.actuator.states import integrate_states, point_of
+from sysid.diagnosis.actuator.states import StatesModel, integrate_states, point_of
 from sysid.io.channels import SIDES
 from sysid.parallel import give_back, kept_per_thread
 from sysid.plant.ports import Effect, Model, Point, overrides
@@ -130,7 +130,10 @@ def equation_error(
         whole = _with_timing(seen, traces, Model(fixed, timing))
     owners = [e for e in model.effects if e.states]
     driving = whole if any(e.states_follow_valves for e in owners) else seen
-    states = _states(driving, _with_part_in_states(model)) if owners else {}
+    states = {}
+    if owners:
+        own_part = _with_part_in_states(model)
+        states = _states(driving, StatesModel.of(own_part, driving))
     found = {name: np.zeros(len(rows[name].index) if rows else len(traces)) for name in CHANNELS}
     for name in channels:
         own = rows[name] if rows else None
@@ -255,11 +258,11 @@ def _with_part_in_states(model: Model) -> Model:
     )
 
 
-@kept_per_thread(2)
-def _states(traces: Traces, model: Model) -> dict[str, FloatArray]:
-    owners = [e for e in model.effects if e.states]
+@kept_per_thread(4)
+def _states(traces: Traces, own: StatesModel) -> dict[str, FloatArray]:
+    owners = [e for e in own.model.effects if e.states]
     needs_flow = any(c not in _MECHANICAL for e in owners for c in channels_of(e))
-    return integrate_states(traces, model, needs_flow)
+    return integrate_states(traces, own.model, needs_flow)
 
 
 @kept_per_thread(2)

@@ -7,8 +7,8 @@ forgotten their start.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from types import SimpleNamespace
 from typing import Any
@@ -89,6 +89,52 @@ def measured_flow(side: str, traces: Traces, point: Point, model: Model) -> Arra
         return flow
     added = rate - plant.pressure_rate(side, flow, point, model)
     return flow + base.flow_from_pressure_rate(added, pressure, volume, 0.0 * moving, *gas)
+
+
+@dataclass(frozen=True)
+class StatesModel:
+    """A model with extra states, equal to any whose states are the same.
+
+    Of the numbers that a fit moves in turn, as flows and friction, states follow few.
+    """
+
+    model: Model = field(compare=False)
+    followed: Hashable
+
+    @classmethod
+    def of(cls, model: Model, traces: Traces) -> StatesModel:
+        """A model on traces like these."""
+        from sysid.plant.jax_setup import jax
+
+        structure, numbers = split((model.parameters, *model.effects))
+        leaves, tree = jax.tree.flatten(numbers)
+        follows = _follows(structure, model.state_names, tree, traces.carried.shape[1:])
+        own = (float(v) for v, followed in zip(leaves, follows, strict=True) if followed)
+        return cls(model, (structure, *own))
+
+
+@lru_cache(maxsize=_MOST_PROGRAMS)
+def _follows(
+    structure: Structure, names: tuple[str, ...], tree: Any, carried: tuple[int, ...]
+) -> tuple[bool, ...]:
+    """Whether the states' start or rates follow each number of `tree`, in jax's order."""
+    from sysid.plant.jax_setup import jax, on_processor
+
+    def laws(numbers: list[dict[str, Any]], here: dict[str, Any]) -> Any:
+        parameters, *effects = join(structure, numbers)
+        model = Model(parameters, tuple(effects))
+        start = _start(here, model, names)
+        return start, _rates_at(here, model, names)(start)
+
+    numbers = jax.tree.unflatten(tree, np.ones(tree.num_leaves))
+    here = {name: np.zeros((1, *carried) if name == "carried" else 1) for name in _SIGNALS}
+    with on_processor():
+        program = jax.make_jaxpr(laws)(numbers, here).jaxpr
+    wanted = {id(v) for v in program.outvars}
+    for step in reversed(program.eqns):
+        if any(id(v) in wanted for v in step.outvars):
+            wanted |= {id(v) for v in step.invars}
+    return tuple(id(v) in wanted for v in program.invars[: tree.num_leaves])
 
 
 def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str, FloatArray]:
@@ -249,28 +295,37 @@ def _histories(
         rows = jnp.minimum(low + k, last)
         return {name: signal[rows] for name, signal in signals.items()}
 
-    def rates_at(sampled: dict[str, Any]) -> Callable[[Any], Sequence[Any]]:
-        here: Any = SimpleNamespace(**sampled)
-        point = point_of(here, model)
-
-        def rates(state: Any) -> Sequence[Any]:
-            now = replace(point, extra=dict(zip(names, state, strict=True)))
-            flows = {side: measured_flow(side, here, now, model) for side in SIDES}
-            found = plant.state_rates(now, flows, model)
-            return [found[name] for name in names]
-
-        return rates
-
     def advance(carry: Any, k: Any) -> tuple[Any, Any]:
         state, here = before, _ = carry
         after = sample(k + 1)
-        now, then = rates_at(here), rates_at(after)
+        now, then = (_rates_at(sampled, model, names) for sampled in (here, after))
         for _ in range(parts):
             state = heun(state, now(state), then, step)
         return (state, after), before
 
     first = sample(0)
-    here: Any = SimpleNamespace(**first)
-    start = plant.initial_states(point_of(here, model), model)
-    state = tuple(jnp.zeros(low.shape) + start[name] for name in names)
+    state = tuple(jnp.zeros(low.shape) + value for value in _start(first, model, names))
     return tuple(jax.lax.scan(advance, (state, first), jnp.arange(steps))[1])
+
+
+def _start(sampled: dict[str, Any], model: Model, names: tuple[str, ...]) -> list[Any]:
+    """The states at rest, where the channels are as sampled."""
+    here: Any = SimpleNamespace(**sampled)
+    start = plant.initial_states(point_of(here, model), model)
+    return [start[name] for name in names]
+
+
+def _rates_at(
+    sampled: dict[str, Any], model: Model, names: tuple[str, ...]
+) -> Callable[[Any], Sequence[Any]]:
+    """The states' rates there, as a function of the states."""
+    here: Any = SimpleNamespace(**sampled)
+    point = point_of(here, model)
+
+    def rates(state: Any) -> Sequence[Any]:
+        now = replace(point, extra=dict(zip(names, state, strict=True)))
+        flows = {side: measured_flow(side, here, now, model) for side in SIDES}
+        found = plant.state_rates(now, flows, model)
+        return [found[name] for name in names]
+
+    return rates
