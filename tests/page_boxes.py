@@ -37,7 +37,7 @@ _MEASURE = """
   for (const e of document.querySelectorAll('.scroll')) {
     if (!shown(e)) continue;
     // A long table may be swiped next to its first column, which stays.
-    const name = e.querySelector('.long tbody th');
+    const name = e.querySelector('.long tbody tr:not(.group) > th');
     if (name && getComputedStyle(name).position === 'sticky' && e.tabIndex === 0
         && name.getBoundingClientRect().width < 0.6 * e.clientWidth) continue;
     if (e.scrollWidth > e.clientWidth + slack)

@@ -48,6 +48,7 @@ from sysid.io.listing import channels_of
 from sysid.io.plausibility import give_map, with_maps
 from sysid.parameters import read_bundle
 from sysid.pipeline.compare import compare
+from sysid.pipeline.diagnosed import read_diagnosis
 from sysid.plant.effects.catalogue import catalogue
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -676,6 +677,92 @@ def test_a_written_file_is_explained_beneath_its_name(tmp_path: Path) -> None:
     assert (
         re.fullmatch(r"\d+\N{NO-BREAK SPACE}kB", size) and 'href="files/results/bundle.json"' in get
     )
+
+
+# What a user would type for each button of the screen, the output's name last.
+TYPED = {
+    "out:c": "export results/bundle.json --format c -o typed/bundle.h",
+    "out:mat": "export results/bundle.json --format mat -o typed/bundle.mat",
+    "out:json": "export results/bundle.json --format json -o typed/bundle.json",
+    "out:fmu": "export results/bundle.json --format fmu -o typed/bundle.fmu",
+    "out:mjcf": "export results/bundle.json --format mjcf -o typed/bundle.xml",
+    "out-report": "validate campaign.toml --bundle results/bundle.json --report typed/bundle.html",
+}
+
+
+@dataclass
+class Pressed:
+    """A window that runs the command of a button as the workbench does, to its end."""
+
+    bench: Workbench
+    scheme: str = "light"
+    job: Any = None
+
+    def start(self, what: str, words: Sequence[str], expected: Any = None) -> None:
+        self.job = Job(what, tuple(words), self.bench.folder, {})
+        self.job.start()
+        wait_until(lambda: self.job.is_done)
+        assert self.job.code == 0, (self.job.lines, self.job.notices, self.job.output)
+
+
+def in_a_loop(act: Callable[[], Any]) -> None:
+    """Await something in a thread of its own: this one may have a loop of playwright's."""
+    with ThreadPoolExecutor(1) as other:
+        other.submit(lambda: asyncio.run(act())).result()
+
+
+def written_in(folder: Path) -> dict[str, bytes]:
+    """The files below a folder; the minute in which a page was written is none of its content."""
+    minute = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d UTC")
+    found = {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*")
+             if p.is_file()}  # fmt: skip
+    return {n: minute.sub(b"", c) if n.endswith(".html") else c for n, c in found.items()}
+
+
+@pytest.mark.parametrize("button", TYPED)
+def test_a_button_writes_what_its_command_writes(button: str, tmp_path: Path) -> None:
+    path = write_small(tmp_path)
+    (tmp_path / "results").mkdir()
+    # That of the thesis was fitted to no log: the report's campaign may be any.
+    given = REPOSITORY / "datasets/thesis/reference_bundle.json"
+    given = given if button == "out-report" else golden_bundle("diagnosed")
+    shutil.copy(given, tmp_path / "results/bundle.json")
+    (tmp_path / "typed").mkdir()
+    window = Pressed(Workbench(tmp_path, path, tmp_path / "results"))
+    screen = ExportScreen(window)
+    screen.draw(screen.read())
+    before = written_in(tmp_path / "results")
+    in_a_loop(lambda: screen.do(button, None))
+    # In a process of its own, as in a terminal: Bokeh numbers its models from the process's first.
+    words = [sys.executable, "-m", "sysid", *TYPED[button].split()]
+    subprocess.run(words, cwd=tmp_path, check=True, capture_output=True)
+    pressed = written_in(tmp_path / "results")
+    made = {name.removeprefix("export/"): pressed[name] for name in pressed.keys() - before.keys()}
+    assert made.keys() == written_in(tmp_path / "typed").keys()
+    assert made == written_in(tmp_path / "typed")
+
+
+def test_a_report_has_the_diagnosis_of_its_bundle(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, write_small(tmp_path), tmp_path / "results")
+    (tmp_path / "results").mkdir()
+    shutil.copy(golden_bundle("diagnosed"), tmp_path / "results/bundle.json")
+    shutil.copy(golden_bundle("validated"), tmp_path / "results/fitted.json")
+    read = read_diagnosis(tmp_path / "results/bundle.json")
+    content = {**json.loads(json.dumps(read.content).replace("NaN", "0.0")), "figures": {}}
+    asked: list[list[str]] = []
+    window = SimpleNamespace(
+        bench=bench, scheme="light", start=lambda what, words: asked.append(words)
+    )
+    screen = ExportScreen(window)
+    for holds in (False, True):
+        if holds:
+            (tmp_path / "results/diagnosis.json").write_text(json.dumps(content))
+        for name in ("bundle", "fitted"):
+            screen.chosen = tmp_path / f"results/{name}.json"
+            screen.read()
+            in_a_loop(lambda: screen.do("out-report", None))
+            given = asked.pop()[-2:] == ["--diagnosis", "results/diagnosis.json"]
+            assert given == (holds and name == "bundle")
 
 
 def test_a_unit_stands_clear_of_its_colours() -> None:

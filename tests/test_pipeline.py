@@ -213,6 +213,26 @@ def test_a_resumed_report_shows_the_diagnosis_without_diagnosing_again(
     assert '<section id="diagnosis"' in html and "fig-diagnosis-curve-0" in html
 
 
+def test_a_later_report_shows_the_diagnosis_that_it_is_given(
+    first: RunReport, campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, found = tmp_path / "page.html", first.folder / "diagnosis.json"
+    words = ["validate", str(campaign), "--bundle", str(first.folder / "bundle.json")]
+    assert main([*words, "--report", str(page)]) == 0
+    html = page.read_text("utf-8")
+    assert '<section id="diagnosis"' not in html and "its diagnosis was not given" in html
+    words += ["--diagnosis", str(found)]
+    assert main([*words, "--report", str(page)]) == 0
+    html = page.read_text("utf-8")
+    assert '<section id="diagnosis"' in html and "fig-diagnosis-curve-0" in html
+    capsys.readouterr()
+    assert main(words) == 2 and "add --report" in capsys.readouterr().err
+    words[3] = str(first.folder / "fitted.json")
+    assert main([*words, "--report", str(page)]) == 2
+    said = capsys.readouterr().err
+    assert f"error: {found}: found seal-friction, {words[3]} has no effect; give" in said
+
+
 def test_the_extended_bundle_is_what_is_validated(first: RunReport) -> None:
     """Effects that a diagnosis file says were found are in the bundle that the run ends in."""
     diagnosis = json.loads((first.folder / "diagnosis.json").read_text())

@@ -14,7 +14,15 @@ import numpy as np
 
 from sysid.blocks.drawing import thinned
 from sysid.blocks.figures import Dash, Role, Scale
-from sysid.blocks.interactive import SCHEMES, Scheme, add_zoom, bokeh, empty_plot, style_legend
+from sysid.blocks.interactive import (
+    SCHEMES,
+    TOOLBAR_STYLE,
+    Scheme,
+    add_zoom,
+    bokeh,
+    empty_plot,
+    style_legend,
+)
 from sysid.types import FloatArray
 
 # Buckets of a window: a least and a largest value each.
@@ -98,13 +106,15 @@ class TraceView:
 
     def layout(self) -> Any:
         """All of it as one model."""
-        return bokeh("layouts").gridplot(
+        grid = bokeh("layouts").gridplot(
             [[plot] for plot in self.plots],
             merge_tools=True,
             toolbar_location="above",
             sizing_mode="stretch_width",
             toolbar_options={"logo": None},
         )
+        grid.toolbar.stylesheets = [TOOLBAR_STYLE]
+        return grid
 
     def _add(self, panel: TracePanel, height: int, *, is_last: bool) -> None:
         parts = bokeh("models")

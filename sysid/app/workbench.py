@@ -26,8 +26,10 @@ from sysid.io.files import stamp_of, write_atomic
 from sysid.io.rig import Rig
 from sysid.io.samples import Log
 from sysid.pipeline.check import CheckedLog, check_entry
+from sysid.pipeline.diagnosed import read_diagnosis
 from sysid.pipeline.explore import ExploredTest, explore, motion_tests
 from sysid.pipeline.files import read_bundle, read_campaign, read_rig
+from sysid.pipeline.run import DIAGNOSIS_FILE
 
 Result = TypeVar("Result")
 # Results that are kept by what they were made from: a campaign's logs, and figures of them; of
@@ -207,7 +209,7 @@ class Workbench:
 
     def diagnosis(self) -> dict[str, Any] | None:
         """The diagnosis of the last run, as written; None without one."""
-        path = self.result("diagnosis.json")
+        path = self.result(DIAGNOSIS_FILE)
 
         def read() -> dict[str, Any] | None:
             try:
@@ -217,6 +219,14 @@ class Workbench:
             return content if isinstance(content, dict) and "verdict" in content else None
 
         return self.kept(("diagnosis", stamp_of(path)), read)
+
+    def has_diagnosis(self, path: Path) -> bool:
+        """Whether the diagnosis of the last run is that of this bundle."""
+
+        def shown() -> Any:
+            return read_diagnosis(self.result(DIAGNOSIS_FILE)).shown_with(self.bundle(path))
+
+        return self.diagnosis() is not None and not isinstance(on_its_own(shown), Failure)
 
     def kept(self, key: Any, make: Callable[[], Result], *, small: bool = False) -> Result:
         """What `make` gives, made once for each key; the least used are forgotten.

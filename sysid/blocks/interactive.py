@@ -49,6 +49,8 @@ _PIXELS_PER_INCH = 96
 _LEFT, _AXIS, _TITLE, _LEAST, _PER_TICK = 62, 46, 40, 92, 30
 # Pixels of a legend in the narrowest place of a figure; of a letter, and of a line's sample.
 _LEGEND, _LETTER, _SAMPLE = 300, 5.6, 30
+# Between the tools: Bokeh's own is a light grey, the brightest thing of a dark page.
+TOOLBAR_STYLE = ".bk-divider { background-color: rgb(128 128 128 / 50%); }"
 # Values of a line in a figure: two a pixel of a wide page.
 _BUCKETS = 2000
 
@@ -82,6 +84,7 @@ def empty_plot(x: Scale, y: Scale, scheme: Scheme, height: int, **options: Any) 
         min_border_right=12,
         **options,
     )
+    plot.toolbar.stylesheets = [TOOLBAR_STYLE]
     plot.xaxis.axis_label, plot.yaxis.axis_label = x.label or None, y.label or None
     for axis in plot.axis:
         axis.axis_label_text_font_style = "normal"
@@ -396,6 +399,7 @@ _DRAWN: Mapping[type, Callable[..., Any]] = {
 
 __all__ = [
     "SCHEMES",
+    "TOOLBAR_STYLE",
     "BokehModel",
     "Drawn",
     "Scheme",

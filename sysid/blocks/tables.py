@@ -52,12 +52,17 @@ class TableColumn:
 
 @dataclass(frozen=True)
 class Table:
-    """A table for reading; the first cell of each row is its header. `table` makes one."""
+    """A table for reading; the first cell of each row is its header. `table` makes one.
+
+    `grouped`: rows that begin alike belong together: on a page their first cell is a heading above
+    them, and the second one their header.
+    """
 
     caption: str
     columns: tuple[TableColumn, ...]
     rows: tuple[tuple[str, ...], ...]
     kind: Literal["table"] = "table"
+    grouped: bool = False
 
     @property
     def headings(self) -> tuple[str, ...]:
@@ -122,10 +127,11 @@ def table(
     *,
     text: Sequence[int] = (),
     code: Sequence[int] = (),
+    grouped: bool = False,
 ) -> Table:
     """A table; columns given by name hold numbers except the first and those in `text` and `code`.
 
-    `text` and `code` are places of columns, from 0.
+    `text` and `code` are places of columns, from 0; `grouped` as `Table` has it.
     """
 
     def column(place: int, name: str) -> TableColumn:
@@ -134,7 +140,8 @@ def table(
         return TableColumn(name, "text" if place == 0 or place in text else "number")
 
     described = (c if isinstance(c, TableColumn) else column(i, c) for i, c in enumerate(columns))
-    return Table(caption, tuple(described), tuple(tuple(row) for row in rows))
+    shown = tuple(tuple(row) for row in rows)
+    return Table(caption, tuple(described), shown, grouped=grouped)
 
 
 def cell(value: Any) -> str:

@@ -29,6 +29,8 @@ from sysid.commands.printing import (
     progress,
     written_lines,
 )
+from sysid.errors import input_error
+from sysid.pipeline.diagnosed import read_diagnosis
 from sysid.pipeline.files import read_bundle, read_with
 from sysid.pipeline.report import PageOptions, write_results
 from sysid.pipeline.validate import BandCoverage, ValidateOptions, coverage
@@ -40,6 +42,11 @@ from sysid.types import Progress, no_progress
 @campaign_argument
 @bundle_option
 @report_option
+@click.option(
+    "--diagnosis",
+    type=PathArgument,
+    help="diagnosis.json of the run that extended the bundle, for the report.",
+)
 @click.option("-o", "output", type=PathArgument, help="Write the bundle with its validation.")
 @draws_option
 @click.option("--seed", type=SEED, default=0, help="Seed of the draws.")
@@ -89,6 +96,7 @@ def validate_campaign(
     bundle_path: Path,
     *,
     report: Path | None = None,
+    diagnosis: Path | None = None,
     output: Path | None = None,
     component: str | None = None,
     exclude: Sequence[str] = (),
@@ -99,20 +107,25 @@ def validate_campaign(
 ) -> Validated:
     """Simulate a campaign's motion logs open loop with a bundle's model.
 
-    `draws`: models for bands about the simulation, by `seed`; `component`: a file of the user's
-    own, which is executed; `exclude` names what is not read;
-    `options` are those of `ValidateOptions`. Raises InputError for unusable files,
-    NotIdentifiedError where the bundle lacks what the simulation needs.
+    `diagnosis`: the file of the bundle's, which the report shows; `draws`: models for bands about
+    the simulation, by `seed`; `component`: a file of the user's own, which is executed; `exclude`
+    names what is not read; `options` are those of `ValidateOptions`. Raises InputError for unusable
+    files, NotIdentifiedError where the bundle lacks what the simulation needs.
     """
+    if diagnosis is not None and report is None:
+        raise input_error("--diagnosis", "is shown by the report alone", "add --report, or omit it")
     campaign = read_with(campaign_path, component, progress, exclude)
     bundle = read_bundle(bundle_path)
+    diagnosed = None if diagnosis is None else read_diagnosis(diagnosis)
+    if diagnosed is not None:  # before the work, not after it
+        diagnosed.shown_with(bundle)
     asked = ValidateOptions(**options, progress=progress)
     result = workflow(campaign, bundle, asked)
     bands = coverage(campaign, bundle, draws, seed, asked) if draws else None
     record = result.record()
     bundle = bundle.replaced(validation=record)
     bundle = bundle.with_sources(campaign.sources("holdout"))
-    page = PageOptions(validation=result, progress=progress)
+    page = PageOptions(validation=result, diagnosis=diagnosed, progress=progress)
     unseen = write_results(campaign, bundle, page, output, report)
     said = () if bands is None else bands.notices
     notices = (*unseen, *campaign.notices, *campaign.rig.notices, *result.notices, *said)

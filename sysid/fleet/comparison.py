@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sysid.blocks.drawing import plot_panels
-from sysid.blocks.figures import Bars, Figure, Mark, Panel, Points, Role, Scale
+from sysid.blocks.figures import PANEL, Bars, Figure, Mark, Panel, Points, Role, Scale, Words
 from sysid.blocks.numbers import estimate_cells as cells_of
 from sysid.blocks.numbers import number, percent
 from sysid.blocks.shown import Shown
@@ -44,6 +44,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _SMALLEST_P = 1e-300
+# A row of a figure: its name above, the stripes of the bundles below; shares of its height, inches.
+_BELOW_NAME, _STRIPES = 0.52, 0.44
+_ROW, _STRIPE = 0.26, 0.06
 VALVES = ("valve A", "valve B")
 """The names in a comparison of the valves of one bundle."""
 
@@ -183,6 +186,7 @@ class Comparison(Shown):
             (*_heads("part", "parameter", "unit"), *self.names),
             tuple(self._row(part, key) for part, key in self._keys()),
             text=(1, 2),
+            grouped=True,
         )
         yield table(
             "What moved, most significant first",
@@ -218,12 +222,13 @@ class Comparison(Shown):
             found = {(m.part, m.name): m for m in self.movements if m.bundle == name}
             role = roles[place % len(roles)]
             # One row a number, and in it one stripe a bundle, the first bundle's at the top.
-            share = 1.0 / len(others)
-            above = 0.5 - share * (place + 0.5)
-            at = {k: last - i + 0.8 * above for i, k in enumerate(keys) if k in found}
+            share = _STRIPES / len(others)
+            below = _BELOW_NAME + share * (place + 0.5)
+            at = {k: last - i + 0.5 - below for i, k in enumerate(keys) if k in found}
             limits = np.array([found[k].limit for k in at])
             rows = np.array(list(at.values()))
-            marks.append(Bars(rows, limits, "grid", "", 0.7 * share, -limits, is_across=True))
+            grey = "" if place else "not significant"
+            marks.append(Bars(rows, limits, "grid", grey, 0.9 * share, -limits, is_across=True))
             for is_moved in (False, True):
                 own = [(found[k].z, y) for k, y in at.items()
                        if found[k].is_significant == is_moved]  # fmt: skip
@@ -231,11 +236,15 @@ class Comparison(Shown):
                     said = f"{name}, moved" if is_moved else name
                     x, y = np.transpose(own)
                     marks.append(Points(x, y, role, said, is_filled=is_moved))
-        ticks = tuple((float(last - i), _title(*key)) for i, key in enumerate(keys))
-        scale = Scale("Change in standard errors of the difference (grey: not significant)")
+        for i, key in enumerate(keys):
+            row = Words(0.0, last - i + 0.5 - 0.5 * _BELOW_NAME, _title(*key), is_at_edge=True)
+            marks.append(row)
+        reach = 1.08 * max((max(m.limit, abs(m.z)) for m in self.movements if m.name), default=1.0)
+        scale = Scale("Change", "standard errors of the difference", (-reach, reach))
+        rows_of = Scale(limits=(-0.5, last + 0.5))
         # Between the rows of numbers a legend would hide points.
-        panel = Panel(scale, Scale(ticks=ticks), tuple(marks), legend="over")
-        size = (7.0, max(2.6, 0.22 * len(keys) + 1.0))
+        panel = Panel(scale, rows_of, tuple(marks), legend="over", has_names=True)
+        size = (PANEL[0], 1.0 + (_ROW + _STRIPE * len(others)) * len(keys))
         title = "Each number against the first"
         described = self.headline(is_titled=True)
         return Figure("fig-moved", title, described, (panel,), size=size)

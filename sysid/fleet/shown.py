@@ -18,12 +18,12 @@ from sysid.blocks.figures import (
     Rule,
     Scale,
 )
-from sysid.blocks.numbers import number, span, unit
+from sysid.blocks.numbers import estimate_cells, number, span, unit
 from sysid.blocks.sections import Block, FigureGroup, Fold, Lines, Section
 from sysid.blocks.tables import NotedCell, Table, table
-from sysid.estimation.linear import LEVEL, t_quantile
+from sysid.estimation.linear import LEVEL, Estimate, t_quantile
 from sysid.fleet.changes import Change
-from sysid.fleet.rows import LEAKAGE
+from sysid.fleet.rows import LEAKAGE, FleetReading
 from sysid.fleet.signs import LeakSign
 from sysid.fleet.trend import Trend
 
@@ -80,6 +80,13 @@ def shown_unit(name: str) -> tuple[float, str]:
     return _SHOWN.get(name, (1.0, unit(name)))
 
 
+def reading_cell(reading: FleetReading) -> str:
+    """A number in its shown unit, to two digits of its error, as elsewhere."""
+    factor, _ = shown_unit(reading.unit)
+    value, std = factor * reading.value, factor * reading.std
+    return estimate_cells(Estimate.symmetric(value, std, "", np.inf))[0]
+
+
 def _sizes(trend: Trend, change: Change) -> tuple[str, str]:
     """The level before with its unit; the change and its 95 % limits, in percent of a level."""
     factor, shown = shown_unit(trend.unit)
@@ -121,14 +128,23 @@ def rig_section(
     signs = [f"{sign.sentence()}." for sign in leaks if sign.rig == rig]
     said = (*signs, *(f"{_sentence(t)}." for t in own if t.is_change))
     figures = tuple(trend_figure(t, f"fig-{place}-{i}") for i, t in enumerate(own))
-    caption = (
-        "Estimates with 95 % intervals over the dates of the campaigns; line: the course of what "
-        "changed, the vertical line its first date."
-    )
-    group: Block = FigureGroup(caption, figures)
+    caption = "Estimates with 95 % intervals over the dates of the campaigns"
+    if said:
+        caption += "; line: the course of what changed, the vertical line its first date"
+    group: Block = FigureGroup(f"{caption}.", figures)
     if not said:
-        group = Fold(f"No change in {len(own)} trend{'s' * (len(own) > 1)}", (group,))
+        group = Fold(_unchanged(own), (group,))
     return Section(f"rig-{place}", rig, said, (group,))
+
+
+def _unchanged(trends: Sequence[Trend]) -> str:
+    """How many trends were tested, none of which changed; too few dates are no test."""
+    tested = sum(1 for t in trends if t.change)
+    if tested:
+        return f"No change in {tested} trend{'s' * (tested > 1)}"
+    dates = max(len(t.dates) for t in trends)
+    numbers = f"{len(trends)} number{'s' * (len(trends) > 1)}"
+    return f"{numbers} over {dates} date{'s' * (dates > 1)}, too few for a test of trends"
 
 
 def _sentence(trend: Trend) -> str:

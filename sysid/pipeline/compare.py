@@ -8,7 +8,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from sysid.blocks.sections import Section
+from sysid.blocks.sections import FigureGroup, Section
+from sysid.blocks.tables import Table
 from sysid.fleet.comparison import VALVES, Comparison, compare_bundles
 from sysid.identification.valve_discrete.responses import Responses, valve_responses
 from sysid.io.channels import SIDES
@@ -60,7 +61,9 @@ def write_comparison(path: Path, found: Comparison) -> None:
     from sysid.blocks.html import fill
 
     numbers, moved, effects, *_ = found.tables()
-    shown = tuple(one for one in (numbers, moved, effects) if one.rows)
+    drawn = FigureGroup("", (found.figure(),)) if found.movements else None
+    shown = tuple(one for one in (drawn, moved, effects, numbers) if one is not None)
+    shown = tuple(one for one in shown if not isinstance(one, Table) or one.rows)
     sections = [Section("parameters", "Parameters", (), shown)]
     if isinstance(found.responses, Responses):
         intro = (

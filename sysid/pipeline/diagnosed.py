@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, get_args
@@ -59,6 +59,24 @@ class ReadDiagnosis(Shown):
     def verdict(self) -> Verdict:
         """ "adequate", "effects-found", "incomplete" or "unexplained"."""
         return cast(Verdict, self.content["verdict"])
+
+    def shown_with(self, bundle: Bundle) -> Mapping[str, Any]:
+        """What a page on this bundle shows of it. Raises InputError where it is of another model.
+
+        A refinement since may have moved the numbers of its effects, not which effects there are.
+        """
+        if "figures" not in self.content:
+            raise input_error(
+                self.source, "holds no figures to draw", "give diagnosis.json of sysid run"
+            )
+        own, other = ([e.id for e in one.effects] for one in (self, bundle))
+        if sorted(own) != sorted(other):
+            raise input_error(
+                self.source,
+                f"found {_listed(own)}, {bundle.source} has {_listed(other)}",
+                "give the bundle that this diagnosis extended, or leave it out",
+            )
+        return self.content
 
     def headline(self) -> str:
         """The verdict in one sentence; of a bundle that says no more, its word."""
@@ -135,6 +153,10 @@ def read_diagnosis(path: str | Path) -> ReadDiagnosis:
         raise _unusable(place, f"effects: {key}: {first['msg']}") from None
     except (TypeError, AttributeError):
         raise _unusable(place, "residual is not an object of errors by channel") from None
+
+
+def _listed(effects: Sequence[str]) -> str:
+    return ", ".join(effects) or "no effect"
 
 
 def _content(path: Path) -> dict[str, Any]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sysid.blocks.progress import progress_or_shown
 from sysid.errors import Failure, unless_failed
@@ -18,6 +18,7 @@ from sysid.pipeline.request import Reported, require
 if TYPE_CHECKING:
     from sysid.checks.log_check import LogCheck
     from sysid.pipeline.diagnose import CampaignDiagnosis
+    from sysid.pipeline.diagnosed import ReadDiagnosis
     from sysid.types import Progress
     from sysid.validation.results import ValidationResult
 
@@ -29,13 +30,15 @@ def report(
     checked: ValidationResult | None = None,
     *,
     checks: Sequence[LogCheck] | None = None,
+    diagnosis: ReadDiagnosis | None = None,
     notices: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> None:
     """Write one self-contained HTML page about a campaign, whole or not at all.
 
     `found`: a diagnosis, or a bundle where none was made; `checked` a validation. Sections without
-    content are missing, and the page says so. `checks` None: every log is checked anew. `notices`:
+    content are missing, and the page says so. `checks` None: every log is checked anew;
+    `diagnosis`: that of a bundle, as `read_diagnosis` read it from the results of a run. `notices`:
     the fit's, each shown next to its number. Raises InputError where a log cannot be read or
     the file not be written, and for the bundle of a linear rig with a rotary one's campaign, or the
     reverse; where another rig file differs in less, the page says so.
@@ -53,21 +56,31 @@ def report(
             bundle=found if isinstance(found, Bundle) else found.bundle,
             validation=checked,
             checks=checks_of(campaign) if checks is None else checks,
-            diagnosis=None if isinstance(found, Bundle) else found.content(),
+            diagnosis=_diagnosed(found, diagnosis),
             notices=notices,
             progress=tell,
         )
+
+
+def _diagnosed(
+    found: CampaignDiagnosis | Bundle, read: ReadDiagnosis | None
+) -> Mapping[str, Any] | None:
+    """What a page shows of a diagnosis: that which was made, or was read with its bundle."""
+    if isinstance(found, Bundle):
+        return None if read is None else read.shown_with(found)
+    return found.content()
 
 
 @dataclass(frozen=True, kw_only=True)
 class PageOptions(Reported):
     """What a page shows in addition to what was requested: a validation, or how to make one.
 
-    `by_content`: logs that no campaign declares may hold tests of several kinds; `notices`: the
-    fit's, each shown next to its number.
+    `diagnosis`: that of a bundle, read from its file; `by_content`: logs that no campaign declares
+    may hold tests of several kinds; `notices`: the fit's, each shown next to its number.
     """
 
     validation: ValidationResult | Callable[[], ValidationResult] | None = None
+    diagnosis: ReadDiagnosis | None = None
     by_content: bool = False
     notices: Sequence[str] = ()
 
@@ -90,6 +103,7 @@ def write_page(
         found,
         None if isinstance(validation, Failure) else validation,
         checks=() if isinstance(checks, Failure) else checks,
+        diagnosis=options.diagnosis,
         notices=options.notices,
         progress=options.tell,
     )

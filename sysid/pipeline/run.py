@@ -49,7 +49,7 @@ BUNDLE_FILE = "bundle.json"
 FITTED_FILE = "fitted.json"
 _EXTENDED_FILE = "extended.json"
 _REFINED_FILE = "refined.json"
-_DIAGNOSIS_FILE = "diagnosis.json"
+DIAGNOSIS_FILE = "diagnosis.json"
 _CHECKS_FILE = "checks.json"
 _ADVICE_FILE = "advice.json"
 _NOT_DONE_YET = "not done yet"
@@ -134,7 +134,7 @@ class PipelineRun:
         """The diagnosis as written: its result, or why it was `skipped`; None without one."""
         if not self.options.diagnose:
             return None
-        content: dict[str, Any] = json.loads(self.path(_DIAGNOSIS_FILE).read_text("utf-8"))
+        content: dict[str, Any] = json.loads(self.path(DIAGNOSIS_FILE).read_text("utf-8"))
         return content
 
     def advice(self) -> dict[str, Any] | None:
@@ -389,7 +389,7 @@ def _diagnose(run: PipelineRun) -> None:
     else:
         text, bundle, notices = found
         run.notices += notices
-    write_atomic(run.path(_DIAGNOSIS_FILE), text)
+    write_atomic(run.path(DIAGNOSIS_FILE), text)
     write_bundle(bundle, run.path(_EXTENDED_FILE))
 
 
@@ -512,11 +512,11 @@ def _export(run: PipelineRun) -> None:
 
 def stages_of(run: PipelineRun) -> list[Stage]:
     """The stages of a run, in turn."""
-    diagnosed = (_DIAGNOSIS_FILE, _EXTENDED_FILE)
+    diagnosed = (DIAGNOSIS_FILE, _EXTENDED_FILE)
     shown = (
         BUNDLE_FILE,
         _CHECKS_FILE,
-        *([_DIAGNOSIS_FILE] if run.options.diagnose else []),
+        *([DIAGNOSIS_FILE] if run.options.diagnose else []),
         *([_ADVICE_FILE] if run.options.advise else []),
     )
     refined_from = _EXTENDED_FILE if run.options.diagnose else FITTED_FILE

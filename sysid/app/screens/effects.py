@@ -140,7 +140,7 @@ class EffectsScreen(Screen):
             lines.append(row)
         if not gains and not found:  # before a diagnosis no effect has any evidence
             return parts.rows(("Effect",), lines)
-        said = "p: how often logs that lack nothing show as much" if gains else ""
+        said = _CAPTION if gains else ""
         return parts.rows(("Effect", "Evidence", "p", ""), lines, said)
 
     def _draw_choice(self) -> None:
@@ -354,6 +354,12 @@ def _said(effect: Any) -> str:
     return f"{effect.id}: {', '.join((*numbers, *side))}"
 
 
+_CAPTION = (
+    "Evidence beyond that on logs that lack nothing, next to what was found; "
+    "p: how often those show as much"
+)
+
+
 def _times(count: int) -> str:
     return "never" if count == 0 else "once" if count == 1 else f"{count} times"
 
@@ -375,13 +381,18 @@ def _rounded(p: float) -> str:
 
 
 def _gains(diagnosis: dict[str, Any] | None) -> dict[str, tuple[float, float]]:
-    """The evidence for each suspect, the largest of all rounds, with its p-value."""
+    """The evidence for each suspect, beyond that on twins, with its p-value.
+
+    Of an effect that was added, in the round that added it; of another, next to all that were.
+    """
     found: dict[str, tuple[float, float]] = {}
+    added: set[Any] = set()
     for look in (diagnosis or {}).get("figures", {}).get("looks", ()):
         for suspect in look["suspects"]:
-            if isinstance(suspect.get("gain"), int | float):
-                own = float(suspect["gain"]), float(suspect.get("p_value", 1.0))
-                found[suspect["id"]] = max(found.get(suspect["id"], own), own)
+            if isinstance(suspect.get("gain"), int | float) and suspect["id"] not in added:
+                beyond = float(suspect["gain"]) - max(suspect.get("twins", ()), default=0.0)
+                found[suspect["id"]] = max(beyond, 0.0), float(suspect.get("p_value", 1.0))
+        added = {*added, look.get("added")} - set(look.get("removed", ()))
     return found
 
 

@@ -13,6 +13,7 @@ from sysid.app.screens.base import Screen
 from sysid.app.workbench import NOTHING_FITTED, StepMissingError
 from sysid.io.files import make_folder
 from sysid.pipeline.export import SUFFIXES
+from sysid.pipeline.run import DIAGNOSIS_FILE
 
 _NAMES = {"c": "C header", "mat": "MATLAB", "json": "flat JSON", "fmu": "FMU", "mjcf": "MuJoCo"}
 _SHOWN = (".html", *SUFFIXES)
@@ -42,6 +43,12 @@ def _what(path: Path) -> str:
     if path.suffix == ".json" and path.parent.name == _EXPORTS:
         return "the numbers alone, for other programs"
     return _PURPOSES.get(path.name, _PURPOSES.get(path.suffix, ""))
+
+
+def _size(count: int) -> str:
+    """A file's size, in the unit that keeps it readable."""
+    unit, factor = ("MB", 1e-6) if count >= 1e6 else ("kB", 1e-3)
+    return f"{count * factor:.{1 if unit == 'MB' else 0}f}\N{NO-BREAK SPACE}{unit}"
 
 
 @dataclass(frozen=True)
@@ -97,7 +104,7 @@ class ExportScreen(Screen):
     def _line(self, path: Path) -> list[str]:
         name = self.bench.named(path)
         head = f"<b>{parts.words(name)}</b><br><small>{_what(path)}</small>"
-        size = f"{path.stat().st_size / 1000.0:,.0f}\N{NO-BREAK SPACE}kB"
+        size = _size(path.stat().st_size)
         if not path.is_relative_to(self.bench.folder):
             return [head, size, ""]
         link = f"files/{quote(name)}"
@@ -142,6 +149,8 @@ class ExportScreen(Screen):
         output = bench.results / f"{source.stem}.html"
         words = ["validate", bench.campaign().path.name, "--bundle", bench.named(source)]
         words += ["--report", bench.named(output)]
+        if bench.has_diagnosis(source):
+            words += ["--diagnosis", bench.named(bench.result(DIAGNOSIS_FILE))]
         self.window.start(f"writing {output.name}", [*words, *bench.own_words()])
 
 

@@ -14,6 +14,7 @@ from sysid.app import edits, parts
 from sysid.app.parts import pn
 from sysid.app.screens.base import Screen
 from sysid.app.traces import Curve, TracePanel, TraceView, sparkline, trial_role
+from sysid.blocks import numbers
 from sysid.blocks.figures import Scale
 from sysid.errors import InputError
 from sysid.io.campaign import Campaign, CampaignLog
@@ -143,7 +144,7 @@ class LookScreen(Screen):
         spark = self.sparks.get(id(trial))
         if spark is None:
             spark = self.sparks[id(trial)] = sparkline(trial[main_channel(trial, self.bench.rig())])
-        length = f"{trial.time[-1] - trial.time[0]:.3g} s{mark}"
+        length = f"{numbers.number(float(trial.time[-1] - trial.time[0]))} s{mark}"
         return ["class:on" if on else "class:", box, show, spark, length, use]
 
     # --- the traces -----------------------------------------------------------------------
@@ -222,8 +223,8 @@ class LookScreen(Screen):
         )
         low, high = ("", "") if self.span is None else (f"{v:.6g}" for v in self.span)
         form = (
-            f"From {parts.entry('look-from', low, 'From, s', size=7)} s "
-            f"to {parts.entry('look-to', high, 'To, s', size=7)} s because "
+            f"<span>From {parts.entry('look-from', low, 'From, s', size=7)} s</span> "
+            f"<span>to {parts.entry('look-to', high, 'To, s', size=7)} s because</span> "
             f"{parts.entry('look-why', self.why, 'Reason', size=22, hint='reason')} "
             + parts.button("Exclude the span", "look-exclude-span", off=is_out or self.span is None)
             + " "
@@ -232,7 +233,8 @@ class LookScreen(Screen):
         named = parts.words(row.trial.title)
         listed = "".join(self._exclusion(row, i) for i in range(len(row.entry.exclude)))
         hint = parts.note("Drag with the box tool ▭ to mark a span, or type its times.")
-        return head + f"<h3>{named}</h3>{form}{hint}{f'<ul>{listed}</ul>' if listed else ''}"
+        listed = f"<ul>{listed}</ul>" if listed else ""
+        return f"<h3>{named}</h3>{head}<div class='bar2'>{form}</div>{hint}{listed}"
 
     def _exclusion(self, row: TestRow, place: int) -> str:
         one = row.entry.exclude[place]

@@ -9,13 +9,22 @@ from pathlib import Path
 from urllib.parse import quote
 
 from sysid.blocks.html import fill
-from sysid.blocks.numbers import number
 from sysid.blocks.sections import Section
 from sysid.blocks.standing import section_or_why
+from sysid.blocks.titles import capital
+from sysid.diagnosis.wording import effect_name
 from sysid.fleet.rows import LEAKAGE, FleetRow
-from sysid.fleet.shown import changes_table, monitor_cell, rig_section, shown_unit, title_of
+from sysid.fleet.shown import (
+    changes_table,
+    monitor_cell,
+    reading_cell,
+    rig_section,
+    shown_unit,
+    title_of,
+)
 from sysid.fleet.trends import Fleet
 from sysid.io.files import write_atomic
+from sysid.plant.effects.catalogue import catalogue
 
 _REPORT = "report.html"
 _LEVELS = {
@@ -71,7 +80,7 @@ def fleet_page(fleet: Fleet) -> str:
         sentence=_sentence(fleet),
         changes=changes_table(fleet.changes),
         notes=[f"{line}." for line in fleet.notices],
-        columns=["Rig", "Date", "Verdict", "Effects", *names.values(), "Monitor"],
+        columns=["Rig", "Date", "Report", "Verdict", "Effects", *names.values(), "Monitor"],
         campaigns=[_cells(row, list(names)) for row in fleet.rows],
         sections=sections,
     )
@@ -105,10 +114,10 @@ def _sentence(fleet: Fleet) -> str:
 
 def _campaigns() -> Section:
     intro = (
-        "Each campaign went through sysid run; its report lies in a folder next to this page. "
-        "Friction is that of the bench tests, leakage what a chamber at supply pressure loses past "
-        "its valve through the effects that the diagnosis found. The monitor of the bundle of a "
-        "rig's first campaign watches the motion logs of the later ones.",
+        "Each campaign went through `sysid run`; its report lies in a folder next to this page. "
+        "Friction is that of the bench tests; leakage is what a chamber at supply pressure loses "
+        "past its valve, by the effects that the diagnosis found. The monitor of a rig's first "
+        "bundle watches the motion logs of its later campaigns.",
     )
     return Section("campaigns", "Campaigns", intro)
 
@@ -126,16 +135,17 @@ def _key_names(fleet: Fleet) -> dict[str, str]:
 
 
 def _cells(row: FleetRow, names: Sequence[str]) -> CampaignCells:
-    values = {r.name: shown_unit(r.unit)[0] * r.value for r in row.readings}
+    values = {r.name: reading_cell(r) for r in row.readings}
+    titles = {id: one.title for id, one in catalogue().items()}
     return CampaignCells(
         rig=row.origin.rig if row.origin else Path(row.campaign).parent.name,
         date=row.origin.date.isoformat() if row.origin else "",
         verdict=row.failure or _VERDICTS.get(row.verdict, str(row.verdict)),
         level="poor" if row.failure else _LEVELS.get(row.verdict or "", ""),
         failed=bool(row.failure),
-        effects=", ".join(row.effects),
+        effects=capital(", ".join(effect_name(id, titles) for id in row.effects)),
         cells=(
-            *(number(values[n], 4) if n in values else "" for n in names),
+            *(values.get(n, "") for n in names),
             monitor_cell(row.alarm),
         ),
         report="" if row.failure else quote(f"{row.folder}/{_REPORT}"),

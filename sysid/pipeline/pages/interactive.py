@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from sysid.blocks import svg
+from sysid.blocks.interactive import TOOLBAR_STYLE
 from sysid.io.channels import Channel
 from sysid.types import FloatArray
 from sysid.validation.shown_tests import MODEL_NAMES, ShownTest
@@ -81,6 +82,7 @@ def overlay_document(channels: tuple[Channel, ...], models: tuple[str, ...]) -> 
     grid = layouts.gridplot(
         rows, merge_tools=True, toolbar_location="above", sizing_mode="stretch_width"
     )
+    grid.toolbar.stylesheets = [TOOLBAR_STYLE]
     return dict(json_item(grid))
 
 

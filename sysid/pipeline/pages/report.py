@@ -42,6 +42,9 @@ if TYPE_CHECKING:
 
 
 _NOT_DIAGNOSED = "the model was not diagnosed (run sysid diagnose)"
+_NOT_GIVEN = (
+    "the model was diagnosed, but its diagnosis was not given (sysid validate --diagnosis shows it)"
+)
 _NOT_REFINED = "the parameters were not refined on motion tests (run sysid refine)"
 
 
@@ -310,7 +313,8 @@ def report_parts(
         part = bundle.refinement
         return None if part is None else refinement_section(part, campaign.rig)
 
-    skipped = (diagnosis or {}).get("skipped", _NOT_DIAGNOSED).removeprefix("diagnosis: ")
+    lacking = _NOT_GIVEN if "diagnosis" in bundle.provenance.options else _NOT_DIAGNOSED
+    skipped = (diagnosis or {}).get("skipped", lacking).removeprefix("diagnosis: ")
     diagnosed_part = ("diagnosis", "Diagnosis", skipped, diagnosed)
     following = ("next", "What to do next", "", next_steps)  # the first screen says it too
     if bundle.component is not None:
