@@ -31,7 +31,7 @@ from sysid.app.jobs import Job
 from sysid.app.journal import FileChange, Journal
 from sysid.app.page import Window as PageWindow
 from sysid.app.screens.compare import CompareContent, CompareScreen
-from sysid.app.screens.effects import EffectsScreen
+from sysid.app.screens.effects import EffectsScreen, _gains
 from sysid.app.screens.export import ExportScreen
 from sysid.app.screens.files import FilesScreen
 from sysid.app.screens.fit import FitScreen
@@ -304,6 +304,17 @@ def test_a_list_of_effects_has_no_empty_columns(tmp_path: Path) -> None:
     for diagnosis, heads in ((None, 1), ({"effects": [], "figures": {"looks": [look]}}, 4)):
         content = SimpleNamespace(known=known, diagnosis=diagnosis)
         assert screen._list(content).count('scope="col"') == heads
+
+
+def test_evidence_is_that_next_to_what_was_found() -> None:
+    def suspect(id: str, gain: float, twins: float, p_value: float) -> dict[str, Any]:
+        return {"id": id, "gain": gain, "twins": [twins], "p_value": p_value}
+
+    first = [suspect("found", 300.0, 4.0, 1e-60), suspect("other", 46.0, 72.0, 1.0)]
+    second = [suspect("found", 1.0, 2.0, 1.0), suspect("other", 31.0, 0.0, 1e-4)]
+    rounds = [{"added": "found", "suspects": first}, {"added": None, "suspects": second}]
+    evidence = _gains({"figures": {"looks": rounds}})
+    assert evidence == {"found": (296.0, 1e-60), "other": (31.0, 1e-4)}
 
 
 def test_tables_on_a_phone_are_those_of_reports(server: Server, browser: Any) -> None:

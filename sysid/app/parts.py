@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import Any
 
 from sysid.blocks.figures import PANEL, Figure, Picture
-from sysid.blocks.html import block_html, coded
+from sysid.blocks.html import block_html, coded, typeset
 from sysid.blocks.interactive import Scheme, draw
 from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Section
 
@@ -34,6 +34,12 @@ def html(markup: str, **options: Any) -> Any:
 def words(text: object) -> str:
     """A text as markup."""
     return escape(str(text))
+
+
+def message(line: str) -> str:
+    """A line of the library as pages have it: signs and units typeset, what is in backticks as
+    code."""
+    return str(coded(typeset(line)))
 
 
 def button(text: str, do: str, *, value: str = "", kind: str = "", off: bool = False,
@@ -101,7 +107,7 @@ def rows(headings: Sequence[str], lines: Iterable[Sequence[str]], caption: str =
 
 def listed(lines: Iterable[str]) -> str:
     """Lines as a list, what is in backticks as code; nothing without any."""
-    inner = "".join(f"<li>{coded(line)}</li>" for line in lines)
+    inner = "".join(f"<li>{message(line)}</li>" for line in lines)
     return f"<ul>{inner}</ul>" if inner else ""
 
 
@@ -241,6 +247,7 @@ __all__ = [
     "grid",
     "html",
     "listed",
+    "message",
     "note",
     "rows",
     "section_panes",

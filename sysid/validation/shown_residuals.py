@@ -50,8 +50,8 @@ def residuals_section(validation: ValidationResult) -> Section:
     is_held_out = held[0].use == "holdout"
     used = f"held-out test{many}" if is_held_out else f"test{many}, all used for training"
     intro = (
-        f"Measured less simulated, over the whole of {len(held)} {used}, under the {model} valve "
-        "model. Line: median; shaded: the middle 90 %; dots: a sample of the data; dashed: the "
+        f"Measured less simulated, over the whole of {len(held)} {used}, valves by the {model}. "
+        "Line: median; shaded: the middle 90 %; dots: a sample of the data; dashed: the "
         "95 % band of the sensor noise. A median that varies systematically may be an effect that "
         "the model lacks, or small errors of its numbers, which add up in open loop: the diagnosis "
         "judges which.",
@@ -86,8 +86,7 @@ def _regressors(test: ShownTest, channel: Channel) -> list[_Regressor]:
     side = pressure.removeprefix("pressure_")[0].upper()
     return [
         _Regressor("speed", "velocity", Scale("Velocity", "mm/s" if linear else "rad/s")),
-        _Regressor(position.key, "position" if linear else "angle",
-                   Scale("Position" if linear else "Angle", position.unit)),
+        _Regressor(position.key, "position", Scale(position.title, position.unit)),
         _Regressor(pressure, f"pressure {side}", Scale(f"Pressure {side}", "kPa")),
         _Regressor("time", "time", Scale("Time", "s")),
     ]  # fmt: skip

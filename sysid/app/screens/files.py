@@ -250,7 +250,7 @@ class FilesScreen(Screen):
             limits = declared.range
             reach = f"{limits.lower:g} to {limits.upper:g}"
             unit = f'<small title="{reach}">{parts.words(numbers.unit(limits.unit))}</small>'
-        about = parts.words(declared.description)
+        about = parts.message(declared.description)
         name = f'{parts.words(key)} {mark}<small class="about">{about}</small>'
         shown = self.shown.get(f"{section}.{key}")
         take = "" if shown is None else parts.button(

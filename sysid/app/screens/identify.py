@@ -132,14 +132,15 @@ class IdentifyScreen(Screen):
             return text + parts.note(said)
         named = self.bench.named(content.bundle)
         text += parts.note(
-            f"What each of a list of further tests would add to {named}, the smallest size of "
-            "every effect that they would show, and what distinguishes ties; a minute or more."
+            f"Predicts what each of a list of further tests would add to {named}, the smallest "
+            "effects that they would show, and which test would resolve a tie; takes a minute or "
+            "more."
         )
         text += parts.button("Ask for advice", "identify-advise", kind="primary")
         text += parts.note(
-            "Or the commands of such a test as a log that the rig can play, within its travel, "
-            "speed and effort: for all parameters, or for those named here, such as "
-            "valves.a.c_fill (several with spaces between them)."
+            "Or design a test that the rig can play back, within its travel, speed and effort, "
+            "and write its commands as a log: for all parameters, or for those named here, such "
+            "as valves.a.c_fill (separate several with spaces)."
         )
         aim = parts.entry("identify-for", self.aim, "for", size=28, hint="all parameters")
         play = parts.button("Write a test to play", "identify-play",

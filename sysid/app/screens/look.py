@@ -206,11 +206,11 @@ class LookScreen(Screen):
                 smooth = signals.lowpass(trial[name] * scale, trial.period, cutoff)
                 speed = signals.first_derivative(smooth, trial.period)
                 curves.append(Curve(trial.since_start, speed, "", trial_role(number)))
-        return TracePanel(Scale("Speed, filtered", f"{unit}/s"), tuple(curves))
+        return TracePanel(Scale("Velocity, filtered", f"{unit}/s"), tuple(curves))
 
     def _bar(self, shown: Sequence[TestRow]) -> str:
         ticks = parts.tick("look-filtered", "filtered over raw", self.filtered)
-        ticks += parts.tick("look-derivative", "speed", self.derivative)
+        ticks += parts.tick("look-derivative", "velocity", self.derivative)
         head = f'<div class="bar2">{ticks}</div>'
         if len(shown) != 1:
             hint = "Tests over one another; show one alone to exclude a span of it."

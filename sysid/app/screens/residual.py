@@ -246,7 +246,7 @@ def _channels(content: ResidualContent) -> list[str]:
 def _regressors(content: ResidualContent) -> dict[str, str]:
     """What the residual may be drawn over, with its title."""
     names = list(dict.fromkeys(n for test in content.tests for n in test.trial.channels))
-    titles = {_TIME: "time", _SPEED: "speed"}
+    titles = {_TIME: "time", _SPEED: "velocity"}
     return titles | {n: channel_of(n).title.lower() for n in names}
 
 
@@ -270,7 +270,7 @@ def _axis(content: ResidualContent, regressor: str) -> Scale:
         return Scale("Time", "s")
     if regressor == _SPEED:
         name = next((n for n in VELOCITY_CHANNELS if n in content.tests[0].trial), "theta_rad")
-        return Scale("Speed", f"{channel_of(name).unit}/s")
+        return Scale("Velocity", f"{channel_of(name).unit}/s")
     channel: Channel = channel_of(regressor)
     return Scale(channel.title, channel.unit)
 
