@@ -422,3 +422,24 @@ def test_friction_of_each_test_is_named_where_it_explains_the_errors(made: Made)
         assert lacking.worse == "1.3 times worse" and not lacking.scatters
     better = result(0.8, None)
     assert not better.worse and not better.scatters
+
+
+@pytest.mark.parametrize("scatter", [0.03, 0.0])
+def test_friction_of_each_test_is_named_on_a_rig_whose_friction_differs(
+    scatter: float, tmp_path: Path
+) -> None:
+    """Of the same rig and commands; where friction is one, whole tests are simulated as before."""
+    generated = make_campaign(71, size=SMALLEST, kinds=("motion-motor",), scatter=scatter)
+    (tmp_path / "rig.toml").write_text(rig_toml(generated.rig.content))
+    lines = ['rig = "rig.toml"']
+    for log in generated.logs:
+        write_log(tmp_path / f"{log.stem}.csv", log.tests, generated.rig)
+        lines += ["[[log]]", f'kind = "{log.kind}"', f'file = "{log.stem}.csv"']
+        lines += [f'use = "{log.use}"']
+    path = tmp_path / "campaign.toml"
+    path.write_text("\n".join(lines) + "\n")
+    result = refine(read_campaign(path), true_bundle(generated.truth, path))
+    said = [n for n in result.notices if "simulation adds up" in n]
+    assert len(said) == (scatter > 0.0) and not result.worse
+    if scatter > 0.0:
+        assert f"simulated {result.scatters}, as friction differs from test to test" in said[0]
