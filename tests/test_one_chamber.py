@@ -1093,3 +1093,18 @@ def test_a_campaign_of_another_size_is_similar(
     )
     way = np.ptp(measured["position_m"])
     assert np.max(np.abs(run["position_m"] - measured["position_m"])) < 0.01 * way
+
+
+def test_no_effect_of_a_motor_is_tried_where_there_is_none(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nor is its command among what a residual may depend on."""
+    campaign, bundle = str(folder / "campaign.toml"), str(tmp_path / "b.json")
+    assert main(["fit", campaign, "-o", bundle]) == 0
+    capsys.readouterr()
+    out = str(tmp_path / "d.json")
+    assert main(["diagnose", campaign, "--bundle", bundle, "-o", out, "--quick"]) == 0
+    said = capsys.readouterr().out
+    assert "Remainder of chamber A's balance" in said
+    for name in ("torque-ripple", "torque-constant-error", "amplifier-lag", "motor command"):
+        assert name not in said, name

@@ -133,7 +133,8 @@ def begin(
         noise = sensor_noise(tests, rig)
         traces = prepare(tests, rig, model)
         model = with_sliding_friction(traces, model)
-        own = [effect for effect in catalogue if not effect.averaged_only]
+        has_motor = bool(np.any(traces.motor))
+        own = [e for e in catalogue if not e.averaged_only and (has_motor or not e.needs_motor)]
         flows = times_the_usual_flow(model.parameters)
         lengths = commanded_lengths(traces.runs, model)
         forms = candidates(own, traces.travel, rig.sides, flows, lengths)

@@ -181,7 +181,8 @@ def regressors(traces: Traces, channel: str) -> dict[str, FloatArray]:
         found["pressure_sum times direction"] = (t.pressure_a + t.pressure_b) * t.direction
         found["angle" + PER_DIRECTION] = per_direction(t.position, t.direction)
     else:
-        found["motor"] = t.motor
+        if np.any(t.motor):
+            found["motor"] = t.motor
         found["valve_opening"] = t.open_a if channel.endswith("a") else t.open_b
         found["acceleration"] = t.acceleration
     return found

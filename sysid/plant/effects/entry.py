@@ -201,6 +201,8 @@ class CatalogueEffect(Effect):
     """Acts on flows averaged over a PWM period only, not on a valve followed pulse by pulse."""
     needs_chamber_b: ClassVar[bool] = False
     """Is of chamber B, or between the two: not of a rig with one chamber."""
+    needs_motor: ClassVar[bool] = False
+    """Is of what a motor does: of tests without one it changes nothing."""
 
     is_of_an_end: ClassVar[bool] = False
     """Its side is an end of the stroke, of which a rig with one chamber has two as well."""

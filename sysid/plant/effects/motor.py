@@ -25,6 +25,7 @@ class TorqueRipple(CatalogueEffect):
     ripple_wave_per_rad: Array = 12.0
 
     id = "torque-ripple"
+    needs_motor = True
     title = "Torque ripple of the motor"
     subsystem = "motor"
     quantities = (
@@ -65,6 +66,7 @@ class TorqueSaturation(CatalogueEffect):
     saturation_softness: Array = 0.0
 
     id = "torque-saturation"
+    needs_motor = True
     title = "Motor torque that saturates early"
     subsystem = "motor"
     quantities = (
@@ -116,6 +118,7 @@ class TorqueConstantError(CatalogueEffect):
     torque_gain_error: Array = 0.0
 
     id = "torque-constant-error"
+    needs_motor = True
     title = "Torque constant differs from its declared value"
     subsystem = "motor"
     quantities = (Quantity("torque_gain_error", "-", 0.05, -0.5, 0.5, "relative"),)
@@ -141,6 +144,7 @@ class AmplifierLag(CatalogueEffect):
     states_follow_valves = False
 
     id = "amplifier-lag"
+    needs_motor = True
     title = "Lag of the amplifier"
     subsystem = "motor"
     quantities = (Quantity("amplifier_lag_s", "s", 0.002, 0.0, 0.05, "time constant"),)
