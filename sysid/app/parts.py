@@ -20,7 +20,6 @@ from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Section
 pn: Any = import_module("panel")
 Chosen = Callable[[Figure, int, int], None]
 """Called with a figure, the number of its cloud of points, and the point that was clicked."""
-_WIDE_PLOTS = 3
 # A figure wider than this, in panels, has a row of its own.
 _WIDE = 1.5
 
@@ -201,7 +200,7 @@ def _group(group: FigureGroup, scheme: Scheme, chosen: Chosen | None) -> list[An
     return [grid(drawn), *caption]
 
 
-def grid(panes: Sequence[Any], columns: int = _WIDE_PLOTS) -> Any:
+def grid(panes: Sequence[Any], columns: int = 3) -> Any:
     """Panes next to each other, fewer where the window is narrow."""
     # A column of Bokeh holds its children itself: the page's style makes a grid of it.
     return pn.Column(

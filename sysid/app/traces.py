@@ -27,7 +27,6 @@ from sysid.types import FloatArray
 
 # Buckets of a window: a least and a largest value each.
 BUCKETS = 900
-_HEIGHT = 190
 _DASHES: Mapping[str, Any] = {"solid": "solid", "dashed": [6, 3], "dotted": [2, 2],
                               "dash-dot": [8, 2, 2, 2]}  # fmt: skip
 _OVERLAY: tuple[Role, ...] = ("model", "second", "third", "fourth", "measured", "band")
@@ -84,7 +83,7 @@ class TraceView:
         scheme: Scheme,
         *,
         selected: Selected | None = None,
-        height: int = _HEIGHT,
+        height: int = 190,
         x: Scale | None = None,
     ) -> None:
         self.panels, self.scheme = panels, scheme

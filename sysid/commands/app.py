@@ -11,6 +11,7 @@ import errno
 import gc
 import logging
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -22,7 +23,7 @@ import click
 
 from sysid import __version__, parallel
 from sysid.commands.help_pages import page_for
-from sysid.errors import FAULT, SysidError, one_line, visible
+from sysid.errors import FAULT, InputError, SysidError, one_line, visible
 from sysid.io.files import inputs_kept
 
 # Small matrices are slower on several BLAS threads; read when numpy is first imported.
@@ -30,8 +31,8 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # jax's C++ parts print on their own
 
-_UNUSABLE = 2
-_INTERRUPTED = 130
+# As a shell says it of a process that the signal ended.
+_INTERRUPTED = 128 + signal.SIGINT
 _NO_OUTPUT = (errno.ENOSPC, errno.EIO, errno.EDQUOT)
 
 COMMANDS = {
@@ -151,13 +152,13 @@ def _run(arguments: Sequence[str] | None) -> int:
         return _report("error", _with_page(error), error.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
-        return _UNUSABLE
+        return InputError.exit_code
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "sysid"
         return _report(
             "error",
             f"{one_line(error.format_message().rstrip('.'))}; see `{command} --help`",
-            _UNUSABLE,
+            InputError.exit_code,
         )
     except (click.Abort, KeyboardInterrupt):
         return _report("error", "interrupted; no file was left half-written", _INTERRUPTED)
@@ -171,7 +172,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         # Buffered output cannot be written at exit either.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         what = f"standard output: {error.strerror}; free space there, or write elsewhere"
-        return _report("error", what, _UNUSABLE)
+        return _report("error", what, InputError.exit_code)
     except Exception as error:
         return _fault(error)
     return 0

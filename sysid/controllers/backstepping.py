@@ -31,10 +31,6 @@ from sysid.plant import base, plant
 from sysid.plant.base import Array, array_namespace
 from sysid.plant.ports import Model, Point
 
-# 4.3.24: m2/(kg s). In SI it makes the coupling between torque and pressure error negligible
-# against the pressures' own feedback.
-_GAMMA_3 = 1.0
-
 
 class BacksteppingMemory(NamedTuple):
     """Payload's inertia kg m2; the motor's last effort Nm; ticks that were not good."""
@@ -161,7 +157,9 @@ class BacksteppingController(GuardedController):
         p = point.parameters
         wanted, effort, z2 = self._wanted(point, estimate, reference, model)
         lever = plant.pitch_radius(point, model)
-        coupling = z2 / (_GAMMA_3 * p.inertia) * lever
+        # gamma_3 of 4.3.24 is 1 m2/(kg s): in SI the coupling between the errors of torque and
+        # pressure is negligible against the pressures' own feedback.
+        coupling = z2 / p.inertia * lever
         flows = []
         for i, (side, gain, area) in enumerate(
             (("a", self.k3, p.area_a), ("b", self.k4, -p.area_b))

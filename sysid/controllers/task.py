@@ -28,7 +28,7 @@ from sysid.controllers.user_controller import (
     split_reference,
 )
 from sysid.errors import SysidError, input_error
-from sysid.io.rig import Rig, rig_from_content
+from sysid.io.rig import END_MARGIN, Rig, rig_from_content
 from sysid.io.user_code import error_in_file
 from sysid.parameters.content import BundleContent
 from sysid.plant.effects.entry import Catalogue
@@ -42,8 +42,6 @@ MOTOR_SHARE = 0.1
 """The motor's share of the cylinder's effort in backstepping, where the motor acts."""
 # Loops that are simulated at once.
 _BATCH = 32
-# Validation excludes samples within 1 % of the stroke from an end stop.
-_USABLE_TRAVEL = 0.98
 
 
 @dataclass(frozen=True)
@@ -167,7 +165,7 @@ def check_travel(rig: Rig, number: int) -> None:
     path = trajectory.sample(np.linspace(0.0, DURATION_S, 2001))[:, 0]
     reach = float(np.max(np.abs(path)))
     half = 0.5 * (rig.travel or np.inf)
-    if reach > _USABLE_TRAVEL * half:
+    if reach > (1.0 - 2.0 * END_MARGIN) * half:
         raise input_error(
             rig.source,
             f"trajectory {number} goes to {reach:.3g} rad, and the end stops are at {half:.3g}",

@@ -20,6 +20,8 @@ import numpy as np
 from sysid.errors import input_error
 from sysid.types import FloatArray
 
+TRAJECTORIES = (1, 2, 3, 4)
+"""Numbers of the trajectories of Table 4.2.1."""
 DURATION_S = 10.0
 SETTLED_S = (5.0, 5.5)
 """Where the steady state of trajectory 1 is judged, s (6.4)."""
@@ -116,6 +118,7 @@ def thesis_trajectory(number: int, vertical: bool = False) -> DesiredMotion:
 __all__ = [
     "DURATION_S",
     "SETTLED_S",
+    "TRAJECTORIES",
     "Cycloidal",
     "DesiredMotion",
     "Ramp",

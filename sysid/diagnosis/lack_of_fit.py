@@ -21,10 +21,9 @@ from typing import Any
 import numpy as np
 
 from sysid.diagnosis.binning import about_means
+from sysid.estimation.quality import SIGNIFICANT
 from sysid.types import BoolArray, FloatArray, IntArray
 
-LEVEL = 0.01
-"""Probability of structure by chance, over all quantities and resolutions together."""
 LEAST_SHARE = 0.1
 """Share of the squares of the error without effects below which what repeats is not looked into: a
 real law, or effect, seldom has the form of ours to the last, as at reversals of the motion."""
@@ -44,8 +43,6 @@ FEWEST_TESTS = 3
 """Two tests alone do not say how much tests differ by chance."""
 LEAST_IN_CELL = 2
 """Samples of each test in one of the finest cells, on average: one may be any test's neighbour."""
-# Probability that an estimated number of independent cells is above its lower limit.
-_SURE = 0.99
 
 
 @dataclass(frozen=True)
@@ -104,7 +101,7 @@ class Dependence:
     @property
     def is_significant(self) -> bool:
         """Whether chance is unlikely to give it over any quantity, at any resolution."""
-        return self.p_value < LEVEL
+        return self.p_value < SIGNIFICANT
 
 
 def dependences(table: ResidualTable) -> list[Dependence]:
@@ -125,7 +122,7 @@ def dependences(table: ResidualTable) -> list[Dependence]:
     family = sum(map(len, tried.values()))
     found = []
     for rungs in filter(None, tried.values()):
-        sure = [rung for rung in rungs if family * rung.p_value < LEVEL]
+        sure = [rung for rung in rungs if family * rung.p_value < SIGNIFICANT]
         best = max(sure or rungs, key=lambda rung: rung.share)
         p_value = min(1.0, family * best.p_value)
         found.append(Dependence(best.regressors, best.cell, best.predicted, best.share, p_value))
@@ -229,9 +226,9 @@ def _freedom(off: FloatArray) -> float:
     from scipy.special import chdtri
 
     # The part of the products beyond their mean, over 2 tr(C^2), is chi-squared of so many numbers.
-    limit = (
-        2.0 * float(chdtri(parts, _SURE)) * total / (m**2 * beyond) if beyond > 0.0 else math.inf
-    )
+    limit = math.inf
+    if beyond > 0.0:
+        limit = 2.0 * float(chdtri(parts, 1.0 - SIGNIFICANT)) * total / (m**2 * beyond)
     return min(max(least, limit), float(off.shape[1]))
 
 
@@ -328,7 +325,6 @@ __all__ = [
     "LEAST_IN_CELL",
     "LEAST_SHARE",
     "LEAST_TOGETHER",
-    "LEVEL",
     "MISFIT",
     "MOST_SCATTER",
     "OF_THE_NOISE",

@@ -19,7 +19,8 @@ from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
 from sysid.diagnosis.search_record import Recorder, SearchStage
 from sysid.errors import Failure, InputError, NotIdentifiedError
-from sysid.estimation.linear import Estimate, chi_squared_quantile
+from sysid.estimation.linear import LEVEL, Estimate, chi_squared_quantile
+from sysid.estimation.nonlinear import AT_BOUND
 from sysid.io.campaign import Campaign
 from sysid.parallel import LATE, attempt, limited
 from sysid.parameters import Bundle, EffectEntry
@@ -32,11 +33,6 @@ if TYPE_CHECKING:
 
 Look = Callable[[Catalogue], Diagnosis]
 """A diagnosis by the effects of a catalogue, its numbers refined."""
-
-# The chance with which an effect that is not there has a strength other than 0.
-_LEVEL = 0.05
-# As a share of a strength: at a limit of its range.
-_AT_LIMIT = 1e-6
 
 
 def without_contradicted(
@@ -130,7 +126,7 @@ def _limits(effect: CatalogueEffect) -> list[str]:
     return [
         f"{q.label} {number(value, 3)} {q.unit}".rstrip(" -")
         for q, value in values.items()
-        if value and min(value - within[q][0], within[q][1] - value) <= _AT_LIMIT * abs(value)
+        if value and min(value - within[q][0], within[q][1] - value) <= AT_BOUND * abs(value)
     ]
 
 
@@ -171,7 +167,7 @@ def _over_chance(
     # Of the strengths with the shapes as they are: a block of the inverse of both.
     given_shapes = inverse[: len(z), : len(z)]
     ruled_out = float(np.linalg.slogdet(np.eye(len(z)) + prior @ given_shapes @ prior)[1])
-    least = max(chi_squared_quantile(len(z), 1.0 - _LEVEL), ruled_out)
+    least = max(chi_squared_quantile(len(z), LEVEL), ruled_out)
     return float(z @ given_shapes @ z / least)
 
 

@@ -16,6 +16,8 @@ from sysid.estimation.autoregression import autoregression
 from sysid.estimation.quality import root_mean_square
 from sysid.types import FloatArray
 
+ODDS = 2.0 * math.log(20.0)
+"""Twice the log odds at which one of several is preferred: 20 to 1, as a level of 95 % has it."""
 DECISIVE = 10.0
 """Twice the log evidence that decides: "very strong" (Kass, Raftery 1995, Bayes factors)."""
 _FEWEST_SAMPLES = 10
@@ -55,4 +57,4 @@ def _repeats(residuals: Sequence[FloatArray]) -> float:
     return max(total / count, 1.0)
 
 
-__all__ = ["DECISIVE", "twice_log_evidence"]
+__all__ = ["DECISIVE", "ODDS", "twice_log_evidence"]

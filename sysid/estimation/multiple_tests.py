@@ -10,6 +10,8 @@ from sysid.types import FloatArray
 
 SIGNIFICANCE = 0.05
 """Share of false discoveries among what is called significant."""
+LEAST_P = 1e-300
+"""No p-value is written as less: it stays a number with a logarithm."""
 
 
 def adjusted(p_values: Sequence[float]) -> FloatArray:
@@ -40,4 +42,4 @@ def _of_dependence(n: int) -> float:
     return float(np.sum(1.0 / np.arange(1, n + 1)))
 
 
-__all__ = ["SIGNIFICANCE", "adjusted", "largest_significant"]
+__all__ = ["LEAST_P", "SIGNIFICANCE", "adjusted", "largest_significant"]

@@ -32,8 +32,8 @@ _CENTRAL_STEP = float(np.finfo(float).eps) ** (1.0 / 3.0)
 # 1e-5 of themselves, and what is of second order by the square of that.
 _LAST_STEP = 1e-10
 
-# So near to a bound, as a share of its scale, a parameter is stuck there.
-_AT_BOUND = 1e-6
+AT_BOUND = 1e-6
+"""So near to a bound, as a share of its scale, a parameter is stuck there."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class LeastSquaresFit:
         found, unsure = covariance(free), {*free.diagnosis.unidentified, *free.diagnosis.tied}
         steps, bounds = {}, {}
         for i, name in enumerate(self.names):
-            reach = max(NORMAL * found.std(i), _AT_BOUND * self.parameters[i].size)
+            reach = max(NORMAL * found.std(i), AT_BOUND * self.parameters[i].size)
             if name in own - unsure and abs(moved[i]) <= reach < math.inf:
                 steps[name] = float(moved[i])
                 bounds[name] = self.parameters[i].nearest_bound(self.values[i])
@@ -178,7 +178,7 @@ class LeastSquaresFit:
         at_bound = [
             p.name
             for p, v in zip(self.parameters, self.values, strict=True)
-            if min(v - p.lower, p.upper - v) <= _AT_BOUND * p.size
+            if min(v - p.lower, p.upper - v) <= AT_BOUND * p.size
         ]
         sizes = np.array([p.size for p in self.parameters])
         reach = np.sqrt(np.sum(self.jacobian**2, axis=0)) * sizes

@@ -20,12 +20,11 @@ from sysid.io.channels import SIDES, VELOCITY_CHANNELS
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 from sysid.parameters.table import ParameterRow, effect_names
-from sysid.plant.base import Parameters, parameter_names
+from sysid.plant.base import MAX_STEP, Parameters, parameter_names
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model, has_discrete_law, overrides
 
 IDENTIFIER = "sysid_plant"
-_STEP = 1e-3
 _UNUSED = {True: "gravity_moment", False: "weight"}  # by whether the rig is linear
 _UNITS = {"m2": "m2", "m": "m", "s": "s", "pa": "Pa", "k": "K", "nm": "Nm", "n": "N", "kg": "kg"}
 _NAMES = {
@@ -65,7 +64,7 @@ def plant_fmu(bundle: Bundle, effects: Sequence[CatalogueEffect], model: Model) 
         title=title,
         sources={"model.h": text, "plant.h": plant_header(traced, lines)},
         variables=variables,
-        step=_STEP,
+        step=MAX_STEP,
         created=bundle.created.replace("+00:00", "Z"),
         tool=f"sysid {__version__}",
         notes=_notes(title, origin, ids),

@@ -18,12 +18,11 @@ import numpy as np
 from sysid.exporters.c_text import number
 from sysid.io.rig import GRAVITY_M_PER_S2, Rig
 from sysid.parameters import Bundle
-from sysid.plant.base import Parameters
+from sysid.plant.base import MAX_STEP, Parameters
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Effect, Model, Point, overrides
 from sysid.types import FloatArray
 
-STEP = 1e-3
 _PORTS = tuple(
     name for name in vars(Effect) if not name.startswith("_") and callable(getattr(Effect, name))
 )
@@ -198,13 +197,16 @@ def mjcf_text(bundle: Bundle, joint: Joint) -> str:
         "damping": number(joint.viscous),
         "frictionloss": number(joint.coulomb),
         # As stiff as the solver takes: friction creeps the less, and stops give way the less.
-        "solreffriction": f"{number(2.0 * STEP)} 1",
+        "solreffriction": f"{number(2.0 * MAX_STEP)} 1",
         "solimpfriction": "0.9999 0.9999 0.001",
     }
     if rig.travel is not None:
         stop = number(joint.stop)
         attributes |= {"limited": "true", "range": f"-{stop} {stop}"}
-        attributes |= {"solreflimit": f"{number(2.0 * STEP)} 1", "solimplimit": "0.99 0.9999 1e-4"}
+        attributes |= {
+            "solreflimit": f"{number(2.0 * MAX_STEP)} 1",
+            "solimplimit": "0.99 0.9999 1e-4",
+        }
     if joint.stiffness > 0.0:
         attributes["stiffness"] = number(joint.stiffness)
         attributes["springref"] = number(joint.constant / joint.stiffness)
@@ -215,7 +217,7 @@ def mjcf_text(bundle: Bundle, joint: Joint) -> str:
 {lines}
   -->
   <compiler angle="radian" inertiafromgeom="false"/>
-  <option timestep="{number(STEP)}" gravity="0 0 -{number(GRAVITY_M_PER_S2)}" \
+  <option timestep="{number(MAX_STEP)}" gravity="0 0 -{number(GRAVITY_M_PER_S2)}" \
 integrator="implicitfast"/>
   <worldbody>
     <body name="moving"{body}>
@@ -301,4 +303,4 @@ def _comment(text: str) -> str:
     return escape(text).replace("--", "- -")
 
 
-__all__ = ["STEP", "Joint", "joint_of", "mjcf_text"]
+__all__ = ["Joint", "joint_of", "mjcf_text"]

@@ -31,7 +31,7 @@ from sysid.blocks.tables import NotedCell, Table, table
 from sysid.blocks.titles import capital, within
 from sysid.errors import InputError, input_error
 from sysid.estimation.linear import LEVEL, Estimate, finite_or_none, t_p_value, t_quantile
-from sysid.estimation.multiple_tests import SIGNIFICANCE, adjusted, largest_significant
+from sysid.estimation.multiple_tests import LEAST_P, SIGNIFICANCE, adjusted, largest_significant
 from sysid.io.channels import SIDES
 from sysid.io.rig import differing_sections
 from sysid.parameters import Bundle
@@ -43,7 +43,6 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_SMALLEST_P = 1e-300
 # A row of a figure: its name above, the stripes of the bundles below; shares of its height, inches.
 _BELOW_NAME, _STRIPES = 0.52, 0.44
 _ROW, _STRIPE = 0.26, 0.06
@@ -541,7 +540,7 @@ def _moves(
             for key in keys:
                 if (least := _by_each_law(laws, place, key)) is not None:
                     moved, size, own = least
-                    p = max(t_p_value(size, own), _SMALLEST_P)
+                    p = max(t_p_value(size, own), LEAST_P)
                     yield Movement(bundle, place, key, moved, size, p), own
             continue
         change = np.array([two.estimates[k].value - one.estimates[k].value for k in keys])
@@ -549,12 +548,12 @@ def _moves(
         z = change / np.sqrt(np.diag(covariance))
         dof = [_welch(one.estimates[k], two.estimates[k]) for k in keys]
         for key, moved, size, own in zip(keys, change, z, dof, strict=True):
-            p = max(t_p_value(float(size), own), _SMALLEST_P)
+            p = max(t_p_value(float(size), own), LEAST_P)
             yield Movement(bundle, place, key, float(moved), float(size), p), own
         if len(keys) > 1:
             scale = np.sqrt(np.diag(covariance))
             wald, rank = _wald(z, covariance / np.outer(scale, scale))
-            p = max(_f_p_value(wald, rank, min(dof)), _SMALLEST_P)
+            p = max(_f_p_value(wald, rank, min(dof)), LEAST_P)
             yield Movement(bundle, place, None, math.nan, math.sqrt(wald / rank), p), min(dof)
 
 

@@ -47,6 +47,8 @@ ASSUMED = "assumed"
 
 BARE = "the reference rig"
 """The `source` of a rig that was made without a rig file."""
+END_MARGIN = 0.01
+"""Of the stroke: samples this near to an end are not part of the model (log-format.md)."""
 HELD_SHARE = 0.005
 """Of the stroke, or of a chamber's volume: a held piston moves by encoder counts and a little
 elasticity. Flows out of the volume have the same relative error."""
@@ -732,6 +734,7 @@ def require_inertia(rig: Rig) -> float:
 
 __all__ = [
     "ASSUMED",
+    "END_MARGIN",
     "GRAVITY_M_PER_S2",
     "NO_LOAD",
     "RIG_FILE_NAME",

@@ -39,6 +39,7 @@ from sysid.plant.base import (
 from sysid.plant.effects.catalogue import catalogue_with
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.effects.linear import for_rig
+from sysid.plant.iso6358 import USUAL_RATIO
 from sysid.plant.ports import Effect, Model, has_discrete_law
 from sysid.plant.trials import DISCRETE
 from sysid.surfaces.averaged import AveragedLaw
@@ -47,9 +48,6 @@ from sysid.surfaces.hull import NoValve, ValveLaw
 
 MEAN_FLOW_MODELS = (AVERAGED, *SURFACE_KINDS)
 VALVE_MODELS = (DISCRETE, *MEAN_FLOW_MODELS)
-
-USUAL_RATIO = 0.3
-"""Critical ratio of a valve of ISO 6358 whose tests do not identify it: common data sheets' one."""
 
 _OTHER_REGIME = {
     "choked_fill": "c_fill",

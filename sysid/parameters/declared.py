@@ -14,8 +14,8 @@ from sysid.parameters.refinement import RefinedValue
 from sysid.parameters.table import ParameterRow, Status
 from sysid.plant.base import Parameters
 
-# Relative uncertainty of a declared constant, where the rig file gives none.
-_UNCERTAIN = 0.03
+DECLARED_ERROR = 0.03
+"""Relative standard error of a constant that a rig file declares, and of any without one."""
 _MASSES = "the masses and lengths under [inertia]"
 # What the plant's parameters call each, its key, its unit, and where the rig file says it.
 _MECHANICS = (
@@ -44,7 +44,7 @@ def declared_of(rig: Rig, parameters: Parameters) -> Iterator[ParameterRow]:
     for field, key, named, _ in _MECHANICS if rig.is_motor_alone else _CONSTANTS:
         value = float(getattr(parameters, field))
         if value > 0.0 and math.isfinite(value):
-            std, alias = _UNCERTAIN * value, f"rig.{key}"
+            std, alias = DECLARED_ERROR * value, f"rig.{key}"
             known = Estimate(value, std, named or rig.units.inertia_unit, (math.nan, math.nan))
             section = _place(alias, rig).rpartition("[")[2].partition("]")[0]
             status: Status = "assumed" if rig.assumes(section) else "declared"

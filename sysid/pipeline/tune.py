@@ -21,7 +21,7 @@ from sysid.controllers.design_model import require_declared
 from sysid.controllers.gains import ChosenGains, gains_of
 from sysid.controllers.modes import Mode
 from sysid.controllers.task import Choice, Task, prepared
-from sysid.controllers.trajectories import DURATION_S
+from sysid.controllers.trajectories import DURATION_S, TRAJECTORIES
 from sysid.controllers.tuner import Bench, score, search
 from sysid.errors import InputError, input_error
 from sysid.io.files import make_folder, write_atomic
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 GAINS_NAME = "gains.json"
-_NUMBERS = (1, 2, 3, 4)
 # Gains are searched on the first part of each motion, and judged on all of it.
 _SEARCHED_S = 4.5
 # Plants of a robust search, the bundle's own among them, and the others that judge its result.
@@ -216,7 +215,7 @@ def _tasks(
 ) -> tuple[list[Task], list[str]]:
     """A task for each trajectory that the rig can follow, and which it cannot."""
     found, said = [], []
-    for number_ in options.trajectories or _NUMBERS:
+    for number_ in options.trajectories or TRAJECTORIES:
         choice = Choice(controller, number_, mode, inverse=options.inverse)
         try:
             found.append(prepared(choice, bundle, options.plant))

@@ -17,6 +17,8 @@ DEFAULT_INDEX = 0.5
 """The subsonic index where none is stated (ISO 6358-1)."""
 INDICES = (0.2, 1.5)
 """The least and the largest subsonic index that a fit considers."""
+USUAL_RATIO = 0.3
+"""A data sheet's usual critical ratio: where a fit starts, and where no test identifies it."""
 HIGHEST_RATIO = 0.95
 """The largest critical ratio that a fit considers: at 1 the subsonic flow would be a jump."""
 
@@ -76,6 +78,7 @@ __all__ = [
     "DEFAULT_INDEX",
     "HIGHEST_RATIO",
     "INDICES",
+    "USUAL_RATIO",
     "choked_flow",
     "iso6358_flow",
     "subsonic_share",

@@ -14,13 +14,10 @@ import numpy as np
 
 from sysid import signals
 from sysid.io.channels import CHAMBER_PRESSURES, DUTIES, VALVE_COMMANDS
-from sysid.io.rig import Load, Rig
+from sysid.io.rig import END_MARGIN, Load, Rig
 from sysid.io.samples import Trial, with_channels
 from sysid.plant.base import cylinder_effort, gravity_effort, spring_effort
 from sysid.types import BoolArray, FloatArray
-
-# Samples within this share of the stroke from an end are not part of the model (log-format.md).
-END_MARGIN = 0.01
 
 
 @dataclass(frozen=True)
@@ -213,4 +210,4 @@ class Recording:
         return any(name in self and bool(np.ptp(self[name]) > 0.0) for name in VALVE_COMMANDS)
 
 
-__all__ = ["END_MARGIN", "Recording"]
+__all__ = ["Recording"]

@@ -12,7 +12,7 @@ import numpy as np
 from sysid.estimation.autoregression import Autoregression, autoregression
 from sysid.plant.simulator import MAX_STEP
 from sysid.refinement.problem import Iterate, Problem
-from sysid.refinement.reduction import ReducedEquations, reduced
+from sysid.refinement.reduction import NO_INFORMATION, ReducedEquations, reduced
 from sysid.refinement.runs import Run
 from sysid.refinement.scan import scanned
 from sysid.refinement.solver import Solution, solve
@@ -33,8 +33,6 @@ _SAME = 0.15
 # Innovations below this share of the sensor's noise would get too much weight.
 _LEAST_SHARE = 0.3
 _LEAST_SCATTER = 1e-3
-# A standard error up to this is that of an unknown on which no residual depends.
-NO_INFORMATION = 1e-12
 _FEW_RUNS = 20
 
 
@@ -270,7 +268,6 @@ def _scatter_of(problem: Problem, solution: Solution, bench: FrictionScatter) ->
 
 __all__ = [
     "NOT_FOLLOWED",
-    "NO_INFORMATION",
     "Estimated",
     "FrictionScatter",
     "error_ratio",

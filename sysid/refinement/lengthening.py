@@ -23,13 +23,13 @@ from sysid.plant.ports import Model
 from sysid.recording.motion_tests import MotionTest, Segment
 from sysid.refinement.estimation import (
     CLOSELY,
-    NO_INFORMATION,
     UNDAMPED,
     Estimated,
     followed,
     whitening_of,
 )
 from sysid.refinement.problem import Iterate, Problem
+from sysid.refinement.reduction import NO_INFORMATION
 from sysid.refinement.runs import Run, run_of
 from sysid.refinement.solver import Solution, solve
 from sysid.refinement.unknowns import model_at

@@ -22,8 +22,6 @@ from sysid.types import FloatArray
 # Share of the usual size that is tried, and how well the slope must predict the change.
 _SMALL, _LINEAR = 0.01, 0.3
 _MOST_TESTS = 6
-# Both in units of the noise.
-_NOTHING = 1.0
 
 
 @dataclass(frozen=True)
@@ -106,7 +104,7 @@ def without_slope(problem: ProbedProblem, probes: Probes) -> list[str]:
 def _lack_of_fit(change: FloatArray, slope: FloatArray) -> float:
     """Relative lack of fit of the change predicted by a slope; NaN where both are zero."""
     error, size = (float(np.linalg.norm(np.nan_to_num(v))) for v in (change - slope, slope))
-    if max(error, size) < _NOTHING:
+    if max(error, size) < 1.0:  # both are in units of the noise
         return math.nan
     return error / size if size > 0.0 else math.inf
 

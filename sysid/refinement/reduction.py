@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid.estimation.linear import chi_squared_quantile
+from sysid.estimation.quality import SIGNIFICANT
 from sysid.refinement.factors import triangular
 from sysid.refinement.problem import LOCAL, Iterate, Linearised, Problem
 from sysid.refinement.runs import STATES
@@ -25,14 +26,13 @@ _S = len(STATES)
 _LEAST_COLUMN = 1e-6
 # Below this slope (errors per unit of scatter) a test's static friction moves by a scan only.
 INFORMED = 5.0
-_NOTHING = 1e-12
+NO_INFORMATION = 1e-12
+"""A standard error up to this is that of an unknown on which no residual depends."""
 # Without the only run that informs an unknown, no information on it remains.
 _LEAST_LEFT = 1e-6
 _LEAST_SHARE = 1e-12
 # A part of the largest column that is rounding: numpy's own for a pseudoinverse.
 _ROUNDING = 1e-15
-# A scatter of the runs beyond the 99 % point of chance is real: strict, as many tests are made.
-_SURE = 0.99
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class ReducedEquations:
         inverse = self.covariance()
         spread = [rows[:, -1] @ rows[:, :-1] @ inverse for rows in self.own]
         std = np.sqrt(np.diag(self._enlarged(inverse, spread)))
-        known = std > _NOTHING
+        known = std > NO_INFORMATION
         return np.abs(np.where(known, step / np.where(known, std, 1.0), 0.0))[
             : len(self.point.shared)
         ]
@@ -121,7 +121,8 @@ class ReducedEquations:
         steps = np.array([_step_alone(rows[:, :-1], rows @ there, inverse) for rows in self.own])
         total, runs = self._spoken_of(inverse)
         ratio = np.sum(steps**2, axis=0) / known / total
-        chance = chi_squared_quantile(runs, _SURE) / runs
+        # A scatter beyond this is real: a strict level, as many tests are made.
+        chance = chi_squared_quantile(runs, 1.0 - SIGNIFICANT) / runs
         # The prior's share of the information scatters as its standard errors predict.
         found = 1.0 + np.minimum(total, 1.0) * np.where(ratio > chance, ratio - 1.0, 0.0)
         return np.asarray(np.sqrt(np.maximum(found, 1.0)))

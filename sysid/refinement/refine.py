@@ -47,7 +47,6 @@ from sysid.recording.even import recorded
 from sysid.recording.motion_tests import MotionTest, prepare_all
 from sysid.recording.simulation import NOT_FINITE
 from sysid.refinement.estimation import (
-    NO_INFORMATION,
     Estimated,
     FrictionScatter,
     estimate,
@@ -57,6 +56,7 @@ from sysid.refinement.lengthening import lengthened
 from sysid.refinement.problem import Problem
 from sysid.refinement.profiles import Profile
 from sysid.refinement.profiles import profile as profile_of
+from sysid.refinement.reduction import NO_INFORMATION
 from sysid.refinement.result import Fit, RefinedParameter, RefineResult
 from sysid.refinement.runs import LEAST_ROWS, Run, runs_of
 from sysid.refinement.unknowns import (

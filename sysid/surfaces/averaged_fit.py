@@ -32,7 +32,13 @@ from sysid.estimation.nonlinear import (
     without_rows,
 )
 from sysid.estimation.quality import FEWEST_REPEATS
-from sysid.plant.iso6358 import ANR_TEMPERATURE, DEFAULT_INDEX, HIGHEST_RATIO, choked_flow
+from sysid.plant.iso6358 import (
+    ANR_TEMPERATURE,
+    DEFAULT_INDEX,
+    HIGHEST_RATIO,
+    USUAL_RATIO,
+    choked_flow,
+)
 from sysid.surfaces.averaged import AveragedLaw, sampled_period
 from sysid.surfaces.windows import FlowWindows
 from sysid.types import FloatArray
@@ -67,8 +73,6 @@ _ISO = (
     "critical_ratio_fill",
     "critical_ratio_dis",
 )
-# The critical ratio that a fit starts from.
-_RATIO = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,7 +348,7 @@ def _iso_start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:
         found.append(Parameter(name, value, _UNITS[name], 0.0, 30.0 * value))
     for way in ("fill", "dis"):
         name = f"critical_ratio_{way}"
-        found.append(Parameter(name, _RATIO, _UNITS[name], 0.0, HIGHEST_RATIO))
+        found.append(Parameter(name, USUAL_RATIO, _UNITS[name], 0.0, HIGHEST_RATIO))
     return [*found, _difference(conditions)]
 
 

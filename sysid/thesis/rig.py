@@ -25,14 +25,18 @@ from sysid.controllers.prediction import with_payload
 from sysid.controllers.pva import PvaController
 from sysid.controllers.sensing import SensorSuite
 from sysid.controllers.task import HORIZON, MOTOR_SHARE, check_rotary, check_travel
-from sysid.controllers.trajectories import DURATION_S, DesiredMotion, thesis_trajectory
+from sysid.controllers.trajectories import (
+    DURATION_S,
+    TRAJECTORIES,
+    DesiredMotion,
+    thesis_trajectory,
+)
 from sysid.errors import input_error
 from sysid.io.channels import SIDES
 from sysid.io.rig import GRAVITY_M_PER_S2, Rig
 from sysid.parameters.content import BundleContent
 from sysid.plant.ports import Model
 from sysid.thesis.declaration import TableLoop, printed
-from sysid.thesis.tracking import TRAJECTORIES
 
 _DELAYS = ("on_delay_a", "on_delay_b", "off_delay_a", "off_delay_b")
 _FLOWS = tuple(f"{n}_{s}" for n in ("choked_fill", "c_fill", "choked_dis", "c_dis") for s in SIDES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from sysid.controllers.modes import Mode
+from sysid.controllers.trajectories import TRAJECTORIES
 from sysid.thesis.declaration import (
     Cell,
     Column,
@@ -12,9 +13,7 @@ from sysid.thesis.declaration import (
     printed,
     rows_of,
 )
-
-TRAJECTORIES = (1, 2, 3, 4)
-_TESTS = (1, 2, 3, 4, 5)
+from sysid.thesis.experiments import TESTS
 
 
 def by_controller(table: str) -> Declaration:
@@ -47,15 +46,15 @@ def by_test(table: str) -> Declaration:
                 as_tested=True,
                 seed=n,
             )
-            for n in _TESTS
+            for n in TESTS
         ]
         cells = [
             Cell((loop,), figure(row[f"test_{n}_rmse_rad"]))
-            for n, loop in zip(_TESTS, tests, strict=True)
+            for n, loop in zip(TESTS, tests, strict=True)
         ]
         cells.append(Cell(tuple(tests), figure(row["mean_rmse_rad"])))
         rows.append((f"{row['controller']}, trajectory {row['trajectory']}", tuple(cells)))
-    columns = [*(Column(f"test {n}") for n in _TESTS), Column("mean")]
+    columns = [*(Column(f"test {n}") for n in TESTS), Column("mean")]
     return Declaration(tuple(columns), tuple(rows))
 
 
@@ -89,4 +88,4 @@ def by_horizon(table: str) -> Declaration:
     return Declaration((Column("trajectory 1"), Column("trajectory 4")), tuple(rows))
 
 
-__all__ = ["TRAJECTORIES", "by_compensation", "by_controller", "by_horizon", "by_test"]
+__all__ = ["by_compensation", "by_controller", "by_horizon", "by_test"]

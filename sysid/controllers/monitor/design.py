@@ -16,10 +16,11 @@ from sysid.controllers.monitor.terms import Noise
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import SIDES
 from sysid.io.motion import MotionUnits
-from sysid.io.rig import Rig
+from sysid.io.rig import END_MARGIN, Rig
 from sysid.parameters.assembled_model import model_from_bundle
 from sysid.parameters.base import read_number
 from sysid.parameters.content import BundleContent
+from sysid.parameters.declared import DECLARED_ERROR
 from sysid.parameters.scatter import friction_scatter
 from sysid.parameters.table import ParameterRow, table_of
 from sysid.plant import valve_laws
@@ -27,10 +28,6 @@ from sysid.plant.effects.entry import Catalogue
 from sysid.plant.ports import Model, has_discrete_law, overrides
 from sysid.types import FloatArray
 
-# Relative standard error of a number whose error is not known, as of a declared constant.
-_UNKNOWN = 0.03
-# The stops are not part of the model: samples within 1 % of the stroke from an end (log format).
-_INSIDE = 0.98
 _FEW = "a monitor tells drift from the motion of two chambers and a shaft"
 
 
@@ -131,7 +128,7 @@ def monitor_design(
             float(p.viscous),
             breakaway,
             0.5 * (lever * noise.pressure / inertia) ** 2,
-            _INSIDE * travel,
+            (1.0 - 2.0 * END_MARGIN) * travel,
         ),
         scales=scales,
         scatter=_scatter(bundle, model, scales),
@@ -247,7 +244,7 @@ def _errors(bundle: BundleContent, model: Model) -> Iterator[tuple[str, tuple[fl
         valve = [r for r in rows if r.side == side and r.part == f"valves.{side}.discrete"]
         for name in FLOWS:
             known = [share for r in valve if r.name in _of_flow(name) for share in _relative(r)]
-            error = (math.hypot(*known), True) if known else (_UNKNOWN, False)
+            error = (math.hypot(*known), True) if known else (DECLARED_ERROR, False)
             yield f"{name}_{side}", error
             if name == "choked_dis":
                 leak = error[0] * float(p.choked_dis_a if side == "a" else p.choked_dis_b) / squares
@@ -279,7 +276,7 @@ def _std(rows: list[ParameterRow], value: float, off: float) -> tuple[float, boo
     """A standard error, with what the model uses otherwise than estimated."""
     known = [float(row.estimate.std) for row in rows if row.estimate.has_error]
     if not known:
-        return math.hypot(_UNKNOWN * abs(value), off), False
+        return math.hypot(DECLARED_ERROR * abs(value), off), False
     return math.hypot(known[0], off), True
 
 
@@ -289,7 +286,7 @@ def _supply_error(bundle: BundleContent, supply: float) -> tuple[float, bool]:
     found = (read_number(law.supply_pressure_pa) for law in laws if law is not None)
     seen = [level for level in found if level]
     if not seen:
-        return _UNKNOWN * supply, False
+        return DECLARED_ERROR * supply, False
     noise = _pressure_noise(bundle)
     return math.hypot(max(abs(level - supply) for level in seen), noise), True
 

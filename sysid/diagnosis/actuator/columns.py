@@ -17,10 +17,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
+from sysid.estimation.law_evidence import ODDS
 from sysid.types import BoolArray, FloatArray, IntArray
 
-ODDS = 2.0 * math.log(20.0)
-"""Twice the log odds at which a set is preferred: 20 to 1, as a level of 95 % has it."""
 _PASSES = 6
 # A pass that lowers minus twice the log likelihood by less changes no decision.
 _SETTLED = 1e-2

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.actuator.columns import ODDS
 from sysid.diagnosis.actuator.figures import influences, residual_curves, rounds_shown, shown_curve
 from sysid.diagnosis.actuator.loop import Loop
 from sysid.diagnosis.actuator.search import RefittedStep
@@ -17,6 +16,7 @@ from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.search import Round
 from sysid.diagnosis.search_record import SearchRecord
 from sysid.diagnosis.wording import ACTUATOR
+from sysid.estimation.law_evidence import ODDS
 from sysid.estimation.linear import Estimate
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle

@@ -36,6 +36,7 @@ from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.search import MOST_EFFECTS
 from sysid.diagnosis.search_record import Recorder, SearchStage
 from sysid.errors import Failure
+from sysid.estimation.multiple_tests import LEAST_P
 from sysid.io.channels import SIDES
 from sysid.parallel import attempt, attempt_in_threads, limited
 from sysid.plant.effects.catalogue import catalogue, class_of
@@ -48,7 +49,6 @@ _FITTED = 3
 # Twins on which sets are fitted.
 _FITTED_TWINS = 2
 _MOST_ROUNDS = 5
-_SMALLEST_P = 1e-300
 # Friction is weighed anew where it scatters by more than this, and with the effects by less than
 # this part of that.
 _MUCH_SCATTER, _FAR_LESS = 0.02, 0.5
@@ -223,7 +223,7 @@ class Finder:
         """Probability that any form gains as much by noise, beyond what twins gain: Bonferroni."""
         strengths = next(len(f.steps) for f in self.forms if f.id == name)
         beyond = max(reduction - twins, 0.0)
-        return min(1.0, max(len(self.forms) * float(chdtrc(strengths, beyond)), _SMALLEST_P))
+        return min(1.0, max(len(self.forms) * float(chdtrc(strengths, beyond)), LEAST_P))
 
     def ambiguous(self, names: frozenset[str], name: str, doubt: float) -> tuple[str, ...]:
         """Effects that may be there in the place of one of a set: of its class, with as much

@@ -16,6 +16,7 @@ from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
 from sysid.diagnosis.actuator.threshold_steps import best_near
+from sysid.estimation.nonlinear import AT_BOUND
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, overrides
 from sysid.types import FloatArray
@@ -23,8 +24,6 @@ from sysid.types import FloatArray
 _PASSES = 2
 # Weights that change by less than this factor move no number by much of its error.
 _SAME_WEIGHT = 1.3
-# A strength below this share of its usual size is absent: its bound is next to it.
-_ABSENT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ def _prior_cost(effects: Sequence[CatalogueEffect]) -> float:
 
 def _is_absent(effect: CatalogueEffect) -> bool:
     return all(
-        abs(float(getattr(effect, q.name))) < _ABSENT * q.usual_size for q in effect.strengths()
+        abs(float(getattr(effect, q.name))) < AT_BOUND * q.usual_size for q in effect.strengths()
     )
 
 

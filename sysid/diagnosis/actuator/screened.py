@@ -17,14 +17,13 @@ from sysid.diagnosis.actuator.null_distribution import MARGIN, Null
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures
 from sysid.diagnosis.search_record import Recorder
+from sysid.diagnosis.thresholds import IMITATED
 from sysid.parallel import attempt_in_threads, in_threads, spend
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.types import FloatArray
 
 _Made = TypeVar("_Made")
 
-# Below this remaining share of its length a column is one that the base parameters imitate.
-_OWN_SHARE = 1e-3
 # A form with a state takes as long as so many without.
 _OF_A_STATE = 10
 # A few effects span fewer directions than what a model may lack: the whole catalogue spans 13 to 15
@@ -183,7 +182,7 @@ def _screened(base: Projected, errors: FloatArray, forms: Sequence[Candidate]) -
 def _projections(base: Projected, signed: Signed) -> _Projections:
     plain = base.frame.scattered(signed.columns.astype(float))
     columns = base.project(plain)
-    imitated = np.linalg.norm(columns, axis=0) <= _OWN_SHARE * np.linalg.norm(plain, axis=0)
+    imitated = np.linalg.norm(columns, axis=0) <= IMITATED * np.linalg.norm(plain, axis=0)
     columns[:, imitated] = 0.0
     rows = [base.frame.rows(name) for name in CHANNELS]
     gradient = np.array([columns[own].T @ base.rest[own] for own in rows])
@@ -242,7 +241,7 @@ class Bias:
             if all(name in part for part in parts):
                 # A twin's column is as long as it moves.
                 self._known[name] = np.array(
-                    [p[name].gradient / np.maximum(p[name].length, _TINY) for p in parts]
+                    [p[name].gradient / np.maximum(p[name].length, 1e-300) for p in parts]
                 )
 
     def without_twins(self) -> None:
@@ -284,9 +283,6 @@ class Bias:
         falls = 2.0 * np.einsum("tci,it->ct", gradients, found)
         falls -= np.einsum("it,cij,jt->ct", found, grams, found)
         return np.asarray(MARGIN**2 * np.mean(falls, axis=1))
-
-
-_TINY = 1e-300
 
 
 def _columns_of(columns: Columns, name: str) -> list[int]:

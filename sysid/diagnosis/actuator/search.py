@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sysid.diagnosis.actuator.columns import ODDS
 from sysid.diagnosis.actuator.equation_error import CHANNELS
 from sysid.diagnosis.actuator.finder import Contender, Finder
 from sysid.diagnosis.actuator.fitted_set import FittedSet, fit_set, weighed
@@ -29,6 +28,7 @@ from sysid.diagnosis.actuator.threshold_steps import with_steps
 from sysid.diagnosis.search import Round, Step, Tried
 from sysid.diagnosis.search_record import SearchStage
 from sysid.errors import Failure, SimulationError
+from sysid.estimation.law_evidence import ODDS
 from sysid.estimation.linear import Estimate
 from sysid.parallel import attempt, limited
 from sysid.plant.effects.entry import CatalogueEffect

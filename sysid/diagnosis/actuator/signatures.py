@@ -17,14 +17,13 @@ from sysid.diagnosis.actuator.equation_error import (
     channels_of,
 )
 from sysid.diagnosis.actuator.whitening import Frame
+from sysid.diagnosis.thresholds import PROBE
 from sysid.io.channels import SIDES
 from sysid.plant.effects.entry import SIDE_CHOICES, CatalogueEffect
 from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
 _BASE_STEP = 0.01
-# A strength whose effect is proportional to it is probed at this share of its usual size.
-_PROBE = 0.3
 _NO_LENGTHS = np.zeros(0)
 
 
@@ -90,7 +89,7 @@ def candidates(
             values = quantity.grid or (quantity.typical,)
             axes.append([(quantity.name, value) for value in values])
         strengths = [
-            [(q.name, s) for s in (q.grid or (_PROBE * q.typical,))]
+            [(q.name, s) for s in (q.grid or (PROBE * q.typical,))]
             for q in (q.at_flows(flows).at_lengths(lengths) for q in effect.strengths())
         ]
         found += [

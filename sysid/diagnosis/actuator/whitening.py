@@ -36,6 +36,7 @@ from sysid.estimation.autoregression import (
     runs_of,
 )
 from sysid.io.channels import SIDES
+from sysid.io.rig import END_MARGIN
 from sysid.parallel import spend
 from sysid.plant.base import sliding_friction
 from sysid.plant.effects.entry import CatalogueEffect
@@ -46,9 +47,8 @@ from sysid.types import BoolArray, FloatArray, IntArray
 ORDER = 6
 # Share of white noise added to the autocovariance: what the noise model does not describe.
 _RIDGE = 0.02
-_END_SHARE = 0.01
-_NEAR_SUPPLY = 0.01
-_NEAR_ATMOSPHERE = 0.01
+# Share of the supply, or of the atmosphere: a pressure as near to it is at it but for noise.
+_NEAR_SOURCE = 0.01
 _RUNAWAY = 1e4
 # Tests that determine their own friction to 3 %, and how many of them a spread needs.
 _LEAST_POWER = 1e3
@@ -220,7 +220,7 @@ def sliding_windows(traces: Traces, model: Model) -> Windows:
 def _off_the_stops(traces: Traces, model: Model) -> BoolArray:
     p = model.parameters
     stop = 0.5 * float(p.stroke) / float(p.pitch_radius)
-    return np.asarray(np.abs(traces.position) < stop * (1.0 - 2.0 * _END_SHARE))
+    return np.asarray(np.abs(traces.position) < stop * (1.0 - 2.0 * END_MARGIN))
 
 
 def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
@@ -233,9 +233,9 @@ def _in_doubt(traces: Traces, model: Model, side: str) -> BoolArray:
     if model.parameters.bleeds and side != "a":  # there is no other chamber
         return np.ones(len(traces), dtype=bool)
     vents = point_of(traces, model).vents(side)
-    to_supply = np.abs(traces.supply - pressure) < _NEAR_SUPPLY * traces.supply
+    to_supply = np.abs(traces.supply - pressure) < _NEAR_SOURCE * traces.supply
     atmosphere = float(model.parameters.atmosphere)
-    to_atmosphere = np.abs(pressure - atmosphere) < _NEAR_ATMOSPHERE * atmosphere
+    to_atmosphere = np.abs(pressure - atmosphere) < _NEAR_SOURCE * atmosphere
     return np.asarray(((share > 0.0) & to_supply) | ((vents > 0.0) & to_atmosphere))
 
 

@@ -14,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from sysid.diagnosis.lack_of_fit import MOST_SCATTER, multiples_of_tests
+from sysid.diagnosis.thresholds import PROBE
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -303,10 +304,6 @@ def usable(trials: Sequence[Given], read: Callable[[Given], Read]) -> tuple[list
     return found, [f"excluded: {line}" for line in left_out]
 
 
-PROBE = 0.3
-"""Share of a strength's usual size at which an effect is probed, unless a grid gives others."""
-
-
 def probes(
     kind: type[CatalogueEffect], side: str, forms: Sequence[Mapping[str, float]] = ({},)
 ) -> list[CatalogueEffect]:
@@ -374,7 +371,6 @@ def valve_alone(rig: Rig) -> Parameters:
 
 __all__ = [
     "NOT_SIMULATED",
-    "PROBE",
     "Component",
     "Effects",
     "Further",

@@ -10,11 +10,9 @@ from functools import cached_property
 from sysid.blocks.numbers import number
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, fit_law
+from sysid.estimation.law_evidence import ODDS
 from sysid.estimation.linear import Estimate
 from sysid.parameters.valves import AUTO
-
-# Twice the log of the odds from which on a law is chosen: 20 to 1, as an error of 5 % allows.
-_DECIDED = 2.0 * math.log(20.0)
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ def chosen_law(component: Component, law: str = AUTO) -> ChosenLaw:
     count = max(least.independent_samples, 2.0)
     scores = [_criterion(fit, count) for fit in fits]
     best = min(scores)
-    open_ones = [i for i, score in enumerate(scores) if score - best < _DECIDED]
+    open_ones = [i for i, score in enumerate(scores) if score - best < ODDS]
     place = open_ones[0]
     chosen = fits[place]
     final = component.settled_as(chosen.component)
@@ -100,7 +98,7 @@ def _is_more_of(fit: FittedLaw, chosen: FittedLaw, count: float) -> bool:
     if law != own or not cools or has_it:
         return False
     least = max(chosen.fit.sum_of_squares, 1e-300)
-    return count * math.log(max(fit.fit.sum_of_squares, 1e-300) / least) < _DECIDED
+    return count * math.log(max(fit.fit.sum_of_squares, 1e-300) / least) < ODDS
 
 
 def _criterion(fitted: FittedLaw, count: float) -> float:

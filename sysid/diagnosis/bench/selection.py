@@ -29,7 +29,7 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, cross_validated, fit_law
 from sysid.diagnosis.bench.stability import Repeats, repeats
-from sysid.diagnosis.lack_of_fit import LEVEL, MOST_SCATTER
+from sysid.diagnosis.lack_of_fit import MOST_SCATTER
 from sysid.diagnosis.search import (
     MOST_EFFECTS,
     Round,
@@ -43,6 +43,7 @@ from sysid.diagnosis.search_record import Recorder, SearchRecord, SearchStage
 from sysid.diagnosis.thresholds import DIGITS, LEAST_REDUCTION, RIVAL_SHARE, SIGNIFICANCE
 from sysid.errors import Failure, NotIdentifiedError
 from sysid.estimation.nonlinear import LeastSquaresFit
+from sysid.estimation.quality import SIGNIFICANT
 from sysid.parallel import attempt, attempt_all, limited
 from sysid.plant.effects.catalogue import class_of
 from sysid.plant.effects.entry import CatalogueEffect
@@ -240,7 +241,7 @@ class _HeldOutRounds(Rounds[Addition]):
         tried = attempt_all(partial(_with_one_more, self.measured, without, k) for k in kinds)
         fits = [one for one in tried if isinstance(one, FittedLaw)]
         # It only decides how residuals count: an effect is judged by what it then predicts.
-        if all(between_tests_p_value(one, without) >= LEVEL for one in fits):
+        if all(between_tests_p_value(one, without) >= SIGNIFICANT for one in fits):
             self.component, self.has_whitened = weighed, True
         if self.component is before:
             return

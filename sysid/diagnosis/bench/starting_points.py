@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.diagnosis.bench.component import PROBE, Component, Law, shapes
+from sysid.diagnosis.bench.component import Component, Law, shapes
+from sysid.diagnosis.thresholds import IMITATED, PROBE
 from sysid.estimation.nonlinear import LeastSquaresFit, Parameter
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.signals import strongest_waves
@@ -17,8 +18,6 @@ from sysid.types import FloatArray
 
 # Tolerated deviation of the effect of four times a strength from four times its effect.
 _BENT = 0.5
-# Below this share of its length a signature is one the law's own parameters can imitate.
-_OWN_SHARE = 1e-3
 # Wave numbers that are tried of the residual's spectrum over the position.
 _PEAKS = 3
 
@@ -140,7 +139,7 @@ def _take(
         return -math.inf, np.zeros(columns.shape[1])
     own = columns - basis @ (basis.T @ columns)
     sizes = np.linalg.norm(columns, axis=0)
-    keep = np.linalg.norm(own, axis=0) > _OWN_SHARE * np.maximum(sizes, 1e-300)
+    keep = np.linalg.norm(own, axis=0) > IMITATED * np.maximum(sizes, 1e-300)
     coefficients = np.zeros(columns.shape[1])
     if keep.any():
         coefficients[keep] = -np.linalg.lstsq(own[:, keep], rest, rcond=1e-10)[0]

@@ -50,7 +50,7 @@ _SIDE = "a"
 # nothing of a stretch on the way up or down, nor its near neighbours, as leaving out every
 # third row would; and every fold holds a stretch of the upper half, where there is flow.
 _STRETCHES = 12
-_FEWEST_ROWS = 24
+_FEWEST_ROWS = 2 * _STRETCHES
 # A proportional valve has no pulses that could be too short.
 _PULSED = ("partial-opening",)
 _GRID = 4001

@@ -42,8 +42,6 @@ FLOW_NOISE_SHARE = 0.005
 FEWEST_PHASES = 3
 # Standard errors of white noise by which a fundamental exceeds nothing.
 _FUNDAMENTAL_SHOWS = 4.0
-# Mean square of parabolic weights over a window, of mean 1.
-_PARABOLIC = 1.2
 # Length of the mean of the tests' pulse starts as unit vectors: 0 where they are anywhere, and this
 # where they scatter by a twentieth of a period.
 _TOGETHER = 0.95
@@ -223,7 +221,8 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
                 test.pressure[row],
                 np.full(size, mean.block),
                 np.full(size, test.period),
-                noise * np.sqrt(_PARABOLIC / rows) if math.isfinite(noise) else np.zeros(size),
+                # 1.2: mean square of parabolic weights over a window, of mean 1.
+                noise * np.sqrt(1.2 / rows) if math.isfinite(noise) else np.zeros(size),
             )
         )
     labels = tuple(t.label for t in tests)

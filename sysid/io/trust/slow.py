@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid import signals
 from sysid.types import FloatArray
 
 
@@ -30,8 +31,6 @@ _STEP = 1.0 - math.exp(-0.5)
 RESOLVED_STEP = 0.05
 # Rows whose largest step is the noise where they are the quietest.
 _BLOCK = 10
-# Times the usual period, beyond which two rows have a gap between them.
-_GAP = 3.0
 
 
 def rows_per_reversal(parts: Sequence[FloatArray], count: float) -> float | None:
@@ -86,8 +85,7 @@ def largest_step(parts: Sequence[FloatArray], times: Sequence[FloatArray]) -> fl
         if len(part) < 2 * _BLOCK:
             continue
         steps, whole = np.abs(np.diff(part)), float(np.ptp(part))
-        apart = np.diff(time)
-        steps[apart > _GAP * np.median(apart)] = 0.0
+        steps[signals.pauses(time)] = 0.0
         if whole > _SHOWN * _quietest(steps):
             shares.append(float(np.max(steps)) / whole)
     usual = float(np.median(shares)) if shares else 0.0
