@@ -332,6 +332,29 @@ def test_a_search_that_is_quick_adds_one_effect_at_most(
     assert all(len(names) == 1 for names in quick.sets)
 
 
+def test_a_relative_gives_its_place_up_to_what_does_better_in_it(
+    rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """A pressure that is logged late was found as a lag of its sensor: with the drag it had been
+    screened as that, and the two together were the best set."""
+    drag, late, lag = QuadraticDrag(0.004), TimeSkew(2e-3, "a"), PressureLag(2e-3, "a")
+    base = lacking(rig, drag, late)
+    finder = finder_of(base, null, (QuadraticDrag, TimeSkew, PressureLag))
+    assert finder.run() == {drag.id, late.id}
+    finder.sets.clear()
+    for starts in ([late], [lag], [drag, lag]):
+        own = fit_set(base, finder.channels, starts, finder.none)
+        finder.sets[own.names] = own
+    relative = frozenset({drag.id, lag.id})
+    assert finder.best() == relative
+    finder._exchanged(relative)
+    assert finder.best() == {drag.id, late.id}
+    # Nothing did better in the place of either of these.
+    known = set(finder.sets)
+    finder._exchanged(finder.best())
+    assert set(finder.sets) == known
+
+
 def test_a_valve_that_is_late_is_found_where_it_opens_and_closes_as_late(
     rig: tuple[Traces, Model, Rig], null: Null
 ) -> None:

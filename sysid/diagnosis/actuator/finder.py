@@ -201,6 +201,7 @@ class Finder:
                     self.recorder.miss(tried)
                     return best
                 self._on_both_sides(self.best())
+                self._exchanged(self.best())
                 self._without_superfluous(self.best())
                 better = self._beyond_twins()
             self.rounds.append(FinderRound(tried, best, better))
@@ -445,6 +446,48 @@ class Finder:
             self.sets[names] = own
             if self.evidence(names) < before:
                 self.sets[names] = found
+
+    def _exchanged(self, names: frozenset[str]) -> None:
+        """Fit a set with each of its effects exchanged for those that do better in its place in
+        every other set; and the best of these again.
+
+        What is proposed together is screened at the shapes of a grid, where one effect may hide the
+        right form of the next and leave its place to a relative.
+        """
+        while len(names) > 1:
+            found = self.sets[names]
+            for effect in found.effects:
+                others = names - {effect.id}
+                for name in sorted(self._instead_of(effect.id) - names):
+                    exchanged, alone = others | {name}, self.sets[frozenset({name})]
+                    if exchanged in self.sets:
+                        continue
+                    starts = [e for e in found.effects if e is not effect] + [*alone.effects]
+                    squares = np.minimum(found.squares, alone.squares)
+                    own = attempt(lambda: fit_set(self.first, self.channels, starts, squares))  # noqa: B023
+                    if isinstance(own, Failure):
+                        self.recorder.miss(own, name, decides=False)
+                        continue
+                    self.sets[exchanged] = own
+                    self.progress(
+                        f"{' and '.join(sorted(exchanged))}: {self.evidence(exchanged):.0f}"
+                    )
+            if self.best() == names:
+                return
+            names = self.best()
+
+    def _instead_of(self, name: str) -> set[str]:
+        """Effects that do better than one alone, and in each set that was fitted with either."""
+        better = set[str]()
+        for (other,) in [own for own in self.sets if len(own) == 1 and name not in own]:
+            pairs = [
+                (own, own - {name} | {other})
+                for own in self.sets
+                if name in own and other not in own and own - {name} | {other} in self.sets
+            ]
+            if pairs and all(self.evidence(two) > self.evidence(one) for one, two in pairs):
+                better.add(other)
+        return better
 
     def _without_superfluous(self, names: frozenset[str]) -> None:
         """Fit a set without each of its effects in turn."""
