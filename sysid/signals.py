@@ -398,6 +398,20 @@ def position_floor(values: FloatArray, stride: int = 1) -> NoiseFloor:
     return NoiseFloor(0.0, float(steps.min())) if steps.size else found
 
 
+def travel(values: FloatArray, count: float = 0.0) -> float:
+    """How far a position (n,) moves beyond what its sensor's noise and `count` alone range over.
+
+    A potentiometer's readings of a piston that is held range over many of their own deviations,
+    the more the longer it is logged; a coarse encoder flickers by a count.
+    """
+    spread = float(np.ptp(values))
+    if len(values) < FEWEST_FOR_NOISE or not spread > 0.0:
+        return max(spread - count, 0.0)
+    # Of n independent normal deviates, the largest is below sqrt(2 ln n) deviations.
+    reach = 2.0 * noise_floor(values).noise * math.sqrt(2.0 * math.log(len(values)))
+    return max(spread - max(reach, count), 0.0)
+
+
 def deviation_by_median(values: FloatArray, about: float = 0.0) -> float:
     """Standard deviation of normal `values` (n,), n > 0, by the median of their distances.
 

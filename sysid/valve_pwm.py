@@ -262,12 +262,16 @@ def _measured(
                 "most tests give one mean flow, at one pressure: so many rows are missing or "
                 "excluded that few stretches are long enough for a mean over pulses; log every row"
             )
-        raise NotIdentifiedError("; ".join((few, *unseen_regimes(samples, rig))))
+        raise NotIdentifiedError("; ".join((few, *unseen_regimes(samples, tests, rig))))
     try:
         domain = Domain.from_samples(samples.duty, samples.pressure, samples.flow)
     except NotIdentifiedError as error:
-        raise NotIdentifiedError("; ".join((str(error), *unseen_regimes(samples, rig)))) from None
-    remarks.lines += [f"{where}: {line}" for line in coverage(samples, domain, other_duties, rig)]
+        raise NotIdentifiedError(
+            "; ".join((str(error), *unseen_regimes(samples, tests, rig)))
+        ) from None
+    remarks.lines += [
+        f"{where}: {line}" for line in coverage(samples, domain, other_duties, tests, rig)
+    ]
     air = rig.require("air", "boundaries")
     seen = float(np.median(samples.supply_of(samples.test)))
     boundaries = choked_boundaries(air, seen)
@@ -315,7 +319,10 @@ def _travelled(
                 "and pressure do not distinguish such duties; the domain ends before them",
             )
         else:
-            remarks.exclude(test, "no interval is long enough for a mean flow")
+            why = "no interval is long enough for a mean flow"
+            if test.usable.mean() < _WHOLE:
+                why += ": so many of its rows are missing or excluded"
+            remarks.exclude(test, why)
     return samples.part(moved[samples.test])
 
 

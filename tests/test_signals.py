@@ -146,6 +146,17 @@ def test_noise_between_jumps_in_every_block(rows: int) -> None:
     )
 
 
+@pytest.mark.parametrize("rows", [20, 200, 5000])
+def test_travel_is_what_noise_and_counts_do_not_explain(rows: int) -> None:
+    noise = np.random.default_rng(rows).standard_normal(rows)
+    assert signals.travel(noise) < 2.0 < float(np.ptp(noise))
+    creep = np.linspace(0.0, 30.0, rows)
+    assert signals.travel(creep + noise) == pytest.approx(30.0, abs=8.0)
+    slip = np.where(np.arange(rows) < rows // 2, 0.0, 1.0)
+    assert signals.travel(slip) > 0.8  # one step, with noise or without, may be a motion
+    assert signals.travel(slip, 1.0) == 0.0  # but for an encoder whose count it is
+
+
 def test_noise_between_jumps_is_noise_as_it_is_where_there_are_none() -> None:
     rng = np.random.default_rng(1)
     white, tails = rng.standard_normal(2000), rng.standard_t(3, 2000)

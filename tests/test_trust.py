@@ -245,6 +245,19 @@ def test_rows_too_far_apart_for_the_motion_are_said(tmp_path: Path) -> None:
     assert not any("reverses every" in n for n in log.notices)
 
 
+@pytest.mark.parametrize("noise_m", [1e-6, 2e-5, 1e-3])
+def test_a_held_piston_s_potentiometer_is_not_called_sampled_too_slowly(
+    noise_m: float, tmp_path: Path
+) -> None:
+    """Its converter shows readings that scatter over many of its steps."""
+    readings = 0.05 + noise_m * np.random.default_rng(3).standard_normal(2000)
+    frame = pd.DataFrame({"time_s": 2e-3 * np.arange(2000), "position_m": readings})
+    frame = frame.assign(valve_a=0, pressure_a_pa=1e5)
+    path = tmp_path / "held.csv"
+    frame.round({"position_m": 7}).to_csv(path, index=False)
+    assert not any("reverses every" in n for n in read_bare_logs([path], {}).logs[0].notices)
+
+
 def test_a_shaft_that_rests_is_not_called_sampled_too_slowly(tmp_path: Path) -> None:
     frame = axis_frame(period=0.01)
     frame["position_m"] = COUNT * np.round(np.random.default_rng(4).normal(0, 0.4, len(frame)))

@@ -617,6 +617,17 @@ def test_piston_that_moved(rig: Rig) -> None:
         fit_quickly(one_bad[:1], rig)
 
 
+def test_a_potentiometer_s_noise_is_no_motion_of_the_piston(rig: Rig) -> None:
+    rng, trials = np.random.default_rng(2), Bench().trials(2)
+    noisy = [
+        changed(t, theta_rad=t["theta_rad"] + 4e-3 * rng.standard_normal(len(t.time)))
+        for t in trials
+    ]
+    result = fit_quickly(noisy, rig)
+    assert not any("the piston moved" in n for n in result.notices), result.notices
+    assert_recovered(result.valves["a"], VALVE_A)
+
+
 def test_pressure_clipped_below_the_supply(rig: Rig) -> None:
     trials = [
         changed(t, pressure_a_pa=np.minimum(t["pressure_a_pa"], 260000.0))

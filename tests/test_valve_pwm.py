@@ -31,7 +31,7 @@ from sysid.identification.valve_pwm.samples import (
 from sysid.identification.valve_pwm.selection import select_tests
 from sysid.identification.valve_pwm.shown import flow_figure
 from sysid.io.logs import Trial, with_channels
-from sysid.io.rig import Rig, rig_from_content
+from sysid.io.rig import HELD_SHARE, Rig, Sensors, rig_from_content
 from sysid.surfaces import surface_from_dict
 from sysid.surfaces.domain import LevelFlows
 from sysid.valve_pwm import ValvePwmFit, fit_valve_pwm
@@ -55,7 +55,7 @@ def make_rig(pwm_hz: float = 200.0, size: float = 1.0) -> Rig:
     return rig_from_content(content, "rig.toml")
 
 
-def volume(valve: str, theta: float) -> float:
+def volume(valve: str, theta: Any) -> Any:
     y = 0.0375 * theta
     return (0.075 + y) * 4.524e-4 if valve == "a" else (0.075 - y) * 4.207e-4
 
@@ -422,6 +422,44 @@ def test_a_piston_that_moves_is_left_out_or_refused() -> None:
     with pytest.raises(NotIdentifiedError, match="piston moved") as error:
         fit_valve_pwm(everything, make_rig())
     assert error.value.exit_code == 3
+
+
+def test_a_potentiometer_s_noise_is_no_motion_of_the_piston() -> None:
+    """It scatters over more than a held piston may move; a coarse encoder's count does, too."""
+    rng = np.random.default_rng(4)
+    rig = make_rig()
+    trials = [
+        with_channels(t, theta_rad=t["theta_rad"] + 5e-3 * rng.standard_normal(len(t)))
+        for t in make_trials()
+    ]
+    volumes = volume("a", trials[0]["theta_rad"])
+    assert np.ptp(volumes) > HELD_SHARE * np.mean(volumes)
+    assert {t.label for t in select_tests(trials, rig, "a", Remarks())} == {
+        t.label for t in select_tests(make_trials(), rig, "a", Remarks())
+    }
+    coarse = replace(rig, sensors=Sensors(encoder_counts_per_rev=200))
+    ticks = [
+        with_channels(t, theta_rad=t["theta_rad"] + np.pi / 100.0 * (np.arange(len(t)) > 300))
+        for t in make_trials()
+    ]
+    assert len(select_tests(ticks, coarse, "a", Remarks())) == len(trials)
+    remarks = Remarks()
+    assert not select_tests(ticks, rig, "a", remarks)
+    assert "the piston moved" in remarks.notices()[0]
+
+
+def test_where_a_direction_begins_is_not_asked_for() -> None:
+    """Tests that fill begin at the atmosphere: what is missing there are their rows."""
+
+    def no_start(t: Trial) -> Trial:
+        supply = np.where(t["pressure_a_pa"] < 0.6 * SUPPLY, 0.9 * SUPPLY, SUPPLY)
+        return with_channels(t, supply_pressure_pa=supply)
+
+    trials = changed(make_trials(), lambda t: t.label.startswith("fill"), no_start)
+    fit = fit_valve_pwm(trials, make_rig())
+    said = one_line(fit, "filling: choked filling", "cannot be identified")
+    assert "tests begin there, but these rows are missing or excluded" in said
+    assert "steady it" in one_line(fit, "supply_pressure_pa deviates")
 
 
 def test_a_supply_that_sagged_throughout_is_refused() -> None:

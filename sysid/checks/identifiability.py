@@ -156,6 +156,14 @@ def _after_on(trial: Trial, valve: str, fills: str) -> FloatArray:
     return trial[f"pressure_{valve}_pa"][later]
 
 
+def _fills(pressure: FloatArray, rig: Rig) -> bool:
+    """Whether a test under PWM fills: it begins nearer to the atmosphere than to the supply."""
+    start = float(np.mean(pressure[:5]))
+    if rig.air is None:
+        return bool(np.mean(pressure[-20:]) >= start)
+    return abs(start - rig.air.atmospheric_pressure_pa) < abs(start - rig.air.supply_pressure_pa)
+
+
 def _pwm(trials: Sequence[Trial], rig: Rig, valve: str) -> Iterator[Identification]:
     name, pressure = f"duty_{valve}", f"pressure_{valve}_pa"
     filling: set[float] = set()
@@ -163,9 +171,8 @@ def _pwm(trials: Sequence[Trial], rig: Rig, valve: str) -> Iterator[Identificati
     for trial in trials:
         if name not in trial or pressure not in trial:
             continue
-        values = trial[pressure]
-        rising = np.mean(values[-20:]) >= np.mean(values[:5])
-        (filling if rising else discharging).add(round(float(np.median(trial[name])), 4))
+        way = filling if _fills(trial[pressure], rig) else discharging
+        way.add(round(float(np.median(trial[name])), 4))
     for what, duties in (("filling", filling), ("discharging", discharging)):
         duties.discard(0.0)
         good = len(duties) >= _FEWEST_DUTIES and rig.has_pwm_surfaces

@@ -38,8 +38,7 @@ class VolumeError:
         if rig.held_tank is not None:
             return VolumeError(np.zeros(0), len(volumes))
         cylinder: Cylinder = rig.require("cylinder", "which gives the chamber's volume")
-        area = cylinder.area_a_m2 if side == "a" else cylinder.area_b_m2
-        per_count = area * cylinder.pitch_radius_m * count
+        per_count = _area(cylinder, side) * cylinder.pitch_radius_m * count
         if not (per_count > 0.0 and len(volumes)):
             return VolumeError(np.zeros(0), len(volumes))
         readings = np.round(np.array(volumes) / per_count)
@@ -83,6 +82,21 @@ class VolumeError:
         return JointCovariance(joint.names, joint.matrix + self.variance * np.outer(moved, moved))
 
 
+def _area(cylinder: Cylinder, side: str) -> float:
+    return cylinder.area_a_m2 if side == "a" else cylinder.area_b_m2
+
+
+def volume_count(rig: Rig, side: str) -> float:
+    """What a count of the declared encoder is of a chamber's volume, m3; 0 where none is declared.
+
+    One that a test shows itself will not do: a piston that slips once shows one step alone.
+    """
+    if not rig.has_declared_encoder or rig.cylinder is None:
+        return 0.0
+    own = rig.cylinder
+    return _area(own, side) * own.pitch_radius_m * (rig.encoder_step or 0.0)
+
+
 def position_count(trials: Sequence[Trial], rig: Rig) -> float:
     """The encoder's count, rad or m: declared, else as these logs show it, else as assumed.
 
@@ -96,4 +110,4 @@ def position_count(trials: Sequence[Trial], rig: Rig) -> float:
     return seen or rig.encoder_step or 0.0
 
 
-__all__ = ["VolumeError", "position_count"]
+__all__ = ["VolumeError", "position_count", "volume_count"]

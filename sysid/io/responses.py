@@ -18,7 +18,7 @@ import numpy as np
 
 from sysid.io.channels import CHAMBER_PRESSURES, SIDES
 from sysid.io.rig import HELD_SHARE, Rig
-from sysid.signals import MIN_SAMPLES, noise_floor
+from sysid.signals import MIN_SAMPLES, noise_floor, travel
 from sysid.types import BoolArray, FloatArray, IntArray
 
 # Standardized coefficients of a chamber's pressure on the valves' commands, over a log's rows.
@@ -289,7 +289,7 @@ def _of_chamber(columns: Mapping[str, FloatArray], side: str, rig: Rig) -> str |
     line = _mistaken(two)
     if line is not None or position is None or rig.cylinder is None:
         return line
-    if np.ptp(position) <= HELD_SHARE * (rig.travel or 0.0):
+    if travel(position) <= HELD_SHARE * (rig.travel or 0.0):
         return None
     found = moved_while_shut(two.pressures, two.names, two.commands, two.way, two.starts)
     return next((one.line for one in found), None)

@@ -7,6 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
+from sysid import signals
 from sysid.io.logs import Trial, smallest_step
 from sysid.io.measured_speed import moves
 from sysid.io.rig import HELD_SHARE, Rig
@@ -21,7 +22,7 @@ def is_held(trial: Trial, rig: Rig) -> bool:
     name, speed = rig.position_channel, rig.units.speed_channel
     if name not in trial:
         return speed not in trial or not moves(trial[speed])
-    moved = float(np.ptp(trial[name]))
+    moved = signals.travel(trial[name])
     step = smallest_step(trial[name]) or 0.0
     give = HELD_SHARE * rig.travel if rig.travel is not None else 0.0
     return moved <= max(give, _HELD_STEPS * step)

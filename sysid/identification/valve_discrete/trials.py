@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sysid import signals
 from sysid.estimation.quality import FEWEST_REPEATS
+from sysid.identification.held_volume import volume_count
 from sysid.identification.valve_discrete.held_chamber import HeldChamber
 from sysid.io.logs import Trial
 from sysid.io.plausibility import check_supply
@@ -172,7 +173,7 @@ def _volume(trial: Trial, valve: str, rig: Rig) -> tuple[float, float]:
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(position, min(5, len(position))), 1)
     volumes = np.asarray(chamber_volume(smooth, cylinder, valve))
     middle = float(np.median(volumes))
-    return middle, float(np.ptp(volumes)) / middle
+    return middle, signals.travel(volumes, volume_count(rig, valve)) / middle
 
 
 def _whole(

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from sysid.identification.valve_pwm.samples import FlowSamples, choked_boundaries
+from sysid.identification.valve_pwm.samples import FlowSamples, PwmTest, choked_boundaries
 from sysid.io.rig import Rig
 from sysid.surfaces.domain import Domain, level_flows
 from sysid.types import FloatArray
@@ -22,7 +22,11 @@ _OFF_SURFACE_FACTOR = 6.0
 
 
 def coverage(
-    samples: FlowSamples, domain: Domain, other_duties: Sequence[float], rig: Rig
+    samples: FlowSamples,
+    domain: Domain,
+    other_duties: Sequence[float],
+    tests: Sequence[PwmTest],
+    rig: Rig,
 ) -> list[str]:
     """What the tests do not cover, and tests that deviate from the surface of the others."""
     lines = []
@@ -33,7 +37,7 @@ def coverage(
             "but the surface is only interpolated there; a test in between would support it"
         )
     lines += _missing_ends(np.unique(samples.duty), other_duties)
-    lines += unseen_regimes(samples, rig)
+    lines += unseen_regimes(samples, tests, rig)
     for duty, off in off_surface_tests(samples.part(domain.holds_duty(samples.duty))):
         lines.append(
             f"duty {duty:.4g} deviates by {off:+.3f} from the line between its neighbours in duty: "
@@ -57,16 +61,19 @@ def _missing_ends(own: FloatArray, others: Sequence[float]) -> list[str]:
     return lines
 
 
-def unseen_regimes(samples: FlowSamples, rig: Rig) -> list[str]:
-    """A regime of the direction's flow without samples."""
+def unseen_regimes(samples: FlowSamples, tests: Sequence[PwmTest], rig: Rig) -> list[str]:
+    """A regime of the flow of one direction's `tests` without samples."""
     air = rig.require("air", "which the choked boundaries follow from")
     fill, exhaust = choked_boundaries(air, air.supply_pressure_pa)
     low, high = float(samples.pressure.min()), float(samples.pressure.max())
+    below, above = _at_start(tests), "fill further or at higher duties"
+    if not tests[0].filling:
+        below, above = "record longer or at lower duties", below
     regimes = [
-        (high <= fill, "unchoked filling", "above", fill, "fill further or at higher duties"),
-        (low >= fill, "choked filling", "below", fill, "start from the atmosphere"),
-        (low >= exhaust, "unchoked exhaust", "below", exhaust, "record longer or at lower duties"),
-        (high <= exhaust, "choked exhaust", "above", exhaust, "start at the supply"),
+        (high <= fill, "unchoked filling", "above", fill, above),
+        (low >= fill, "choked filling", "below", fill, below),
+        (low >= exhaust, "unchoked exhaust", "below", exhaust, below),
+        (high <= exhaust, "choked exhaust", "above", exhaust, above),
     ]
     return [
         f"{name} ({side} {boundary / 1e3:.0f} kPa) cannot be identified: the samples cover "
@@ -74,6 +81,14 @@ def unseen_regimes(samples: FlowSamples, rig: Rig) -> list[str]:
         for absent, name, side, boundary, fix in regimes
         if absent
     ]
+
+
+def _at_start(tests: Sequence[PwmTest]) -> str:
+    """How to have samples where tests begin: at the atmosphere if they fill, else at the supply."""
+    first = [t.usable[: max(1, len(t.usable) // 10)].mean() for t in tests]
+    if np.mean(first) < 0.5:
+        return "tests begin there, but these rows are missing or excluded"
+    return "tests pass it too quickly: use a larger chamber, or duties at which they take longer"
 
 
 def off_surface_tests(samples: FlowSamples) -> list[tuple[float, float]]:

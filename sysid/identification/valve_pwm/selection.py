@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid import signals
+from sysid.identification.held_volume import volume_count
 from sysid.identification.valve_pwm.pulse_line import deviating_period
 from sysid.identification.valve_pwm.remarks import Remarks
 from sysid.identification.valve_pwm.samples import PwmTest, pulse_block, settled_after
@@ -94,7 +95,7 @@ def _prepared(
             trial,
             "rows excluded: supply_pressure_pa deviates by more than "
             f"{100 * SAME_SUPPLY:.0f} % from the rig file's {declared:.0f} Pa, the only "
-            "supply that the surface is valid for",
+            "supply that the surface is valid for; steady it, with a vessel next to the valve",
         )
     kept = usable & ~sagged
     temperature = trial.channels.get("temperature_k")
@@ -123,7 +124,7 @@ def _unusable(
         return "its start is excluded, which shows whether it fills or discharges, and from where"
     if float(np.ptp(duty)) > 1e-6:
         return f"duty_{valve} is not constant, but a sample has only one duty"
-    if float(np.ptp(volume)) > HELD_SHARE * float(volume.mean()):
+    if signals.travel(volume, volume_count(rig, valve)) > HELD_SHARE * float(volume.mean()):
         return "the piston moved, but the flow is identified only with the piston held"
     least = settled_after(rig) + _FEWEST_PERIODS * _pwm_period(rig)
     if trial.time[-1] - trial.time[0] < least:

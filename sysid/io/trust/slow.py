@@ -52,7 +52,18 @@ def _is_fast(values: FloatArray, count: float) -> bool:
     if len(values) < 2 * _BLOCK:
         return False
     way, low, high = np.mean(np.abs(np.diff(values))), np.min(values), np.max(values)
-    return bool(high - low > _SHOWN * count and _FEWEST * way > _CROSSED * (high - low))
+    fast = high - low > _SHOWN * count and _FEWEST * way > _CROSSED * (high - low)
+    return bool(fast and not _is_noise(values))
+
+
+def _is_noise(values: FloatArray) -> bool:
+    """Whether readings (n,) are rather independent of one another than a motion's.
+
+    Neighbouring steps of independent readings correlate by -1/2, those of a motion that reverses
+    every two rows or more by 0 or above.
+    """
+    steps = np.diff(values)
+    return bool(steps[1:] @ steps[:-1] < -0.25 * (steps @ steps))
 
 
 def _between_reversals(values: FloatArray, count: float) -> FloatArray:
