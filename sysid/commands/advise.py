@@ -8,7 +8,6 @@ from typing import Any
 
 import click
 
-from sysid.blocks.numbers import ascii_text
 from sysid.commands.options import (
     PathArgument,
     bundle_option,
@@ -19,6 +18,7 @@ from sysid.commands.options import (
     options,
 )
 from sysid.commands.printing import (
+    headline,
     notices,
     print_blocks,
     print_json,
@@ -96,6 +96,6 @@ def advise(
         own = {} if test is None else {"test": test.to_json(), "written": str(written[0])}
         print_json({**found.to_json(), **own})
         return
-    print_blocks((*found.tables(), *remarks(found), ascii_text(found.headline())))
+    print_blocks((*found.tables(), *remarks(found), headline(found)))
     if test is not None:
-        print_blocks((*test.tables(), ascii_text(test.headline()), *written_lines(written)))
+        print_blocks((*test.tables(), headline(test), *written_lines(written)))

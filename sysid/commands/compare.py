@@ -6,9 +6,8 @@ from pathlib import Path
 
 import click
 
-from sysid.blocks.numbers import ascii_text
 from sysid.commands.options import PathArgument, json_option, report_option
-from sysid.commands.printing import notices, print_blocks, print_json, written_lines
+from sysid.commands.printing import headline, notices, print_blocks, print_json, written_lines
 from sysid.pipeline.compare import compare as compare_bundles
 from sysid.pipeline.compare import write_comparison
 from sysid.pipeline.files import read_bundle
@@ -34,4 +33,4 @@ def compare(bundles: tuple[Path, ...], report: Path | None, as_json: bool) -> No
         print_json(found.to_json())
         return
     written = written_lines([report] if report is not None else [])
-    print_blocks((*found.tables(), ascii_text(found.headline()), *written))
+    print_blocks((*found.tables(), headline(found), *written))

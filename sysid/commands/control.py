@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from sysid.blocks.numbers import ascii_text
 from sysid.commands.options import (
     SEED,
     PathArgument,
@@ -20,7 +19,7 @@ from sysid.commands.options import (
     options,
 )
 from sysid.commands.printing import (
-    Strong,
+    headline,
     notices,
     print_blocks,
     print_json,
@@ -281,9 +280,9 @@ def _show(done: Controlled, as_json: bool) -> None:
         return
     if isinstance(found, ControlledRun):
         said = [f"fault: {line}" for line in found.faults] or ["no fault"]
-        print_blocks((Strong(ascii_text(found.headline())), *found.tables(), *said))
+        print_blocks((headline(found), *found.tables(), *said))
     elif isinstance(found, TunedGains):
-        print_blocks((Strong(ascii_text(found.headline())), *found.tables()))
+        print_blocks((headline(found), *found.tables()))
     else:
         print_blocks(found.tables())
     print_blocks(written_lines(done.written))

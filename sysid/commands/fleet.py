@@ -8,10 +8,16 @@ from typing import Any
 
 import click
 
-from sysid.blocks.numbers import ascii_text
 from sysid.blocks.shown import Shown
 from sysid.commands.options import PathArgument, options
-from sysid.commands.printing import grouped_notices, notices, print_blocks, print_json, progress
+from sysid.commands.printing import (
+    grouped_notices,
+    headline,
+    notices,
+    print_blocks,
+    print_json,
+    progress,
+)
 from sysid.commands.run import run_options
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.pipeline.fleet import PAGE_FILE, FleetOptions, run_fleet
@@ -66,4 +72,4 @@ def _show_notices(lines: Sequence[str], verbose: bool) -> None:
 
 
 def _show(done: Shown, folder: Path) -> None:
-    print_blocks((*done.tables(), ascii_text(done.headline()), f"page: {folder / PAGE_FILE}"))
+    print_blocks((*done.tables(), headline(done), f"page: {folder / PAGE_FILE}"))

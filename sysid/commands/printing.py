@@ -119,6 +119,11 @@ def print_blocks(blocks: Iterable[Printed]) -> None:
             out.print(terminal_table(block))
 
 
+def headline(found: Shown) -> Strong:
+    """A result in one line, as a terminal of any alphabet shows it."""
+    return Strong(ascii_text(found.headline()))
+
+
 def remarks(found: Shown) -> list[str]:
     """A result's footnotes but for the notices, which are on standard error."""
     noted = {f"notice: {line}" for line in getattr(found, "notices", ())}
@@ -128,7 +133,7 @@ def remarks(found: Shown) -> list[str]:
 def print_result(found: Shown, written: Iterable[Path] = ()) -> None:
     """A result as `print` shows it, and the files that were written."""
     tables = (block for one in found.tables() if one.rows for block in ("", one))
-    print_blocks((Strong(ascii_text(found.headline())), *tables))
+    print_blocks((headline(found), *tables))
     said = remarks(found)
     print_blocks(("", *said, *written_lines(written)))
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import click
 
-from sysid.blocks.numbers import ascii_text
 from sysid.commands.options import (
     exclude_option,
     json_option,
@@ -15,7 +14,7 @@ from sysid.commands.options import (
     report_option,
     rig_option,
 )
-from sysid.commands.printing import notices, print_blocks, print_json, written_lines
+from sysid.commands.printing import headline, notices, print_blocks, print_json, written_lines
 from sysid.pipeline.pwm_frequency import FrequencyFiles, compare_frequencies
 
 
@@ -73,4 +72,4 @@ def pwm_frequency(
         print_json(found.to_json())
         return
     written = written_lines([report] if report is not None else [])
-    print_blocks((*found.tables(), ascii_text(found.headline()), *written))
+    print_blocks((*found.tables(), headline(found), *written))
