@@ -228,6 +228,31 @@ class Picture:
     svg: str
 
 
+def rows_figure(
+    id: str,
+    title: str,
+    description: str,
+    heading: str,
+    x: Scale,
+    marks: Sequence[Mark],
+    count: int,
+    row: float = 0.33,
+) -> Figure:
+    """A panel of `count` rows from the top down, at y = 0, -1, ..., each with its name in it.
+
+    `row`: the height of one, inches.
+    """
+    y = Scale(limits=(-count + 0.5, 0.62))
+    panel = Panel(x, y, tuple(marks), legend="none", has_names=True)
+    size = (PANEL[0], height_of_rows(count, row))
+    return Figure(id, title, description, (panel,), heading, size)
+
+
+def height_of_rows(count: int, row: float) -> float:
+    """Inches of a figure with so many rows, their heading and axis among them."""
+    return 0.83 + row * count
+
+
 def grouped_bars(
     names: Sequence[str], series: dict[str, Sequence[float]]
 ) -> tuple[tuple[Bars, ...], tuple[tuple[float, str], ...]]:
@@ -270,4 +295,6 @@ __all__ = [
     "Squares",
     "Words",
     "grouped_bars",
+    "height_of_rows",
+    "rows_figure",
 ]

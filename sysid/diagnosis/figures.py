@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from sysid.blocks.figures import (
-    PANEL,
     Band,
     Bars,
     Figure,
@@ -29,6 +28,7 @@ from sysid.blocks.figures import (
     Scale,
     Words,
     grouped_bars,
+    rows_figure,
 )
 from sysid.blocks.numbers import MINUS, fixed, number, span
 from sysid.blocks.titles import capital, within
@@ -50,12 +50,10 @@ from sysid.types import FloatArray
 
 MOST_SUSPECTS = 8
 """Suspects of one round that are drawn; the table holds all of them."""
-_ROW = 0.33  # inches
-_FRAME = 0.83  # inches above and below the rows
 LEAST_REDUCTION = 0.1
 """Smaller reductions are drawn at this value."""
 _NAME = re.compile(r"[^A-Za-z0-9 ._+,:()'/-]")
-_LONGEST_NAME = 40
+# Letters of a heading that a panel has room for.
 _LONGEST_TITLE = 41
 
 _TITLES = {
@@ -169,7 +167,7 @@ def waterfall(
         f"error of a correct model is {lowest} {unit}."
     )
     title = f"Error of {channel.title} on {judged_tests(content or {})}, effect by effect"
-    return _rows_figure(
+    return rows_figure(
         f"fig-diagnosis-error-{channel.key}", title, description, channel.title, x, marks, len(rows)
     )
 
@@ -200,7 +198,7 @@ def suspects(place: int, look: Mapping[str, Any], titles: Mapping[str, str]) -> 
     title = f"Reductions by the suspects, round {place}"
     description = f"On the logs, against the largest on a twin: {told}."
     id = f"fig-diagnosis-suspects-{place}"
-    return _rows_figure(id, title, description, f"Round {place}", x, marks, len(rows))
+    return rows_figure(id, title, description, f"Round {place}", x, marks, len(rows))
 
 
 def curve(id: str, content: Mapping[str, Any], is_linear: bool, extended: bool) -> Figure:
@@ -358,27 +356,11 @@ def _residual_figure(
     return Figure(id, title, description, (panel,), heading)
 
 
-def _rows_figure(
-    id: str,
-    title: str,
-    description: str,
-    heading: str,
-    x: Scale,
-    marks: Sequence[Mark],
-    count: int,
-) -> Figure:
-    """A panel of `count` rows from the top down, at y = 0, -1, ..., each with its name in it."""
-    y = Scale(limits=(-count + 0.5, 0.62))
-    panel = Panel(x, y, tuple(marks), legend="none", has_names=True)
-    size = (PANEL[0], _FRAME + _ROW * count)
-    return Figure(id, title, description, (panel,), heading, size)
-
-
 def _name(place: int, text: str) -> Words:
     return Words(0.0, -place + 0.3, text, is_at_edge=True)
 
 
-def drawable(name: str, longest: int = _LONGEST_NAME) -> str:
+def drawable(name: str, longest: int = 40) -> str:
     """A name without unusual characters, shortened at the end of a word."""
     shown = _NAME.sub("?", name)
     if len(shown) <= longest:

@@ -25,6 +25,8 @@ from sysid.blocks.figures import (
     Span,
     Squares,
     Words,
+    height_of_rows,
+    rows_figure,
 )
 from sysid.blocks.numbers import number, unit
 from sysid.estimation.linear import LEVEL, t_quantile
@@ -35,8 +37,8 @@ from sysid.types import BoolArray, FloatArray
 
 LEAST_WRITTEN = 0.5
 """Correlations of this size and above are written into their cells."""
-_ROW = 0.32  # inches
-_FRAME = 0.83  # inches above and below the rows
+# Height of a parameter's row, inches.
+_PARAMETER_ROW = 0.32
 _NAME = re.compile(r"[^A-Za-z0-9 ._+,:;()'/\N{HORIZONTAL ELLIPSIS}-]")
 
 
@@ -61,17 +63,16 @@ def movement(values: Sequence[RefinedValue]) -> Figure:
             reach = max(reach, abs(moved) + half)
         marks.append(Words(0.0, -place + 0.24, name, is_at_edge=True))
     x = Scale("Movement", "standard errors before", (-1.12 * reach, 1.12 * reach))
-    y_axis = Scale(limits=(-count + 0.5, 0.62))
-    panel = Panel(_stretched(x, reach), y_axis, tuple(marks), legend="none", has_names=True)
     told = "; ".join(f"{title_of(v.name)} {number(_moved(v)[0], 2)}" for v in values)
     description = (
         f"Movement in standard errors of the value before: {told}. Blue: informed by the motion "
         "tests; grey: by the bench tests alone."
     )
     title = "Movement of each parameter from bench to motion"
-    size = (PANEL[0], _FRAME + _ROW * count)
-    id = "fig-refinement-movement"
-    return Figure(id, title, description, (panel,), "From bench to motion", size)
+    return rows_figure(
+        "fig-refinement-movement", title, description, "From bench to motion",
+        _stretched(x, reach), marks, count, _PARAMETER_ROW,
+    )  # fmt: skip
 
 
 def _moved(value: RefinedValue) -> tuple[float | None, float]:
@@ -137,7 +138,7 @@ def correlation(values: Sequence[RefinedValue], matrix: Sequence[Sequence[float]
         description,
         (Panel(x, y, tuple(marks), legend="none"),),
         "Correlation of the errors",
-        (PANEL[0], _FRAME + _ROW * count),
+        (PANEL[0], height_of_rows(count, _PARAMETER_ROW)),
     )
 
 
