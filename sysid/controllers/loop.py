@@ -195,7 +195,7 @@ def _start(cases: Sequence[Case], batch: _Batch, fixed: _Fixed) -> _Carry:
     position = batch.reference[0, 0]
     parameters = model.at(zero)
     atmosphere = zero + parameters.atmosphere
-    point = Point(zero, position, zero, atmosphere, atmosphere, zero, zero, zero, zero, parameters)
+    point = Point.at_rest(parameters, zero, position=position)
     extra = plant.initial_states(point, model)
     lanes = Lanes(
         time=zero,

@@ -50,18 +50,7 @@ def leakage_flow(bundle: Bundle, catalogue: Catalogue | None = None) -> tuple[fl
 def _lost(model: Model, leak: Effect, side: str) -> float:
     """Flow (kg/s) out of a chamber at supply pressure through one leak."""
     p = model.parameters
-    pressures = {f"pressure_{s}": p.supply if s == side else p.atmosphere for s in SIDES}
-    point = Point(
-        time=0.0,
-        position=0.0,
-        velocity=0.0,
-        motor=0.0,
-        open_a=0.0,
-        open_b=0.0,
-        direction=0.0,
-        parameters=p,
-        **pressures,
-    )
+    point = Point.at_rest(p, 0.0, **{f"pressure_{side}": p.supply})
     return -float(Model(p, (leak,)).through("chamber_flow", 0.0, side, point))
 
 

@@ -48,6 +48,16 @@ class Point:
     parameters: Parameters
     extra: Mapping[str, Array] = field(default_factory=dict)
 
+    @classmethod
+    def at_rest(cls, parameters: Parameters, zero: Array, **given: Array) -> Point:
+        """Where nothing moves or is commanded and the chambers are at the atmosphere, but for what
+        is `given`; `zero`: 0, of the fields' shape."""
+        air = zero + parameters.atmosphere
+        still = dict.fromkeys(("time", "position", "velocity", "motor", "direction"), zero)
+        shut = dict.fromkeys(("open_a", "open_b"), zero)
+        usual = {**still, **shut, "pressure_a": air, "pressure_b": air}
+        return cls(**{**usual, **given}, parameters=parameters)
+
     def pressure(self, side: str) -> Array:
         """Chamber pressure, Pa; `side` is "a" or "b"."""
         return self.pressure_a if side == "a" else self.pressure_b

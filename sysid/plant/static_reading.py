@@ -30,18 +30,8 @@ def static_ratio(model: Model, commanded: float) -> float:
     way = 0.5 * _SHARE * min(float(p.stroke) / float(p.pitch_radius), _TURN)
     places, direction = np.meshgrid(np.linspace(-way, way, _PLACES), (-1.0, 1.0))
     load = np.asarray(base.load_effort(places, p))
-    zero = np.zeros_like(places)
-    point = Point(
-        time=zero,
-        position=places,
-        velocity=zero,
-        pressure_a=zero + p.atmosphere,
-        pressure_b=zero + p.atmosphere,
-        motor=load + direction * commanded,
-        open_a=zero,
-        open_b=zero,
-        direction=zero,
-        parameters=p,
+    point = Point.at_rest(
+        p, np.zeros_like(places), position=places, motor=load + direction * commanded
     )
     given, as_commanded = (
         np.asarray(plant.motor_effort(point, Model(p, e))) for e in (effects, ())

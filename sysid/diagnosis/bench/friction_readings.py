@@ -258,7 +258,6 @@ class FrictionPoints(Component):
         friction (along the travel, by direction) varies it by the same share: its Coulomb
         part is the static effort, its velocity 0.
         """
-        zero = np.zeros_like(velocity)
         if self.is_breakaway:
             static = self._value(law, "static")
             parameters = self.base_parameters.replace(static_effort=static, coulomb_effort=static)
@@ -268,18 +267,12 @@ class FrictionPoints(Component):
                 # Of a law of one speed the sum is all Coulomb friction.
                 viscous=law.values.get(self.units.key("viscous"), 0.0),
             )
-        ambient = zero + parameters.atmosphere
-        point = Point(
-            time=zero,
+        point = Point.at_rest(
+            parameters,
+            np.zeros_like(velocity),
             position=place,
             velocity=velocity,
-            pressure_a=ambient,
-            pressure_b=ambient,
-            motor=zero,
-            open_a=zero,
-            open_b=zero,
             direction=direction,
-            parameters=parameters,
         )
         model = Model(parameters, law.effects)
         if not self.is_breakaway:

@@ -124,19 +124,8 @@ class ValveFlow(Component):
         way = np.broadcast_to(np.asarray(direction, dtype=np.float64), u.shape)
         full = law.values[PARAMETER]
         model = Model(self.base_parameters.replace(choked_fill_a=full), law.effects)
-        zero = np.zeros_like(u)
-        point = Point(
-            time=zero,
-            position=zero,
-            velocity=zero,
-            pressure_a=zero + model.parameters.atmosphere,
-            pressure_b=zero,
-            motor=zero,
-            open_a=u,
-            open_b=zero,
-            direction=zero,
-            parameters=model.parameters,
-            extra={DUTY_DIRECTION + _SIDE: way},
+        point = Point.at_rest(
+            model.parameters, np.zeros_like(u), open_a=u, extra={DUTY_DIRECTION + _SIDE: way}
         )
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(model.through("filling_flow", full * u, _SIDE, point))

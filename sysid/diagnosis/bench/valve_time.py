@@ -127,15 +127,12 @@ class ValveTime(Component):
         """Mean flow at each duty (n,) over that of the permanently open valve."""
         model = Model(self.base_parameters.replace(pwm_period=sweep.period), tuple(effects))
         share = open_share(sweep.duty, model)
-        zero = np.zeros_like(share)
-        pressure = model.parameters.atmosphere if sweep.fills else model.parameters.supply
-        is_open = share if sweep.fills else 1.0 - share
-        point = Point(
-            zero, zero, zero, pressure + zero, zero, zero, is_open, zero, zero, model.parameters
-        )
+        p, zero = model.parameters, np.zeros_like(share)
         if sweep.fills:
+            point = Point.at_rest(p, zero, open_a=share)
             flow = model.through("filling_flow", share, _SIDE, point)
         else:
+            point = Point.at_rest(p, zero, pressure_a=zero + p.supply, open_a=1.0 - share)
             flow = -model.through("exhaust_flow", -share, _SIDE, point)
         return np.asarray(np.maximum(flow, _LEAST_SHARE))
 
