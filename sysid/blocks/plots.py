@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_WIDTH, _HEIGHT = 7.0, 2.2
 # Matplotlib's backends that only write files.
 _WITHOUT_WINDOWS = {"agg", "cairo", "pdf", "pgf", "ps", "svg", "template"}
 # A legend with more lines than this hides the plot.
@@ -26,7 +25,7 @@ def some_axes(count: int, axes: Axes | Iterable[Axes] | None, share_x: bool = Tr
     Raises InputError where another number is given.
     """
     if axes is None:
-        figure = _new_figure(figsize=(_WIDTH, _HEIGHT * count), layout="constrained")
+        figure = _new_figure(figsize=(7.0, 2.2 * count), layout="constrained")
         return list(figure.subplots(count, 1, sharex=share_x, squeeze=False)[:, 0])
     given = flat(axes)
     if len(given) != count:

@@ -131,11 +131,11 @@ def panels(
 
 
 _NAMES_INSIDE, _COLOUR_BAR = 0.16, 0.62
-_BUCKETS_PER_INCH = 72.0  # one a point
-_LETTER_INCHES = 0.62 * _FONT_PT / 72.0
+_POINTS_PER_INCH = 72.0
+_LETTER_INCHES = 0.62 * _FONT_PT / _POINTS_PER_INCH
 # Left of the axes besides the tick labels: the ticks, the turned label, what is between them, and
 # as much at the edge.
-_BESIDE_TICK_LABELS = (2.5 + 3.5 + 4.0 + 1.3 * _FONT_PT + 3.5) / 72.0
+_BESIDE_TICK_LABELS = (2.5 + 3.5 + 4.0 + 1.3 * _FONT_PT + 3.5) / _POINTS_PER_INCH
 
 
 def picture(figure: Figure) -> Picture:
@@ -149,7 +149,7 @@ def picture(figure: Figure) -> Picture:
             right=_COLOUR_BAR if cells else 0.0,
             left=_NAMES_INSIDE if figure.panels[0].has_names else _MARGIN["left"],
         )
-        buckets = int(_BUCKETS_PER_INCH * figure.size[0])
+        buckets = int(_POINTS_PER_INCH * figure.size[0])  # one a point
         for ax, panel in zip(axes, figure.panels, strict=True):
             mapped = draw(ax, panel, COLOUR, buckets)
             if mapped is not None:
@@ -251,7 +251,7 @@ def inline(text: str, id: str, title: str, description: str) -> str:
     match = _TAG.match(body)
     if match is None:
         raise ValueError("matplotlib wrote no viewBox")
-    width = float(match.group(1).split()[2]) * 96.0 / 72.0
+    width = float(match.group(1).split()[2]) * 96.0 / _POINTS_PER_INCH
     head = (
         f'<svg viewBox="{match.group(1)}" style="max-width:{width:.0f}px" role="img" '
         f'aria-labelledby="{id}-title {id}-desc"><title id="{id}-title">{html.escape(title)}'

@@ -8,11 +8,10 @@ from sysid.types import FloatArray
 
 WIDTH = 64
 """Characters of a line."""
-_ROWS = 4
 _BRAILLE = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))  # dots by row and column
 
 
-def text_plot(values: FloatArray, width: int = WIDTH, rows: int = _ROWS) -> list[str]:
+def text_plot(values: FloatArray, width: int = WIDTH, rows: int = 4) -> list[str]:
     """A curve (n,) in braille, `rows` lines of `width` characters; dots mark its zero line.
 
     Each column of dots spans the values that fall into it.

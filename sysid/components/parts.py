@@ -16,10 +16,11 @@ from sysid import signals
 from sysid.components.definition import OwnComponent, Term
 from sysid.components.loading import LoadedComponent
 from sysid.diagnosis.bench.component import Component, Law, rmse
+from sysid.diagnosis.bench.stability import pieces_of
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
-from sysid.estimation.quality import FEWEST_REPEATS, FitQuality
+from sysid.estimation.quality import FitQuality
 from sysid.io.logs import Trial
 from sysid.parameters import Bundle, ComponentRecord, EffectEntry, Parts
 from sysid.parameters.effects import effect_from_entry, entry_of
@@ -318,7 +319,7 @@ def effects_in(bundle: Bundle, loaded: LoadedComponent) -> list[CatalogueEffect]
 
 def stretches_of(trials: Sequence[Trial]) -> tuple[Stretch, ...]:
     """Trials to exclude one at a time; fewer than three are cut into stretches."""
-    pieces = 1 if len(trials) >= FEWEST_REPEATS else math.ceil(6 / max(len(trials), 1))
+    pieces = pieces_of(len(trials))
     found = []
     for trial in trials:
         count = max(1, min(pieces, len(trial) // 8))

@@ -8,6 +8,9 @@ import numpy as np
 
 from sysid.types import FloatArray, IntArray
 
+BINS = 24
+"""Bins of a curve over a regressor that a diagnosis holds, at most."""
+
 
 def equal_count_edges(regressor: FloatArray, count: int) -> FloatArray:
     """Edges (k,) of at most so many bins of values (n,), of equal count; ties share a bin."""

@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.binning import bins_of
+from sysid.diagnosis.binning import BINS, bins_of
 from sysid.types import FloatArray
 
-_BINS = 24
 _LEAST_IN_BIN = 4
 _DIGITS = 5
 _AS_WELL = 0.01
@@ -28,7 +27,7 @@ def strongest(
         return None
     found = []
     for name, x in regressors.items():
-        place, count = bins_of(x, _BINS, _LEAST_IN_BIN)
+        place, count = bins_of(x, BINS, _LEAST_IN_BIN)
         if count < 3:
             continue
         means = np.bincount(place, contribution) / np.bincount(place)

@@ -24,8 +24,6 @@ ACTUATOR = "actuator"
 """A diagnosis' component that is no part alone."""
 CORRECT_MODEL = "Correct model"
 """Heads the errors that a correct model would have: noise, and the tests' own scatter."""
-# Share of a residual's square that a cause explains to be said to explain most of it.
-_MOST = 0.5
 SMALLEST_P = 1e-20
 """P-values extrapolate from a few twins: below this their size means nothing."""
 # Up to this share of a residual, a dependence leaves most of it to be said.
@@ -224,7 +222,7 @@ def _of_what(content: Content, entry: Content) -> str:
         return ""
     parts = {key: _share(rest, key) for key in _REST}
     most = max(parts, key=lambda key: parts[key])
-    return f"; {percent(100.0 * parts[most], 2)} {_REST[most]}" if parts[most] > _MOST else ""
+    return f"; {percent(100.0 * parts[most], 2)} {_REST[most]}" if parts[most] > 0.5 else ""
 
 
 def _remainder_of(content: Content, entry: Content) -> Content | None:
@@ -375,7 +373,7 @@ def own_friction(trace: Content, source: str) -> str:
     """
     own = next((one for one in trace.get("friction", ()) if one["source"] == source), None)
     removed = 0.0 if own is None else 1.0 - (own["rmse"] / own["of"]) ** 2
-    if own is None or removed < _MOST:
+    if own is None or removed < 0.5:
         return ""
     channel = channel_of(trace["channel"])
     off, scatter = (percent(100.0 * abs(own[k]), 2) for k in ("own", "scatter"))

@@ -55,6 +55,8 @@ FEWEST_REPEATS = 3
 """Tests with which their scatter shows, and a median that one of them does not move."""
 FEWEST_ROWS = 20
 """Residuals that show their variance, to a sixth of their standard deviation."""
+MOST_STD = 0.3
+"""With a standard error above this share of its size, a number of a flow is not identified."""
 DISAGREE = 3.0
 """Standard errors between two estimates of one number that disagree; by chance one pair in 370."""
 
@@ -385,6 +387,7 @@ __all__ = [
     "FEWEST_ROWS",
     "GOOD_SHARE",
     "LEAST_EXPLAINED",
+    "MOST_STD",
     "NOT_TESTABLE",
     "SCATTER_TIMES",
     "SIGNIFICANT",

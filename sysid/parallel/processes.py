@@ -22,7 +22,6 @@ from sysid.parallel.memory import share_one_heap
 
 Result = TypeVar("Result")
 
-_WATCH_S = 1.0
 _MOST = 4096
 # Processor time that a worker may take to notice that its share is over, s.
 _GRACE_S = 3.0
@@ -245,7 +244,7 @@ def _serve(parent: int) -> None:
 
 def _watch(parent: int) -> None:
     while os.getppid() == parent and time.process_time() < _SELF.until + _GRACE_S:
-        time.sleep(_WATCH_S)
+        time.sleep(1.0)
     os._exit(1)
 
 

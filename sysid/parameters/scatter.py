@@ -8,7 +8,9 @@ from sysid.parameters.content import BundleContent
 from sysid.parameters.friction import Friction
 from sysid.parameters.refinement import ScatterOfFriction
 
-_LEAST, _MOST = 2e-3, 0.1
+MOST_SCATTER = 0.1
+"""Of friction, from test to test: tests that differ by more are not of one rig."""
+_LEAST_SCATTER = 2e-3
 # Where no bench test shows the scatter of friction: a usual one, believed as much as five tests.
 _ASSUMED, _ASSUMED_TESTS = 0.02, 5.0
 
@@ -45,7 +47,7 @@ def _of_one(friction: Friction | None, name: str, kind: str) -> tuple[float, flo
     if own is None or not own.rmse or value is None or not value.identified:
         return _ASSUMED, _ASSUMED_TESTS
     share = float(own.rmse) / max(abs(float(value.value)), 1e-12)
-    return min(max(share, _LEAST), _MOST), float(own.samples)
+    return min(max(share, _LEAST_SCATTER), MOST_SCATTER), float(own.samples)
 
 
 __all__ = ["BenchScatter", "bench_scatter", "friction_scatter"]

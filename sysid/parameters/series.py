@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from sysid.estimation.linear import Estimate
+from sysid.estimation.quality import MOST_STD
 
 COMBINED = (
     "valve and flow control are identified in combination only: give a log of the valve without "
@@ -18,8 +19,6 @@ COMBINED = (
 )
 """Why neither is identified, and the fix."""
 
-# With a standard error above this share, a coefficient is not identified.
-_LARGEST_SHARE = 0.3
 _POWER = {"fill": 2, "dis": 1}
 
 
@@ -47,7 +46,7 @@ def control_coefficient(
     times = _times(both)
     low, high = resistance - times * std, resistance + times * std
     share = std / (n * resistance) if resistance > 0.0 else math.inf
-    if not low > 0.0 or share > _LARGEST_SHARE:
+    if not low > 0.0 or share > MOST_STD:
         return Estimate.unidentified(
             both.unit,
             "the flow control hinders the flow by no more than the error of the valve's own "

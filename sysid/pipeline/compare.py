@@ -17,9 +17,6 @@ from sysid.io.files import write_atomic
 from sysid.parameters import Bundle
 from sysid.pipeline.request import require
 
-# Inches of a figure across the page's one column: its curves have whole names of bundles.
-_WIDE = (7.0, 2.6)
-
 
 def compare(*bundles: Bundle) -> Comparison:
     """Parameters of bundles side by side, and what moved against the first; or valve B against A.
@@ -70,7 +67,9 @@ def write_comparison(path: Path, found: Comparison) -> None:
             "Each valve fills and empties the same chamber from the same supply by its own fitted "
             "law, with its own delays (thesis 3.2.1).",
         )
-        sections.append(Section("responses", "Responses", intro, found.responses.blocks(_WIDE)))
+        # Across the page's one column: its curves have whole names of bundles.
+        drawn_over = found.responses.blocks(size=(7.0, 2.6))
+        sections.append(Section("responses", "Responses", intro, drawn_over))
     page = fill(
         "control.html",
         name=found.names[0],

@@ -22,9 +22,10 @@ from sysid.plant.simulator import MAX_STEP
 from sysid.types import BoolArray, FloatArray
 
 DURATION_S = 10.0
-# Shares of half the travel: never exceeded by a proposed test, and reached by one that moves
-# enough.
-_LIMIT, _SWING = 0.9, 0.3
+TRAVEL_USED = 0.9
+"""Share of half the travel that a proposed test never exceeds."""
+# Share of it that one which moves enough reaches.
+_SWING = 0.3
 _MOTOR_HZ = (0.5, 1.0, 2.0)
 _MOTOR_PHASES = (0.0, 0.5 * np.pi)
 # An undeclared motor is driven at most at this many times static friction.
@@ -170,7 +171,7 @@ class _Stage:
 
     def near_stop(self, shown: FloatArray) -> BoolArray:
         """(tests, n): where each is nearer to a stop than a proposed test may come."""
-        return leaves_travel(shown[:, 0], _LIMIT * self.half_travel, self.rest)
+        return leaves_travel(shown[:, 0], TRAVEL_USED * self.half_travel, self.rest)
 
     def made(
         self, text: str, command: tuple[str, FloatArray, FloatArray | None], shown: FloatArray
@@ -335,6 +336,7 @@ def _pulses(stage: _Stage, kept: FloatArray, rows: int, rng: np.random.Generator
 
 __all__ = [
     "DURATION_S",
+    "TRAVEL_USED",
     "CandidateMotion",
     "candidate_motions",
     "inputs_of_commands",

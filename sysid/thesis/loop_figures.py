@@ -13,8 +13,6 @@ from sysid.thesis.computed import ThesisTable
 from sysid.thesis.figures import FigureSet, Runs, ThesisFigure
 from sysid.types import FloatArray
 
-_TRACKING = (2.62, 3.5)
-_WIDE = (8.6, 3.0)
 # Colours of loops by name; the first two are for others.
 _ROLES: dict[str, Role] = {"Backstepping": "model", "DVMPC": "second", "PVA": "third"}
 _PAIR: tuple[Role, Role] = ("model", "second")
@@ -43,7 +41,7 @@ def _figure(figure: ThesisFigure, place: str, runs: Runs) -> Figure:
         "payload": _payload,
     }[figure.view]
     panels, said = draw(chosen)
-    size = SMALL_PANEL if figure.view in ("errors", "payload") else _TRACKING
+    size = SMALL_PANEL if figure.view in ("errors", "payload") else (2.62, 3.5)
     return Figure(f"fig-{place}", title, said, panels, size=size)
 
 
@@ -110,7 +108,7 @@ def horizon_figure(found: ThesisTable, id: str) -> Figure:
     best = [horizons[int(np.nanargmin([row.ours[i] for row in found.rows]))] for i in (0, 1)]
     said = f"Best of these: {best[0]} ticks on trajectory 1, {best[1]} on trajectory 4."
     title, heading = "RMSE of DVMPC by its horizon", "5.4 RMSE of DVMPC by its horizon"
-    return Figure(id, title, said, (panel,), heading, _WIDE)
+    return Figure(id, title, said, (panel,), heading, size=(8.6, 3.0))
 
 
 def _error(run: ClosedLoopRun) -> FloatArray:

@@ -15,8 +15,6 @@ from sysid.blocks.titles import capital
 from sysid.thesis.computed import LOST_RAD, Agreement, ThesisTable
 from sysid.thesis.declaration import Column
 
-_SIZE = (8.6, 3.2)
-_SQUARE = (5.2, 4.6)
 # Cells that a figure names one by one.
 _FEW = 20
 _SECTIONS = {"4.5": "4.5, simulated", "5.2": "5.2, 5.3, 5.5", "5.3": "5.2, 5.3, 5.5"}
@@ -164,7 +162,7 @@ def scatter(tables: list[ThesisTable], id: str, title: str = "RMSE, ours over pr
     reach = (low, float(limits[1]))
     x, y = (Scale(name, "mrad", reach, "log") for name in ("Printed", "Ours"))
     said = agreement_sentence(Agreement.of(tables))
-    return Figure(id, title, said, (Panel(x, y, tuple(marks)),), size=_SQUARE)
+    return Figure(id, title, said, (Panel(x, y, tuple(marks)),), size=(5.2, 4.6))
 
 
 def _pairs(table: ThesisTable) -> list[tuple[Column, tuple[float, float]]]:
@@ -216,7 +214,7 @@ def _dots(found: ThesisTable) -> Figure:
         for label, o, p in zip(labels, ours, theirs, strict=True)
     )
     panel = Panel(x, y, tuple(marks), legend="over")
-    return Figure("fig-table", "RMSE, ours and printed", said, (panel,), size=_SIZE)
+    return Figure("fig-table", "RMSE, ours and printed", said, (panel,), size=(8.6, 3.2))
 
 
 __all__ = ["agreement_sentence", "compared", "figure", "means", "scatter", "unit_of"]

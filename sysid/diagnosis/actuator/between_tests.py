@@ -15,11 +15,8 @@ import numpy as np
 
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit
-from sysid.estimation.linear import LEVEL, chi_squared_quantile
+from sysid.estimation.linear import LEVEL, RANK_TOLERANCE, chi_squared_quantile
 from sysid.types import FloatArray
-
-# Below this share of the largest a direction of the strengths is none.
-_LEAST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,9 @@ def supports(
     length, whole = (np.linalg.norm(m, axis=0) for m in (own, found.chords))
     numbers = [q for e in found.effects for q in type(e).quantities]
     # Not what the base parameters make up for.
-    kept = [i for i, q in enumerate(numbers) if q.is_strength and length[i] > _LEAST * whole[i]]
+    kept = [
+        i for i, q in enumerate(numbers) if q.is_strength and length[i] > RANK_TOLERANCE * whole[i]
+    ]
     fit = found.fit.holding([n for i, n in enumerate(found.fit.names) if i not in kept])
     fit = replace(fit, jacobian=own[:, kept])
     fit = fit.holding({*fit.diagnosis.at_bound, *fit.diagnosis.unidentified})
@@ -62,14 +61,14 @@ def supports(
     scale = np.linalg.norm(fit.jacobian, axis=0)
     # Directions in which a step of one changes the squares by one.
     left, sizes, ways = np.linalg.svd(fit.jacobian / scale, full_matrices=False)
-    some = sizes > _LEAST * sizes[0]
+    some = sizes > RANK_TOLERANCE * sizes[0]
     steps = (sizes[some, None] * ways[some]) * scale
     spreads, turned = np.linalg.eigh(steps @ covariance.matrix @ steps.T)
     amounts = turned.T @ steps @ fit.values
     gone = (left[:, some] @ turned * amounts).T
     # Noise alone makes strengths differ by more between tests one time in twenty.
     allowed = float(chi_squared_quantile(min(known), LEVEL)) / min(known)
-    most = amounts**2 * allowed / np.maximum(spreads, _LEAST)
+    most = amounts**2 * allowed / np.maximum(spreads, RANK_TOLERANCE)
     return tuple(
         Support(channel_squares(base, found.rest - part) / weights, float(limit))
         for part, limit in zip(gone, most, strict=True)

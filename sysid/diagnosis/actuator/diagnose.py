@@ -24,6 +24,7 @@ from sysid.diagnosis.actuator.unexplained import (
     repeating,
 )
 from sysid.diagnosis.evidence import residual
+from sysid.diagnosis.lack_of_fit import MISFIT
 from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.diagnosis.search import full_sentence, limit_sentence, shapes_at_limits
 from sysid.diagnosis.search_record import UnexplainedReason, why_unexplained
@@ -37,9 +38,6 @@ from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model, has_discrete_law
 from sysid.types import FloatArray
 
-# Times the floor of noise and scatter: a model whose every channel exceeds it lacks something. On
-# campaigns with nothing missing the ratio is at most 1.8, and 2.6 with the right effects found.
-_FAR_OFF = 3.0
 # Times what a correct model with fitted numbers would show: one channel is enough. At most 2.4 on
 # 27 campaigns with nothing missing.
 _FAR_OFF_FITTED = 4.0
@@ -287,7 +285,7 @@ def is_far_off(errors: FloatArray, floor: FloatArray, fitted: FloatArray | None 
     """
     known = ~np.isnan(errors) & ~np.isnan(floor)
     if fitted is None:
-        return bool(known.any() and np.all(errors[known] > _FAR_OFF * floor[known]))
+        return bool(known.any() and np.all(errors[known] > MISFIT * floor[known]))
     return bool(np.any(errors[known] > _FAR_OFF_FITTED * fitted[known]))
 
 
@@ -296,7 +294,7 @@ def _of_fitted_numbers(
 ) -> Iterator[str]:
     """Says which errors are of the fitted numbers, where they are far above noise and scatter."""
     for i, name in enumerate(simulated_channels(rig.position_channel)):
-        if fitted is not None and errors[i] > _FAR_OFF * floor[i]:
+        if fitted is not None and errors[i] > MISFIT * floor[i]:
             channel = channel_of(name)
             own, may = (number(channel.residual(float(e[i])), 3) for e in (errors, fitted))
             yield (

@@ -17,7 +17,7 @@ from sysid.diagnosis.actuator.equation_error import (
 from sysid.diagnosis.actuator.samples import Traces
 from sysid.diagnosis.actuator.search import RefittedStep, Search, Suspect
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, regressors
-from sysid.diagnosis.binning import binned_means, equal_count_edges
+from sysid.diagnosis.binning import BINS, binned_means, equal_count_edges
 from sysid.diagnosis.influence import strongest
 from sysid.diagnosis.search_record import SearchRecord, SearchStage
 from sysid.plant.ports import Model
@@ -25,7 +25,6 @@ from sysid.types import FloatArray, IntArray
 
 # Of each channel's regressors, those that the residual depends on most.
 _REGRESSORS = 3
-_BINS = 24
 _LEAST_IN_BIN = 6
 _OWN_DERIVATIVE = {
     "effort": "acceleration",
@@ -120,9 +119,9 @@ def _bins(x: FloatArray) -> tuple[IntArray, float | None] | None:
     if x.min() < 0.0 < x.max():
         fine = _FINE * float(np.quantile(np.abs(x), 0.95))
         x = np.arcsinh(x / fine) if fine > 0.0 else x
-        edges = np.linspace(x.min(), x.max(), _BINS + 1)
+        edges = np.linspace(x.min(), x.max(), BINS + 1)
     else:
-        edges = equal_count_edges(x, _BINS)
+        edges = equal_count_edges(x, BINS)
     place = np.searchsorted(edges[1:-1], x, side="right")
     # Sparse bins are merged with the next one up, the last with the one below.
     joined, held, bins = np.zeros(len(edges), dtype=np.intp), 0, 0

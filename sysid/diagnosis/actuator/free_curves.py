@@ -16,7 +16,8 @@ import numpy as np
 
 from sysid.diagnosis.actuator.projection import Projected
 from sysid.diagnosis.binning import equal_count_edges
-from sysid.diagnosis.lack_of_fit import FEWEST_TESTS, LEAST_IN_CELL
+from sysid.diagnosis.lack_of_fit import LEAST_IN_CELL
+from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.types import FloatArray, IntArray
 
 _COARSEST = 4
@@ -47,7 +48,7 @@ def best_curve(
     """
     frame = base.frame
     view, rows = frame.windows[channel], frame.rows(channel)
-    if len(np.unique(view.run)) < FEWEST_TESTS:
+    if len(np.unique(view.run)) < FEWEST_REPEATS:
         return None
     beside = np.hstack([base.basis[rows], known[rows]])
     curves = (

@@ -33,12 +33,12 @@ from sysid.diagnosis.actuator.whitening import (
     friction_scatter,
     noise_of,
 )
-from sysid.diagnosis.lack_of_fit import MOST_SCATTER
 from sysid.diagnosis.search_record import Recorder, SearchRecord, SearchStage
 from sysid.errors import Failure, SimulationError, some_of
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parallel import attempt, in_threads, limited
+from sysid.parameters.scatter import MOST_SCATTER
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.effects.supply import times_the_usual_flow
 from sysid.plant.ports import Model

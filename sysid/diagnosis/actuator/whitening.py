@@ -53,10 +53,8 @@ _RUNAWAY = 1e4
 # Tests that determine their own friction to 3 %, and how many of them a spread needs.
 _LEAST_POWER = 1e3
 _LEAST_TESTS = 4
-# Relative: the bench's static friction, and readings of breakaways corrected by a twin's.
+# Relative: no better are the bench's static friction, and a breakaway's reading.
 _STATIC_KNOWN = 0.02
-# A reading of a breakaway is no better than this share of it.
-_READ = 0.02
 
 
 @dataclass(frozen=True)
@@ -252,7 +250,7 @@ def noise_of(
     late = {int(test): float(np.mean(readings[run == test])) for test in set(run)}
     values[BREAKAWAY] = readings - _of_tests(late, views[BREAKAWAY])
     found = {name: _autocovariance(values[name], view) for name, view in views.items()}
-    least = _READ * float(model.parameters.static_effort)
+    least = _STATIC_KNOWN * float(model.parameters.static_effort)
     found[BREAKAWAY][0] = max(found[BREAKAWAY][0], least**2)
     return ResidualNoise(found, late, sensors, seed)
 

@@ -39,7 +39,7 @@ from sysid.diagnosis.bench.component import (
     shapes,
     smallest_probe,
 )
-from sysid.diagnosis.bench.stability import PARTS
+from sysid.diagnosis.bench.stability import pieces_of
 from sysid.errors import Failure, NotIdentifiedError, SimulationError, on_its_own
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -63,8 +63,6 @@ from sysid.types import FloatArray, IntArray
 
 # Of the speeds of all samples, without the spikes of a few.
 _HARDLY_ANY = 0.99
-# Fewer trials than parts are cut into as many stretches as give each part more than one.
-_STRETCHES = 2 * PARTS
 _LEAST_CHANGE = 1e-9
 # A command that is so much larger has to move the motor's effort by this share of that, for all but
 # so many of the samples.
@@ -439,7 +437,7 @@ def axis(trials: Sequence[Trial], rig: Rig) -> Axis:
     Three or more trials are left out one by one; fewer are cut into stretches.
     """
     by_trial: list[list[ImposedMotion]] = []
-    pieces = 1 if len(trials) >= PARTS else math.ceil(_STRETCHES / max(len(trials), 1))
+    pieces = pieces_of(len(trials))
     for trial in trials:
         # The friction fit has already reported notices about its channels.
         by_trial.append(_cases(recorded(trial, rig, []), pieces))

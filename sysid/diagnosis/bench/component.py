@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from sysid.diagnosis.lack_of_fit import MOST_SCATTER, multiples_of_tests
+from sysid.diagnosis.lack_of_fit import multiples_of_tests
 from sysid.diagnosis.thresholds import PROBE
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.estimation.linear import Estimate
@@ -22,6 +22,7 @@ from sysid.estimation.quality import FitQuality
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, Parts
 from sysid.parameters.base import Part
+from sysid.parameters.scatter import MOST_SCATTER
 from sysid.parameters.valves import AUTO
 from sysid.plant.base import PARAMETER_NAMES, Parameters
 from sysid.plant.effects.entry import CatalogueEffect, Quantity

@@ -17,7 +17,7 @@ from sysid.diagnosis.bench.selection import Selection, select
 from sysid.diagnosis.bench.starting_points import law_at
 from sysid.diagnosis.bench.unexplained import BinnedResidual, curves, left_over
 from sysid.diagnosis.evidence import residual
-from sysid.diagnosis.lack_of_fit import LEAST_SHARE, MISFIT, MOST_SCATTER, Remainder
+from sysid.diagnosis.lack_of_fit import LEAST_SHARE, MISFIT, Remainder
 from sysid.diagnosis.result import Diagnosis, Unexplained
 from sysid.diagnosis.search import full_sentence
 from sysid.diagnosis.search_record import why_unexplained
@@ -26,6 +26,7 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 from sysid.parameters.assembled_model import effects_from_bundle
+from sysid.parameters.scatter import MOST_SCATTER
 from sysid.plant.effects.entry import Catalogue, CatalogueEffect
 from sysid.signals import deviation_by_median
 from sysid.types import FloatArray

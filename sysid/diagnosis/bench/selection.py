@@ -29,7 +29,6 @@ import numpy as np
 from sysid.diagnosis.bench.component import Component
 from sysid.diagnosis.bench.fitting import FittedLaw, cross_validated, fit_law
 from sysid.diagnosis.bench.stability import Repeats, repeats
-from sysid.diagnosis.lack_of_fit import MOST_SCATTER
 from sysid.diagnosis.search import (
     MOST_EFFECTS,
     Round,
@@ -45,6 +44,7 @@ from sysid.errors import Failure, NotIdentifiedError
 from sysid.estimation.nonlinear import LeastSquaresFit
 from sysid.estimation.quality import SIGNIFICANT
 from sysid.parallel import attempt, attempt_all, limited
+from sysid.parameters.scatter import MOST_SCATTER
 from sysid.plant.effects.catalogue import class_of
 from sysid.plant.effects.entry import CatalogueEffect
 from sysid.types import FloatArray, Progress, no_progress

@@ -8,6 +8,7 @@ significantly from 0 and it removes as large a share of the error as is required
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -96,6 +97,11 @@ def parts(component: Component) -> list[list[int]]:
     return [[t for t in range(count) if t not in third] for third in thirds]
 
 
+def pieces_of(tests: int) -> int:
+    """Into how many stretches each of so many tests is cut: few give each part several."""
+    return 1 if tests >= PARTS else math.ceil(_FEWEST_IN_PART * PARTS / max(tests, 1))
+
+
 def _named(
     component: Component, without: FittedLaw, contenders: Sequence[FittedLaw], part: Sequence[int]
 ) -> str | None:
@@ -131,4 +137,4 @@ def _id(fitted: FittedLaw) -> str:
     return fitted.law.effects[-1].id
 
 
-__all__ = ["PARTS", "Repeats", "parts", "repeats"]
+__all__ = ["PARTS", "Repeats", "parts", "pieces_of", "repeats"]

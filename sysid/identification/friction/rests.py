@@ -15,6 +15,7 @@ import numpy as np
 
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.linear import Estimate, Variance
+from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.identification.friction.static import (
     AVERAGE_S,
     Onset,
@@ -31,7 +32,6 @@ from sysid.types import FloatArray
 # Of PWM before the onset, in periods: enough for the ripple, few for a trend's curvature.
 _PERIODS = 20
 _CREST_POINTS = 41
-_FEWEST = 3
 CRITERION = (
     "end of a rest within a motion, by the onset of sustained motion; the efforts before it are "
     f"fitted over {_PERIODS} PWM periods by a trend and the ripple, and read at its last crest; "
@@ -50,10 +50,10 @@ def static_of_rests(
     """
     by_trial = [np.array(list(_readings(trial))) for trial in trials]
     found = np.concatenate([np.zeros(0), *by_trial])
-    if len(found) < _FEWEST:
+    if len(found) < FEWEST_REPEATS:
         raise NotIdentifiedError(
-            f"static friction: {len(found)} of {_FEWEST} rests that end in motion: give slow "
-            "changes of the pressure, to and fro, with the piston at rest in between"
+            f"static friction: {len(found)} of {FEWEST_REPEATS} rests that end in motion: give "
+            "slow changes of the pressure, to and fro, with the piston at rest in between"
         )
     middle = float(np.median(found))
     spread = deviation_by_median(found, middle)

@@ -40,8 +40,6 @@ UNITS = {
     **{f"{part}_c_{way}": LAW_UNITS[f"c_{way}"] for part in ("valve", "control") for way in WAYS},
 }
 
-MOST_STD = 0.3
-"""With a standard error above this share of its size, a flow's number is not identified."""
 CONDUCTANCES = tuple(f"sonic_conductance_{way}" for way in WAYS)
 _MAY_SCATTER = 0.2
 """Chance of taking a conductance's error from the tests' scatter where they have none. A test as

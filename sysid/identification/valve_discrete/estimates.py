@@ -12,10 +12,9 @@ import numpy as np
 from sysid.errors import Failure, on_its_own
 from sysid.estimation.covariance import JointCovariance
 from sysid.estimation.linear import Estimate
-from sysid.estimation.quality import FitQuality
+from sysid.estimation.quality import MOST_STD, FitQuality
 from sysid.identification.held_volume import VolumeError
 from sysid.identification.valve_discrete.curve import (
-    MOST_STD,
     UNITS,
     CurveFit,
     iso_names,

@@ -17,9 +17,8 @@ import numpy as np
 from sysid import signals
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.law_evidence import DECISIVE, twice_log_evidence
-from sysid.estimation.quality import SCATTER_TIMES, root_mean_square
+from sysid.estimation.quality import MOST_STD, SCATTER_TIMES, root_mean_square
 from sysid.identification.valve_discrete.curve import (
-    MOST_STD,
     CurveFit,
     fit_curves,
     fitted_valve,

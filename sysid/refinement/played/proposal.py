@@ -15,7 +15,7 @@ from sysid.plant.effects.linear import possible_on
 from sysid.plant.ports import Model
 from sysid.plant.simulator import MAX_STEP
 from sysid.refinement.advice import Beginning
-from sysid.refinement.candidates import DURATION_S, MOST_STATIC
+from sysid.refinement.candidates import DURATION_S, MOST_STATIC, TRAVEL_USED
 from sysid.refinement.information import ProbedProblem
 from sysid.refinement.options import RunsOfTests, information, problem_of, runs_of_tests
 from sysid.refinement.played.design import Aim, DesignedSet, DesignStage, designed
@@ -34,8 +34,8 @@ _MORE = 2
 # Plants on which a test is designed, others on which the best are checked as the search goes, and
 # those on which the result is.
 _TRIED, _FRESH, _LAST = 24, 64, 128
-# Of half the travel, and of the motor's limit; the rest is for the controller that plays it.
-_TRAVEL, _EFFORT = 0.9, 0.95
+# Of the motor's limit; the rest is for the controller that plays the test.
+_EFFORT_USED = 0.95
 
 
 @dataclass(frozen=True)
@@ -135,8 +135,8 @@ def _limits(began: Beginning, request: PlayRequest) -> MotionLimits:
     rig = began.setting.rig
     fastest = max((test.highest_speed for test in began.logged), default=math.inf)
     speed = request.speed or fastest
-    effort = request.effort or _EFFORT * (rig.max_effort or math.inf)
-    return MotionLimits(_TRAVEL * 0.5 * float(rig.travel or 0.0), speed, effort)
+    effort = request.effort or _EFFORT_USED * (rig.max_effort or math.inf)
+    return MotionLimits(TRAVEL_USED * 0.5 * float(rig.travel or 0.0), speed, effort)
 
 
 def _largest_effort(began: Beginning, limits: MotionLimits) -> float:
