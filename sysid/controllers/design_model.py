@@ -112,13 +112,15 @@ def assumed_constants(rig: Rig) -> tuple[str, ...]:
     return tuple(key for key in rig.assumed if key not in _NOT_USED)
 
 
-def require_declared(bundle: BundleContent, accept_assumed: bool) -> None:
-    """InputError for a bundle whose controllers use assumed constants without `accept_assumed`."""
+def require_declared(
+    bundle: BundleContent, accept_assumed: bool, users: str = "controllers"
+) -> None:
+    """InputError for a bundle whose `users` use assumed constants, without `accept_assumed`."""
     assumed = assumed_constants(bundle.rig)
     if assumed and not accept_assumed:
         raise input_error(
             bundle.source,
-            f"its controllers would use undeclared constants: {', '.join(assumed)}",
+            f"its {users} would use undeclared constants: {', '.join(assumed)}",
             "declare them in a rig file and fit again, or accept them with --accept-assumed",
         )
 

@@ -34,7 +34,7 @@ from sysid.controllers.monitor.terms import (
 )
 from sysid.errors import SysidError
 from sysid.exporters.c_control import function_text
-from sysid.exporters.c_text import Names, comment_text, indented, literal, number
+from sysid.exporters.c_text import LARGEST, Names, comment_text, indented, literal, number
 from sysid.exporters.control_function import ControlFunction, Number
 from sysid.exporters.control_model import ControlModel
 from sysid.io.channels import SIDES
@@ -43,7 +43,6 @@ from sysid.plant.base import Array
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.valve_timing import TIME_TOLERANCE
 
-_NEVER = 1e30
 # A ratio below which nothing of a pressure's distribution is past a boundary.
 _FAR = 40.0
 _POINT = (
@@ -163,7 +162,7 @@ def monitor_text(made: MonitorInC, n: Names) -> str:
         "period": f"(@p@real){number(period)}",
         "share": f"{100.0 * SHARE:g}",
         "flops": f"{_flops():,}",
-        "never": f"(@p@real){number(_NEVER)}",
+        "never": f"(@p@real){number(LARGEST)}",
         "chamber": str(len(CHAMBER["a"])),
         "shaft": str(len(SHAFT)),
         "columns": str(design.scatter.shape[1]),

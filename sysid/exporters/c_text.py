@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from sysid.errors import input_error
 
 DEFAULT_PREFIX = "sysid_"
+LARGEST = 1e30
+"""Stands for a limit that there is not, and for a time that never comes."""
 _PREFIX = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")
 _UNSAFE = re.compile(r"[^A-Za-z0-9 .,:;+=()@#%&<>/^_'-]")
 KEPT = "\0"

@@ -197,6 +197,24 @@ def _text(variable: FmuVariable, value: float) -> str:
     return str(int(value)) if variable.kind == "i" else number(value)
 
 
+def _identity(variable: FmuVariable, reference: int) -> dict[str, str]:
+    """The attributes that say which variable it is, and who sets it when."""
+    causality, variability = _causality(variable)
+    return {
+        "name": variable.name,
+        "valueReference": str(reference),
+        "description": variable.meaning,
+        "causality": causality,
+        "variability": variability,
+    }
+
+
+def _values(variable: FmuVariable) -> dict[str, str | None]:
+    """The attributes of its values."""
+    start = None if variable.start is None else _text(variable, variable.start)
+    return {"unit": variable.unit or None, **_limits(variable), "start": start}
+
+
 def _causality(variable: FmuVariable) -> tuple[str, str]:
     """Causality and variability."""
     if variable.role in ("tunable", "fixed"):
@@ -219,19 +237,8 @@ def _description_3(content: FmuContent, guid: str) -> str:
     ]
     outputs = []
     for reference, v in enumerate(content.variables, start=1):
-        causality, variability = _causality(v)
-        kind = _KINDS[v.kind][0]
-        attributes = _attributes(
-            name=v.name,
-            valueReference=str(reference),
-            description=v.meaning,
-            causality=causality,
-            variability=variability,
-            unit=v.unit or None,
-            **_limits(v),
-            start=None if v.start is None else _text(v, v.start),
-        )
-        lines.append(f"    <{kind}{attributes}/>")
+        attributes = _attributes(**_identity(v, reference), **_values(v))
+        lines.append(f"    <{_KINDS[v.kind][0]}{attributes}/>")
         outputs += [str(reference)] if v.role == "output" else []
     structure = [f'    <Output valueReference="{r}"/>' for r in outputs]
     structure += [f'    <InitialUnknown valueReference="{r}"/>' for r in outputs]
@@ -263,22 +270,8 @@ def _description_2(content: FmuContent, guid: str) -> str:
     ]
     outputs = []
     for reference, v in enumerate(content.variables, start=1):
-        causality, variability = _causality(v)
-        own = _attributes(
-            unit=v.unit or None,
-            **_limits(v),
-            start=None if v.start is None else _text(v, v.start),
-        )
-        attributes = _attributes(
-            name=v.name,
-            valueReference=str(reference),
-            description=v.meaning,
-            causality=causality,
-            variability=variability,
-        )
-        lines.append(
-            f"    <ScalarVariable{attributes}><{_KINDS[v.kind][1]}{own}/></ScalarVariable>"
-        )
+        who, what = _attributes(**_identity(v, reference)), _attributes(**_values(v))
+        lines.append(f"    <ScalarVariable{who}><{_KINDS[v.kind][1]}{what}/></ScalarVariable>")
         outputs += [f'      <Unknown index="{reference + 1}"/>'] if v.role == "output" else []
     head = _attributes(fmiVersion="2.0", modelName=content.title, guid=guid, **_made(content))
     able = _attributes(

@@ -12,10 +12,10 @@ from importlib import resources
 from sysid import __version__
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.exporters.c_constants import SAME_NAMES
-from sysid.exporters.c_text import number
+from sysid.exporters.c_text import LARGEST, number
 from sysid.exporters.fmu import FmuContent, FmuVariable, Role
 from sysid.exporters.plant_c import plant_header
-from sysid.exporters.plant_laws import LARGEST, TracedPlant, effect_number, traced_plant
+from sysid.exporters.plant_laws import TracedPlant, effect_number, traced_plant
 from sysid.io.channels import SIDES, VELOCITY_CHANNELS
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle

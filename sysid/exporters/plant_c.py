@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from importlib import resources
 
 from sysid.exporters.c_maths import mathematics
-from sysid.exporters.c_text import comment_text, indented, number
-from sysid.exporters.plant_laws import KEPT, LARGEST, NAMES, TracedPlant
+from sysid.exporters.c_text import LARGEST, comment_text, indented, number
+from sysid.exporters.plant_laws import KEPT, NAMES, TracedPlant
 from sysid.plant import supply_approach
 from sysid.plant.base import MAX_STEP
 from sysid.plant.valve_timing import TIME_TOLERANCE, WHOLE_STEP

@@ -17,7 +17,7 @@ import sympy
 
 from sysid.errors import SysidError, input_error
 from sysid.exporters.c_printer import all_statements, reduced
-from sysid.exporters.c_text import Names, indented, wrapped
+from sysid.exporters.c_text import LARGEST, Names, indented, wrapped
 from sysid.exporters.symbolic import (
     NamedRow,
     Symbolic,
@@ -34,8 +34,6 @@ from sysid.plant.ports import Effect, Model, Point, overrides, with_load
 from sysid.plant.sensors import state_channels
 
 NAMES = Names("plant_", "PLANT_")
-LARGEST = 1e30
-"""Stands for a limit that there is not, and for a time that never comes."""
 KEPT = 8
 """On-intervals of a valve that may still act."""
 
@@ -455,7 +453,6 @@ def _function(name: str, meaning: str, arguments: str, results: Mapping[str, Any
 
 __all__ = [
     "KEPT",
-    "LARGEST",
     "NAMES",
     "PlantNumber",
     "TracedPlant",

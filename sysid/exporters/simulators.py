@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sysid.controllers.design_model import assumed_constants
+from sysid.controllers.design_model import require_declared
 from sysid.errors import input_error
 from sysid.io.files import write_atomic
 from sysid.parameters import Bundle
@@ -41,7 +41,7 @@ def write_fmu(
     from sysid.exporters.fmu import fmu_bytes
     from sysid.exporters.fmu_plant import plant_fmu
 
-    require_plant_declared(bundle, accept_assumed)
+    require_declared(bundle, accept_assumed, "plant")
     model = bundle.model(None, catalogue)
     effects = _of_catalogue(bundle, model.effects)
     data, notices = fmu_bytes(plant_fmu(bundle, effects, model), fmi)
@@ -67,7 +67,7 @@ def write_mjcf(
     """
     from sysid.exporters.mjcf import joint_of, mjcf_text
 
-    require_plant_declared(bundle, accept_assumed)
+    require_declared(bundle, accept_assumed, "plant")
     model = bundle.model(None, catalogue)
     joint = joint_of(bundle.rig, model, _of_catalogue(bundle, model.effects))
     write_atomic(path, mjcf_text(bundle, joint))
@@ -75,17 +75,6 @@ def write_mjcf(
         *assumed_parameters(bundle),
         *(f"MuJoCo's joint does not hold {line}" for line in joint.not_held),
     ]
-
-
-def require_plant_declared(bundle: Bundle, accept_assumed: bool) -> None:
-    """InputError for a bundle whose plant uses assumed constants, without `accept_assumed`."""
-    assumed = assumed_constants(bundle.rig)
-    if assumed and not accept_assumed:
-        raise input_error(
-            bundle.source,
-            f"its plant would use undeclared constants: {', '.join(assumed)}",
-            "declare them in a rig file and fit again, or accept them with --accept-assumed",
-        )
 
 
 def _controllers(
