@@ -26,7 +26,6 @@ from sysid.app.workbench import StepMissingError, Workbench, command_line
 from sysid.blocks.interactive import Scheme
 from sysid.errors import Failure, InputError, SysidError, one_line, some_of
 
-_LOOK_MS = 700
 _OWN_STYLES = import_module("panel.io.resources").LOCAL_DIST
 _MOST_LINES = 14
 # Notices of a command that are shown next to its end; all are in what it printed.
@@ -368,7 +367,7 @@ def window(bench: Workbench) -> pn.Template:
         await made.fill()
         # Not waited for: the window's document is locked until this function returns.
         asyncio.get_running_loop().run_in_executor(None, _import_soon)
-        document.add_periodic_callback(made.look, _LOOK_MS)
+        document.add_periodic_callback(made.look, 700)  # ms
 
     # All of it runs with the document locked, one after the other.
     made.asked.param.watch(heard, "value")

@@ -9,8 +9,6 @@ from typing import Any, Literal
 from sysid.blocks.numbers import MISSING, ascii_text, estimate_cells, number, si_cells
 from sysid.estimation.linear import Estimate
 
-_DIGITS = 4
-
 
 class NotedCell(str):
     """A cell with a line in small beneath its text: an id, a key. Equal to its text alone.
@@ -147,7 +145,7 @@ def table(
 def cell(value: Any) -> str:
     """A plain value as text: numbers with four significant digits, None as a dash."""
     if value is None or isinstance(value, float):
-        return number(value, _DIGITS)
+        return number(value, 4)
     return str(value)
 
 

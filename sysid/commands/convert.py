@@ -18,9 +18,6 @@ from sysid.io.conversion import ConversionReport
 from sysid.io.listing import ListedChannel, Listing, channels_of
 from sysid.pipeline.files import own_kind
 
-# A table of channels is as wide as its longest name, up to this.
-_WIDEST = 10_000
-
 
 @click.command()
 @click.argument("foreign", nargs=-1, required=True, type=PathArgument, metavar="FOREIGN...")
@@ -140,7 +137,7 @@ def _list(
 def show_listing(listing: Listing) -> None:
     """A line for each channel, its name whole: the table may be wider than the terminal."""
     out = console()
-    out.width = max(out.width, _WIDEST)
+    out.width = max(out.width, 10_000)  # wider than any name
     counted = f"{len(listing.channels):,} channel{'s' * (len(listing.channels) != 1)}"
     out.print(Text(f"{listing.path}: {listing.format}, {counted}"))
     table = new_table("", "channel", "unit", "rate", "rows", "first values")

@@ -11,7 +11,6 @@ from sysid.diagnosis.binning import BINS, bins_of
 from sysid.types import FloatArray
 
 _LEAST_IN_BIN = 4
-_DIGITS = 5
 _AS_WELL = 0.01
 
 
@@ -51,7 +50,7 @@ def _binned(values: FloatArray, x: FloatArray, place: Any) -> dict[str, list[flo
 
 def rounded(values: Sequence[float] | FloatArray) -> list[float]:
     """Numbers for a figure: five significant digits."""
-    return [float(f"{v:.{_DIGITS}g}") for v in np.asarray(values, dtype=float)]
+    return [float(f"{v:.5g}") for v in np.asarray(values, dtype=float)]
 
 
 __all__ = ["rounded", "strongest"]

@@ -14,11 +14,10 @@ import numpy as np
 from sysid import signals
 from sysid.io.channels import TEST_COLUMN
 from sysid.io.reshaping import median_period
+from sysid.io.time_breaks import ROUNDING
 from sysid.types import BoolArray, FloatArray, IntArray
 
 FILLS = ("hold", "linear")
-# Share of a period within which time stamps are the same.
-ROUNDING = 1e-6
 # Samples that show a rate.
 _FEWEST = 3
 

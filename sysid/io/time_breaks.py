@@ -37,8 +37,8 @@ _MOST_BITS = np.finfo(float).nmant + 1
 _FEWEST_BITS = 8
 # Share of the median step: decimals of seconds are rounded.
 _ROUNDED = 0.5
-# The same of steps that are all alike.
-_EXACT = 1e-6
+ROUNDING = 1e-6
+"""Share of a period within which time stamps are the same."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def _begin_alike(values: FloatArray, size: float, rows: IntArray) -> bool:
     steps = np.diff(values)
     forward = steps[steps > 0.0]
     usual = float(np.median(forward))
-    scatter = float(np.percentile(np.abs(forward - usual), 95.0)) + _EXACT * usual
+    scatter = float(np.percentile(np.abs(forward - usual), 95.0)) + ROUNDING * usual
     apart = np.abs(values[rows] - values[0])
     goes_on = np.all(np.abs(steps[rows - 1] + size - usual) <= scatter)
     if goes_on and np.any(apart > scatter):
@@ -162,6 +162,7 @@ def _starts_again(before: FloatArray, after: FloatArray) -> bool:
 
 
 __all__ = [
+    "ROUNDING",
     "TimeBreaks",
     "TimeWraps",
     "time_breaks",

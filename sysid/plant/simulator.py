@@ -42,8 +42,6 @@ _ROWS = 10240
 # Half the compile time of the default level, and no slower; vectors as wide as the processor's,
 # where the compiler would stop at 256 bit.
 COMPILER_OPTIONS = {"xla_backend_optimization_level": 2, "xla_cpu_prefer_vector_width": 512}
-# Compiled programs that are kept: more than a command needs; each takes some 20 MB.
-_MOST_PROGRAMS = 12
 # No run needs nearly as many steps for its events: more would be an endless loop.
 MOST_EVENTS = 2_000_000
 ENDLESS = (
@@ -114,7 +112,8 @@ def _unpack(layout: _Layout, packed: _Packed) -> list[dict[str, Any]]:
     ]
 
 
-@kept(_MOST_PROGRAMS, COMPILER_OPTIONS, given_up=(0,))
+# More programs than a command needs; each takes some 20 MB.
+@kept(12, COMPILER_OPTIONS, given_up=(0,))
 def _advance_chunk(
     record: Any,
     lanes: Lanes,

@@ -48,7 +48,6 @@ STARTS = STATE
 # As in `simulator`: few shapes are ever compiled. The tangents fill the vectors next to the runs.
 _WIDTH = 8
 _ROWS = (256, 1024)
-_MOST_PROGRAMS = 4
 # Delays are moved by this for the edges' tangents, s: less than any sub-step that counts.
 _DELAY_STEP = 1e-7
 _TIMING = ("on_delay_a", "off_delay_a", "on_delay_b", "off_delay_b")
@@ -285,7 +284,7 @@ def _extra_slopes(
     return tuple(slopes)
 
 
-@kept(_MOST_PROGRAMS, COMPILER_OPTIONS)
+@kept(4, COMPILER_OPTIONS)
 def _advance_chunk(
     lanes: Lanes,
     table: Table,

@@ -32,7 +32,6 @@ _LOOKS = "held-out looks"
 EXPLORED = "explored.json"
 # A slider of a strength without a bound reaches so many typical sizes.
 _REACH = 4.0
-_STEPS = 200
 
 
 @dataclass(frozen=True)
@@ -165,7 +164,7 @@ class EffectsScreen(Screen):
                 options = [(repr(v), quantity.form(v) or f"{v:g}") for v in quantity.grid]
                 control = parts.select(f"fx-set:{place}", options, repr(value), quantity.label)
             else:
-                step = (high - low) / _STEPS
+                step = (high - low) / 200
                 control = parts.slider(f"fx-set:{place}", low, high, step, value, quantity.label)
             kind = "strength" if quantity.is_strength else "shape"
             lines.append([f"<b>{parts.words(quantity.label)}</b><small>{kind}: "

@@ -47,8 +47,6 @@ from sysid.types import BoolArray, FloatArray
 
 _LENGTHS = 4096
 """Samples are filled up to a multiple of this: what is compiled serves tests of many lengths."""
-# Of each structure of a model three are compiled: both chambers and the shaft.
-_MOST_PROGRAMS = 16
 
 
 @dataclass(frozen=True)
@@ -259,7 +257,8 @@ def _compiled() -> Any:
     """`_observed`, compiled; jax is loaded with the first test."""
     from sysid.plant.programs import Programs
 
-    return Programs(_observed, _MOST_PROGRAMS)
+    # Of each structure of a model three are compiled: both chambers and the shaft.
+    return Programs(_observed, 16)
 
 
 def _observed(numbers: Any, rows: Any, first: Any, *, side: str, structure: Any) -> Any:

@@ -305,6 +305,11 @@ def usable(trials: Sequence[Given], read: Callable[[Given], Read]) -> tuple[list
     return found, [f"excluded: {line}" for line in left_out]
 
 
+STRETCHES, LEAST_IN_STRETCH = 12, 2
+"""Neighbouring readings of a sweep are left out together: at most so many stretches, of at least so
+many readings each."""
+
+
 def probes(
     kind: type[CatalogueEffect], side: str, forms: Sequence[Mapping[str, float]] = ({},)
 ) -> list[CatalogueEffect]:
@@ -371,7 +376,9 @@ def valve_alone(rig: Rig) -> Parameters:
 
 
 __all__ = [
+    "LEAST_IN_STRETCH",
     "NOT_SIMULATED",
+    "STRETCHES",
     "Component",
     "Effects",
     "Further",

@@ -37,9 +37,6 @@ from sysid.parameters import Parts
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.types import FloatArray
 
-_EVALUATIONS = 30
-_TOLERANCE = 1e-7
-
 
 @dataclass(frozen=True)
 class FittedLaw:
@@ -309,8 +306,8 @@ def _minimise(
         residuals_at,
         [everything[i] for i in free],
         jacobian=jacobian,
-        tolerance=_TOLERANCE,
-        max_evaluations=_EVALUATIONS,
+        tolerance=1e-7,
+        max_evaluations=30,
         polish=False,
     )
     values, slopes = start.copy(), np.zeros((len(here), len(everything)))

@@ -15,7 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from sysid.diagnosis.bench.component import Component, Law, law_held, rmse, usable
+from sysid.diagnosis.bench.component import (
+    LEAST_IN_STRETCH,
+    STRETCHES,
+    Component,
+    Law,
+    law_held,
+    rmse,
+    usable,
+)
 from sysid.errors import NotIdentifiedError, input_error
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import Parameter
@@ -39,9 +47,6 @@ from sysid.types import FloatArray
 
 UPSTREAM, DOWNSTREAM, FLOW = "upstream_pressure_pa", "downstream_pressure_pa", "flow_a_kg_s"
 _COLUMNS = (UPSTREAM, DOWNSTREAM, FLOW)
-# Readings next to one another in the ratio of the pressures are left out together: at most so
-# many stretches, of at least so many readings.
-_STRETCHES, _LEAST_IN_STRETCH = 12, 2
 # Conductance and ratio, and two more readings that show how large their error is.
 _FEWEST_ROWS = 4
 _UNITS = {
@@ -280,7 +285,7 @@ def _readings(trial: Trial, room: float) -> list[RatioStretch]:
         )
     temperature = trial["temperature_k"] if "temperature_k" in trial else np.full(len(flow), room)
     order = np.argsort(downstream / upstream, kind="stable")
-    count = max(1, min(_STRETCHES, len(flow) // _LEAST_IN_STRETCH))
+    count = max(1, min(STRETCHES, len(flow) // LEAST_IN_STRETCH))
     return [
         RatioStretch(
             trial.title, *(v[np.sort(rows)] for v in (upstream, downstream, flow, temperature))
