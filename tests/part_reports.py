@@ -14,7 +14,7 @@ from sysid.diagnosis.content import content
 from sysid.io.campaign import read_campaign
 from sysid.pipeline.check import checks_of
 from sysid.pipeline.diagnose import extended_bundle
-from sysid.pipeline.pages.report import write_report
+from sysid.pipeline.pages.report import render_report
 from sysid.plant.effects.catalogue import catalogue
 from sysid.plant.effects.linear import for_rig
 
@@ -135,11 +135,11 @@ def write_part_report(name: str, folder: Path) -> Path:
     )
     assert found.effects, f"no effect is found in the generated {name}"
     path = home / "report.html"
-    write_report(
-        path,
+    html = render_report(
         campaign=campaign,
         bundle=extended_bundle(bundle, found, campaign),
         checks=checks_of(campaign),
         diagnosis=content(found),
     )
+    path.write_text(html, "utf-8")
     return path

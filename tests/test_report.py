@@ -41,7 +41,7 @@ from sysid.pipeline.pages import concerns
 from sysid.pipeline.pages.interactive import packed
 from sysid.pipeline.pages.next_steps import next_line, next_section, open_questions
 from sysid.pipeline.pages.opening import _table, verdict
-from sysid.pipeline.pages.report import _json, render_report, write_report
+from sysid.pipeline.pages.report import _json, render_report
 from sysid.pipeline.verdict import verdict_lines
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -186,14 +186,14 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     validation = validate(campaign, bundle)
     checks = [check_log(campaign.read(entry), campaign.rig) for entry in campaign.logs]
     path = tmp_path_factory.mktemp("report") / "report.html"
-    write_report(
-        path,
+    html = render_report(
         campaign=campaign,
         bundle=bundle,
         validation=validation,
         checks=checks,
         diagnosis=DIAGNOSIS,
     )
+    path.write_text(html, "utf-8")
     return Made(campaign, bundle, validation, checks, path)
 
 
@@ -231,7 +231,10 @@ def hostile(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
     diagnosis["effects"][0]["advice"] = HOSTILE_FILE
     diagnosis["effects"][0]["ambiguous_with"] = [HOSTILE_NAME]
     path = tmp_path_factory.mktemp("hostile") / "report.html"
-    write_report(path, campaign=campaign, bundle=bundle, validation=validation, diagnosis=diagnosis)
+    html = render_report(
+        campaign=campaign, bundle=bundle, validation=validation, diagnosis=diagnosis
+    )
+    path.write_text(html, "utf-8")
     return path
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sysid.blocks.progress import progress_or_shown
 from sysid.errors import Failure, unless_failed
 from sysid.io.campaign import Campaign
+from sysid.io.files import write_atomic
 from sysid.parameters import Bundle, write_bundle
 from sysid.pipeline.check import checks_of
 from sysid.pipeline.request import Reported, require
@@ -45,13 +46,12 @@ def report(
 
     >>> si.report("out.html", campaign, bundle, checked)
     """
-    from sysid.pipeline.pages.report import write_report
+    from sysid.pipeline.pages.report import render_report
 
     require(campaign, "campaign", "Campaign")
     require(found, "found", "CampaignDiagnosis", "Bundle")
     with progress_or_shown(progress, "writing the report") as tell:
-        write_report(
-            Path(path),
+        html = render_report(
             campaign=campaign,
             bundle=found if isinstance(found, Bundle) else found.bundle,
             validation=checked,
@@ -60,6 +60,7 @@ def report(
             notices=notices,
             progress=tell,
         )
+        write_atomic(Path(path), html)
 
 
 def _diagnosed(

@@ -475,15 +475,13 @@ def _written(
 
 
 def _report(run: PipelineRun) -> None:
-    from sysid.pipeline.pages.report import write_report
+    from sysid.pipeline.pages.report import render_report
 
     content = json.loads(run.path(_CHECKS_FILE).read_text("utf-8"))
     path = run.path(REPORT_FILE)
-    _written(
-        run,
-        path,
-        lambda: write_report(
-            path,
+
+    def write() -> None:
+        html = render_report(
             campaign=run.campaign,
             bundle=run.bundle(BUNDLE_FILE),
             validation=_validated(run),
@@ -492,9 +490,10 @@ def _report(run: PipelineRun) -> None:
             advice=run.advice(),
             notices=run.notices_of("fit"),
             progress=run.options.tell,
-        ),
-        "no report",
-    )
+        )
+        write_atomic(path, html)
+
+    _written(run, path, write, "no report")
 
 
 def _export(run: PipelineRun) -> None:

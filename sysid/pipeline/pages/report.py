@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Said, Section
@@ -16,7 +15,6 @@ from sysid.blocks.tables import Table, table
 from sysid.diagnosis.wording import effect_name, is_of_actuator
 from sysid.errors import Failure, input_error, on_its_own
 from sysid.io.campaign import FRICTION_KINDS, MOTION_KINDS
-from sysid.io.files import write_atomic
 from sysid.parameters import Bundle, Provenance, assumptions, shown_by_logs
 from sysid.parameters.provenance import family
 from sysid.pipeline.pages.concerns import advised_against
@@ -48,41 +46,6 @@ _NOT_GIVEN = (
 _NOT_REFINED = "the parameters were not refined on motion tests (run sysid refine)"
 
 
-def write_report(
-    path: Path,
-    *,
-    campaign: Campaign,
-    bundle: Bundle,
-    validation: ValidationResult | None = None,
-    checks: Sequence[LogCheck] = (),
-    diagnosis: Mapping[str, Any] | None = None,
-    advice: Mapping[str, Any] | None = None,
-    notices: Sequence[str] = (),
-    progress: Progress | None = None,
-) -> None:
-    """Write the report of a campaign as one self-contained HTML file, whole or not at all.
-
-    Curves are computed anew from the campaign's fit logs and the bundle, so that a later
-    process can rebuild the report; `validation` and `checks` are what `sysid.validation` and
-    `sysid.checks.log_check` found, `diagnosis` what `sysid.diagnosis.content.content` made of one,
-    `advice` an `AdviceResult.to_json`. `notices` are the fit's: each stands where its number does.
-    Sections whose part is missing are omitted, and the page says so; one that cannot be made says
-    why. Raises InputError where the file cannot be written, and for the bundle of a linear rig with
-    a rotary one's campaign, or the reverse.
-    """
-    html = render_report(
-        campaign=campaign,
-        bundle=bundle,
-        validation=validation,
-        checks=checks,
-        diagnosis=diagnosis,
-        advice=advice,
-        notices=notices,
-        progress=progress,
-    )
-    write_atomic(path, html)
-
-
 def render_report(
     *,
     campaign: Campaign,
@@ -94,7 +57,16 @@ def render_report(
     notices: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> str:
-    """The page of `write_report` as text."""
+    """The report of a campaign: the text of one self-contained HTML file.
+
+    Curves are computed anew from the campaign's fit logs and the bundle, so that a later
+    process can rebuild the report; `validation` and `checks` are what `sysid.validation` and
+    `sysid.checks.log_check` found, `diagnosis` what `sysid.diagnosis.content.content` made of one,
+    `advice` an `AdviceResult.to_json`. `notices` are the fit's: each stands where its number does.
+    Sections whose part is missing are omitted, and the page says so; one that cannot be made says
+    why. Raises InputError for the bundle of a linear rig with a rotary one's campaign, or the
+    reverse.
+    """
     tell = progress or (lambda line: None)
     _check_units(campaign, bundle)
     from sysid.blocks import svg
@@ -478,4 +450,4 @@ def _json(item: Mapping[str, Any]) -> str:
     return text
 
 
-__all__ = ["ReportPart", "held_parts", "render_report", "report_parts", "write_report"]
+__all__ = ["ReportPart", "held_parts", "render_report", "report_parts"]
