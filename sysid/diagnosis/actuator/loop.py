@@ -144,10 +144,14 @@ def begin(
         pilot = _pilot(traces, model, noise, rig, seed + 1, recorder)
         # The noise's colour in the residuals comes from a twin; scatter does not affect it.
         colour = noise_of(pilot, model, noise, seed + 3)
-        bare = projected(build_frame(traces, model, colour, 0.0), model)
-        moving = moving_boundaries(bare, forms)
+
+        def away(moving: Sequence[CatalogueEffect]) -> Projected:
+            return projected(build_frame(traces, model, colour, 0.0, tuple(moving)), model)
+
+        bare = away(())
+        moving = moving_boundaries(bare, forms, away)
         if moving:
-            bare = projected(build_frame(traces, model, colour, 0.0, moving), model)
+            bare = away(moving)
         spread = min(friction_scatter(bare.frame, bare.rest), MOST_SCATTER)
         logged = replace(bare.frame, scatter=spread)
         sensors = _sensor_squares(logged)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from sysid.diagnosis.actuator.equation_error import BALANCES, CHANNELS, EFFORT
+from sysid.diagnosis.actuator.equation_error import CHANNELS, RATES
 from sysid.diagnosis.actuator.misfit import ResidualChannel
-from sysid.diagnosis.actuator.projection import Projected
+from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.screened import screened
 from sysid.diagnosis.actuator.signatures import Candidate
 from sysid.diagnosis.search_record import Recorder
@@ -17,46 +17,62 @@ from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import overrides
 from sysid.types import FloatArray
 
+_RATES = [CHANNELS.index(name) for name in RATES]
 # A balance whose mean whitened square is larger holds more than noise.
 _MORE_THAN_NOISE = 1.5
-# Whitened squares that an effect which moves a boundary explains: more than noise may, and this
-# share of all, which another effect's seldom leave to it.
+# Whitened squares of a balance that an effect which moves a boundary explains: more than noise may,
+# and this share of all, which another effect's seldom leave to it.
 _CLEAR_GAIN, _CLEAR_SHARE = 500.0, 0.02
 # A boundary may be so many times as far off as the effect is estimated, or is usual.
 _WIDER, _MOST_USUAL = 1.5, 3.0
 
 
-def moving_boundaries(bare: Projected, forms: Iterable[Candidate]) -> tuple[CatalogueEffect, ...]:
+def moving_boundaries(
+    bare: Projected,
+    forms: Iterable[Candidate],
+    away: Callable[[Sequence[CatalogueEffect]], Projected],
+) -> tuple[CatalogueEffect, ...]:
     """Effects that may move a choked boundary in these logs, each as far as it may move it.
 
-    Those that explain a clear part of the balances, and of those that move it both ways, as a wave
-    does that may imitate any, the one that explains most; none where there is no more than noise.
+    Those that explain a clear part of a chamber's balance, whatever the other lacks, and of those
+    that move it both ways, as a wave does that may imitate any, the one that explains most; none
+    where there is no more than noise.
+
+    `away` gives the residual of the samples away from where effects may take a boundary. Next to
+    one that has moved the base law jumps by far more than what moved it explains elsewhere, and
+    nothing follows that.
     """
-    frame = bare.frame
-    rates = [name for name in BALANCES if name != EFFORT]
-    squares = [bare.rest[frame.rows(name)] ** 2 for name in rates]
-    if not any(len(own) and float(np.mean(own)) > _MORE_THAN_NOISE for own in squares):
+    if not any(float(np.mean(own)) > _MORE_THAN_NOISE for own in _squares(bare) if len(own)):
         return ()
-    least = max(_CLEAR_GAIN, _CLEAR_SHARE * sum(float(np.sum(own)) for own in squares))
     moving = [form for form in forms if _moves(form.neutral())]
     if not moving:
         return ()
-    none = np.array([float(np.sum(bare.rest[frame.rows(name)] ** 2)) for name in CHANNELS])
+    usual = (form.neutral() for form in moving if _is_one_way(form.neutral()))
+    clear = away([far for effect in usual for far in _as_far_as_it_may(effect)])
+    frame, squares = clear.frame, _squares(clear)
+    least = [max(_CLEAR_GAIN, _CLEAR_SHARE * float(np.sum(own))) for own in squares]
+    none = channel_squares(clear, clear.rest)
     white = tuple(ResidualChannel.of_noise(len(frame.windows[name])) for name in CHANNELS)
     # Not in the search's recorder: what cannot be screened here it comes to itself.
-    some = screened(bare, moving, white, Recorder())
-    best: dict[str, tuple[float, CatalogueEffect]] = {}
+    some = screened(clear, moving, white, Recorder())
+    best: dict[str, tuple[float, bool, CatalogueEffect]] = {}
     for one in some.columns.proposals([(f,) for f in range(len(some.forms))]):
-        (effect,), reduction = some.effects(one), float(np.sum(none - one.squares))
+        (effect,), explained = some.effects(one), none - one.squares
+        reduction, is_clear = float(np.sum(explained)), bool(np.any(explained[_RATES] > least))
         if effect.id not in best or reduction > best[effect.id][0]:
-            best[effect.id] = reduction, effect
-    most = max((reduction for reduction, _ in best.values()), default=0.0)
+            best[effect.id] = reduction, is_clear, effect
+    most = max((reduction for reduction, _, _ in best.values()), default=0.0)
     return tuple(
         far
-        for reduction, effect in best.values()
-        if reduction > least and (_is_one_way(effect) or reduction == most)
+        for reduction, is_clear, effect in best.values()
+        if is_clear and (_is_one_way(effect) or reduction == most)
         for far in _as_far_as_it_may(effect)
     )
+
+
+def _squares(base: Projected) -> list[FloatArray]:
+    """The whitened squares of each chamber's balance."""
+    return [base.rest[base.frame.rows(CHANNELS[place])] ** 2 for place in _RATES]
 
 
 def _moves(effect: CatalogueEffect) -> bool:
