@@ -294,7 +294,7 @@ def test_a_run_in_pieces_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     inputs, models = random_runs(seed=2, count=2, seconds=0.5)
     inputs[1] = dataclasses.replace(inputs[1], time=inputs[1].time + 1e3)
     whole = simulate(inputs, models)
-    monkeypatch.setattr(simulator, "_ROWS", 48)
+    monkeypatch.setattr(simulator, "_ROWS_A_CALL", 48)
     for run, other in zip(simulate(inputs, models), whole, strict=True):
         position, pressure = errors(run, states(other))
         assert position < 1e-9

@@ -20,7 +20,7 @@ _OHM = re.compile(r"\bohm\b")
 _TIMES = re.compile(r" (?=(?:s|m|Pa|K|rad|kg)[23]?\b)")
 _POWER = re.compile(r"(?<=[A-Za-z])\^?([23])\b")
 # Times and mass flows below this are shown in a thousandth of their unit, as in the figures.
-_SHORT = 0.1
+_THOUSANDTHS_BELOW = 0.1
 _THOUSANDTHS = {"s": "ms", "kg/s": "g/s"}
 # Powers of ten that are written out.
 _PLAIN = range(-3, 6)
@@ -118,7 +118,7 @@ def estimate_cells(estimate: Estimate) -> tuple[str, str, str, str]:
         return "not identified", MISSING, estimate.reason, ""
     value, name = estimate.value, unit(estimate.unit)
     std, low, high = (x if math.isfinite(x) else None for x in (estimate.std, *estimate.interval))
-    if name in _THOUSANDTHS and abs(value) < _SHORT:
+    if name in _THOUSANDTHS and abs(value) < _THOUSANDTHS_BELOW:
         name = _THOUSANDTHS[name]
         value = 1e3 * value
         std, low, high = (None if x is None else 1e3 * x for x in (std, low, high))
@@ -217,6 +217,6 @@ def ascii_text(text: str) -> str:
 
 def duration(seconds: float) -> str:
     """A time: in ms below a tenth of a second, else in s."""
-    if abs(seconds) < _SHORT:
+    if abs(seconds) < _THOUSANDTHS_BELOW:
         return f"{number(1e3 * seconds)} ms"
     return f"{number(seconds)} s"

@@ -44,7 +44,7 @@ from sysid.plant.effects.entry import Catalogue
 from sysid.plant.valve_timing import TIME_TOLERANCE
 
 # A ratio below which nothing of a pressure's distribution is past a boundary.
-_FAR = 40.0
+_FAR_RATIO = 40.0
 _POINT = (
     Number("position", "position"),
     Number("velocity", "velocity"),
@@ -171,7 +171,7 @@ def monitor_text(made: MonitorInC, n: Names) -> str:
         "logistic": number(LOGISTIC),
         "narrow": number(NARROW),
         "past": number(PAST),
-        "ratio": number(_FAR),
+        "ratio": number(_FAR_RATIO),
         "clip": number(CLIP),
         "sure": number(SURE),
     }

@@ -36,7 +36,7 @@ _LOWEST_FROM_REST = 0.1
 _AT_REST = 0.2
 _HIGHEST_SHARE_OF_SUPPLY = 4.0
 # Fewer readings out of range than this share are a fault of the recording, not a wrong unit.
-_FEW = 0.2
+_FAULT_SHARE = 0.2
 # Pressures within this factor may be one: gauges, supplies and the weather differ by less.
 SAME_PRESSURE = 1.15
 # Share of the travel by which a piston returns that is moved, not only compressed air that gives.
@@ -45,7 +45,7 @@ _RETURNED = 0.05
 _COMPRESSED = 0.01
 TWICE = 0.05
 """Pressures within this share of twice the atmosphere's: gauges and the weather differ by less."""
-_HIGH = 0.9
+_HIGH_QUANTILE = 0.9
 # Share of the travel: a stop yields, and a pitch radius is known to a few percent.
 SIZE_KNOWN_TO = 0.05
 # Levels from which a channel's resolution shows, and how far it may be from the declared one.
@@ -105,7 +105,7 @@ def check_pressure(
     fix = _looks_like(target, column, values, ambient, supply)
     if fix is None:
         odd = np.flatnonzero((values < floor) | (values > ceiling))
-        if len(odd) < _FEW * len(values):
+        if len(odd) < _FAULT_SHARE * len(values):
             span = "" if time is None else _span(time, odd)
             fix = (
                 f"{len(odd)} of {len(values)} readings are below {floor:.3g} or above "
@@ -410,8 +410,8 @@ def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str
         while_on = f"while {valve} is on"
         wrong = "one of the two is wrong (a gauge pressure in the rig file?)"
         judged = (on > 0.0) & ~_compressed(columns, side, on > 0.0, rig)
-        high = float(np.quantile(pressure[judged], _HIGH)) if judged.any() else 0.0
-        low = float(np.quantile(pressure[on > 0.0], 1.0 - _HIGH))
+        high = float(np.quantile(pressure[judged], _HIGH_QUANTILE)) if judged.any() else 0.0
+        low = float(np.quantile(pressure[on > 0.0], 1.0 - _HIGH_QUANTILE))
         if high > SAME_PRESSURE * max(declared, ambient):
             reached = f"pressure_{side}_pa reaches {high:.4g} Pa {while_on}, {said}"
             return f"{where}: {reached}: {wrong}"

@@ -23,7 +23,7 @@ from sysid.types import BoolArray, FloatArray, IntArray
 
 # Standardized coefficients of a chamber's pressure on the valves' commands, over a log's rows.
 _FOLLOWS = 0.3
-_MORE = 1.5
+_TIMES_STRONGER = 1.5
 _OPPOSED_ALONE = -0.5
 # Of all that a pressure moves: other columns are named where they account for so much more of it.
 _MAJORITY = 0.5
@@ -81,7 +81,7 @@ def _answers(columns: Mapping[str, FloatArray], rig: Rig) -> str | None:
             oppose = bool(own) and _all_oppose(toward, active, own)
         if oppose:
             return _opposed(commands, way)
-        if own and cross and min(cross) > max(_FOLLOWS, _MORE * max(own)):
+        if own and cross and min(cross) > max(_FOLLOWS, _TIMES_STRONGER * max(own)):
             return (
                 "each chamber's pressure follows the other chamber's valve: "
                 f"{stem}_a and {stem}_b, or the pressures, are swapped"

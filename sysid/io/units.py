@@ -52,7 +52,7 @@ CANONICAL_UNITS = {key: channel.si for key, channel in LOG_COLUMNS.items()}
 _COLUMN_NUMBER = re.compile(r"#(\d{1,6})")
 _TABLE_KEYS = ("column", "unit", "from", "to")
 # Digits of a factor that a person gave, those of a double, and the powers of ten that are exact.
-_SHORT, _DIGITS = 10, sys.float_info.dig
+_GIVEN_DIGITS, _DIGITS = 10, sys.float_info.dig
 _TENS = np.array([10.0**k for k in range(23)])
 # Readings at zero and at the end of common transducers; how far off zero, and beyond the end, in
 # parts of the end.
@@ -475,7 +475,7 @@ def _rounded(values: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[
 
 def _is_short(number: float) -> bool:
     """Whether a number has few decimal digits: then readings of few have results of few."""
-    return len(repr(number).partition("e")[0].strip("-0.").replace(".", "")) <= _SHORT
+    return len(repr(number).partition("e")[0].strip("-0.").replace(".", "")) <= _GIVEN_DIGITS
 
 
 def check_size(

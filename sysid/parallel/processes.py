@@ -22,7 +22,7 @@ from sysid.parallel.memory import share_one_heap
 
 Result = TypeVar("Result")
 
-_MOST = 4096
+_MOST_WORKERS = 4096
 # Processor time that a worker may take to notice that its share is over, s.
 _GRACE_S = 3.0
 
@@ -53,7 +53,7 @@ def thread_count() -> int:
 def check_jobs(where: str) -> str:
     """The text of `SYSID_JOBS`, empty without one; InputError, naming `where`, for a bad one."""
     text = os.environ.get(VARIABLE, "").strip()
-    if text and not (text.isdecimal() and 1 <= int(text) <= _MOST):
+    if text and not (text.isdecimal() and 1 <= int(text) <= _MOST_WORKERS):
         raise input_error(where, f"{text[:20]!r} is not a number of processes", "give at least 1")
     return text
 

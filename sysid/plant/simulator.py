@@ -38,7 +38,7 @@ from sysid.types import FloatArray, IntArray
 _WIDTHS = (1, 16)
 # Rows (mean flows: sub-steps) in one compiled call: the compiled shapes do not depend on a
 # log's length. Of a shorter one the rest is never touched.
-_ROWS = 10240
+_ROWS_A_CALL = 10240
 # Half the compile time of the default level, and no slower; vectors as wide as the processor's,
 # where the compiler would stop at 256 bit.
 COMPILER_OPTIONS = {"xla_backend_optimization_level": 2, "xla_cpu_prefer_vector_width": 512}
@@ -196,7 +196,7 @@ _RECORDS: deque[Any] = deque(maxlen=64)
 
 def _record_of(width: int) -> Any:
     """A record (width, 4, rows + 1) to be written over."""
-    shape = (width, len(STATE), _ROWS + 1)
+    shape = (width, len(STATE), _ROWS_A_CALL + 1)
     for _ in range(len(_RECORDS)):
         with suppress(IndexError):  # other threads take some too
             record = _RECORDS.popleft()
@@ -440,7 +440,7 @@ def _simulated(
         runs = prepare(own, of_own, surfaces, max_step, shared)
         idle = width - len(own)
         return _advance_block(
-            block_of(runs, width, _ROWS, max_step),
+            block_of(runs, width, _ROWS_A_CALL, max_step),
             own + own[:1] * idle,
             of_own + of_own[:1] * idle,
             surfaces,

@@ -47,7 +47,7 @@ STARTS = STATE
 
 # As in `simulator`: few shapes are ever compiled. The tangents fill the vectors next to the runs.
 _WIDTH = 8
-_ROWS = (256, 1024)
+_ROWS_A_CALL = (256, 1024)
 # Delays are moved by this for the edges' tangents, s: less than any sub-step that counts.
 _DELAY_STEP = 1e-7
 _TIMING = ("on_delay_a", "off_delay_a", "on_delay_b", "off_delay_b")
@@ -129,7 +129,7 @@ def _block(
     structure, numbers = split((model.parameters, *model.effects, *surfaces))
     lanes, slopes = _start(inputs, model, varied)
     longest = max(len(r) for r in runs)
-    size = next((n for n in _ROWS if n >= longest), _ROWS[-1])
+    size = next((n for n in _ROWS_A_CALL if n >= longest), _ROWS_A_CALL[-1])
     pieces = block_of(runs, len(pairs), size, max_step, apart=True)
     first = [[np.array([[getattr(lanes, n)[i]] for n in STATE])] for i in range(count)]
     slope = [

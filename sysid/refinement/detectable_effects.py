@@ -18,7 +18,7 @@ from sysid.types import FloatArray, Progress
 _NO_SLOPE = "no derivative at zero strength"
 _NOT_SHOWN = "these tests do not show it"
 # Less information than this, per typical size squared, counts as 0.
-_LEAST = 1e-6
+_LEAST_INFORMATION = 1e-6
 # Effects in one compiled program. Of 4, 8, 16 and all 45 the bundled campaign's take 56, 41, 39
 # and 42 s of processor time with nothing compiled, else 21, 20, 19 and 25 s.
 _TOGETHER = 8
@@ -101,7 +101,7 @@ def _std(found: FloatArray, base: int, at: Sequence[int]) -> float:
     cross = found[:base][:, at] @ along
     left = float(along @ found[np.ix_(at, at)] @ along)
     left -= float(cross @ covariance(found[:base, :base]) @ cross)
-    return 1.0 / math.sqrt(left) if left > _LEAST else math.inf
+    return 1.0 / math.sqrt(left) if left > _LEAST_INFORMATION else math.inf
 
 
 def _size(effect: type[CatalogueEffect], shares: Sequence[float]) -> EffectSize:

@@ -23,7 +23,7 @@ from sysid.types import FloatArray
 
 _S = len(STATES)
 # A direction with less information than this, in coordinates of order one, is unidentified.
-_NOTHING = 1e-9
+_LEAST_INFORMATION = 1e-9
 _SENSOR_STEP = 1e-3
 
 
@@ -111,7 +111,7 @@ def covariance(information: FloatArray) -> FloatArray:
     """The inverse of information (k, k); a direction without any is very uncertain, not certain."""
     _, outer = _scales(information)
     values, vectors = np.linalg.eigh(information / outer)
-    inverse = (vectors / np.maximum(values, _NOTHING)) @ vectors.T
+    inverse = (vectors / np.maximum(values, _LEAST_INFORMATION)) @ vectors.T
     return np.asarray(inverse / outer)
 
 
@@ -124,7 +124,7 @@ def log_volume(information: FloatArray, columns: Sequence[int]) -> FloatArray:
     scale, outer = _scales(information)
     sides = np.zeros((information.shape[-1], len(columns)))
     sides[list(columns), np.arange(len(columns))] = 1.0
-    some = information / outer + _NOTHING * np.eye(len(sides))
+    some = information / outer + _LEAST_INFORMATION * np.eye(len(sides))
     own = np.linalg.solve(some, sides)[..., list(columns), :]
     size = 2.0 * np.sum(np.log(scale[..., list(columns)]), axis=-1)
     return np.asarray(np.linalg.slogdet(own)[1] - size)
@@ -132,7 +132,7 @@ def log_volume(information: FloatArray, columns: Sequence[int]) -> FloatArray:
 
 def _scales(information: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Roots of the diagonal (..., k), and their products (..., k, k)."""
-    scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), _NOTHING))
+    scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), _LEAST_INFORMATION))
     return scale, scale[..., :, None] * scale[..., None, :]
 
 

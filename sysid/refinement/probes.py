@@ -20,7 +20,7 @@ from sysid.refinement.unknowns import Unknown, model_at
 from sysid.types import FloatArray
 
 # Share of the usual size that is tried, and how well the slope must predict the change.
-_SMALL, _LINEAR = 0.01, 0.3
+_TRIED_SHARE, _LINEAR = 0.01, 0.3
 _MOST_TESTS = 6
 
 
@@ -86,12 +86,14 @@ def without_slope(problem: ProbedProblem, probes: Probes) -> list[str]:
     one = dataclasses.replace(problem, runs=runs, whitening=problem.whitening[: len(runs)])
     slopes = [own.errors.slopes for own in one.linearised(one.first_point())]
     first = LOCAL + len(problem.unknowns) - len(probes.unknowns)
-    moved = [model_at(problem.model, [u], np.array([_SMALL * u.scale])) for u in probes.unknowns]
+    moved = [
+        model_at(problem.model, [u], np.array([_TRIED_SHARE * u.scale])) for u in probes.unknowns
+    ]
     base, *shown = _simulated(one, [problem.model, *moved])
     found: dict[str, list[float]] = {}
     for i, (unknown, changed) in enumerate(zip(probes.unknowns, shown, strict=True), start=first):
         departures = [
-            _lack_of_fit((c - b) / _SMALL, own[i] / run.noise[:, None])
+            _lack_of_fit((c - b) / _TRIED_SHARE, own[i] / run.noise[:, None])
             for c, b, own, run in zip(changed, base, slopes, runs, strict=True)
         ]
         own_departures = found.setdefault(unknown.name.split(".")[0], [])

@@ -36,7 +36,7 @@ _STATIC: Direction = (0, "static_effort")
 # Step of a sensor's derivative, as a share of a state's usual size.
 _SENSOR_STEP = 1e-6
 # A simulation that did not stay finite counts as a residual of this many times the noise.
-_FAR = 1e8
+_NOT_FINITE_SIZE = 1e8
 # Width of a coordinate that is held: far below any standard error.
 _HELD = 1e-9
 _SIZES = np.array([1.0, 10.0, 1e5, 1e5])
@@ -80,7 +80,7 @@ class RunErrors:
         logged = slice(None) if logged.all() else logged  # nothing is copied then
         if np.isfinite(self.residual[logged]).all() and np.isfinite(self.slopes[:, logged]).all():
             return self
-        far = np.where(np.isnan(run.measured), np.nan, _FAR * run.noise[:, None])
+        far = np.where(np.isnan(run.measured), np.nan, _NOT_FINITE_SIZE * run.noise[:, None])
         return RunErrors(far, np.zeros_like(self.slopes))
 
 

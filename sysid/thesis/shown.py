@@ -16,13 +16,13 @@ from sysid.thesis.computed import LOST_RAD, Agreement, ThesisTable
 from sysid.thesis.declaration import Column
 
 # Cells that a figure names one by one.
-_FEW = 20
+_MOST_NAMED_CELLS = 20
 _SECTIONS = {"4.5": "4.5, simulated", "5.2": "5.2, 5.3, 5.5", "5.3": "5.2, 5.3, 5.5"}
 _SECTIONS |= {"5.4": "5.4, payloads", "5.5": "5.2, 5.3, 5.5"}
 _MEASURED = {"4": "4.5, measured", "6": "6, measured"}
 _NAMES = {"pva": "PVA", "backstepping": "Backstepping", "dvmpc": "DVMPC"}
 # Letters of a name that fits between two dots.
-_SHORT = 4
+_SHORT_NAME = 4
 _METRICS = ("RMSE", "MAE", "SSE", "SSA")
 # Factors from which on a cell is tinted, and tinted more.
 _TINTS = (2.0, 5.0)
@@ -138,7 +138,7 @@ def _factor(value: float) -> str:
 
 def figure(found: ThesisTable) -> Figure:
     """RMSE of the position in every cell, ours and printed; a cloud where the cells are many."""
-    if len(found.columns) * len(found.rows) > _FEW:
+    if len(found.columns) * len(found.rows) > _MOST_NAMED_CELLS:
         return scatter([found], "fig-table")
     return _dots(found)
 
@@ -203,7 +203,7 @@ def _dots(found: ThesisTable) -> Figure:
         for i, column in enumerate(found.columns)
     ]
     # Each dot's row below it, long names on two lines in turn.
-    is_long = max(map(len, labels)) > _SHORT
+    is_long = max(map(len, labels)) > _SHORT_NAME
     lowered = ["\n" if is_long and i % rows % 2 else "" for i in range(len(labels))]
     named = zip(places, lowered, labels, strict=True)
     ticks = tuple((float(place), start + name) for place, start, name in named)

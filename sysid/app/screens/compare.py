@@ -19,9 +19,9 @@ from sysid.io.channels import channel_of
 from sysid.pipeline.compare import compare
 from sysid.pipeline.explore import ExploredTest
 
-_MOST = 5
+_MOST_BUNDLES = 5
 # Height of the panel of the residuals, which shows what the curves above hide.
-_BELOW = 0.65
+_RESIDUAL_HEIGHT = 0.65
 _USUAL = ("fitted.json", "bundle.json")
 
 
@@ -130,7 +130,7 @@ class CompareScreen(Screen):
                 off.append(Curve(time, residual, "", role, width=1.0))
             below = Scale("Residual", channel.residual_unit)
             panels.append(TracePanel(Scale(channel.title, channel.unit), tuple(curves)))
-            panels.append(TracePanel(below, tuple(off), height=_BELOW))
+            panels.append(TracePanel(below, tuple(off), height=_RESIDUAL_HEIGHT))
         titles = [(str(i), t.trial.title) for i, t in enumerate(content.tests[0])]
         head = parts.select("cmp-test", titles, str(self.test), "Test")
         view = TraceView(panels, self.window.scheme, height=170)
@@ -161,8 +161,8 @@ class CompareScreen(Screen):
             name = self.bench.named(self.content.paths[int(rest)])
             if name in self.chosen:
                 self.chosen.remove(name)
-            elif len(self.chosen) >= _MOST:
-                raise InputError(f"{_MOST} bundles are shown; take one away first")
+            elif len(self.chosen) >= _MOST_BUNDLES:
+                raise InputError(f"{_MOST_BUNDLES} bundles are shown; take one away first")
             else:
                 self.chosen.append(name)
             self.bench.changes += 1

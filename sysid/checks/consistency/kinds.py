@@ -16,9 +16,9 @@ from sysid.recording.friction_kind import SLIDING, STATIC, classify, constant_ru
 from sysid.recording.recording import Recording
 
 # Share of a log's tests: single ones may resemble the other kind.
-_MOST = 0.8
+_OTHER_KIND_SHARE = 0.8
 # Share of a test: a kick may start the motion before a constant effort, and a ramp may end in one.
-_SHORT = 0.1
+_SHORT_SHARE = 0.1
 _COMMANDS = {
     "valve-pwm": DUTIES,
     "motion-pwm": DUTIES,
@@ -42,7 +42,7 @@ def other_kind(trials: Sequence[Trial], kind: str, name: str, rig: Rig) -> str |
     if kind in _SHAPES:
         other, why = _SHAPES[kind]
         looks_other = [_shape(t, rig) == other for t in trials]
-        if looks_other and sum(looks_other) >= _MOST * len(looks_other):
+        if looks_other and sum(looks_other) >= _OTHER_KIND_SHARE * len(looks_other):
             return (
                 f"{name}: declared {kind}, but {why}: that is {other}; correct its kind in the "
                 "campaign (the two may be exchanged)"
@@ -64,9 +64,11 @@ def _begins_as_ramp(trial: Recording) -> bool:
     """Whether the effort grows for a while, without falling back, before it is constant."""
     start, _ = constant_run(trial.motor)
     before = np.abs(trial.motor[: start + 1])
-    growing = before[int(np.argmax(before > _SHORT * before.max())) :]
+    growing = before[int(np.argmax(before > _SHORT_SHARE * before.max())) :]
     falls = float(np.sum(np.maximum(-np.diff(growing), 0.0)))
-    return len(growing) > _SHORT * len(trial.motor) and falls < _SHORT * float(before.max())
+    return len(growing) > _SHORT_SHARE * len(trial.motor) and falls < _SHORT_SHARE * float(
+        before.max()
+    )
 
 
 __all__ = ["other_kind"]

@@ -22,7 +22,7 @@ from sysid.io.rig import Rig
 from sysid.types import FloatArray
 
 # Rows that are looked up in the other test; fewer rows agree by chance.
-_ROWS = 32
+_MATCHED_ROWS = 32
 # Rounding of a file's digits and of its units, as a share of a channel's range.
 _ROUNDED = 1e-5
 # Share of the shorter test's rows that the other one holds.
@@ -70,12 +70,12 @@ def _are_copies(one: Trial, other: Trial, measured: Sequence[str], *, whole: boo
     if whole and len(one) != len(other):
         return False
     short, long = sorted((one, other), key=len)
-    if short.is_readings or long.is_readings or len(short) < _ROWS:
+    if short.is_readings or long.is_readings or len(short) < _MATCHED_ROWS:
         return False
     shared = [name for name in short.channels if name in long.channels]
     clearest = max(
         (name for name in shared if name in measured),
-        key=lambda name: len(np.unique(short[name][: 8 * _ROWS])),
+        key=lambda name: len(np.unique(short[name][: 8 * _MATCHED_ROWS])),
         default=None,
     )
     if clearest is None:
@@ -90,17 +90,17 @@ def _shifts(short: FloatArray, long: FloatArray) -> list[int]:
     """By how many rows `long` (m,) may be ahead of `short` (n,): where it holds rows of its middle
     and of its quarters, in which it moves most. At most a few."""
     found: list[int] = []
-    for part in np.array_split(np.arange(len(short) - _ROWS + 1), 3):
+    for part in np.array_split(np.arange(len(short) - _MATCHED_ROWS + 1), 3):
         if not part.size:
             continue
-        windows = sliding_window_view(short, _ROWS)[part]
+        windows = sliding_window_view(short, _MATCHED_ROWS)[part]
         at = int(part[np.argmax(np.ptp(windows, axis=1))])
-        window = short[at : at + _ROWS]
+        window = short[at : at + _MATCHED_ROWS]
         if np.ptp(window) == 0.0:
             continue
         limit = _ROUNDED * max(np.ptp(short), np.max(np.abs(window)))
-        ends = np.abs(long[: len(long) - _ROWS + 1] - window[0]) <= limit
-        ends &= np.abs(long[_ROWS - 1 :] - window[-1]) <= limit
+        ends = np.abs(long[: len(long) - _MATCHED_ROWS + 1] - window[0]) <= limit
+        ends &= np.abs(long[_MATCHED_ROWS - 1 :] - window[-1]) <= limit
         found += [int(row) - at for row in np.flatnonzero(ends)[:50]]
     return sorted(set(found))
 
@@ -108,7 +108,7 @@ def _shifts(short: FloatArray, long: FloatArray) -> list[int]:
 def _agree(short: FloatArray, long: FloatArray, shift: int) -> bool:
     """Whether the rows that two channels share under a shift are the same."""
     first, last = max(0, -shift), min(len(short), len(long) - shift)
-    if last - first < max(_ROWS, _SHARED * len(short)):
+    if last - first < max(_MATCHED_ROWS, _SHARED * len(short)):
         return False
     own, others = short[first:last], long[first + shift : last + shift]
     limit = _ROUNDED * max(float(np.ptp(own)), float(np.max(np.abs(own))))

@@ -22,7 +22,7 @@ from sysid.plant.static_reading import as_read
 from sysid.types import FloatArray
 
 # A correction beyond this share of a number means that the twins' fits went elsewhere.
-_MOST = 0.3
+_MOST_CORRECTION = 0.3
 
 
 def corrected(search: Search, twins: Sequence[Frame]) -> Search:
@@ -68,4 +68,4 @@ def _move(search: Search, frame: Frame, count: int) -> FloatArray:
 
 
 def _trusted(moves: FloatArray, sizes: FloatArray) -> FloatArray:
-    return np.asarray(np.where(np.abs(moves) <= _MOST * sizes, moves, 0.0))
+    return np.asarray(np.where(np.abs(moves) <= _MOST_CORRECTION * sizes, moves, 0.0))

@@ -32,8 +32,8 @@ _MECHANICAL_RUN_UP_S = 1.0
 _STATE_STEP_S = 1e-3
 # Rows are padded to whole multiples, and so many pieces integrated at a time: few shapes are ever
 # compiled.
-_ROWS = 65536
-_LANES = 256
+_ROWS_A_CALL = 65536
+_PIECES_A_CALL = 256
 # Compiled programs that are kept: a round of the search asks for ten; each takes some 3 MB.
 _MOST_PROGRAMS = 24
 _SIGNALS = (
@@ -228,9 +228,9 @@ def _pieces(runs: Sequence[slice], period: float, run_up_s: float) -> Iterator[_
         for first in range(rows.start, rows.stop, count)
     ]
     # Idle pieces repeat the last one.
-    cut += [cut[-1]] * (-len(cut) % _LANES)
-    for begin in range(0, len(cut), _LANES):
-        first, low, last = np.array(cut[begin : begin + _LANES], dtype=np.intp).T
+    cut += [cut[-1]] * (-len(cut) % _PIECES_A_CALL)
+    for begin in range(0, len(cut), _PIECES_A_CALL):
+        first, low, last = np.array(cut[begin : begin + _PIECES_A_CALL], dtype=np.intp).T
         place = low + np.arange(run_up + count)[:, None]
         counts = (place >= first) & (place < first + count) & (place <= last)
         yield _Pieces(low, last, counts, place[counts], run_up + count, period)
@@ -261,7 +261,7 @@ def _padded(channel: _Channel) -> Any:
 
     values = channel.values  # device_put compiles nothing, jnp.asarray does for each shape
     return jax.device_put(
-        np.pad(values, [(0, -len(values) % _ROWS), *[(0, 0)] * (values.ndim - 1)])
+        np.pad(values, [(0, -len(values) % _ROWS_A_CALL), *[(0, 0)] * (values.ndim - 1)])
     )
 
 

@@ -27,7 +27,7 @@ from sysid.types import BoolArray, FloatArray
 # conductance, no number that anything depends on.
 _STILL_AIR_W_PER_M2_K = 10.0
 # A pressure that no vessel reaches, of the highest one at the start, and none below a vacuum.
-_MOST, _LEAST_PA = 10.0, 1.0
+_HIGHEST_OF_START, _LOWEST_PA = 10.0, 1.0
 _MOST_OF_A_STATE = 1e9
 _LEAST_ADIABATIC = 1e-9
 _FIRST_STEP = 1e-3
@@ -123,7 +123,9 @@ def simulated(
     `law` None: the thesis', `adiabatic` the share that `wall_conductance` gives where its flow is
     that of gas with a temperature. What cannot be, as below a vacuum, is held at what can.
     """
-    highest = _MOST * max(float(np.max(starts)), float(np.max(model.parameters.atmosphere)))
+    highest = _HIGHEST_OF_START * max(
+        float(np.max(starts)), float(np.max(model.parameters.atmosphere))
+    )
     vessel: _BaseVessel
     if law is not None:
         vessel = _GasVessel(model, highest, law)
@@ -292,7 +294,7 @@ class _BaseVessel:
         return state[0], slopes[0]
 
     def held(self, state: Sequence[Array]) -> tuple[Array, ...]:
-        pressure = _between(_LEAST_PA, state[0], self.highest)
+        pressure = _between(_LOWEST_PA, state[0], self.highest)
         return (pressure, *map(_bounded, state[1:]))
 
 
@@ -316,7 +318,7 @@ class _GasVessel(_BaseVessel):
         self.wall = wall_conductance(adiabatic, float(np.max(self.volume)))
         self._of_fixed = self._number_of(p)
         per_pascal = self.volume / (p.gas_constant * p.temperature)
-        self.least, self.most = np.log(_LEAST_PA * per_pascal), np.log(self.highest * per_pascal)
+        self.least, self.most = np.log(_LOWEST_PA * per_pascal), np.log(self.highest * per_pascal)
 
     def at_rest(self, starts: FloatArray) -> tuple[Array, ...]:
         p = self.model.at(0.0)

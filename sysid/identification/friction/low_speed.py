@@ -35,9 +35,9 @@ from sysid.types import FloatArray
 
 BINS = 20
 # Presliding ends within this share of the travel between reversals; else it is something else.
-_SMALL = 0.25
+_PRESLIDING = 0.25
 # The law has to hold for most of the samples; otherwise none is excluded for its speed.
-_MOST_OUT = 0.5
+_MOST_EXCLUDED = 0.5
 # Share of the friction by which a bin may deviate from the law of the others.
 _TOLERATED = 0.03
 _STRETCHES = 8
@@ -47,8 +47,8 @@ RULE = (
     "to the others by more than the samples before the reversal deviate from it, and samples at "
     "low speed while their friction is above it: in each case as long as the mean of the lowest "
     f"of {BINS} bins deviates by more than {100.0 * _TOLERATED:g} % of the friction and its own "
-    f"scatter; they are kept where that does not end within {100.0 * _SMALL:g} % of the way "
-    f"between reversals, or {100.0 * _MOST_OUT:g} % of the samples"
+    f"scatter; they are kept where that does not end within {100.0 * _PRESLIDING:g} % of the way "
+    f"between reversals, or {100.0 * _MOST_EXCLUDED:g} % of the samples"
 )
 
 Fit = Callable[[Sequence[MotionSamples]], FloatArray]
@@ -97,9 +97,9 @@ def sliding_only(
         # Excluding samples does not correct an effect other than friction.
         return found, SlidingLimits()
     way = _between_reversals(found)
-    search = _Search(_since, _falls_short, _from_reversals, fit, separates, _SMALL * way)
+    search = _Search(_since, _falls_short, _from_reversals, fit, separates, _PRESLIDING * way)
     travel, found = search.raised(found)
-    fastest = float(np.quantile(np.concatenate([_speed(s) for s in found]), _MOST_OUT))
+    fastest = float(np.quantile(np.concatenate([_speed(s) for s in found]), _MOST_EXCLUDED))
     speed, found = _Search(_speed, _exceeds, _speed, fit, separates, fastest).raised(found)
     left = 1.0 - sum(len(s.effort) for s in found) / total
     return found, SlidingLimits(travel, speed, left)

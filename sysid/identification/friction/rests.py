@@ -30,11 +30,11 @@ from sysid.signals import deviation_by_median
 from sysid.types import FloatArray
 
 # Of PWM before the onset, in periods: enough for the ripple, few for a trend's curvature.
-_PERIODS = 20
+_RIPPLES = 20
 _CREST_POINTS = 41
 CRITERION = (
     "end of a rest within a motion, by the onset of sustained motion; the efforts before it are "
-    f"fitted over {_PERIODS} PWM periods by a trend and the ripple, and read at its last crest; "
+    f"fitted over {_RIPPLES} PWM periods by a trend and the ripple, and read at its last crest; "
     "the median of all rests"
 )
 
@@ -122,9 +122,9 @@ def _readings(trial: Recording) -> Iterator[float]:
 def _crest(rest: Recording, onset: Onset) -> float:
     """The largest effort just before an onset, Nm or N along the motion; NaN of a short rest."""
     pwm = rest.rig.pwm
-    period = AVERAGE_S / _PERIODS if pwm is None else pwm.period_s
+    period = AVERAGE_S / _RIPPLES if pwm is None else pwm.period_s
     harmonics = _harmonics(rest)
-    first = max(0, onset.index + 1 - round(_PERIODS * period / rest.period))
+    first = max(0, onset.index + 1 - round(_RIPPLES * period / rest.period))
     rows = slice(first, onset.index + 1)
     columns = _columns(rest.time[rows] - onset.time, period, harmonics)
     if len(columns) < 2 * columns.shape[1]:

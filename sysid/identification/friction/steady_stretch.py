@@ -24,7 +24,7 @@ STEADY = 0.05  # an interval is steady while its blocks stay within this share o
 STALL = 0.02  # of the fastest block: slower is a stall
 COAST = 0.2  # of the fastest block: a trial that comes to rest counts while it is faster
 # Of blocks: the shortest stretch, and how long a kick settles.
-_LEAST, _SETTLE = 4, 2
+_SHORTEST_BLOCKS, _SETTLING_BLOCKS = 4, 2
 _FEWEST_BLOCKS = 8
 STALLED = "it stalls: the shaft comes to rest under the constant effort"
 
@@ -60,10 +60,12 @@ def find_stretch(trial: Recording) -> SteadyStretch | str:
     start, stop = start + first, start + last
     unit_s = _block_s(trial)
     block = max(2, round(unit_s / trial.period))
-    if (stop - start) * trial.period < _LEAST * unit_s or stop - start < _LEAST * block:
+    if (
+        stop - start
+    ) * trial.period < _SHORTEST_BLOCKS * unit_s or stop - start < _SHORTEST_BLOCKS * block:
         return (
-            f"its effort is constant for less than {_LEAST * unit_s:.2g} s, or "
-            f"{_LEAST * block} rows, away from the end stops"
+            f"its effort is constant for less than {_SHORTEST_BLOCKS * unit_s:.2g} s, or "
+            f"{_SHORTEST_BLOCKS * block} rows, away from the end stops"
         )
     marks, speed = _blocks(trial, start, stop, block)
     while _noise(trial, marks) > COAST * np.max(speed) and len(speed) >= 2 * _FEWEST_BLOCKS:
@@ -80,7 +82,7 @@ def find_stretch(trial: Recording) -> SteadyStretch | str:
 def _block_s(trial: Recording) -> float:
     """How long a block is over which the speed is averaged, s: 50 ms, or less in a short test."""
     length = len(trial) * trial.period
-    return BLOCK_S if length >= 2 * _LEAST * BLOCK_S else length / (2 * _FEWEST_BLOCKS)
+    return BLOCK_S if length >= 2 * _SHORTEST_BLOCKS * BLOCK_S else length / (2 * _FEWEST_BLOCKS)
 
 
 def _blocks(
@@ -115,11 +117,11 @@ def _settled(
     first = int(off[-1]) + 1 if len(off) else 0
     start = int(marks[first]) if first < len(speed) else stop
     unit_s = _block_s(trial)
-    long_enough = (stop - start) * trial.period >= _LEAST * unit_s
+    long_enough = (stop - start) * trial.period >= _SHORTEST_BLOCKS * unit_s
     steady = long_enough and not _load_changes(trial, start, stop)
     if not steady:
-        settle = round(_SETTLE * unit_s / trial.period)
-        start = min(int(marks[0]) + settle, stop - round(_LEAST * unit_s / trial.period))
+        settle = round(_SETTLING_BLOCKS * unit_s / trial.period)
+        start = min(int(marks[0]) + settle, stop - round(_SHORTEST_BLOCKS * unit_s / trial.period))
         start = max(start, int(marks[0]))
         first = int(np.searchsorted(marks[:-1], start))
     inside = speed[min(first, len(speed) - 1) :]
@@ -147,7 +149,7 @@ def _before_rest(
     without one (an arm that swings uphill), all of its motion while it is fast.
     """
     unit_s = _block_s(trial)
-    least = max(2, math.ceil(_LEAST * unit_s / (trial.period * (marks[1] - marks[0]))))
+    least = max(2, math.ceil(_SHORTEST_BLOCKS * unit_s / (trial.period * (marks[1] - marks[0]))))
     first, last = signals.longest_run(speed >= max(COAST * float(np.max(speed)), noise))
     if last - first < least:
         return STALLED
@@ -158,7 +160,7 @@ def _before_rest(
     if steady:
         first, last = first + from_, first + to
     elif last - first > least:
-        first = min(first + _SETTLE, last - least)
+        first = min(first + _SETTLING_BLOCKS, last - least)
     inside = speed[first:last]
     drift = float(np.ptp(inside)) / float(np.median(inside))
     return SteadyStretch(int(marks[first]), int(marks[last]), steady, drift)
@@ -245,7 +247,7 @@ def _levels(trial: Recording) -> Iterator[Recording]:
     number = 0
     for start, stop in pairwise(bounds.tolist()):
         own = drive[start:stop]
-        long_enough = (stop - start) * trial.period >= 2 * _LEAST * _block_s(trial)
+        long_enough = (stop - start) * trial.period >= 2 * _SHORTEST_BLOCKS * _block_s(trial)
         if not long_enough or np.ptp(own) > 2.0 * tolerance or abs(own[0]) <= tolerance:
             continue
         number += 1

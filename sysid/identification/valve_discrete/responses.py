@@ -40,9 +40,9 @@ if TYPE_CHECKING:
 _DELAY_OF = dict(zip(WAYS, DELAYS, strict=True))
 _WORDS = {"fill": "filling", "dis": "discharging"}
 # Shares of the way to the settled pressure, whose times are listed; a curve is drawn to the last.
-_SHARES = (0.1, 0.5, 0.9)
-_DRAWN = 0.99
-_ROWS = 3000
+_LISTED_SHARES = (0.1, 0.5, 0.9)
+_DRAWN_SHARE = 0.99
+_CURVE_ROWS = 3000
 _ROLES: tuple[Role, ...] = ("model", "second", "third", "fourth", "ink")
 _DASHES: tuple[Dash, ...] = ("solid", "dashed", "dotted", "dash-dot")
 
@@ -90,7 +90,7 @@ class Responses(Shown):
             }
             | {
                 key: value
-                for share, t in zip(_SHARES, r.times, strict=True)
+                for share, t in zip(_LISTED_SHARES, r.times, strict=True)
                 for key, value in (
                     (f"time_to_{100 * share:.0f}_percent_s", t.value),
                     (f"time_to_{100 * share:.0f}_percent_std_s", t.std),
@@ -107,9 +107,13 @@ class Responses(Shown):
             for r in self.responses
             if r.way == way
         ]
-        columns = ("Valve", "Direction", *(f"{100 * s:.0f} % of the way (ms)" for s in _SHARES))
+        columns = (
+            "Valve",
+            "Direction",
+            *(f"{100 * s:.0f} % of the way (ms)" for s in _LISTED_SHARES),
+        )
         caption = f"Responses from the command on: {self._chamber()}"
-        yield table(caption, columns, rows, text=(1, *range(2, 2 + len(_SHARES))))
+        yield table(caption, columns, rows, text=(1, *range(2, 2 + len(_LISTED_SHARES))))
 
     def plot(self, axes: Axes | Iterable[Axes] | None = None) -> list[Axes]:
         """Pressure over time, filling and discharging; returns the axes."""
@@ -273,7 +277,7 @@ class _Candidate:
         return ends if self.way == "fill" else (ends[1], ends[0])
 
     def curve(self, end: float, moved: Mapping[str, float] | None = None) -> FloatArray:
-        """Pressure at `_ROWS` times from the command to `end` s."""
+        """Pressure at `_CURVE_ROWS` times from the command to `end` s."""
         air = self.common.require("air", "which the chamber equations need")
         supplied = self.rig.air or air
         valve = valve_of(self.law, self.rig, (self.way,), moved)
@@ -285,7 +289,7 @@ class _Candidate:
             if self.rig.bleeds:
                 fills, bleeds = (never, never), (command, whole)
         chamber = HeldChamber(
-            np.linspace(0.0, end, _ROWS),
+            np.linspace(0.0, end, _CURVE_ROWS),
             *fills,
             self.gain,
             np.zeros(1),
@@ -300,7 +304,7 @@ class _Candidate:
         """When it has gone nearly all of its way, s."""
         end = 1e-3
         for _ in range(40):
-            time = float(self._crossings(end, (_DRAWN,))[0])
+            time = float(self._crossings(end, (_DRAWN_SHARE,))[0])
             if math.isfinite(time):
                 return time
             end *= 2.0
@@ -308,22 +312,22 @@ class _Candidate:
 
     def response(self, end: float) -> Response:
         """Its curve to `end` s, with its times."""
-        time = np.linspace(0.0, end, _ROWS)
+        time = np.linspace(0.0, end, _CURVE_ROWS)
         return Response(self.name, self.way, time, self.curve(end), self._times(end))
 
     def _times(self, end: float) -> tuple[Estimate, ...]:
         """When it has gone each share of its way, with errors that follow from its numbers'."""
-        values = self._crossings(end, _SHARES)
+        values = self._crossings(end, _LISTED_SHARES)
         names = (*_keys(self.law, (self.way,)).values(), _DELAY_OF[self.way])
         known = self.table.estimates
         keys = [key for key in names if key in known and known[key].has_error]
         if not keys:
             return tuple(Estimate(float(v), math.nan, "s", (math.nan, math.nan)) for v in values)
-        slopes = np.zeros((len(_SHARES), len(keys)))
+        slopes = np.zeros((len(_LISTED_SHARES), len(keys)))
         for i, key in enumerate(keys):
             step, value = known[key].std, known[key].value
             ahead, behind = (
-                self._crossings(1.1 * end, _SHARES, {key: value + part * step})
+                self._crossings(1.1 * end, _LISTED_SHARES, {key: value + part * step})
                 for part in (0.5, -0.5)
             )
             slopes[:, i] = (ahead - behind) / step
@@ -340,7 +344,7 @@ class _Candidate:
         """When the pressure has gone these shares of its way, s; NaN where it has not by `end`."""
         first, last = self.ends
         gone = (self.curve(end, moved) - first) / (last - first)
-        time = np.linspace(0.0, end, _ROWS)
+        time = np.linspace(0.0, end, _CURVE_ROWS)
         return np.interp(shares, gone, time, right=math.nan)
 
 

@@ -30,7 +30,7 @@ _OUTSIDE = "save the data in one file (in MATLAB: load, then save)"
 # Attributes of the netCDF conventions for what stands for no value, and for packed values.
 _NO_VALUE, _PACKED = (b"_FillValue", b"missing_value"), (b"scale_factor", b"add_offset")
 # Bytes of MATLAB's attributes, of its names, and of what filters add to a chunk, are fewer.
-_SHORT = 1024
+_LONGEST_ATTRIBUTE = 1024
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -180,7 +180,7 @@ class _Objects:
             name = _shown(link)
             if not parent and name.startswith("#"):  # #refs#, #subsystem#: MATLAB's internal data
                 continue
-            if len(link) > _SHORT:
+            if len(link) > _LONGEST_ATTRIBUTE:
                 self.table.skipped[_full(parent, shortened(name))] = "its name is too long"
             elif group.links.get_info(link).type == h5py.h5l.TYPE_SOFT:
                 self._later.append(partial(self._follow_link, name, parent, group, link, depth))
@@ -314,7 +314,9 @@ def _check_packed(path: Path, name: str, node: Any) -> None:
         if chunk.filter_mask & (1 << last):
             continue
         unpacking = zlib.decompressobj()
-        unpacking.decompress(node.id.read_direct_chunk(chunk.chunk_offset)[1], most + _SHORT)
+        unpacking.decompress(
+            node.id.read_direct_chunk(chunk.chunk_offset)[1], most + _LONGEST_ATTRIBUTE
+        )
         if unpacking.unconsumed_tail:
             raise input_error(
                 path,
@@ -331,7 +333,7 @@ def _attribute(node: Any, name: bytes) -> Any:
         return None
     attribute = h5py.h5a.open(node.id, name)
     is_one = attribute.get_space().get_simple_extent_npoints() == 1
-    if not is_one or attribute.get_storage_size() > _SHORT:
+    if not is_one or attribute.get_storage_size() > _LONGEST_ATTRIBUTE:
         return None
     value = node.attrs[name.decode()]
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value

@@ -21,7 +21,7 @@ from sysid import signals
 from sysid.types import FloatArray
 
 # Steps to either side that show how the motion goes on.
-_SIDE = 3
+_ASIDE = 3
 # Multiple of the range of the surrounding steps about their line: less is a slip of a few rows.
 _IRREGULAR = 3.0
 # A reading in whole counts is within half a count of the truth, and a step within one:
@@ -38,19 +38,19 @@ _BLOCK = 32
 # Steps from which a sensor's readings show its resolution.
 _FEWEST_STEPS = 10
 # Jumps in a test that moves by nothing else.
-_FEW = 3
+_MOST_JUMPS = 3
 
 
 def _line(back: int) -> FloatArray:
     """(s, s): the least-squares line through the steps around a jump, at these steps; it may go
     `back` by a step so many later (0: it does not)."""
-    places = np.delete(np.arange(2 * _SIDE + 1.0 + back), [_SIDE, _SIDE + back])
+    places = np.delete(np.arange(2 * _ASIDE + 1.0 + back), [_ASIDE, _ASIDE + back])
     places -= places.mean()
     return np.asarray(np.outer(places, places) / (places @ places) + 1.0 / len(places))
 
 
 # Indexed by the number of steps after which a jump goes back (0: not within those around it).
-_LINES = tuple(_line(back) for back in range(_SIDE + 1))
+_LINES = tuple(_line(back) for back in range(_ASIDE + 1))
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Jump:
 
 @dataclass(frozen=True)
 class _Around:
-    """The steps of a test that have `_SIDE` others on both sides, (m,) each.
+    """The steps of a test that have `_ASIDE` others on both sides, (m,) each.
 
     `back`: after how many steps the position would go back, 0: not at all. `outside`: how far a
     step, and that back in the other direction, lie outside the others; `range`: the others' about
@@ -118,7 +118,7 @@ def _is_the_motion(joined: FloatArray, found: list[Jump]) -> bool:
     """Whether many jumps make up more than half of a test's travel: slips too short for its rows,
     so that the `joined` position (n,) without them is not the motion."""
     way = float(np.sum(np.abs(np.diff(joined))))
-    return len(found) > _FEW and sum(abs(jump.size) for jump in found) > way
+    return len(found) > _MOST_JUMPS and sum(abs(jump.size) for jump in found) > way
 
 
 def resolution_of(positions: FloatArray, declared: float | None = None) -> Resolution:
@@ -140,7 +140,7 @@ def resolution_of(positions: FloatArray, declared: float | None = None) -> Resol
 
 def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> list[Jump]:
     """The clearest jump of a test, with that back where it goes back; none without any."""
-    looks = [around for back in range(_SIDE + 1) if (around := _around(time, position, back))]
+    looks = [around for back in range(_ASIDE + 1) if (around := _around(time, position, back))]
     best = _clearest(position, resolution, looks)
     return [] if best is None else _jumps_at(time, position, resolution, *best)
 
@@ -152,13 +152,13 @@ def over_two_steps(time: FloatArray, position: FloatArray, resolution: Resolutio
     """
     found: list[Jump] = []
     joined = position.copy()
-    while len(found) <= _FEW:
+    while len(found) <= _MOST_JUMPS:
         around = _around(time, joined, 1, spread=True)
         best = None if around is None else _clearest(joined, resolution, [around])
         if best is None:
             return found
         around, step = best
-        row, size = step + _SIDE + 1, 0.0
+        row, size = step + _ASIDE + 1, 0.0
         for part in (row, row + 1):
             period = time[part] - time[part - 1]
             own = joined[part] - joined[part - 1] - around.mean[step] * period
@@ -200,19 +200,19 @@ def _jumps_at(
     time: FloatArray, position: FloatArray, resolution: Resolution, around: _Around, step: int
 ) -> list[Jump]:
     """The jump of a step (index into `around`), and that back by as much where it goes back."""
-    period, moved = (np.diff(values)[step + _SIDE] for values in (time, position))
+    period, moved = (np.diff(values)[step + _ASIDE] for values in (time, position))
     size = float(moved - around.mean[step] * period)
     if resolution.is_whole:
         size = resolution.step * round(size / resolution.step)
     jumps: list[Jump] = []
-    for row in sorted({step + _SIDE + 1, step + _SIDE + 1 + around.back}):
+    for row in sorted({step + _ASIDE + 1, step + _ASIDE + 1 + around.back}):
         speed = abs(float(position[row] - position[row - 1])) / float(time[row] - time[row - 1])
         jumps.append(Jump(row, -size if jumps else size, speed, float(around.fastest[step])))
     return jumps
 
 
 def _largest_noise(position: FloatArray, count: float) -> FloatArray:
-    """The most that noise, without the rounding to counts, adds to each step (m,) with `_SIDE`
+    """The most that noise, without the rounding to counts, adds to each step (m,) with `_ASIDE`
     others on both sides, in a test's length.
 
     By third differences over all rows, and over the blocks around a step: the noise of a clock
@@ -231,7 +231,7 @@ def _largest_noise(position: FloatArray, count: float) -> FloatArray:
     )
     around = np.max(sliding_window_view(np.pad(blocks, 1, mode="edge"), 3), axis=1)
     # Step k + 3 is in third differences k + 1 to k + 3.
-    local = np.repeat(around, sizes)[2 : 2 + len(position) - 1 - 2 * _SIDE]
+    local = np.repeat(around, sizes)[2 : 2 + len(position) - 1 - 2 * _ASIDE]
     noise = np.maximum(everywhere, local / (_UPPER_QUARTILE * math.sqrt(_THIRD)))
     free = np.sqrt(np.maximum(0.0, noise**2 - count**2 / 12.0))
     return math.sqrt(2.0) * -NormalDist().inv_cdf(0.5 * _FALSE_ALARM / len(position)) * free
@@ -251,11 +251,11 @@ def _around(
 ) -> _Around | None:
     """The steps with those around them; `spread`: the one after is the rest of the jump."""
     periods, steps = np.diff(time), np.diff(position)
-    window = 2 * _SIDE + 1 + back
+    window = 2 * _ASIDE + 1 + back
     if len(steps) < window + 2:
         return None
     count = len(steps) - window + 1
-    speeds, pair = steps / periods, (_SIDE, _SIDE + back)
+    speeds, pair = steps / periods, (_ASIDE, _ASIDE + back)
     others = np.stack([speeds[k : k + count] for k in range(window) if k not in pair])
     lengths = np.stack([periods[k : k + count] for k in range(window)])
     # A row's time stamp may be late: its step may have taken any of the periods around it.

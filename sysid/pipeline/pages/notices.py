@@ -23,7 +23,7 @@ _SECTIONS = {
     **{f"valves.{side}.discrete": "valves" for side in SIDES},
     **{f"valves.{side}.pwm": "surfaces" for side in SIDES},
 }
-_MOST = 4
+_MOST_SHOWN = 4
 _OF_TESTS = re.compile(r"([^:,]+), tests (\d+(?:, \d+)+): (.+)")
 
 
@@ -75,9 +75,9 @@ def with_notices(section: Section, notices: Sequence[str], *, is_first: bool = T
     if not is_first and section.id == "friction":
         shown.append(Lines(("Of the fit to these tests alone, before effects and refinement:",)))
     new = _together(new)
-    shown.append(Notes(new[:_MOST]))
-    if len(new) > _MOST:
-        shown.append(Lines(new[_MOST:], "Further notices of this fit"))
+    shown.append(Notes(new[:_MOST_SHOWN]))
+    if len(new) > _MOST_SHOWN:
+        shown.append(Lines(new[_MOST_SHOWN:], "Further notices of this fit"))
     return replace(section, blocks=(*shown, *section.blocks))
 
 

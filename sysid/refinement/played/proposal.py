@@ -30,7 +30,7 @@ from sysid.types import FloatArray, Progress, no_progress
 # A short test is cut as a refinement cuts motion: into a segment, which may start a little later.
 _PIECE_S = 1.25 * SEGMENT_S
 # Open loop, a plant off the model drifts: of shorter tests, so many as many, each may do more.
-_MORE = 2
+_TIMES_AS_MANY = 2
 # Plants on which a test is designed, others on which the best are checked as the search goes, and
 # those on which the result is.
 _TRIED, _FRESH, _LAST = 24, 64, 128
@@ -79,7 +79,7 @@ def played_test(
     plants = [setting.model, *off[:_TRIED]]
     fresh, last = off[_TRIED:-_LAST], off[-_LAST:]
     stages = []
-    for number in (pieces, _MORE * pieces):
+    for number in (pieces, _TIMES_AS_MANY * pieces):
         actuators = Actuators.of(rig, row, request.duration / number, effort)
         stages.append(DesignStage(setting, problem, actuators, number, limits, plants, fresh, last))
     found = designed(stages, aim, now, progress)
