@@ -43,6 +43,7 @@ from sysid.identification.valve_discrete.notices import (
     law_remarks,
     settled_notices,
     tank_notices,
+    time_slip,
     verdicts,
 )
 from sysid.identification.valve_discrete.quality import judged
@@ -199,12 +200,12 @@ def _fit_valve(
     curves, choice = chosen(by_thesis, law, series)
     if series is not None and curves is series:  # whose regimes are others
         reasons = {name: why for name, why in reasons.items() if name not in curves.problem.free}
-    contradicted = any_contradiction(used)
+    estimates = flows_and_delays(curves, reasons, title, notices, choice.delays)
+    contradicted = any_contradiction(used) or time_slip(estimates, rig) is not None
     quality = {
         way: replace(one, contradicted=contradicted)
         for way, one in judged(curves, title, choice.better).items()
     }
-    estimates = flows_and_delays(curves, reasons, title, notices, choice.delays)
     ways = [way for way, name in choice.laws.items() if name == SERIES]
     estimates = with_flow_controls(estimates, series, ways, alone)
     estimates |= critical_ratios(curves, estimates) if find_ratio else {}

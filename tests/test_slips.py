@@ -285,6 +285,15 @@ def test_chambers_under_a_regulator_are_no_slip(rig: Rig, tmp_path: Path) -> Non
     assert not any("added twice" in n for n in read(twice, regulated, tmp_path).notices)
 
 
+def test_tests_from_several_supplies_contradict_none(rig_text: str) -> None:
+    rig = rig_from_content(tomllib.loads(rig_text), "rig.toml")
+    declared = rig.require("air", "").supply_pressure_pa
+    steps = declared * np.repeat([0.5, 0.65, 0.8, 1.0], 250)
+    assert check_supply("log.csv", {"supply_pressure_pa": steps}, rig) is None
+    gauge = check_supply("log.csv", {"supply_pressure_pa": 0.75 * steps}, rig)
+    assert "one of the two is wrong" in (gauge or "")
+
+
 def test_a_piston_that_compresses_a_chamber_above_the_supply_is_no_slip(rig_text: str) -> None:
     rig = rig_from_content(tomllib.loads(rig_text), "rig.toml")
     air, cylinder = rig.require("air", ""), rig.require("cylinder", "")

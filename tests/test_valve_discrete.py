@@ -637,8 +637,30 @@ def test_pressure_clipped_below_the_supply(rig: Rig) -> None:
     only_notice(result, "saturated (flat-topped at 260000 Pa")
     fit = result.valves["a"]
     assert not fit["off_delay_s"].identified
+    assert fit["off_delay_s"].reason == "no usable row lies right before switching off"
     found = errors(fit, VALVE_A)
     assert max(abs(found[n]) for n in FLOWS) < 0.02
+
+
+def test_a_valve_that_takes_half_a_second(rig: Rig) -> None:
+    """A large pilot-operated one: delays are bounded by the test, not by what is usual."""
+    slow = dataclasses.replace(VALVE_A, on_delay_s=0.45, off_delay_s=0.6)
+    found = fit_quickly(Bench(slow).trials(2), rig).valves["a"]
+    assert found["on_delay_s"].value == pytest.approx(0.45, abs=1e-3)
+    assert found["off_delay_s"].value == pytest.approx(0.6, abs=1e-3)
+
+
+def test_a_time_of_another_unit_shows_in_the_delays(rig: Rig) -> None:
+    """Without a declared sampling period nothing else does: the flows are merely as wrong."""
+    unsampled = dataclasses.replace(rig, sampling=None)
+    trials = [Trial(t.label, 1e-3 * t.time, t.channels, t.source) for t in Bench().trials(2)]
+    result = fit_quickly(trials, unsampled)
+    said = "all delays are about 1000 times too small for the rig file's: time_s is not in s"
+    assert sum(said in n for n in result.notices) == 1, result.notices
+    assert not any("the rig file declares" in n for n in result.notices)
+    assert all(q.verdict != "good" for q in result.valves["a"].quality.values())
+    right = fit_quickly(Bench().trials(2), unsampled)
+    assert not any("all delays" in n for n in right.notices), right.notices
 
 
 def test_pressure_clipped_below_the_choked_boundary(rig: Rig) -> None:

@@ -20,7 +20,11 @@ from sysid.types import BoolArray, FloatArray
 RATIOS = ("critical_ratio_fill", "critical_ratio_dis")
 JUMPS = ("jump_fill_percent", "jump_dis_percent")
 _LAWS = {ISO6358: "law of ISO 6358", SERIES: "law of a flow control in series"}
-_DELAY_TOLERANCE_S = 0.0003
+# Of a delay, how far it may be from its data sheet's.
+_DELAY_TOLERANCE = 0.15
+# What makes a time another unit's, and by how much less than that data sheets are wrong.
+_TIME_SLIPS = (1e3, 1e6)
+_DATA_SHEET = 5.0
 _RATIO_TOLERANCE = 0.02
 
 
@@ -144,15 +148,45 @@ def delay_notices(estimates: Mapping[str, Estimate], title: str, rig: Rig) -> li
     """Measured delays that differ from the declared ones."""
     if rig.valves is None:
         return []
+    if (slip := time_slip(estimates, rig)) is not None:
+        return [f"{title}: {slip}"]
     lines = []
     for name, declared in zip(DELAYS, (rig.valves.on_delay_s, rig.valves.off_delay_s), strict=True):
         e = estimates[name]
-        if e.identified and not e.holds(declared) and abs(e.value - declared) > _DELAY_TOLERANCE_S:
+        if (
+            e.identified
+            and not e.holds(declared)
+            and (abs(e.value - declared) > _DELAY_TOLERANCE * max(abs(e.value), declared))
+        ):
             lines.append(
                 f"{title}: {name} is {1e3 * e.value:.3g} ms ({1e3 * e.interval[0]:.3g} to "
                 f"{1e3 * e.interval[1]:.3g}), the rig file declares {1e3 * declared:.3g} ms"
             )
     return lines
+
+
+def time_slip(estimates: Mapping[str, Estimate], rig: Rig) -> str | None:
+    """A line where all delays are so many times the declared ones that the log's time is not in s.
+
+    By a power of a thousand: a data sheet is not that wrong, and flows are as wrong.
+    """
+    if rig.valves is None or rig.assumes("valves"):
+        return None
+    sheet = zip(DELAYS, (rig.valves.on_delay_s, rig.valves.off_delay_s), strict=True)
+    times = [
+        estimates[name].value / declared
+        for name, declared in sheet
+        if name in estimates and estimates[name].identified and declared > 0.0
+    ]
+    for slip in _TIME_SLIPS:
+        for factor, said in ((slip, "large"), (1.0 / slip, "small")):
+            if times and all(factor / _DATA_SHEET < t < factor * _DATA_SHEET for t in times):
+                return (
+                    f"all delays are about {slip:g} times too {said} for the rig file's: time_s is "
+                    "not in s (or the rig file's delays are not), and every flow is as wrong; map "
+                    "the time with its unit"
+                )
+    return None
 
 
 def law_remarks(choice: LawChoice, title: str) -> list[str]:

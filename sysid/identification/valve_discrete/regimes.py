@@ -87,10 +87,13 @@ def read_stretches(piece: Piece) -> Stretches:
         found.add(FILLING, [_read(filling, piece, *each) for each in fills])
     else:
         _no_filling(found, f"the {'' if c.bleeds is None else 'fill '}valve is never switched on")
-    empties = [each for each in _emptyings(piece) if each[0] <= c.time[-1]]
+    commanded = _emptyings(piece)
+    empties = [each for each in commanded if each[0] <= c.time[-1]]
     if empties:
         discharge = _discharge if piece.way > 0.0 else _vacuum_discharge
         found.add(DISCHARGING, [_read(discharge, piece, *each) for each in empties])
+    elif any(math.isfinite(begin) for begin, _ in commanded):
+        _no_discharge(found, _no_row_before(piece))
     elif c.bleeds is None:
         _no_discharge(found, "the valve is not switched off again: record longer")
     else:
@@ -167,6 +170,10 @@ def _least_of_vacuum(piece: Piece) -> float:
 def _emptied_by(piece: Piece) -> str:
     """What begins a discharge, in words."""
     return "switching off" if piece.chamber.bleeds is None else "the bleed valve is switched on"
+
+
+def _no_row_before(piece: Piece) -> str:
+    return f"no usable row lies right before {_emptied_by(piece)}"
 
 
 def _fall(
@@ -272,7 +279,7 @@ def _discharge(piece: Piece, closed: float, following: float, found: Stretches) 
     boundary = p0 / CRITICAL_RATIO
     before = piece.pressure[(c.time < closed) & (c.time > closed - EDGE_GUARD_S)]
     if not len(before):
-        found.miss("off_delay_s", f"no usable row lies before {_emptied_by(piece)}")
+        found.miss("off_delay_s", _no_row_before(piece))
         before = p[:3]
     level, bottom = float(np.median(before)), float(np.min(_smooth(p)))
     if level < boundary + 2.0 * margin:
