@@ -230,6 +230,28 @@ def test_the_tests_of_a_counter_that_wraps_are_on_one_side(tmp_path: Path) -> No
         np.testing.assert_allclose(trial["position_m"], part["position_m"], atol=1e-9)
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_stop_that_a_motion_runs_into_is_no_jump(way: float, tmp_path: Path) -> None:
+    """Two fast rows and a rest at the end of the travel: an impact, not lost counts."""
+    steps = [-3, -3, -2, -1, 1, 2, 6, 8, 2, *[0] * 400]
+    time = 1e-3 * np.arange(700)
+    start = np.round(800.0 * np.sin(2.0 * np.pi * time / 0.6))[:291]
+    counts = np.concatenate([start - start[-1], np.cumsum(steps)])
+    counts = np.concatenate([counts, np.full(700 - len(counts), counts[-1])])
+    counts = np.minimum(counts, counts[-1])
+    frame = pd.DataFrame({"time_s": time, "position_m": way * 1e-5 * counts})
+    frame = frame.assign(motor_force_n=1.0)
+
+    def jumps(held: pd.DataFrame) -> list[str]:
+        held.to_csv(tmp_path / "log.csv", index=False)
+        read = read_bare_logs([tmp_path / "log.csv"], {}).logs[0].notices
+        return [n for n in read if "position_m jumps" in n]
+
+    assert jumps(frame) == []
+    beyond = pd.concat([frame, frame.assign(time_s=0.7 + time, position_m=way * 5e-3)])
+    assert any("over two rows" in n for n in jumps(beyond))
+
+
 # --- rows too far apart -----------------------------------------------------------------------
 
 

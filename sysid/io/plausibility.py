@@ -400,7 +400,7 @@ def check_supply(where: str, columns: Mapping[str, FloatArray], rig: Rig) -> str
     if "supply_pressure_pa" in columns:
         supply = columns["supply_pressure_pa"]
         # Tests from several supplies contradict none of them.
-        low, high = (float(q) for q in np.quantile(supply, (1.0 - _HIGH, _HIGH)))
+        low, high = (float(q) for q in np.quantile(supply, (1.0 - _HIGH_QUANTILE, _HIGH_QUANTILE)))
         if low / SAME_PRESSURE <= declared <= high * SAME_PRESSURE:
             return None
         logged = float(np.median(supply))

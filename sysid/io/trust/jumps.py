@@ -171,6 +171,17 @@ def over_two_steps(time: FloatArray, position: FloatArray, resolution: Resolutio
     return []
 
 
+def runs_into_stop(
+    position: FloatArray, jump: Jump, ends: tuple[float, float], count: float
+) -> bool:
+    """Whether a jump over two steps of a position (n,) is a motion that runs into a stop: it rests
+    right after, at the end of the `ends` between which all positions of its file lie.
+    """
+    later = position[jump.row + 1 : jump.row + 2 + _ASIDE]
+    reached = ends[1] if jump.size > 0.0 else ends[0]
+    return bool(np.ptp(later[-2:]) <= count and abs(later[-1] - reached) <= count)
+
+
 def _clearest(
     position: FloatArray, resolution: Resolution, looks: Sequence[_Around]
 ) -> tuple[_Around, int] | None:
@@ -289,4 +300,11 @@ def _around(
     )
 
 
-__all__ = ["Jump", "Resolution", "over_two_steps", "resolution_of", "without_jumps"]
+__all__ = [
+    "Jump",
+    "Resolution",
+    "over_two_steps",
+    "resolution_of",
+    "runs_into_stop",
+    "without_jumps",
+]

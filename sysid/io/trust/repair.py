@@ -21,6 +21,7 @@ from sysid.io.trust.jumps import (
     Resolution,
     over_two_steps,
     resolution_of,
+    runs_into_stop,
     without_jumps,
 )
 from sysid.io.trust.slow import RESOLVED_STEP, WANTED_ROWS, largest_step, rows_per_reversal
@@ -158,13 +159,17 @@ def _join_on(file: RepairedFile, fresh: list[Fresh] | None) -> None:
     name = file.position
     parts = file.parts(name)
     resolution = _resolution(file)
+    count = resolution.step if math.isfinite(resolution.step) else 0.0
+    ends = min(float(p.min()) for p in parts), max(float(p.max()) for p in parts)
     found: list[tuple[int, Jump]] = []
     doubtful: list[tuple[int, Jump]] = []
     for test, (time, values) in enumerate(zip(file.parts("time_s"), parts, strict=True)):
         if fresh is None:
             parts[test], jumps = without_jumps(time, values, resolution)
             two = over_two_steps(time, parts[test], resolution)
-            doubtful += [(test, jump) for jump in two]
+            doubtful += [
+                (test, jump) for jump in two if not runs_into_stop(parts[test], jump, ends, count)
+            ]
         else:
             own = fresh[test]
             own.values, jumps = without_jumps(own.time, own.values, resolution)
