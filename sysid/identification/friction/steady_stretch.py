@@ -60,9 +60,8 @@ def find_stretch(trial: Recording) -> SteadyStretch | str:
     start, stop = start + first, start + last
     unit_s = _block_s(trial)
     block = max(2, round(unit_s / trial.period))
-    if (
-        stop - start
-    ) * trial.period < _SHORTEST_BLOCKS * unit_s or stop - start < _SHORTEST_BLOCKS * block:
+    is_short = (stop - start) * trial.period < _SHORTEST_BLOCKS * unit_s
+    if is_short or stop - start < _SHORTEST_BLOCKS * block:
         return (
             f"its effort is constant for less than {_SHORTEST_BLOCKS * unit_s:.2g} s, or "
             f"{_SHORTEST_BLOCKS * block} rows, away from the end stops"
