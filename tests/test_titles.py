@@ -8,6 +8,7 @@ import pytest
 from golden_folder import golden_bundle
 
 import sysid as si
+from sysid.blocks.figures import Words
 from sysid.blocks.html import block_html
 from sysid.blocks.numbers import unit as shown
 from sysid.blocks.titles import words_of
@@ -95,10 +96,10 @@ def test_a_comparison_shows_titles_on_a_page_and_keys_in_a_terminal(bundle: Bund
     assert "friction" in str(found) and "static_nm" in str(found)
     page = re.sub(r"<small>.*?</small>", "", block_html(parameters))
     assert not _KEY.search(re.sub(r"<[^>]*>", "", page))
-    ticks = found.figure().panels[0].y.ticks
-    assert ticks and not [text for _, text in ticks if _KEY.search(text)]
+    rows = [(m.y, m.text) for m in found.figure().panels[0].marks if isinstance(m, Words)]
+    assert rows and not [text for _, text in rows if _KEY.search(text)]
     # The first of the table is the highest.
-    assert max(ticks)[1] == "Static friction"
+    assert max(rows)[1] == "Static friction"
 
 
 @pytest.mark.parametrize(

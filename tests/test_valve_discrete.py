@@ -642,14 +642,6 @@ def test_pressure_clipped_below_the_supply(rig: Rig) -> None:
     assert max(abs(found[n]) for n in FLOWS) < 0.02
 
 
-def test_a_valve_that_takes_half_a_second(rig: Rig) -> None:
-    """A large pilot-operated one: delays are bounded by the test, not by what is usual."""
-    slow = dataclasses.replace(VALVE_A, on_delay_s=0.45, off_delay_s=0.6)
-    found = fit_quickly(Bench(slow).trials(2), rig).valves["a"]
-    assert found["on_delay_s"].value == pytest.approx(0.45, abs=1e-3)
-    assert found["off_delay_s"].value == pytest.approx(0.6, abs=1e-3)
-
-
 def test_a_time_of_another_unit_shows_in_the_delays(rig: Rig) -> None:
     """Without a declared sampling period nothing else does: the flows are merely as wrong."""
     unsampled = dataclasses.replace(rig, sampling=None)

@@ -237,8 +237,7 @@ class CurveProblem:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        longest = max(float(p.chamber.time[-1] - p.chamber.time[0]) for p in self.pieces)
-        shared = [_shared_parameter(name, getattr(self.start, name), longest) for name in self.free]
+        shared = [_shared_parameter(name, getattr(self.start, name)) for name in self.free]
         own = [p for i, piece in enumerate(self.pieces) for p in _own_parameters(i, piece)]
         return tuple(shared + own)
 
@@ -302,12 +301,11 @@ class CurveProblem:
         return total
 
 
-def _shared_parameter(name: str, value: float, longest: float) -> Parameter:
-    """A number of the valve, from a start value; `longest`: the longest test, s."""
+def _shared_parameter(name: str, value: float) -> Parameter:
     unit = UNITS[name]
     if name in DELAYS:
-        # A command may be stamped late, s; a valve that takes longer than a test shows nothing.
-        low, high = -0.02, longest
+        # A command's time stamp may be late; no valve takes as long as the upper bound. Seconds.
+        low, high = -0.02, 0.3
         return Parameter(name, min(max(value, 0.9 * low), 0.9 * high), unit, low, high, 0.002)
     if name.startswith("critical_ratio"):
         return Parameter(name, value, unit, 0.0, HIGHEST_RATIO, 0.3)
