@@ -58,6 +58,13 @@ def short() -> tuple[Traces, Model]:
     return prepare(cut, rig, model), model
 
 
+def with_states(kind: type) -> CatalogueEffect:
+    """A typical effect of a kind that may have states."""
+    effect: CatalogueEffect = kind.typical()  # type: ignore[attr-defined]
+    # A droop has states with a volume behind its resistance alone.
+    return effect if effect.states else replace(effect, line_time_s=0.02)  # type: ignore[call-arg]
+
+
 def plainly(traces: Traces, model: Model, low: int, stop: int) -> dict[str, FloatArray]:
     """Heun's method from row `low` on, one row after the other: the states at `low` to `stop`."""
     step = float(traces.time[low + 1] - traces.time[low])
@@ -92,9 +99,7 @@ def test_states_are_those_of_a_plain_loop(
     kind: type, drifts: bool, short: tuple[Traces, Model]
 ) -> None:
     traces, model = short
-    effect = kind.typical()  # type: ignore[attr-defined]
-    # A droop has states with a volume behind its resistance alone.
-    model = model + (effect if effect.states else replace(effect, line_time_s=0.02))
+    model = model + with_states(kind)
     if drifts:
         model = model + TemperatureDrift(0.2)
     needs_flow = any(name != EFFORT for name in channels_of(model.effects[0]))
@@ -168,14 +173,13 @@ def test_what_sensors_show_at_some_rows_is_what_they_show_of_all(
 def test_states_that_do_not_follow_the_valves_are_the_same_at_another_timing(
     kind: type, short: tuple[Traces, Model]
 ) -> None:
-    """What says so is not integrated again for each timing that is tried."""
+    """These are not integrated again for each timing that is tried."""
     traces, model = short
-    effect = kind.typical()  # type: ignore[attr-defined]
-    effect = effect if effect.states else replace(effect, line_time_s=0.02)
+    effect = with_states(kind)
     late = traces.with_opening(np.roll(traces.open_a, 20), np.roll(traces.open_b, 20))
     at, later = (integrate_states(t, model + effect, needs_flow=True) for t in (traces, late))
     same = all(np.array_equal(at[name], later[name]) for name in at)
-    assert same is not effect.states_follow_valves
+    assert same is not StatesModel.of(model + effect, traces).follows_valves
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.id)
@@ -184,9 +188,7 @@ def test_states_are_integrated_again_only_for_numbers_that_they_follow(
 ) -> None:
     """A fit moves one number after the other, and most change no state."""
     traces, model = short
-    effect = kind.typical()  # type: ignore[attr-defined]
-    effect = effect if effect.states else replace(effect, line_time_s=0.02)
-    whole = model + effect
+    whole = model + with_states(kind)
     here = integrate_states(traces, whole, needs_flow=True)
     asked = StatesModel.of(whole, traces)
     for name in (f.name for f in fields(model.parameters)):

@@ -80,9 +80,6 @@ class Effect:
     """
 
     states: ClassVar[tuple[str, ...]] = ()
-    # Whether their start or rates depend on the valves' opening other than through `flows`: where
-    # not, they need not be integrated again for each timing of the valves that a diagnosis tries.
-    states_follow_valves: ClassVar[bool] = True
     # Whether `measure` begins anew after a long gap of time: many tests are then measured as one.
     forgets_in_gaps: ClassVar[bool] = False
     # Whether `measure` shows each row by itself, whatever the time: it is asked for some rows then.

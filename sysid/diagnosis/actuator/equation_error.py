@@ -128,12 +128,11 @@ def equation_error(
         known = [n for n in _FITTED if getattr(model.parameters, n) is not None]
         fixed = model.parameters.replace(**dict.fromkeys(known, 0.0))
         whole = _with_timing(seen, traces, Model(fixed, timing))
-    owners = [e for e in model.effects if e.states]
-    driving = whole if any(e.states_follow_valves for e in owners) else seen
     states = {}
-    if owners:
-        own_part = _with_part_in_states(model)
-        states = _states(driving, StatesModel.of(own_part, driving))
+    if any(e.states for e in model.effects):
+        concerned = StatesModel.of(_with_part_in_states(model), traces)
+        # States that do not follow the timing serve each that is tried.
+        states = _states(whole if concerned.follows_valves else seen, concerned)
     found = {name: np.zeros(len(rows[name].index) if rows else len(traces)) for name in CHANNELS}
     for name in channels:
         own = rows[name] if rows else None

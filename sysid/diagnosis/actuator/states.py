@@ -96,10 +96,12 @@ class StatesModel:
     """A model with extra states, equal to any whose states are the same.
 
     Of the numbers that a fit moves in turn, as flows and friction, states follow few.
+    `follows_valves`: whether they follow the valves' opening, too.
     """
 
     model: Model = field(compare=False)
     followed: Hashable
+    follows_valves: bool
 
     @classmethod
     def of(cls, model: Model, traces: Traces) -> StatesModel:
@@ -108,16 +110,18 @@ class StatesModel:
 
         structure, numbers = split((model.parameters, *model.effects))
         leaves, tree = jax.tree.flatten(numbers)
-        follows = _follows(structure, model.state_names, tree, traces.carried.shape[1:])
+        carried = traces.carried.shape[1:]
+        follows, valves = _follows(structure, model.state_names, tree, carried)
         own = (float(v) for v, followed in zip(leaves, follows, strict=True) if followed)
-        return cls(model, (structure, *own))
+        return cls(model, (structure, *own), valves)
 
 
 @lru_cache(maxsize=_MOST_PROGRAMS)
 def _follows(
     structure: Structure, names: tuple[str, ...], tree: Any, carried: tuple[int, ...]
-) -> tuple[bool, ...]:
-    """Whether the states' start or rates follow each number of `tree`, in jax's order."""
+) -> tuple[tuple[bool, ...], bool]:
+    """Whether the states' start or rates follow each number of `tree`, in jax's order; and whether
+    a valve's opening, other than through the flow that a measured pressure shows."""
     from sysid.plant.jax_setup import jax, on_processor
 
     def laws(numbers: list[dict[str, Any]], here: dict[str, Any]) -> Any:
@@ -134,7 +138,10 @@ def _follows(
     for step in reversed(program.eqns):
         if any(id(v) in wanted for v in step.outvars):
             wanted |= {id(v) for v in step.invars}
-    return tuple(id(v) in wanted for v in program.invars[: tree.num_leaves])
+    inputs = jax.tree.structure((numbers, here))
+    of_numbers, of_channels = jax.tree.unflatten(inputs, [id(v) in wanted for v in program.invars])
+    valves = any(of_channels[f"open_{side}"] for side in SIDES)
+    return tuple(jax.tree.leaves(of_numbers)), valves
 
 
 def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str, FloatArray]:

@@ -155,7 +155,6 @@ class WallHeatTransfer(CatalogueEffect):
         "1930 (turbulent: the Nusselt number grows as the Reynolds number^0.8)"
     )
     states = ("wall_log_temperature_a", "wall_log_temperature_b")
-    states_follow_valves = False
 
     def __post_init__(self) -> None:
         # An instance has the states of its own side only.

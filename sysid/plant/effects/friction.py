@@ -258,7 +258,6 @@ class Presliding(CatalogueEffect):
 
     bristle_compliance_rad_per_nm: Array = 0.0
     states = ("presliding_share",)
-    states_follow_valves = False
 
     id = "presliding"
     title = "Presliding displacement"
@@ -419,7 +418,6 @@ class StictionAfterRest(CatalogueEffect):
     fresh_loss_nm: Array = 0.0
     recovery_time_s: Array = 0.3
     states = ("fresh_share",)
-    states_follow_valves = False
 
     id = "stiction-after-rest"
     title = "Static friction that grows while at rest"

@@ -57,7 +57,6 @@ class Backlash(CatalogueEffect):
     crossing_speed_rad_per_s: Array = 2.0
     motor_share: Array = 0.0
     states = ("backlash_place", "backlash_motor_rad", "backlash_motor_rad_per_s")
-    states_follow_valves = False
 
     id = "backlash"
     title = "Backlash in the motor's gear"
@@ -318,7 +317,6 @@ class LinkFlexibility(CatalogueEffect):
     link_damping: Array = 0.03
     encoder_on_link: Array = 0.0
     states = ("link_angle_rad", "link_speed_rad_per_s")
-    states_follow_valves = False
 
     id = "link-flexibility"
     title = "Flexible link"

@@ -141,7 +141,6 @@ class AmplifierLag(CatalogueEffect):
 
     amplifier_lag_s: Array = 0.0
     states = ("amplifier_effort",)
-    states_follow_valves = False
 
     id = "amplifier-lag"
     needs_motor = True
