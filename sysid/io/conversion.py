@@ -17,12 +17,7 @@ from sysid.io.channels import TEST_COLUMN
 from sysid.io.file_kinds import FOREIGN_SUFFIXES
 from sysid.io.foreign import ForeignFile, ForeignTable, read_any
 from sysid.io.foreign.recipe import Recipe, extended, read_recipe
-from sysid.io.foreign_columns import (
-    log_columns,
-    unused_columns,
-    with_atmosphere,
-    with_gas,
-)
+from sysid.io.foreign_columns import log_columns, of_nearest_rig, unused_columns
 from sysid.io.joining import TimedColumns, joined
 from sysid.io.own_kind import OwnKind
 from sysid.io.reshaping import (
@@ -151,7 +146,7 @@ def convert(
         fill,
     )
     held = HELD_COLUMNS if own is None else own.held
-    recipe = replace(with_gas(with_atmosphere(recipe, paths), paths), held=held)
+    recipe = replace(of_nearest_rig(recipe, paths), held=held)
     how = Reshaping(unwrap, read_trim(trim), resample_s, held)
     files = _files_of_tests(paths, output, recipe)
     notices = [*recipe.notices, *(notice for file in files for notice in file.notices)]
@@ -253,7 +248,7 @@ def _others(
         own = {t: m for t, m in maps.items() if has_column(list(file.table.columns), m)}
         used |= set(own)
         plain = replace(recipe, maps=own, constants={}, rows=(), period_s=None, notices=())
-        plain = with_gas(with_atmosphere(plain, [path]), [path])
+        plain = of_nearest_rig(plain, [path])
         _check_joinable(file.table, own, recipe.units)
         mapped = _mapped(file, plain)
         said = [f"map: {entry} (joined)" for entry in own.values()]

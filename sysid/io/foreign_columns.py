@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,40 +49,44 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def with_gas(recipe: Recipe, paths: Sequence[Path]) -> Recipe:
-    """A recipe for mass flows uses the gas of the nearest rig file."""
+def of_nearest_rig(recipe: Recipe, paths: Sequence[Path]) -> Recipe:
+    """A recipe with what it needs of the nearest rig files: for gauge pressures the atmosphere,
+    for mass flows the gas."""
+    files = sorted({file for path in paths if (file := nearest_rig_file(path)) is not None})
+    return _with_gas(_with_atmosphere(recipe, files), files)
+
+
+def _with_gas(recipe: Recipe, files: Sequence[Path]) -> Recipe:
     if not any(recipe.units.get(target) == "kg/s" for target in recipe.maps):
         return recipe
-    found = {file for path in paths if (file := nearest_rig_file(path)) is not None}
-    gases = {read_rig(file).other_gas for file in found}
-    if len(gases) > 1:
-        raise input_error(
-            " and ".join(map(str, sorted(found))),
-            "the files' rigs have different gases",
-            "convert them one by one",
-        )
-    return replace(recipe, gas_constant=next(iter(gases), None))
+    gases = {read_rig(file).other_gas for file in files}
+    return replace(recipe, gas_constant=_the_one(gases, files, "gases", "convert them one by one"))
 
 
-def with_atmosphere(recipe: Recipe, paths: Sequence[Path]) -> Recipe:
-    """A recipe with gauge pressures uses the atmosphere of the nearest rig file."""
+def _with_atmosphere(recipe: Recipe, files: Sequence[Path]) -> Recipe:
     if recipe.atmosphere_pa is not None or not any(m.gauge for m in recipe.maps.values()):
         return recipe
-    found = {file for path in paths if (file := nearest_rig_file(path)) is not None}
-    rigs = [read_rig(file) for file in sorted(found)]
-    known = {rig.air.atmospheric_pressure_pa for rig in rigs if rig.air is not None}
-    if not known:
+    airs = [air for file in files if (air := read_rig(file).air) is not None]
+    known = {air.atmospheric_pressure_pa for air in airs}
+    fix = "convert them one by one, or give --atmosphere PA"
+    atmosphere = _the_one(known, files, "atmospheric pressures", fix)
+    if atmosphere is None:
         return recipe
-    if len(known) > 1:
-        raise input_error(
-            " and ".join(map(str, sorted(found))),
-            "the files' rigs have different atmospheric pressures",
-            "convert them one by one, or give --atmosphere PA",
-        )
-    atmosphere = known.pop()
-    places = ", ".join(map(str, sorted(found)))
+    places = ", ".join(map(str, files))
     notice = f"{places}: its atmospheric pressure, {atmosphere:g} Pa, is added to gauge pressures"
     return replace(recipe, atmosphere_pa=atmosphere, notices=(*recipe.notices, notice))
+
+
+def _the_one(
+    known: Collection[float | None], files: Sequence[Path], what: str, fix: str
+) -> float | None:
+    """What the rigs of files have in common, None where none says it; InputError where they
+    differ."""
+    if len(known) > 1:
+        raise input_error(
+            " and ".join(map(str, files)), f"the files' rigs have different {what}", fix
+        )
+    return next(iter(known), None)
 
 
 def _sources(table: ForeignTable, recipe: Recipe) -> dict[str, tuple[str, ColumnMap]]:
@@ -418,4 +422,4 @@ def _listing(table: ForeignTable) -> str:
     return f"all columns: sysid convert {table.path.name} --list"
 
 
-__all__ = ["log_columns", "unused_columns", "with_atmosphere", "with_gas"]
+__all__ = ["log_columns", "of_nearest_rig", "unused_columns"]
