@@ -455,26 +455,27 @@ class Finder:
         right form of the next and leave its place to a relative.
         """
         while len(names) > 1:
-            found = self.sets[names]
-            for effect in found.effects:
-                others = names - {effect.id}
-                for name in sorted(self._instead_of(effect.id) - names):
-                    exchanged, alone = others | {name}, self.sets[frozenset({name})]
-                    if exchanged in self.sets:
-                        continue
-                    starts = [e for e in found.effects if e is not effect] + [*alone.effects]
-                    squares = np.minimum(found.squares, alone.squares)
-                    own = attempt(lambda: fit_set(self.first, self.channels, starts, squares))  # noqa: B023
-                    if isinstance(own, Failure):
-                        self.recorder.miss(own, name, decides=False)
-                        continue
-                    self.sets[exchanged] = own
-                    self.progress(
-                        f"{' and '.join(sorted(exchanged))}: {self.evidence(exchanged):.0f}"
-                    )
+            for gone in [effect.id for effect in self.sets[names].effects]:
+                for name in sorted(self._instead_of(gone) - names):
+                    self._exchange(names, gone, name)
             if self.best() == names:
                 return
             names = self.best()
+
+    def _exchange(self, names: frozenset[str], gone: str, name: str) -> None:
+        """Fit a set with one effect in the place of another, if it was not."""
+        exchanged = names - {gone} | {name}
+        if exchanged in self.sets:
+            return
+        found, alone = self.sets[names], self.sets[frozenset({name})]
+        starts = [*(e for e in found.effects if e.id != gone), *alone.effects]
+        squares = np.minimum(found.squares, alone.squares)
+        own = attempt(lambda: fit_set(self.first, self.channels, starts, squares))
+        if isinstance(own, Failure):
+            self.recorder.miss(own, name, decides=False)
+            return
+        self.sets[exchanged] = own
+        self.progress(f"{' and '.join(sorted(exchanged))}: {self.evidence(exchanged):.0f}")
 
     def _instead_of(self, name: str) -> set[str]:
         """Effects that do better than one alone, and in each set that was fitted with either."""

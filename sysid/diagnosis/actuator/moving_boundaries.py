@@ -42,17 +42,16 @@ def moving_boundaries(
     one that has moved the base law jumps by far more than what moved it explains elsewhere, and
     nothing follows that.
     """
-    if not any(float(np.mean(own)) > _MORE_THAN_NOISE for own in _squares(bare) if len(own)):
+    if not _holds_more_than_noise(bare):
         return ()
     moving = [form for form in forms if _moves(form.neutral())]
     if not moving:
         return ()
-    usual = (form.neutral() for form in moving if _is_one_way(form.neutral()))
+    usual = dict.fromkeys(effect for form in moving if _is_one_way(effect := form.neutral()))
     clear = away([far for effect in usual for far in _as_far_as_it_may(effect)])
-    frame, squares = clear.frame, _squares(clear)
-    least = [max(_CLEAR_GAIN, _CLEAR_SHARE * float(np.sum(own))) for own in squares]
     none = channel_squares(clear, clear.rest)
-    white = tuple(ResidualChannel.of_noise(len(frame.windows[name])) for name in CHANNELS)
+    least = np.maximum(_CLEAR_GAIN, _CLEAR_SHARE * none[_RATES])
+    white = tuple(ResidualChannel.of_noise(len(clear.frame.windows[name])) for name in CHANNELS)
     # Not in the search's recorder: what cannot be screened here it comes to itself.
     some = screened(clear, moving, white, Recorder())
     best: dict[str, tuple[float, bool, CatalogueEffect]] = {}
@@ -70,9 +69,10 @@ def moving_boundaries(
     )
 
 
-def _squares(base: Projected) -> list[FloatArray]:
-    """The whitened squares of each chamber's balance."""
-    return [base.rest[base.frame.rows(CHANNELS[place])] ** 2 for place in _RATES]
+def _holds_more_than_noise(base: Projected) -> bool:
+    """Whether a chamber's balance does."""
+    balances = (base.rest[base.frame.rows(name)] for name in RATES)
+    return any(float(np.mean(own**2)) > _MORE_THAN_NOISE for own in balances if len(own))
 
 
 def _moves(effect: CatalogueEffect) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 from sysid import signals
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.law_evidence import DECISIVE, twice_log_evidence
-from sysid.estimation.quality import MOST_STD, SCATTER_TIMES, root_mean_square
+from sysid.estimation.quality import MOST_STD, root_mean_square
 from sysid.identification.valve_discrete.curve import (
     CurveFit,
     fit_curves,
@@ -210,8 +210,7 @@ def _of_two(thesis: CurveFit, asked: str) -> tuple[CurveFit, LawChoice]:
 def _misses_more_than_noise(curves: CurveFit, ways: Iterable[str] = WAYS) -> bool:
     """Whether the law misses one of these directions by more than the sensor's noise."""
     found, names = qualities(curves), dict(zip(WAYS, DIRECTIONS, strict=True))
-    ratios = (found[names[w]].lack_of_fit.statistic for w in ways if names[w] in found)
-    return any(ratio is not None and ratio > SCATTER_TIMES for ratio in ratios)
+    return any(found[names[w]].lack_of_fit.is_significant for w in ways if names[w] in found)
 
 
 def _has_no_ratio(iso: CurveFit, way: str) -> bool:

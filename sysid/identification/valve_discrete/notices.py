@@ -156,7 +156,7 @@ def delay_notices(estimates: Mapping[str, Estimate], title: str, rig: Rig) -> li
         if (
             e.identified
             and not e.holds(declared)
-            and (abs(e.value - declared) > _DELAY_TOLERANCE * max(abs(e.value), declared))
+            and abs(e.value - declared) > _DELAY_TOLERANCE * max(abs(e.value), declared)
         ):
             lines.append(
                 f"{title}: {name} is {1e3 * e.value:.3g} ms ({1e3 * e.interval[0]:.3g} to "
