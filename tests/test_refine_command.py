@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from datasets.generator.campaign import Size, make_campaign
+from datasets.generator.campaign import GeneratedCampaign, Size, make_campaign
 from datasets.generator.files import write_log
 from datasets.generator.rigs import rig_toml
 from sysid.commands.app import main
@@ -81,7 +81,15 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     content = copy.deepcopy(generated.rig.content)
     inertia = float(content["inertia"]["equivalent_kg_m2"])
     content["inertia"]["equivalent_kg_m2"] = TOO_MUCH * inertia
-    (folder / "rig.toml").write_text(rig_toml(content))
+    path = written(generated, folder, content)
+    bundle = folder / "bundle.json"
+    write_bundle(true_bundle(generated.truth, path), bundle)
+    return Made(path, bundle, inertia)
+
+
+def written(generated: GeneratedCampaign, folder: Path, rig: dict[str, Any]) -> Path:
+    """A campaign's file, with its logs and a rig file of this content next to it."""
+    (folder / "rig.toml").write_text(rig_toml(rig))
     lines = ['rig = "rig.toml"']
     for log in generated.logs:
         write_log(folder / f"{log.stem}.csv", log.tests, generated.rig)
@@ -89,9 +97,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
         lines += [f'use = "{log.use}"']
     path = folder / "campaign.toml"
     path.write_text("\n".join(lines) + "\n")
-    bundle = folder / "bundle.json"
-    write_bundle(true_bundle(generated.truth, path), bundle)
-    return Made(path, bundle, inertia)
+    return path
 
 
 def true_bundle(truth: dict[str, Any], campaign: Path) -> Bundle:
@@ -430,14 +436,7 @@ def test_friction_of_each_test_is_named_on_a_rig_whose_friction_differs(
 ) -> None:
     """Of the same rig and commands; where friction is one, whole tests are simulated as before."""
     generated = make_campaign(71, size=SMALLEST, kinds=("motion-motor",), scatter=scatter)
-    (tmp_path / "rig.toml").write_text(rig_toml(generated.rig.content))
-    lines = ['rig = "rig.toml"']
-    for log in generated.logs:
-        write_log(tmp_path / f"{log.stem}.csv", log.tests, generated.rig)
-        lines += ["[[log]]", f'kind = "{log.kind}"', f'file = "{log.stem}.csv"']
-        lines += [f'use = "{log.use}"']
-    path = tmp_path / "campaign.toml"
-    path.write_text("\n".join(lines) + "\n")
+    path = written(generated, tmp_path, generated.rig.content)
     result = refine(read_campaign(path), true_bundle(generated.truth, path))
     said = [n for n in result.notices if "simulation adds up" in n]
     assert len(said) == (scatter > 0.0) and not result.worse
