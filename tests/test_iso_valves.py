@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from sysid.pipeline.fit_part import ValveDiscreteOptions
 from sysid.plant.base import exhaust_flow, filling_flow
 from sysid.refinement.unknowns import unknowns_of
 from sysid.surfaces.averaged_fit import Conditions, MeanFlows
+from sysid.types import FloatArray
 from sysid.valve_discrete import ValveDiscreteResult, fit_valve_discrete
 
 WAYS = ("fill", "exhaust")
@@ -338,3 +340,28 @@ def test_a_ratio_at_its_bound_is_no_law_of_the_exhaust() -> None:
     declared = made.rig.content["valves"]["on_delay_s"]
     assert fit.on_delay_s.value == pytest.approx(declared, abs=2e-4)
     assert "the law misses the discharge by" in str(fit.off_delay_s.reason)
+
+
+@pytest.mark.parametrize(
+    ("exhaust", "said"),
+    [
+        (lambda p: 5e-4 * np.sqrt(p / 5e5), "no critical ratio of ISO 6358 follows the exhaust"),
+        (lambda p: 3.5e-4 * (p / 3e5) ** 1.5, "but critical_ratio_dis is stuck at its bound, 0"),
+    ],
+)
+def test_mean_flows_that_deny_iso_6358_keep_the_thesis_law(
+    exhaust: Callable[[FloatArray], FloatArray], said: str
+) -> None:
+    """Exhaust that is not proportional to the pressure: ISO 6358 comes nearer with a ratio at its
+    bound, by which there would be no averaged law."""
+    duty = np.repeat(np.linspace(0.1, 0.9, 9), 30)
+    pressure = np.tile(np.linspace(1.05e5, 4.9e5, 30), 9)
+    share = np.clip((pressure / 5e5 - 0.35) / 0.65, 0.0, 1.0)
+    true = duty * 7.8e-4 * np.sqrt(1.0 - share**2) - (1.0 - duty) * exhaust(pressure)
+    noise = 3e-6 * np.random.default_rng(3).standard_normal(len(true))
+    none, test = np.zeros(len(true)), np.repeat(np.arange(9), 30)
+    columns = (none + 3e-6, test, none, none + 5e5, none + np.nan, np.ones_like(test))
+    flows = MeanFlows(duty, pressure, true + noise, *columns)
+    found, why = fit_by_law(flows, Conditions(5e5, 1e5, 0.005), "auto")
+    assert not found.conditions.by_iso and said in why[0]
+    assert all(estimate.identified for estimate in found.estimates.values())

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import NotIdentifiedError
+from sysid.estimation.covariance import Covariance
 from sysid.estimation.law_evidence import twice_log_evidence
 from sysid.estimation.linear import Estimate
 from sysid.estimation.nonlinear import (
@@ -204,9 +205,17 @@ class AveragedFit:
 
     @cached_property
     def estimates(self) -> Mapping[str, Estimate]:
-        """The parameters by name; intervals from the scatter between tests (jackknife)."""
-        covariance = self.solution.jackknife_covariance(self.tests)
-        return {name: self.solution.estimate(name, covariance) for name in self.solution.names}
+        """The parameters by name; intervals from the scatter between tests (jackknife).
+
+        What noise alone puts at its bound, as a critical ratio of 0, has that as its value.
+        """
+
+        def covariance(fit: LeastSquaresFit) -> Covariance:
+            return fit.jackknife_covariance(self.tests)
+
+        bounded = self.solution.at_bound_by_noise(covariance)
+        found = covariance(bounded.fit)
+        return {name: bounded.estimate(name, found) for name in self.solution.names}
 
 
 def fit_averaged(
@@ -360,6 +369,15 @@ def _difference(conditions: Conditions) -> Parameter:
     return Parameter(name, 0.0, _UNITS[name], -widest, widest, scale=scale)
 
 
+def weighted_residuals(fit: AveragedFit, flows: MeanFlows) -> dict[str, FloatArray]:
+    """Residuals in standard errors of the samples, by direction of the flow, "fill" and "dis".
+
+    `flows`: the samples that were fitted.
+    """
+    left = fit.solution.residuals
+    return {"fill": left[flows.flow > 0.0], "dis": left[flows.flow < 0.0]}
+
+
 def evidence_for(other: AveragedFit, over: AveragedFit, flows: MeanFlows) -> dict[str, float]:
     """Twice the log evidence for a law over another one, by direction of the flow.
 
@@ -388,4 +406,5 @@ __all__ = [
     "evidence_for",
     "fit_averaged",
     "law_without",
+    "weighted_residuals",
 ]

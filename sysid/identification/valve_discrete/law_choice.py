@@ -18,6 +18,7 @@ from sysid import signals
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.law_evidence import DECISIVE, twice_log_evidence
 from sysid.estimation.quality import MOST_STD, root_mean_square
+from sysid.identification.denied_ratio import denied_sentence, denied_ways
 from sysid.identification.valve_discrete.curve import (
     CurveFit,
     fit_curves,
@@ -39,7 +40,7 @@ from sysid.parameters.valves import (
     LawDecision,
     RejectedLaw,
 )
-from sysid.plant.iso6358 import HIGHEST_RATIO, choked_flow
+from sysid.plant.iso6358 import choked_flow
 from sysid.types import BoolArray, FloatArray
 
 # Critical ratios of real valves, from which the fit starts; the best fit counts.
@@ -104,11 +105,7 @@ class LawChoice:
             return f"the law was asked for (--law {self.asked}): {found}" if found else ""
         size = f"twice the log evidence for ISO 6358 {self.total:.3g}"
         if self.denied:
-            what = " and ".join(_DIRECTION[way] for way in self.denied)
-            return (
-                f"no critical ratio of ISO 6358 follows the {what}, so the thesis' law is kept "
-                f"({found}); --law iso6358 takes the other"
-            )
+            return f"{denied_sentence(self.denied)} ({found}); --law iso6358 takes the other"
         if self.disagrees:
             return (
                 f"the two directions obey different laws, so the thesis' is kept ({found}); "
@@ -199,7 +196,8 @@ def _of_two(thesis: CurveFit, asked: str) -> tuple[CurveFit, LawChoice]:
         known = _evidences(thesis, iso, ways)
     rms = {way: {THESIS: _rms(thesis, iso, way), ISO6358: _rms(iso, thesis, way)} for way in known}
     takes_iso = {way: ISO6358 if way in ways else THESIS for way in WAYS}
-    denied = tuple(way for way in known if _has_no_ratio(iso, way))
+    ratios = {way: iso_names(way)[1] for way in known}
+    denied = denied_ways(iso.fit, ratios, lambda way: _misses_more_than_noise(iso, [way]))
     choice = LawChoice(takes_iso, known, rms, asked, denied=denied)
     better = asked == AUTO and choice.total > DECISIVE and not choice.disagrees
     if asked == ISO6358 or better:
@@ -211,15 +209,6 @@ def _misses_more_than_noise(curves: CurveFit, ways: Iterable[str] = WAYS) -> boo
     """Whether the law misses one of these directions by more than the sensor's noise."""
     found, names = qualities(curves), dict(zip(WAYS, DIRECTIONS, strict=True))
     return any(found[names[w]].lack_of_fit.is_significant for w in ways if names[w] in found)
-
-
-def _has_no_ratio(iso: CurveFit, way: str) -> bool:
-    """Whether the best critical ratio is the largest that is tried, which is no valve's, and the
-    law misses the direction all the same: it then only bends towards the curve of another law."""
-    ratio = iso_names(way)[1]
-    if ratio not in iso.fit.diagnosis.at_bound or iso.fit[ratio] < 0.5 * HIGHEST_RATIO:
-        return False
-    return _misses_more_than_noise(iso, [way])
 
 
 def _with_delays_of_the_better(

@@ -13,6 +13,8 @@ import numpy as np
 from sysid.errors import Failure, NotIdentifiedError, on_its_own
 from sysid.estimation.law_evidence import DECISIVE
 from sysid.estimation.linear import Estimate
+from sysid.estimation.quality import root_mean_square, scatter_test
+from sysid.identification.denied_ratio import denied_sentence, denied_ways
 from sysid.identification.held_volume import VolumeError
 from sysid.identification.valve_pwm.quality import CHECK, duty_quality, fails
 from sysid.identification.valve_pwm.result import DIRECTIONS, DirectionFit, ValveAverage
@@ -38,6 +40,7 @@ from sysid.surfaces.averaged_fit import (
     evidence_for,
     fit_averaged,
     law_without,
+    weighted_residuals,
 )
 from sysid.surfaces.comparison import SurfaceError, duty_errors
 from sysid.surfaces.holdout import group_folds
@@ -154,8 +157,20 @@ def fit_by_law(
     evidence = evidence_for(iso, thesis, flows)
     total, against = sum(evidence.values()), min(evidence.values(), default=0.0)
     shown = ", ".join(f"{way} {value:.3g}" for way, value in evidence.items())
+    left = weighted_residuals(iso, flows)
+    denied = denied_ways(
+        iso.solution,
+        {way: f"critical_ratio_{way}" for way in left},
+        lambda way: scatter_test(root_mean_square(left[way]), 1.0).is_significant,
+    )
+    if denied and total >= -DECISIVE:
+        said = f"{denied_sentence(denied)} (twice the log evidence for ISO 6358: {shown})"
+        return thesis, (f"the averaged law: {said}; --law iso6358 takes the other",)
     if total > DECISIVE and against >= -DECISIVE:
         said = f"ISO 6358 follows these tests better (twice the log evidence for it: {shown})"
+        stuck = [e.reason for e in iso.estimates.values() if not e.identified]
+        if stuck and all(e.identified for e in thesis.estimates.values()):
+            return thesis, (f"the averaged law: {said}, but {stuck[0]}; the thesis' law is kept",)
         return iso, (f"the averaged law: {said}",)
     if abs(total) <= DECISIVE and evidence:
         said = f"the laws are indistinguishable in these tests (twice the log evidence: {shown})"
