@@ -39,6 +39,8 @@ FEWEST_FOR_NOISE = 16
 # Resolution of a spectrum over the position.
 _MOST_CELLS = 2**17
 # The median of a normal deviate's size, in its standard deviation.
+# A channel in so many repeats a reading that often by chance.
+_BY_CHANCE = 1e-3
 _MEDIAN_DEVIATION = NormalDist().inv_cdf(0.75)
 MEDIAN_OF_SQUARES = _MEDIAN_DEVIATION**2
 """The median of a squared normal deviate, over its mean."""
@@ -261,6 +263,45 @@ def slow_stretches(speed: FloatArray, limit: FloatArray | float, least: int) -> 
 def longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
     """[first, last) of the longest run of set samples, the first of equals; (0, 0) without any."""
     return max(runs(mask), key=lambda run: run[1] - run[0], default=(0, 0))
+
+
+def repeats_by_chance(noise: float, step: float, rows: int) -> float:
+    """Equal readings in a row that a dithering sensor does not give by chance in so many rows.
+
+    A reading repeats at most as often as noise around the middle of a step stays within the step.
+    Infinite where the noise never leaves it.
+    """
+    same = math.erf(0.5 * step / (math.sqrt(2.0) * noise)) if noise > 0.0 else 1.0
+    if same >= 1.0:
+        return math.inf
+    return math.ceil(math.log(_BY_CHANCE / rows) / math.log(same)) if same > 0.0 else 1.0
+
+
+def is_cut_off(values: FloatArray, run: tuple[int, int], noise: NoiseFloor, repeats: int) -> bool:
+    """Whether equal readings, rows [first, last), are a sensor's end and not where `values` settle.
+
+    Either noise would have broken them, as it does elsewhere, where no reading is repeated more
+    than `repeats` times in a row; or the signal came at speed: it still had to go more than twice
+    its last step, as its last two steps show. What settles has less ahead of it, whether it does so
+    as an exponential, whose steps shrink by one ratio, or as a parabola.
+    """
+    first, last = run
+    # Runs vary: so many times the longest that noise leaves elsewhere is none of them.
+    by_chance = repeats_by_chance(noise.noise, noise.quantum, len(values))
+    if repeats <= by_chance and last - first > 4.0 * max(repeats, by_chance):
+        return True
+    least = 6.0 * (noise.quantum + noise.total)
+    before = np.flatnonzero(np.abs(values[:first] - values[max(first - 1, 0)]) > least)
+    rows = first - 1 - int(before[-1]) if len(before) else first
+    if last - first <= rows or first - 1 - 2 * rows < 0:
+        return False
+    end = float(values[first - 1])
+    step, earlier = (
+        end - values[first - 1 - rows],
+        values[first - 1 - rows] - values[first - 1 - 2 * rows],
+    )
+    ahead = step * step / (earlier - step) if abs(earlier) > abs(step) else math.inf
+    return bool(step * earlier > 0.0 and abs(ahead) > 2.0 * abs(step))
 
 
 def quantum(values: FloatArray) -> float:

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from sysid import signals
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.identification.valve_discrete.curve import CurveFit, fit_curves
 from sysid.identification.valve_discrete.held_chamber import (
@@ -637,9 +638,45 @@ def test_pressure_clipped_below_the_supply(rig: Rig) -> None:
     only_notice(result, "saturated (flat-topped at 260000 Pa")
     fit = result.valves["a"]
     assert not fit["off_delay_s"].identified
-    assert fit["off_delay_s"].reason == "no usable row lies right before switching off"
+    why = "no usable row lies right before switching off, where the sensor is saturated"
+    assert fit["off_delay_s"].reason == why
     found = errors(fit, VALVE_A)
     assert max(abs(found[n]) for n in FLOWS) < 0.02
+
+
+@pytest.mark.parametrize("count", [10.0, 2000.0])
+def test_a_plateau_of_few_rows_is_named_as_a_saturated_sensor(rig: Rig, count: float) -> None:
+    """Some 20 rows at the sensor's end: noise repeats no reading so often, on a coarse count the
+    pressure stops at its full speed."""
+    bench = Bench(period=0.005, off=1.18)
+    trials = [
+        changed(t, pressure_a_pa=np.minimum(count * np.round(t["pressure_a_pa"] / count), 240000.0))
+        for t in bench.trials(1)
+    ]
+    result = fit_quickly(trials, rig)
+    assert sum("saturated (flat-topped at 240000 Pa" in n for n in result.notices) == len(trials)
+    assert not any("does not settle" in n for n in result.notices), result.notices
+    fit = result.valves["a"]
+    assert fit["choked_flow_fill_kg_s"].value == pytest.approx(7.8e-4, rel=0.03)
+    assert not fit["off_delay_s"].identified
+
+
+@pytest.mark.parametrize("count", [0.0, 200.0, 4000.0])
+@pytest.mark.parametrize("noise", [0.0, 100.0])
+def test_a_pressure_that_settles_is_not_saturated(count: float, noise: float) -> None:
+    """As an exponential, and as a parabola, whose end is at a finite time."""
+    time = np.arange(0.0, 2.0, 0.002)
+    rng = np.random.default_rng(1)
+    for share in (1.0 - np.exp(-time / 0.1), 1.0 - np.maximum(1.0 - time / 0.4, 0.0) ** 2):
+        for end, is_cut in ((6e5, False), (3e5, True)):
+            shown = 1e5 + 5e5 * np.concatenate([np.zeros(100), share])
+            shown += noise * rng.standard_normal(len(shown))
+            shown = count * np.round(shown / count) if count else shown
+            shown = np.minimum(shown, end) if is_cut else shown
+            run = signals.longest_run(shown == shown.max())
+            low = signals.longest_run(np.diff(shown[shown < np.mean(shown)]) == 0.0)
+            floor = signals.noise_floor(shown)
+            assert signals.is_cut_off(shown, run, floor, low[1] - low[0] + 1) == is_cut
 
 
 def test_a_time_of_another_unit_shows_in_the_delays(rig: Rig) -> None:

@@ -45,10 +45,8 @@ from sysid.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# A sensor is stuck from so many equal readings on, and from as many as a dithering one gives by
-# chance in one log of this many.
+# A sensor is stuck from so many equal readings on, if a dithering one does not give them by chance.
 _STUCK_RUN = 25
-_BY_CHANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -430,14 +428,9 @@ def check_channel(log: Log, name: str, rig: Rig) -> ChannelCheck:
 
 
 def _stuck_run(noise: float, quantum: float, rows: int) -> int:
-    """Equal readings in a row that a dithering sensor does not give by chance in so many rows.
-
-    A reading repeats at most as often as noise around the middle of a step stays within the step.
-    """
-    same = math.erf(0.5 * quantum / (math.sqrt(2.0) * noise)) if noise > 0.0 else 0.0
-    if not 0.0 < same < 1.0:
-        return _STUCK_RUN
-    return max(_STUCK_RUN, math.ceil(math.log(_BY_CHANCE / rows) / math.log(same)))
+    """Equal readings in a row from which on a sensor of so many rows is stuck."""
+    by_chance = signals.repeats_by_chance(noise, quantum, rows)
+    return max(_STUCK_RUN, int(by_chance)) if math.isfinite(by_chance) else _STUCK_RUN
 
 
 def _combs(trial: Trial, name: str, rig: Rig) -> list[FloatArray]:

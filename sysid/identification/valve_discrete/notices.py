@@ -61,7 +61,7 @@ def settled_notices(curves: CurveFit, title: str, air: Air) -> list[str]:
                 f"{declared:.6g} Pa: {title}'s c_fill is fitted with the former and its choked "
                 "filling flow is scaled to the latter"
             )
-        if fills and not piece.fits_supply and not piece.supply_logged:
+        if fills and not (piece.fits_supply or piece.supply_logged or piece.saturated):
             lines.append(
                 f"{piece.source}: the filling does not settle, so the supply is assumed to be the "
                 f"rig file's {declared:.6g} Pa; {title}'s c_fill depends on that"

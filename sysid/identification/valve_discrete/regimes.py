@@ -173,7 +173,8 @@ def _emptied_by(piece: Piece) -> str:
 
 
 def _no_row_before(piece: Piece) -> str:
-    return f"no usable row lies right before {_emptied_by(piece)}"
+    hidden = ", where the sensor is saturated" if piece.saturated else ""
+    return f"no usable row lies right before {_emptied_by(piece)}{hidden}"
 
 
 def _fall(
@@ -251,10 +252,13 @@ def _parabola(
     rows = _between(p, boundary + margin, ceiling)
     if rows.stop - rows.start < FEWEST_ROWS:
         if top < boundary + 2.0 * margin:
+            fix = (
+                "use a sensor of a larger range" if piece.saturated else "hold the valve on longer"
+            )
             found.miss(
                 "c_fill",
                 f"the filling never reaches the unchoked interval (highest pressure {top:.6g} Pa, "
-                f"choked boundary {boundary:.6g} Pa): hold the valve on longer",
+                f"choked boundary {boundary:.6g} Pa): {fix}",
             )
         else:
             why = "fewer than 3 samples lie in the unchoked interval of the filling: log faster"

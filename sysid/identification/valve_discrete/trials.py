@@ -37,7 +37,6 @@ _SUPPLY_STEP_PA = 100.0
 _RISE_SHARE = 0.9
 # After a command's edge the valve's state is known once the slowest valve has switched.
 EDGE_GUARD_S = 0.05
-_CLIPPED_RUN = 30
 FEWEST_ROWS = 10
 # Smallest noise assumed, Pa: below it, rounding in the file dominates.
 _LEAST_NOISE_PA = 5.0
@@ -58,7 +57,8 @@ class Piece:
     the piece shows the settled pressure, so that the fit estimates it. `sensor`: its noise floor,
     Pa; `volume` m3.
     `flow_control`: whether the flow control that the valve has, if any, was in place. `way`: 1
-    where the declared supply fills the chamber, -1 where it is a vacuum.
+    where the declared supply fills the chamber, -1 where it is a vacuum. `saturated`: whether its
+    test's sensor is at an end of its range in rows that are excluded.
     """
 
     label: str
@@ -76,6 +76,7 @@ class Piece:
     fits_initial: bool = True
     flow_control: bool = True
     way: float = 1.0
+    saturated: bool = False
 
     @property
     def noise(self) -> float:
@@ -247,8 +248,9 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
     time = whole.chamber.time
     # Which edges an excluded start left under way is unknown.
     bad = ~np.array(trial.has_its_start) & (time < time[0] + EDGE_GUARD_S)
-    clipped, lines = _clipped(whole)
+    clipped, lines = _clipped(whole, valve)
     if lines:
+        whole = replace(whole, saturated=True)
         bad |= clipped
         notices += [f"{trial.source}: pressure_{valve}_pa {line}" for line in lines]
     for cut in _of_two_valves(trial, whole, valve):
@@ -286,6 +288,10 @@ def _cut(trial: Trial, whole: Piece, valve: str, air: Air, keep_rise: bool) -> S
             else (last, closed, _mean_level(whole, bad, last, closed))
         )
     pieces = [_piece(whole, rows, plateaus, air) for rows in _segments(whole, bad)]
+    if lines and not pieces:
+        reasons += _all_reasons(
+            f"{trial.source}: pressure_{valve}_pa {lines[0]}, which leaves none"
+        )
     never_still = 0 < wandering == len(whole.chamber.opens)
     return Screened(tuple(pieces), tuple(notices), tuple(reasons), never_still)
 
@@ -350,38 +356,33 @@ def _risen(piece: Piece, bad: BoolArray, opened: float, closed: float) -> float:
     return float(piece.chamber.time[rows[int(np.argmax(pressure >= level))]])
 
 
-def _clipped(piece: Piece) -> tuple[BoolArray, list[str]]:
-    """Rows at which the sensor is at an end of its range, and a notice for each end.
-
-    A sensor at its end repeats one value; with noise, a run of `_CLIPPED_RUN` equal samples
-    is no coincidence where the rest of the test has none nearly as long.
-    """
+def _clipped(piece: Piece, valve: str) -> tuple[BoolArray, list[str]]:
+    """Rows at which the sensor is at an end of its range, and a notice for each end."""
     p = piece.pressure
     clipped = np.zeros(len(p), dtype=bool)
     lines = []
     middle = 0.5 * (float(p.min()) + float(p.max()))
+    supply = "logged supply" if piece.supply_logged else "rig file's supply"
     for end, name, inner in ((p.max(), "flat-topped", -1.0), (p.min(), "flat-bottomed", 1.0)):
-        at_end = p == end
+        run = signals.longest_run(p == end)
         elsewhere = (p < middle) if inner < 0 else (p >= middle)
-        run, other = _longest_run(at_end), _longest_repeat(p[elsewhere])
-        if run >= _CLIPPED_RUN and run > 4 * other:
+        if signals.is_cut_off(p, run, piece.sensor, _longest_repeat(p[elsewhere])):
             near = (p - end) * inner <= 4.0 * piece.noise
             clipped |= signals.widened(near, 3)
+            of = f"{supply}, on which valve {valve.upper()}'s c_fill depends"
+            if (inner < 0.0) != (piece.way > 0.0):
+                of = "rig file's atmosphere"
             lines.append(
-                f"is saturated ({name} at {end:.6g} Pa, {run} equal samples in a row); those rows "
-                "are excluded, and the settled pressure is taken from the rig file"
+                f"is saturated ({name} at {end:.6g} Pa, {run[1] - run[0]} equal samples in a row); "
+                f"those rows are excluded, and the chamber is taken to settle at the {of}"
             )
     return clipped, lines
 
 
-def _longest_run(mask: BoolArray) -> int:
-    first, last = signals.longest_run(mask)
-    return last - first
-
-
 def _longest_repeat(values: FloatArray) -> int:
     """Length of the longest run of equal values."""
-    return _longest_run(np.diff(values) == 0.0) + 1 if len(values) else 0
+    first, last = signals.longest_run(np.diff(values) == 0.0)
+    return last - first + 1 if len(values) else 0
 
 
 def _on_rows(piece: Piece, bad: BoolArray, opened: float, closed: float) -> NDArray[np.intp]:
