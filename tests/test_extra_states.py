@@ -6,6 +6,7 @@ import gc
 import weakref
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,7 +63,8 @@ def with_states(kind: type) -> CatalogueEffect:
     """A typical effect of a kind that may have states."""
     effect: CatalogueEffect = kind.typical()  # type: ignore[attr-defined]
     # A droop has states with a volume behind its resistance alone.
-    return effect if effect.states else replace(effect, line_time_s=0.02)  # type: ignore[call-arg]
+    own: dict[str, Any] = {} if effect.states else {"line_time_s": 0.02}
+    return replace(effect, **own)
 
 
 def plainly(traces: Traces, model: Model, low: int, stop: int) -> dict[str, FloatArray]:
