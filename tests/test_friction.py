@@ -492,6 +492,22 @@ def test_motion_with_the_rigs_inertia_leaves_it_alone() -> None:
     assert "inertia" in fit_friction([swing()], BARE).parameters
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6)])
+def test_a_time_of_another_unit_makes_a_mass_that_no_guide_carries(
+    unit: str, factor: float
+) -> None:
+    """An inertia's weight at the pitch radius is a million times friction; in s it is not."""
+    rig = dataclasses.replace(RIG, inertia=None)
+    right = swing(offset=0.01)
+    slow = Trial(right.label, factor * right.time, right.channels, right.source)
+    found = fit_friction([slow], rig)
+    assert f"in {unit} it would be 0.024" in found.too_heavy
+    assert all(q.verdict.startswith("impossible") for q in found.quality.values())
+    with pytest.raises(NotIdentifiedError, match=f'--map "time_s=time_s:{unit}"'):
+        found.require_possible()
+    assert not fit_friction([right], rig).too_heavy
+
+
 @pytest.mark.parametrize("shares", [(0.94, 1.06), (1.06, 0.94)])
 def test_friction_that_differs_from_test_to_test_is_not_viscous(
     shares: tuple[float, float],

@@ -6,13 +6,19 @@ with the number, its interval, and what would give it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 from sysid.blocks.numbers import si_cells
 from sysid.estimation.linear import Estimate
 from sysid.io.motion import FRICTION
-from sysid.io.rig import Rig
+from sysid.io.plausibility import give_map
+from sysid.io.rig import GRAVITY_M_PER_S2, Rig
+from sysid.io.unit_text import TAKEN_FOR_SI
 from sysid.parameters.content import BundleContent
+
+# Of a carried body's weight: machines are levelled to some 10 um/m at best.
+_LEAST_OF_WEIGHT = 1e-5
 
 
 def is_possible(estimate: Estimate | None) -> bool:
@@ -49,6 +55,39 @@ def doubtful_inertia(inertia: Estimate | None, rig: Rig) -> Iterator[str]:
         yield f"{said}: these tests hardly show it, and what is simulated rests on it; {fix}"
 
 
+def weighs_too_much(estimates: Mapping[str, Estimate | None], rig: Rig) -> str:
+    """Says that a fitted mass is too heavy for what carries it; empty where it is not.
+
+    Whatever a guide carries loads it by its weight, of which friction is a share, and the offset
+    what the guide is out of level by. `estimates` by "inertia", "coulomb" and "offset"; an inertia
+    is a mass at the pitch radius. Neither share depends on the unit of the effort, and a time that
+    is f times too long makes both f^2 times too small.
+    """
+    radius = 1.0 if rig.is_linear else rig.cylinder.pitch_radius_m if rig.cylinder else None
+    inertia, coulomb, offset = (estimates.get(name) for name in ("inertia", "coulomb", "offset"))
+    if radius is None or inertia is None or coulomb is None:
+        return ""
+    if not (inertia.identified and coulomb.identified and inertia.interval[0] > 0.0):
+        return ""
+    held = max(map(abs, coulomb.interval))
+    if offset is not None and offset.identified:
+        held += max(map(abs, offset.interval))
+    weight = GRAVITY_M_PER_S2 * inertia.interval[0] / radius
+    share = held / weight
+    if share > _LEAST_OF_WEIGHT:
+        return ""
+    units = {unit: share / factor**2 for unit, factor in TAKEN_FOR_SI["s"].items()}
+    unit = min(units, key=lambda name: abs(math.log(units[name])))
+    own = inertia.value * TAKEN_FOR_SI["s"][unit] ** 2
+    u = rig.units
+    return (
+        f"{stated(u.key('inertia'), inertia)}: friction and offset would be {share:.1g} of its "
+        f"weight, and no guide is so smooth or so level: time_s is not in s (in {unit} it would be "
+        f"{own:.3g} {u.inertia_unit}: {give_map('time_s', 'time_s', unit)}), or "
+        f"{rig.position_channel} not in {u.position}"
+    )
+
+
 def negative_friction(estimates: Mapping[str, Estimate | None], rig: Rig) -> Iterator[str]:
     """Says of friction below zero, by its keys in a bundle, that models set it to 0."""
     for key in map(rig.units.key, FRICTION):
@@ -71,4 +110,11 @@ def impossible(bundle: BundleContent, rig: Rig) -> list[str]:
     return [f"{bundle.source}: {line}" for line in lines]
 
 
-__all__ = ["doubtful_inertia", "impossible", "is_possible", "negative_friction", "stated"]
+__all__ = [
+    "doubtful_inertia",
+    "impossible",
+    "is_possible",
+    "negative_friction",
+    "stated",
+    "weighs_too_much",
+]

@@ -65,6 +65,7 @@ class FrictionResult(NamedEstimates, Shown):
     give, `motor_limit` the motor alone, N or Nm. `contradicted`: whether a log contradicts the rig
     file. `load`: friction that grows with an effort, where asked for and shown. `reversed_sign`:
     which channel's sign is reversed, where the fit with the other sign is good; else empty.
+    `too_heavy`: that the fitted mass is too heavy for what carries it; else empty.
     """
 
     units: MotionUnits
@@ -82,6 +83,7 @@ class FrictionResult(NamedEstimates, Shown):
     motor_limit: float = math.inf
     contradicted: bool = False
     reversed_sign: str = ""
+    too_heavy: str = ""
     load: LoadFriction | None = None
 
     @property
@@ -190,6 +192,7 @@ class FrictionResult(NamedEstimates, Shown):
                     f"{key} is {e.value:.3g} {e.unit}, but motor and cylinder together give at "
                     f"most {self.most_effort:.3g} {u.effort}"
                 )
+        found[MOTION] += [self.too_heavy] if self.too_heavy else []
         found[STATIC] += self._start_up()
         found[SLIDING] += self._unsteady()
         for kind, part in ((STATIC, self.static), (SLIDING, self.sliding)):
@@ -283,6 +286,8 @@ class FrictionResult(NamedEstimates, Shown):
         """Raise NotIdentifiedError where an estimate cannot be friction (`impossible`)."""
         if self.impossible and self.reversed_sign:
             raise NotIdentifiedError(f"friction: {self.reversed_sign}")
+        if self.impossible and self.too_heavy:
+            raise NotIdentifiedError(f"friction: {self.too_heavy}")
         if self.impossible:
             raise NotIdentifiedError(f"friction: {'; '.join(self.impossible)}: {self._causes()}")
 
