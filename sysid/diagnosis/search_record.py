@@ -162,10 +162,10 @@ class Recorder:
         if sentence not in self.notes:
             self.notes.append(sentence)
 
-    def left_out(self, stage: SearchStage, number: int = 0, *, decides: bool = False) -> None:
-        """Note that a quick search skips a stage."""
+    def left_out(self, stage: SearchStage, number: int = 0) -> None:
+        """Note that a quick search skips a stage: what nobody asked for decides no verdict."""
         self.enter(stage, number)
-        self.miss(QUICK, decides=decides)
+        self.miss(QUICK, decides=False)
 
     def unfinished(self, stage: SearchStage, number: int) -> set[str]:
         """The effects that a stage of a round did not come to."""

@@ -140,7 +140,7 @@ def begin(
         forms = candidates(own, traces.travel, rig.sides, flows, lengths)
         if recorder.quick:
             forms = one_form_each(forms)
-            recorder.left_out(SearchStage.FORMS, decides=True)
+            recorder.left_out(SearchStage.FORMS)
         pilot = _pilot(traces, model, noise, rig, seed + 1, recorder)
         # The noise's colour in the residuals comes from a twin; scatter does not affect it.
         colour = noise_of(pilot, model, noise, seed + 3)
