@@ -52,7 +52,7 @@ from sysid.identification.friction.motion import (
     usual_cutoff,
 )
 from sysid.identification.friction.rests import static_of_rests
-from sysid.identification.friction.result import FrictionResult, doubtful
+from sysid.identification.friction.result import FrictionResult, doubtful, too_heavy
 from sysid.identification.friction.sliding import (
     ANOTHER_LEVEL,
     SlidingFriction,
@@ -71,7 +71,6 @@ from sysid.io.effort_timing import effort_is_read, readings_line, with_commands
 from sysid.io.logs import Trial, any_contradiction, with_channels
 from sysid.io.motion import LOADS, MotionUnits
 from sysid.io.rig import Rig
-from sysid.parameters.possible import weighs_too_much
 from sysid.recording.even import pause_line, recorded
 from sysid.recording.friction_kind import KINDS, MOTION, SLIDING, STATIC, classify, classify_trial
 from sysid.recording.recording import Recording
@@ -656,7 +655,7 @@ def _result(
         most_effort=_most_effort(fit.rig),
         motor_limit=math.inf if fit.rig.max_effort is None else fit.rig.max_effort,
         contradicted=fit.contradicted,
-        too_heavy=weighs_too_much(parameters, fit.rig),
+        too_heavy=too_heavy(parameters, fit.rig),
     )
 
 

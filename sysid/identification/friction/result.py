@@ -35,7 +35,7 @@ from sysid.identification.friction.static import StaticFriction, breakaway_of
 from sysid.io.motion import MotionUnits
 from sysid.io.rig import Rig
 from sysid.parameters import Correlation, Friction, Parts
-from sysid.parameters.possible import doubtful_inertia, negative_friction
+from sysid.parameters.possible import doubtful_inertia, negative_friction, weighs_too_much
 from sysid.parameters.quality import records_of
 from sysid.recording.friction_kind import KINDS, MOTION, SLIDING, STATIC
 from sysid.types import FloatArray
@@ -417,6 +417,11 @@ class FrictionResult(NamedEstimates, Shown):
         return plot(figure or parameters_figure(self.by_name()), ax)[0]
 
 
+def too_heavy(parameters: Mapping[str, Estimate], rig: Rig) -> str:
+    """That the fitted mass is too heavy for what carries it, by the parameters' names; or empty."""
+    return weighs_too_much(parameters, rig)
+
+
 def doubtful(parameters: Mapping[str, Estimate], rig: Rig) -> list[str]:
     """Notices of impossible numbers and those indistinguishable from zero; significantly negative
     friction is in the verdict on the fit."""
@@ -433,4 +438,4 @@ def _test(test: FTest) -> dict[str, float]:
     }
 
 
-__all__ = ["FrictionResult", "doubtful"]
+__all__ = ["FrictionResult", "doubtful", "too_heavy"]
