@@ -32,7 +32,7 @@ from sysid.app.journal import FileChange, Journal
 from sysid.app.page import Window as PageWindow
 from sysid.app.screens.compare import CompareContent, CompareScreen
 from sysid.app.screens.effects import EffectsScreen, _gains
-from sysid.app.screens.export import ExportScreen
+from sysid.app.screens.export import ExportScreen, written_by
 from sysid.app.screens.files import FilesScreen
 from sysid.app.screens.fit import FitScreen
 from sysid.app.screens.identify import IdentifyScreen
@@ -399,7 +399,7 @@ def test_a_labs_file_becomes_a_log(window: Page) -> None:
     page.locator("input[data-do='map:2:unit']").fill("V")
     page.locator("input[data-do='map:2:unit']").press("Enter")
     page.locator("button[data-do=add]:not([disabled])").click()
-    wait_until(lambda: 'file = "lab-2.csv"' in (folder / "campaign.toml").read_text("utf-8"))
+    wait_until(lambda: 'file = "motion_motor.csv"' in (folder / "campaign.toml").read_text("utf-8"))
     assert "--map time_s=clock:ms" in window.text(".strip")
     log = read_campaign(folder / "campaign.toml").read(
         read_campaign(folder / "campaign.toml").logs[-1]
@@ -407,6 +407,24 @@ def test_a_labs_file_becomes_a_log(window: Page) -> None:
     assert log.trials[0]["theta_rad"] == pytest.approx(np.radians(angle), abs=1e-7)
     page.locator("button[data-do=undo]").click()
     wait_until(lambda: (folder / "campaign.toml").read_text("utf-8") == kept)
+    assert window.faults == []
+
+
+def test_a_tick_with_shift_ticks_all_between(window: Page) -> None:
+    folder = window.server.folder
+    names = [scope_file(folder, f"tek{i:02}CH.csv").name for i in range(5)]
+    window.page.reload()
+    window.show("1")
+    window.page.locator("select[data-do=file]").select_option(names[0])
+    window.page.locator("label", has_text=names[1]).click()
+    window.page.locator("label", has_text=names[3]).click(modifiers=["Shift"])
+    ticked = window.page.locator("[data-span] input:checked")
+    wait_until(lambda: ticked.count() == 3)
+    window.page.locator("button[data-do='also-all:0']").click()
+    wait_until(lambda: ticked.count() == 4)
+    window.page.locator("button[data-do=close-file]").click()
+    for name in names:
+        (folder / name).unlink()
     assert window.faults == []
 
 
@@ -635,6 +653,106 @@ def test_a_log_of_a_series_has_its_name(tmp_path: Path) -> None:
     assert mapping.output == "fill-2.csv"
     mapping.further = [scope_file(tmp_path, "ramp.CSV").name]
     assert mapping.output == "fill_1.csv"
+
+
+def test_files_whose_names_differ_in_numbers_are_a_family(tmp_path: Path) -> None:
+    names = [f"tek{i:04}CH.csv" for i in (0, 1, 2, 20, 21, 22, 23)]
+    others = ["slide 0.3Nm.csv", "slide -0.3Nm.csv", "slide 0.4Nm (2).csv", "ramp.csv"]
+    for name in (*names, *others):
+        scope_file(tmp_path, name)
+    mapping = opened(tmp_path / names[1])
+    mapping.alike = tuple(one for one in (*names, *others) if one != names[1])
+    assert mapping.families == {
+        "3 from tek0000CH to tek0002CH": (names[0], names[2]),
+        "all 7 of tek…CH": tuple(one for one in names if one != names[1]),
+    }
+    slides = opened(tmp_path / others[0])
+    slides.alike = (*names, *others[1:])
+    assert slides.families == {"all 3 of slide …Nm": (others[1], others[2])}
+    ramp = opened(tmp_path / "ramp.csv")
+    ramp.alike = mapping.alike
+    assert ramp.families == {}
+    mapping.tick(2, True, is_span=False)
+    mapping.tick(4, True, is_span=True)
+    assert mapping.further == names[3:6]
+    mapping.tick(3, False, is_span=True)
+    assert mapping.further == names[3:4]
+
+
+def test_what_is_said_of_a_channel_stays_with_its_quantity(tmp_path: Path) -> None:
+    first = opened(scope_file(tmp_path, "coil.CSV", channels=3))
+    for key, text in {"target": "valve_a", "r0": "0", "r1": "24", "v0": "0", "v1": "1"}.items():
+        first.chosen(1, key, text)
+    coil = first.assigned["CH1"]
+    first.chosen(1, "target", "duty_b")
+    assert first.assigned["CH1"] == Assigned("duty_b", readings=("0", "24"), values=("0", "1"))
+    first.chosen(1, "target", "motor_volts")  # volts are no duty
+    assert first.assigned["CH1"] == Assigned("motor_volts") and not first.is_guessed
+    first.chosen(2, "target", "pressure_a_pa")
+    first.chosen(2, "unit", "bar")
+    first.chosen(3, "target", "pressure_b_pa")  # the other sensor is probably of its kind
+    assert first.assigned["CH3"] == Assigned("pressure_b_pa", "bar")
+    assert first.is_guessed and "check it" in first.form()
+    other = opened(scope_file(tmp_path, "motion.CSV", channels=4))
+    first.assigned["CH1"] = coil
+    other.follow({"channels": first.choices()})
+    other.chosen(4, "target", "valve_a")
+    assert other.assigned["CH4"] == coil
+
+
+def test_the_button_that_adds_says_so(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, tmp_path / "campaign.toml", tmp_path / "results")
+    screen = FilesScreen(SimpleNamespace(bench=bench, scheme="light"))
+    mapping = opened(scope_file(tmp_path, "fill_1.CSV"))
+    mapping.alike = tuple(scope_file(tmp_path, f"fill_{i}.CSV").name for i in (2, 3, 4))
+    (text,) = re.findall(r'data-do="add"[^>]*>([^<]*)<', screen._adding(mapping))
+    assert text == "Convert and add to the campaign"
+
+
+def test_a_motor_that_is_off_is_said_on_the_page(tmp_path: Path) -> None:
+    mapping = opened(scope_file(tmp_path, "swing.CSV"))
+    mapping.chosen(0, "unit", "ms")
+    mapping.chosen(1, "target", "theta_rad")
+    found = plausibility(mapping, None)
+    assert "--set" not in found.text and found.asks
+    assert "<code>motor_torque_nm=0</code>" in found.text and "What no column holds" in found.text
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("0.12", "m", 0.12), ("4,607 cm2", "m2", 4.607e-4), ("72.72mm", "m", 0.07272),
+        ("30 °C", "K", 303.15), ("2.1 bar(g)", "Pa", 309e3), ("3.09 bar", "Pa", 309e3),
+        ("1.5e-3", "s", 1.5e-3), ("287.0", "J/(kg K)", 287.0),
+    ],
+)  # fmt: skip
+def test_a_constant_may_have_its_own_unit(text: str, unit: str, value: float) -> None:
+    assert edits.in_si(text, unit, "[x] y", 99e3) == value
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("abc", "not a number"), ("4 kg", "a mass"), ("2 bar(g)", "a gauge pressure")],
+)
+def test_a_constant_that_is_none_is_refused(text: str, said: str) -> None:
+    with pytest.raises(InputError, match=rf"\[x\] y: .*{said}"):
+        edits.in_si(text, "Pa", "[x] y", None)
+
+
+def test_a_run_that_ended_leads_to_its_report(tmp_path: Path) -> None:
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results/report.html").touch()
+    bench = Workbench(tmp_path, tmp_path / "campaign.toml", tmp_path / "results")
+    job = Job("running", ("run", "campaign.toml", "-o", "results"), tmp_path, {})
+    assert list(written_by(job)) == []
+    job.code = 0
+    job.lines = [f"sysid: notice: {n}.csv: odd (and 1 more like it: -v shows them)" for n in "ab"]
+    bench.job = job
+    page = SimpleNamespace(bench=bench, screens=dict.fromkeys(("fit", "export")), current="fit")
+    page.message, page._made = "", lambda job: PageWindow._made(page, job)
+    text = PageWindow._strip(page)
+    assert 'href="files/results/report.html"' in text and 'data-value="2"' in text
+    assert "a.csv and 1 more: odd (and 1 more like it)" in text
 
 
 def test_a_campaign_is_checked_log_by_log(tmp_path: Path) -> None:

@@ -6,14 +6,20 @@ Each function takes the file's text and gives the new one. TOML is kept as it st
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import tomlkit
 from tomlkit.items import AoT
 
-from sysid.errors import InputError
+from sysid.errors import InputError, input_error
 from sysid.io.rig_template import unmarked
+from sysid.io.unit_text import parse_unit
+
+_WITH_UNIT = re.compile(
+    r"(?P<number>[-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>[^\d\s.,+-].*)?"
+)
 
 Edit = Callable[[str], str]
 """From a file's text to the changed one."""
@@ -122,6 +128,29 @@ def included(number: int, file: str, place: int) -> Edit:
         return tomlkit.dumps(document)
 
     return edit
+
+
+def in_si(text: str, unit: str, where: str, atmosphere_pa: float | None) -> float:
+    """A number as a person writes it, in `unit` or in the one behind it: "0.12", "12,5 cm".
+
+    A gauge pressure is one above `atmosphere_pa`. Raises InputError, which begins with `where`,
+    for a text that is neither.
+    """
+    found = _WITH_UNIT.fullmatch(text)
+    if found is None:
+        shown = "" if unit == "1" else f", in {unit} or with its unit behind it"
+        raise input_error(where, f"{text!r} is not a number", f"give one{shown}")
+    number, given = float(found["number"].replace(",", ".")), found["unit"]
+    if not given:
+        return number
+    conversion = parse_unit(given, unit, where)
+    value = conversion.factor * number + conversion.offset
+    if conversion.gauge:
+        if atmosphere_pa is None:
+            fix = "give [air] atmospheric_pressure_pa first, or an absolute pressure"
+            raise input_error(where, f"{text!r} is a gauge pressure", fix)
+        value += atmosphere_pa
+    return float(f"{value:.12g}")  # a decimal that was written has no further digits
 
 
 def constants_set(values: Mapping[str, float | str | None]) -> Edit:

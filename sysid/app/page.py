@@ -21,6 +21,7 @@ from sysid.app import parts
 from sysid.app.jobs import Job, own_code
 from sysid.app.screens import SCREENS, Screen
 from sysid.app.screens.base import Later
+from sysid.app.screens.export import written_by
 from sysid.app.server import template_text
 from sysid.app.workbench import StepMissingError, Workbench, command_line
 from sysid.blocks.interactive import Scheme
@@ -111,8 +112,18 @@ class Window:
             )
         job = self.bench.job
         if job is not None:
-            text += _job_bar(job)
+            text += _job_bar(job, self._made(job))
         return text
+
+    def _made(self, job: Job) -> str:
+        """Where the pages and exports that a command wrote are found."""
+        found = "".join(f"{parts.file_link(self.bench.named(path), path.name)} "
+                        for path in written_by(job)
+                        if path.is_relative_to(self.bench.folder))  # fmt: skip
+        if job.words[0] == "run" and job.code == 0 and self.current != "export":
+            number = 1 + list(self.screens).index("export")
+            found += parts.button("Go to Export", "screen", value=str(number), kind="small") + " "
+        return found
 
     def _done(self) -> str:
         bench = self.bench
@@ -257,7 +268,8 @@ class Window:
             raise InputError(str(value))
         elif what == "uploaded":
             names = [str(name) for name in value]
-            self.tell(f"{some_of(names, 8)} {'is' if len(names) == 1 else 'are'} in the folder")
+            said = f"{some_of(names, 3)} {'is' if len(names) == 1 else 'are'} in the folder"
+            self.tell(f"{said}; below, say what the channels of {names[0]} are")
             bench.changes += 1
             await self.show("files")
             await self.screens["files"].do("file", names[0])
@@ -315,17 +327,18 @@ class Window:
             await screen.finished(job)
 
 
-def _job_bar(job: Job) -> str:
+def _job_bar(job: Job, made: str) -> str:
+    """A command that works or has ended; `made` leads to what it has made."""
     command = f"<code>{parts.words(command_line(job.words))}</code>"
     if job.is_done:
         kind = "info" if job.code == 0 else "error"
         output = "\n".join((*job.lines, job.output))[-8000:]
         printed = f"<pre>{parts.words(output)}</pre>" if output else ""
-        notices = list(dict.fromkeys(job.notices))
+        notices = list(parts.together(job.notices))
         told = parts.listed(notices[:_MOST_NOTICES])
         more = parts.fold("the command and what it printed", command + printed)
         close = parts.button("×", "close-job", kind="small", title="Dismiss")
-        return f'<div class="{kind} job">{parts.words(job.state)} {close}{told}{more}</div>'
+        return f'<div class="{kind} job">{parts.words(job.state)} {made}{close}{told}{more}</div>'
     share = job.share
     value = "" if share is None else f' value="{share:.3f}"'
     cancel = parts.button("Cancel", "cancel", kind="small danger")

@@ -6,10 +6,11 @@ Texts are escaped here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from html import escape
 from importlib import import_module
 from typing import Any
+from urllib.parse import quote
 
 from sysid.blocks.figures import PANEL, Figure, Picture
 from sysid.blocks.html import block_html, coded, typeset
@@ -104,10 +105,30 @@ def rows(headings: Sequence[str], lines: Iterable[Sequence[str]], caption: str =
     )
 
 
+def file_link(name: str, text: str) -> str:
+    """A link to a file of the folder: a page is opened, another file is downloaded."""
+    is_page = name.endswith(".html")
+    more = ' target="_blank" rel="noopener"' if is_page else " download"
+    said = f"{'open' if is_page else 'download'} {text}".strip()
+    return f'<a href="files/{quote(name)}"{more}>{words(said)}</a>'
+
+
 def listed(lines: Iterable[str]) -> str:
     """Lines as a list, what is in backticks as code; nothing without any."""
     inner = "".join(f"<li>{message(line)}</li>" for line in lines)
     return f"<ul>{inner}</ul>" if inner else ""
+
+
+def together(lines: Iterable[str]) -> Iterator[str]:
+    """Lines `place: what`; what is said of several places is said once."""
+    places: dict[str, list[str]] = {}
+    for line in lines:
+        place, _, said = line.partition(": ")
+        places.setdefault(said, []).append(place)
+    for said, found in places.items():
+        names = list(dict.fromkeys(found))
+        place = names[0] if len(names) == 1 or not said else f"{names[0]} and {len(names) - 1} more"
+        yield from [f"{place}: {said}"] if said else names
 
 
 def card(title: str, inner: str, kind: str = "") -> str:

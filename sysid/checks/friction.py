@@ -43,7 +43,8 @@ def friction_identified(
     )
     if trials and unbalanced and declared is None:
         why = (
-            f"column {rig.effort_channel} is missing: map it, if the log has it under another name"
+            f"column {rig.effort_channel} is missing: map it, if the log has it under another "
+            f"name; of a motor that is off or not connected, --set {rig.effort_channel}=0"
             if rig.cylinder is None or rig.has_declared_motor
             else f"column {rig.effort_channel} is missing, and so is a chamber pressure: map what "
             "drives the shaft, an effort or both pressures"

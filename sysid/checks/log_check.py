@@ -137,6 +137,17 @@ class LogCheck(Shown):
         apart = "; it contradicts the rig file" if self.contradicts else ""
         return f"{name} identifies {_listed(yes)}{lacking}{apart}"
 
+    def answer_by_itself(self, kind: str) -> str:
+        """What the log identifies, for one that others may join; else the reason that speaks of
+        its kind of test."""
+        good = [item for item in self.identifies if item.identified]
+        if good:
+            return f"By itself it identifies {_listed(good)}"
+        reasons = [item.reason for item in self.identifies]
+        of_kind = (reason for reason in reasons if kind and kind in reason)
+        reason = next(of_kind, next(iter(reasons), ""))
+        return f"By itself it identifies nothing{': ' if reason else ''}{reason}"
+
     @property
     def is_even(self) -> bool:
         """Whether its samples are as evenly spaced as a fit takes for even."""

@@ -477,9 +477,9 @@ def _check_values(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> No
                 raise input_error(
                     f"{where}, {reading.table.place(int(bad[0]))}",
                     f"{name} = {columns[name][bad[0]]:g} is neither 0 nor 1",
-                    f"write 0 (off) or 1 (on), map a coil's voltage or a percentage by its range "
-                    f'(--map "{name}={reading.origin[name]}:0..{high:g} -> 0..1"); a duty belongs '
-                    f"in duty_{name.removeprefix('valve_')}",
+                    "write 0 (off) or 1 (on); for a coil's voltage or a percentage "
+                    + plausibility.give_map(name, reading.origin[name], f"0..{high:g} -> 0..1")
+                    + f"; a duty belongs in duty_{name.removeprefix('valve_')}",
                 )
         else:
             known = _known(columns[name])

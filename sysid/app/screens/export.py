@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from sysid.app import parts
+from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
 from sysid.app.workbench import NOTHING_FITTED, StepMissingError
 from sysid.io.files import make_folder
 from sysid.pipeline.export import SUFFIXES
-from sysid.pipeline.run import DIAGNOSIS_FILE
+from sysid.pipeline.run import DIAGNOSIS_FILE, REPORT_FILE
 
 _NAMES = {"c": "C header", "mat": "MATLAB", "json": "flat JSON", "fmu": "FMU", "mjcf": "MuJoCo"}
 _SHOWN = (".html", *SUFFIXES)
@@ -43,6 +44,16 @@ def _what(path: Path) -> str:
     if path.suffix == ".json" and path.parent.name == _EXPORTS:
         return "the numbers alone, for other programs"
     return _PURPOSES.get(path.name, _PURPOSES.get(path.suffix, ""))
+
+
+def written_by(job: Job) -> Iterator[Path]:
+    """The pages and exports that a command wrote, once it has ended well."""
+    for word, after in itertools.pairwise(job.words if job.code == 0 else ()):
+        path = job.folder / after
+        page = path / REPORT_FILE if job.words[0] == "run" else path
+        is_made = word in ("-o", "--report") and page.is_file()
+        if is_made and (page.suffix == ".html" or job.words[0] == "export"):
+            yield page
 
 
 def _size(count: int) -> str:
@@ -107,11 +118,7 @@ class ExportScreen(Screen):
         size = _size(path.stat().st_size)
         if not path.is_relative_to(self.bench.folder):
             return [head, size, ""]
-        link = f"files/{quote(name)}"
-        shown = "open" if path.suffix == ".html" else "download"
-        more = ' target="_blank" rel="noopener"' if shown == "open" else " download"
-        get = f'<a href="{link}"{more}>{shown}</a>'
-        return [head, size, get]
+        return [head, size, parts.file_link(name, "")]
 
     async def do(self, what: str, value: Any) -> None:
         act, _, rest = what.partition(":")

@@ -13,7 +13,7 @@ from typing import Any
 from sysid.app import edits, parts
 from sysid.app.jobs import Job
 from sysid.app.screens.base import Screen
-from sysid.app.screens.mapping import Mapping, Plausible, plausibility, series_of
+from sysid.app.screens.mapping import Mapping, Plausible, plausibility
 from sysid.blocks import numbers
 from sysid.blocks.titles import use_word
 from sysid.errors import InputError
@@ -34,6 +34,10 @@ _MOST_FILES = 200
 # What was chosen for a file's channels, by their names: another one's with the same are the same.
 _MAPPINGS = "channels of files"
 _WOULD_BE = "What this log would be"
+_UNITS = (
+    "A number is in the unit at its right, or in the one that is written after it: 4.6 cm2, "
+    "30 degC, 2.1 bar(g)."
+)
 _ASSUMED = (
     "What is marked assumed is the reference rig's value: write your rig's over it, or click the "
     "mark where it is right."
@@ -72,6 +76,7 @@ class FilesScreen(Screen):
         self.logs = parts.html("")
         self.rig = parts.html("")
         self._checking: asyncio.Future[None] | None = None
+        self._finding: asyncio.Future[None] | None = None
         self._is_stale = self._is_log = False
 
     # --- reading --------------------------------------------------------------------------
@@ -116,7 +121,9 @@ class FilesScreen(Screen):
         assert content is not None
         chosen = self.mapping.path.name if self.mapping else ""
         taken = self._converted
-        files = [("", f"choose a file of the folder ({len(content.files)})")]
+        left = sum(name not in taken for name in content.files)
+        count = f"{left}" if left == len(content.files) else f"{left} of {len(content.files)} left"
+        files = [("", f"choose a file of the folder ({count})")]
         files += sorted(((f, f"{f} (converted)" if f in taken else f) for f in content.files),
                         key=lambda pair: pair[0] in taken)  # fmt: skip
         menu = parts.select("file", files, chosen, "A file of the folder")
@@ -148,12 +155,16 @@ class FilesScreen(Screen):
         text = "Add to the campaign" if mapping.is_in_format else "Convert and add to the campaign"
         files = "".join(parts.tick(f"also:{i}", name, name in mapping.further)
                         for i, name in enumerate(mapping.alike))  # fmt: skip
-        whole = [name for name in mapping.alike if series_of(name) == mapping.series]
-        if len(whole) > 1 and mapping.series:
-            text = f"all {len(whole) + 1} of {mapping.series}"
-            every = not set(whole) <= set(mapping.further)
-            files = parts.button(text, "also-all", kind="small", off=not every) + " " + files
-        also = f"<p>Further tests of this log, from files with the same channels: {files}</p>"
+        every = "".join(
+            parts.button(f"{title}", f"also-all:{i}", kind="small",
+                         off=set(names) <= set(mapping.further)) + " "
+            for i, (title, names) in enumerate(mapping.families.items())
+        )  # fmt: skip
+        hint = "Shift-click ticks all between." if len(mapping.alike) > 2 else ""
+        also = (
+            f"<p>Further tests of this log, from files with the same channels: {every}{hint}</p>"
+            f'<div class="ticks" data-span>{files}</div>'
+        )
         return (
             (also if mapping.alike else "")
             + '<div class="bar2">'
@@ -208,7 +219,8 @@ class FilesScreen(Screen):
         rest = [name for name in RIG_TABLES if name not in given]
         cards = "".join(self._section(name, content.rig) for name in given)
         folds = "".join(self._section(name, content.rig) for name in rest)
-        said = parts.note(_ASSUMED) if content.rig.get("assumed") else ""
+        said = parts.note(_UNITS)
+        said += parts.note(_ASSUMED) if content.rig.get("assumed") else ""
         return (
             f"<h2>Rig</h2>{said}<p>{ask}</p><div class='cards'>{cards}</div>"
             f"<div class='cards'>{folds}</div>"
@@ -272,13 +284,13 @@ class FilesScreen(Screen):
             self.mapping.by_hand.add(act)
             self.adding.object = self._adding(self.mapping)
         elif act == "also" and self.mapping is not None:
-            name = self.mapping.alike[int(rest)]
-            others = [one for one in self.mapping.further if one != name]
-            self.mapping.further = sorted([*others, name] if value else others)
+            place, _, span = rest.partition(":")
+            self.mapping.tick(int(place), bool(value), is_span=bool(span))
             self._check()
         elif act == "also-all" and self.mapping is not None:
-            own = (n for n in self.mapping.alike if series_of(n) == self.mapping.series)
-            self.mapping.further = sorted({*self.mapping.further, *own})
+            own = list(self.mapping.families.values())[int(rest)]
+            chosen = {*self.mapping.further, *own}
+            self.mapping.further = [name for name in self.mapping.alike if name in chosen]
             self._check()
         elif act == "add" and self.mapping is not None:
             self._add_log(self.mapping)
@@ -306,9 +318,21 @@ class FilesScreen(Screen):
         self.mapping = Mapping(path, listings[0])
         known = self.bench.journal.kept.get(_MAPPINGS, {})
         self.mapping.follow(known)
-        self.mapping.alike = await asyncio.to_thread(self._alike, self.mapping)
         self._draw_mapping()
         self._check()
+        document: Any = parts.pn.state.curdoc
+        self._finding = asyncio.ensure_future(self._find_alike(self.mapping, document))
+
+    async def _find_alike(self, mapping: Mapping, document: Any) -> None:
+        """The files like this one, outside of the document's lock: of many each has to be read."""
+        found = await asyncio.to_thread(self._alike, mapping)
+
+        def draw() -> None:
+            mapping.alike = found
+            if mapping is self.mapping:
+                self.adding.object = self._adding(mapping)
+
+        document.add_next_tick_callback(draw)
 
     def _alike(self, mapping: Mapping) -> tuple[str, ...]:
         """Other files of the folder, in no log yet, that have the same channels."""
@@ -339,6 +363,8 @@ class FilesScreen(Screen):
         else:
             place, _, key = rest.partition(":")
             self.mapping.chosen(int(place), key, value)
+            if key == "target":  # its unit and range may have followed
+                self.form.object = self.mapping.form()
         self._check()
 
     def _check(self) -> None:
@@ -399,6 +425,8 @@ class FilesScreen(Screen):
             log = bench.folder / file
             bare = read_bare_logs([log], {})
             text = rig_text(bare.rig.content, log.name)
+            name = {"rig:name": bench.folder.name} if bench.folder.name else {}
+            text = edits.constants_set(name)(text)
             atmosphere = mapping.options().get("atmosphere_pa")
             if atmosphere is not None:  # as the log was converted with it
                 text = edits.constants_set({"air:atmospheric_pressure_pa": atmosphere})(text)
@@ -451,10 +479,9 @@ class FilesScreen(Screen):
         assert path is not None
         given: float | str | None = str(value).strip() or None
         if given is not None and isinstance(declared, NumberKey):
-            try:
-                given = float(str(given).replace(",", "."))
-            except ValueError:
-                raise InputError(f"[{section}] {key}: {value!r} is no number; give one") from None
+            rig = self.content.rig if self.content is not None else None
+            atmosphere: Any = constant_in(rig or {}, "air.atmospheric_pressure_pa")
+            given = edits.in_si(str(given), declared.range.unit, f"[{section}] {key}", atmosphere)
         # A length that does not fit another one that is still to be given waits for it.
         together, why = {**self.refused, rest: given}, InputError("")
         for one in (together, {rest: given}):

@@ -30,8 +30,12 @@ _PRESSURE = "_pa"
 _MOST_CHANNELS = 60
 _HOW = "How the file is read"
 _TIME = re.compile(r"(?i)(time|t|zeit|timestamp|clock|seconds)\b.*")
-# What stands for a test's number at the end of a file's name.
+# What stands for a test's number at the end of a file's name, any number in it, and a copy's.
 _NUMBER = re.compile(r"[\W_]*\d+$")
+_ANY_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
+_COPY = re.compile(r"\s*\(\d+\)$")
+_ANY = "…"
+_SET = re.compile(r"`?--set (\w+=[^\s`]+)`?")
 # What `convert` is told besides, as it is written on the command line, and its name there.
 _MORE = (
     ("period_s", "--period", "Sampling period, s, if no column holds the time"),
@@ -66,6 +70,11 @@ class Assigned:
     readings: tuple[str, str] = ("", "")
     values: tuple[str, str] = ("", "")
 
+    @property
+    def says_more(self) -> bool:
+        """Whether anything was said of its readings but what they are."""
+        return self != Assigned(self.target)
+
     def entry(self, column: str) -> str:
         """The entry of --map. Raises InputError for half a range."""
         si = CANONICAL_UNITS.get(self.target) or ""
@@ -92,8 +101,9 @@ class Mapping:
 
     `alike` are further files of the folder with the same channels, `further` those of them that
     become tests of the same log; `is_asked`: how the file is read has to be said; `by_hand` are
-    the menus under the channels that a person has set; `is_guessed`: the channels are what those
-    of their names were in another file.
+    the menus under the channels that a person has set; `is_guessed`: something was filled in as for
+    other channels; `known` is what those of other files were, the latest first; `ticked` is the
+    place among `alike` that was ticked last.
     """
 
     path: Path
@@ -108,6 +118,8 @@ class Mapping:
     is_asked: bool = False
     by_hand: set[str] = field(default_factory=set)
     is_guessed: bool = False
+    known: list[Assigned] = field(default_factory=list)
+    ticked: int | None = None
 
     def __post_init__(self) -> None:
         clock = _clock(self.listing.channels)
@@ -134,12 +146,40 @@ class Mapping:
         return series_of(self.path.name)
 
     @property
+    def families(self) -> dict[str, tuple[str, ...]]:
+        """Those of `alike` that seem to belong to the file, by what they are called together.
+
+        The files whose names differ in numbers alone, and of these the ones whose numbers follow
+        upon one another.
+        """
+        own = self.path.name
+        family = [n for n in self.alike if family_of(own) and family_of(n) == family_of(own)]
+        run = run_of(own, family)
+        found = {}
+        if run and len(run) < len(family):
+            ends = sorted((own, *run), key=_in_order)
+            found[f"{len(ends)} from {Path(ends[0]).stem} to {Path(ends[-1]).stem}"] = run
+        if family:
+            found[f"all {len(family) + 1} of {family_of(own)}"] = tuple(family)
+        return found
+
+    @property
     def output(self) -> str:
-        """A name for the log, that of the series where it has several of it; none is replaced."""
+        """A name for the log, which replaces none: that of its series or file, else of its kind."""
         together = all(series_of(path.name) == self.series for path in self.paths)
         stem = self.series if self.further and self.series and together else self.path.stem
-        names = (f"{stem}{end}.csv" for end in ("", *(f"-{n}" for n in range(2, 10_000))))
+        kind = "_".join((self.kind, self.valve) if self.valve else (self.kind,)).replace("-", "_")
+        stems = (stem, kind or stem, *(f"{kind or stem}-{n}" for n in range(2, 10_000)))
+        names = (f"{stem}.csv" for stem in stems)
         return next(name for name in names if not self.path.with_name(name).exists())
+
+    def tick(self, place: int, on: bool, *, is_span: bool) -> None:
+        """Tick one of `alike`, or all from the one that was ticked last, or take them out."""
+        first = place if self.ticked is None or not is_span else self.ticked
+        names = self.alike[min(first, place) : max(first, place) + 1]
+        others = [one for one in self.further if one not in names]
+        self.further = sorted((*others, *names), key=_in_order) if on else others
+        self.ticked = place
 
     def choices(self) -> dict[str, Any]:
         """What was chosen, as plain values."""
@@ -152,11 +192,15 @@ class Mapping:
         All of it where one had the same channels; else what channels of the same names are.
         """
         own = known.get(json.dumps(self.names))
+        self.known = [
+            _assigned(one)
+            for choices in reversed(known.values())
+            for one in choices.get("assigned", {}).values()
+        ]
         for choices in [own] if own else known.values():
             for name, one in choices.get("assigned", {}).items():
                 if name in self.assigned and (own or one["target"]):
-                    pairs = {key: tuple(one[key]) for key in ("readings", "values")}
-                    self.assigned[name] = Assigned(**{**one, **pairs})
+                    self.assigned[name] = _assigned(one)
                     self.is_guessed = own is None
         if own:
             self.more.update(own.get("more", {}))
@@ -207,7 +251,29 @@ class Mapping:
             pair[int(key[1])] = str(text)
             key, text = attribute, tuple(pair)
         given: dict[str, Any] = {key: text}
-        self.assigned[name] = replace(one, **given)
+        self.assigned[name] = (
+            self._as_target(name, str(text)) if key == "target" else replace(one, **given)
+        )
+
+    def _as_target(self, name: str, target: str) -> Assigned:
+        """What a channel is from now on: its unit and range stay where they are of this quantity.
+
+        Else they are those of a channel of the same quantity, of this file or of another one.
+        """
+        one = self.assigned[name]
+        si = CANONICAL_UNITS.get(target)
+        stays = not target or (not one.target and one.says_more)
+        if stays or (one.target and CANONICAL_UNITS.get(one.target) == si and one.says_more):
+            return replace(one, target=target)
+        others = [other for key, other in self.assigned.items() if key != name]
+        # Two times, say a test's and a delay's, are no two of a kind as two pressures are.
+        same = [other for other in (*others, *self.known) if other.target == target]
+        same += [other for other in others if CANONICAL_UNITS.get(other.target) == si]
+        like = [other for other in same if other.says_more]
+        if si is None or si == "s" or not like:
+            return Assigned(target)
+        self.is_guessed = True
+        return replace(like[0], target=target, is_reversed=False)
 
     # --- as it is shown -------------------------------------------------------------------
 
@@ -232,7 +298,7 @@ class Mapping:
         )
         caption = f"{self.path.name}: {self.listing.format}, {len(self.listing.channels)} channels"
         if self.is_guessed:
-            guessed = "Filled in as for the last file with such channels: check it."
+            guessed = "Filled in as for the last channels of this kind: check it."
             said += parts.note(guessed, "warn")
         return (
             f'<div class="mapping">{parts.rows(head, lines, caption)}</div>' + said + listed
@@ -297,29 +363,36 @@ def plausibility(chosen: Mapping, rig: Path | None) -> Plausible:
             made = convert(chosen.paths, output, maps=entries, **given)
             found, assumed = check_file(output, rig, {}, ())
     except InputError as error:
-        asked = (text for _, option, text in _MORE if option in str(error))
-        here = "; ".join(f"here: “{text}”, under “{_HOW}”" for text in asked)
-        said = parts.note(_here(str(error), chosen), "error") + (parts.note(here) if here else "")
+        here = _asked(str(error))
+        said = parts.note(_here(str(error), chosen), "error") + here
         return Plausible(said, asks=bool(here))
     lines = _lines((*found.contradicts, *found.notices, *made.notices), chosen)
-    tables = "".join(block_html(table) for table in found.tables() if table.rows)
+    tables = _SET.sub(r"\1", "".join(block_html(table) for table in found.tables() if table.rows))
     kinds = ", ".join(f"{count} × {kind}" for kind, count in found.kinds.items())
     head = (
         f"{kinds}; {found.rows:,} rows, {found.duration_s:.4g} s, every {found.period_s:.4g} s, "
         f"{found.gaps or 'no'} gaps"
     )
     bad = "warn" if found.contradicts else ""
+    kind = next((kind for kind in found.kinds if kind in KINDS), "")
+    answer = found.answer_by_itself(kind)
     text = (
         f'<p class="{bad}"><b>{parts.words(head)}</b></p>'
-        f"<p>{coded(_here(found.answer, chosen))}.</p>{parts.listed(lines)}"
+        f"<p>{coded(_here(answer, chosen))}.</p>{_asked(answer)}{parts.listed(lines)}"
         + (parts.fold("what is assumed", parts.listed(_lines(assumed, chosen))) if assumed else "")
         + parts.fold("its channels, and what each parameter needs", tables)
     )
-    kind = next((kind for kind in found.kinds if kind in KINDS), "")
     of_valve = any(one.of_a_valve for one in TEST_KINDS if one.name == kind)
     shown = [item.parameter for item in found.identifies if item.identified and of_valve]
     sides = (side for side in SIDES if any(f"valve {side.upper()}" in name for name in shown))
-    return Plausible(text, kind, next(sides, ""), is_log=True)
+    return Plausible(text, kind, next(sides, ""), is_log=True, asks=bool(_asked(answer)))
+
+
+def _asked(text: str) -> str:
+    """Where this page has the options that a line of the commands asks for, as markup."""
+    asked = (name for _, option, name in _MORE if f"{option} " in text)
+    here = "; ".join(f"here: “{name}”, under “{_HOW}”" for name in asked)
+    return parts.note(here) if here else ""
 
 
 def _here(text: str, chosen: Mapping) -> str:
@@ -330,10 +403,13 @@ def _here(text: str, chosen: Mapping) -> str:
     stem = re.escape(chosen.path.stem)
     text = re.sub(rf"\S*sysid-app-\w+[/\\]{stem}\.parquet|{stem}\.parquet", chosen.path.name, text)
     text = text.replace(f"{chosen.path.parent}{os.sep}", "")
-    return with_maps(text, _in_fields)
+    return with_maps(_SET.sub(r"`\1`", text), _in_fields)
 
 
 def _in_fields(target: str, unit: str, is_gauge: bool) -> str:
+    if " -> " in unit:
+        ends = unit.replace("..", ", ").replace("->", "→")
+        return f"write {ends} under “sensor's range”"
     gauge = " and tick “gauge”" if is_gauge else ""
     volts = "; if it is a transducer's voltage, give the sensor's range"
     more = volts if target.endswith(_PRESSURE) else ""
@@ -341,15 +417,8 @@ def _in_fields(target: str, unit: str, is_gauge: bool) -> str:
 
 
 def _lines(texts: Iterable[str], chosen: Mapping) -> Iterator[str]:
-    """Lines as this page says them; what is said of several files is said once."""
-    places: dict[str, list[str]] = {}
-    for text in texts:
-        place, _, said = _here(text, chosen).partition(": ")
-        places.setdefault(said, []).append(place)
-    for said, found in places.items():
-        names = list(dict.fromkeys(found))
-        place = names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more"
-        yield f"{place}: {said}" if said else place
+    """Lines as this page says them."""
+    return parts.together(_here(text, chosen) for text in texts)
 
 
 def series_of(name: str) -> str:
@@ -357,6 +426,48 @@ def series_of(name: str) -> str:
     stem = Path(name).stem
     found = _NUMBER.search(stem)
     return stem[: found.start()] if found else ""
+
+
+def family_of(name: str) -> str:
+    """What a file's name is but for its numbers, and a copy's; empty where it has none."""
+    stem = _COPY.sub("", Path(name).stem)
+    family = _ANY_NUMBER.sub(_ANY, stem)
+    return family if family != stem else ""
+
+
+def run_of(name: str, family: Iterable[str]) -> tuple[str, ...]:
+    """Those of a file's family whose numbers follow upon its own, in both directions.
+
+    Empty where more than one number of their names varies, or one that counts nothing.
+    """
+    numbers = {one: _ANY_NUMBER.findall(_COPY.sub("", Path(one).stem)) for one in (name, *family)}
+    varying = [i for i, own in enumerate(numbers[name])
+               if any(other[i] != own for other in numbers.values())]  # fmt: skip
+    if len(varying) != 1:
+        return ()
+    texts = {one: found[varying[0]].lstrip("-+") for one, found in numbers.items()}
+    if not all(text.isdecimal() for text in texts.values()):
+        return ()
+    places = {one: int(text) for one, text in texts.items()}
+    taken, run = set(places.values()), {places[name]}
+    for step in (-1, 1):
+        place = places[name]
+        while place + step in taken:
+            place += step
+            run.add(place)
+    return tuple(sorted((o for o in places if o != name and places[o] in run), key=_in_order))
+
+
+def _in_order(name: str) -> tuple[str | float, ...]:
+    """What names are sorted by, so that 10 comes after 9."""
+    texts = re.split(r"(\d+)", name)
+    return tuple(float(text) if i % 2 else text for i, text in enumerate(texts))
+
+
+def _assigned(kept: dict[str, Any]) -> Assigned:
+    """What a channel was in another file, as it was kept."""
+    pairs = {key: tuple(kept[key]) for key in ("readings", "values")}
+    return Assigned(**{**kept, **pairs})
 
 
 def _named_target(channel: Channel) -> str:
@@ -391,4 +502,4 @@ def _short(value: float | str) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)[:24]
 
 
-__all__ = ["Assigned", "Mapping", "Plausible", "plausibility", "series_of"]
+__all__ = ["Assigned", "Mapping", "Plausible", "family_of", "plausibility", "run_of", "series_of"]

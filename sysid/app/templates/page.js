@@ -110,12 +110,17 @@ function complete(all) {
     send(node.dataset.do, node.value);
   }
 }
+// A tick with Shift is that of all between, where a list of them says so; of a label's click the box
+// hears one with the same keys, before its input.
+let isShifted = false;
+document.addEventListener("click", (event) => { isShifted = event.shiftKey; }, true);
 document.addEventListener("input", (event) => {
   const node = element(event, "input[data-do], select[data-do], textarea[data-do]");
   if (node === null) return;
   if (isText(node)) { begun.add(node); return; }
   complete(true);
-  send(node.dataset.do, node.type === "checkbox" ? node.checked : node.value);
+  const isSpan = node.type === "checkbox" && isShifted && element(event, "[data-span]") !== null;
+  send(node.dataset.do + (isSpan ? ":span" : ""), node.type === "checkbox" ? node.checked : node.value);
 });
 document.addEventListener("keydown", (event) => { if (event.key === "Enter") complete(true); }, true);
 setInterval(() => complete(false), 150);
@@ -134,8 +139,12 @@ document.addEventListener("keydown", (event) => {
 // --- files
 async function upload(files) {
   const written = [];
+  let told = -Infinity;
   for (const file of files) {
-    send("upload-began", file.name);
+    if (performance.now() - told > 300) { // of many short files not each
+      told = performance.now();
+      send("upload-began", file.name);
+    }
     let text = "";
     let ok = false;
     try {
@@ -149,7 +158,6 @@ async function upload(files) {
     }
     if (ok) written.push(text);
     else send("upload-refused", text);
-    await new Promise((resolve) => setTimeout(resolve, 150));
   }
   if (written.length) send("uploaded", written);
 }
