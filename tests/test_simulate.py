@@ -227,6 +227,27 @@ def test_a_run_longer_than_a_call_is_compiled_once() -> None:
     ]
 
 
+def test_the_pieces_of_a_long_run_share_one_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulator, "_ROWS_A_CALL", 48)
+    inputs, models = random_runs(seed=2, count=1, seconds=0.2)
+    before = set(simulator._advance_chunk._kept)
+    simulate(inputs, models)
+    assert len(set(simulator._advance_chunk._kept) - before) == 1
+
+
+def test_the_models_of_a_batch_are_stacked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many blocks it is cut into: each would hold the interpreter's lock meanwhile."""
+    stacked = []
+
+    def counted(models: list[Model]) -> Model:
+        stacked.append(len(models))
+        return stack_models(models)
+
+    monkeypatch.setattr(simulator, "stack_models", counted)
+    simulate(*random_runs(seed=2, count=40, seconds=0.05))
+    assert stacked == [40]
+
+
 def test_runs_that_share_a_log_are_prepared_once_and_stay_apart(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

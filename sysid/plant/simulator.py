@@ -83,33 +83,55 @@ class Trajectory:
         return np.array([getattr(self, name) for name in STATE])
 
 
-# For each part of a model, the names of the numbers that differ between runs.
+# For each part of a model, the names of its numbers.
 _Layout = tuple[tuple[str, ...], ...]
-# These numbers, (numbers, runs), and the others.
+# These numbers, (numbers, runs), and those that all runs share: of the valves' surfaces.
 _Packed = tuple[FloatArray, list[dict[str, Any]]]
 
 
-def _pack(numbers: list[dict[str, Any]], runs: int) -> tuple[_Layout, _Packed]:
-    """A model's numbers with those of the runs in one array, which a call takes over faster."""
-    layout = tuple(
-        tuple(name for name, value in part.items() if np.shape(value) == (runs,))
-        for part in numbers
-    )
-    own = [part[name] for part, names in zip(numbers, layout, strict=True) for name in names]
-    others = [
-        {name: value for name, value in part.items() if name not in names}
-        for part, names in zip(numbers, layout, strict=True)
-    ]
-    return layout, (np.array(own), others)
+@dataclass(frozen=True)
+class _Begun:
+    """The runs of a batch before their first step: `numbers` (numbers, runs) of their models, as
+    `layout` names them, and `shared` those of the surfaces; `lanes` (runs,).
+    """
+
+    structure: Structure
+    effects: int
+    layout: _Layout
+    numbers: FloatArray
+    shared: list[dict[str, Any]]
+    lanes: Lanes
+
+    @staticmethod
+    @on_processor()
+    def of(inputs: list[Inputs], models: list[Model], surfaces: tuple[Any, ...]) -> _Begun:
+        """Of all runs in one go: what it takes in Python does not depend on their number."""
+        model = stack_models(models)
+        structure, own = split((model.parameters, *model.effects))
+        of_surfaces, shared = split(surfaces)
+        lanes = at_first_row(start_lanes(inputs, model))
+        if surfaces:
+            none = np.zeros(len(inputs))
+            lanes = lanes._replace(ripple_a=none, ripple_b=none)
+        return _Begun(
+            structure + of_surfaces,
+            len(model.effects),
+            tuple(map(tuple, own)),
+            np.array([values for part in own for values in part.values()]),
+            shared,
+            lanes,
+        )
+
+    def at(self, members: IntArray) -> tuple[Lanes, _Packed]:
+        """The lanes and numbers of some runs."""
+        lanes = jax.tree.map(lambda one: one[members] if np.ndim(one) else one, self.lanes)
+        return lanes, (self.numbers.take(members, axis=1), self.shared)
 
 
 def _unpack(layout: _Layout, packed: _Packed) -> list[dict[str, Any]]:
-    """The inverse of `_pack`."""
+    """The numbers of a model's parts, and of the surfaces."""
     rows = iter(packed[0])
-    return [
-        {**dict(zip(names, rows, strict=False)), **others}
-        for names, others in zip(layout, packed[1], strict=True)
-    ]
+    return [*(dict(zip(names, rows, strict=False)) for names in layout), *packed[1]]
 
 
 # More programs than a command needs; each takes some 20 MB.
@@ -157,23 +179,16 @@ def _advance_chunk(
 
 @on_processor()
 def _advance_block(
-    block: Block,
-    inputs: list[Inputs],
-    models: list[Model],
-    surfaces: tuple[Any, ...],
-    nan_if_endless: bool,
+    block: Block, begun: _Begun, members: list[int], lengths: list[int], nan_if_endless: bool
 ) -> tuple[list[FloatArray], FloatArray]:
-    """(4, samples) of every run: position, velocity, pressures at its rows; and the effects' states
-    (k, runs) at its last.
+    """(4, samples) of the `members` of a batch: position, velocity, pressures at their rows, of
+    which there are `lengths`; and the effects' states (k, members) at the last.
     """
-    model = stack_models(models)
-    structure, numbers = split((model.parameters, *model.effects, *surfaces))
-    layout, packed = _pack(numbers, len(inputs))
-    lanes = start_lanes(inputs, model)
-    rows = _Rows(lanes, [len(one.time) for one in inputs[: len(block.runs)]])
-    if surfaces:
-        lanes = lanes._replace(ripple_a=np.zeros(len(inputs)), ripple_b=np.zeros(len(inputs)))
-    of = {"structure": structure, "effects": len(model.effects), "layout": layout}
+    count = len(members)
+    # Idle runs repeat the first.
+    lanes, packed = begun.at(np.array(members + members[:1] * (block.width - count)))
+    rows = _Rows(lanes, lengths)
+    of = {"structure": begun.structure, "effects": begun.effects, "layout": begun.layout}
     record = _record_of(block.width)
     for _, table in block.tables():
         most = np.array(int(table.most) + MOST_EVENTS)
@@ -182,10 +197,10 @@ def _advance_block(
         if not nan_if_endless and (np.asarray(lanes.index) < 0).any():
             raise SimulationError(ENDLESS)
     _RECORDS.append(record)
-    endless = np.asarray(lanes.index) < 0
-    for i in np.flatnonzero(endless[: len(block.runs)]):
+    endless = np.asarray(lanes.index)[:count] < 0
+    for i in np.flatnonzero(endless):
         rows.runs[i][:, rows.filled[i] :] = math.nan
-    extra = np.array(lanes.extra).reshape(-1, len(inputs))
+    extra = np.array(lanes.extra).reshape(-1, block.width)[:, :count]
     extra[:, endless] = math.nan
     return rows.runs, extra
 
@@ -217,7 +232,8 @@ class _Rows:
     """The states at the rows of a block of runs, as they come: (4, samples) of each in `runs`."""
 
     def __init__(self, lanes: Lanes, lengths: list[int]) -> None:
-        first = np.array([getattr(lanes, name) for name in STATE])[:, : len(lengths)]
+        first = np.array([getattr(lanes, name) for name in STATE])[:, : len(lengths)].T
+        self._first: FloatArray | None = first
         self._together = None
         if len(set(lengths)) == 1:
             # (runs, 4, samples) where all are as long.
@@ -225,8 +241,6 @@ class _Rows:
             self.runs = list(self._together)
         else:
             self.runs = [np.empty((len(STATE), n)) for n in lengths]
-        for run, start in zip(self.runs, first.T, strict=True):
-            run[:, 0] = start
         self.filled = np.ones(len(lengths), dtype=int)
 
     def take(self, record: FloatArray, gone: IntArray) -> None:
@@ -239,6 +253,12 @@ class _Rows:
         else:
             for run, own, n, end in zip(self.runs, record, counts.tolist(), ends, strict=False):
                 run[:, end - n : end] = own[:, :n]
+        if self._first is not None:
+            # Not before: what first touches fresh memory waits for it, and a copy as short as
+            # this one holds the interpreter's lock meanwhile.
+            for run, start in zip(self.runs, self._first, strict=True):
+                run[:, 0] = start
+            self._first = None
         self.filled += counts
 
 
@@ -432,18 +452,18 @@ def _simulated(
     order = sorted(range(len(pairs)), key=lambda i: len(pairs[i][0].time))
     blocks = [order[i : i + width] for i in range(0, len(order), width)]
 
+    begun = _Begun.of(list(inputs), list(models), surfaces)
     shared = Shared()
 
     def block(members: list[int]) -> tuple[list[FloatArray], FloatArray]:
         own, of_own = (list(of) for of in zip(*(pairs[i] for i in members), strict=True))
         check_commands(own)
         runs = prepare(own, of_own, surfaces, max_step, shared)
-        idle = width - len(own)
         return _advance_block(
             block_of(runs, width, _ROWS_A_CALL, max_step),
-            own + own[:1] * idle,
-            of_own + of_own[:1] * idle,
-            surfaces,
+            begun,
+            members,
+            [len(one.time) for one in own],
             nan_if_endless,
         )
 
