@@ -13,7 +13,9 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, Size, drawn_effects, make_campaign
+from sysid.diagnosis.actuator import equation_error as equation_errors
 from sysid.diagnosis.actuator import finder as finder_module
+from sysid.diagnosis.actuator import samples
 from sysid.diagnosis.actuator.choked_boundaries import near_boundaries
 from sysid.diagnosis.actuator.columns import Proposal
 from sysid.diagnosis.actuator.diagnose import (
@@ -867,6 +869,25 @@ def test_rows_that_windows_use_give_what_all_rows_give(frame: Frame, healthy: An
         some = equation_error(frame.traces, model, CHANNELS, frame.rows_used)
         for name in BALANCES:
             np.testing.assert_array_equal(some[name], whole[name][frame.rows_used[name].index])
+
+
+def test_a_change_of_one_valve_s_times_leaves_the_other_s(
+    traces: Traces, healthy: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def counted(runs: Any, model: Model, side: str) -> Any:
+        asked.append(side)
+        return samples.opening(runs, model, side)
+
+    monkeypatch.setattr(equation_errors, "opening", counted)
+    equation_errors.forget()
+    late = [
+        equation_error(traces, healthy[2] + ValveDelay(d, d, side="a")) for d in (1e-4, 2e-4, 3e-4)
+    ]
+    assert asked == ["a", "b", "a", "a"]
+    np.testing.assert_array_equal(late[0].rate_b, late[2].rate_b)
+    assert np.any(late[0].rate_a != late[2].rate_a)
 
 
 def test_effects_of_averaged_flows_are_not_tried(healthy: tuple[Tests, Rig, Model]) -> None:

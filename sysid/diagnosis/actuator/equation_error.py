@@ -18,6 +18,7 @@ from sysid.diagnosis.actuator.samples import Rows, Traces, opening, selected, se
 from sysid.diagnosis.actuator.states import StatesModel, integrate_states, point_of
 from sysid.io.channels import SIDES
 from sysid.parallel import give_back, kept_per_thread
+from sysid.plant.effects.entry import of_side
 from sysid.plant.ports import Effect, Model, Point, overrides
 from sysid.plant.sensors import without_errors
 from sysid.types import FloatArray
@@ -242,7 +243,7 @@ def _unmeasured(
 
 def forget() -> None:
     """Drop the caches kept for the traces of a diagnosis, and the memory that it has freed."""
-    for kept in (_without_sensors, *_OF_SENSORS_TRACES):
+    for kept in (_without_sensors, _opening, *_OF_SENSORS_TRACES):
         kept.forget()
     selected.cache_clear()
     extra_states.forget()
@@ -266,7 +267,18 @@ def _states(traces: Traces, own: StatesModel) -> dict[str, FloatArray]:
 
 @kept_per_thread(2)
 def _with_timing(seen: Traces, traces: Traces, model: Model) -> Traces:
-    return seen.with_opening(*(opening(traces.runs, model, side) for side in SIDES))
+    opened = []
+    for side in SIDES:
+        own = tuple(e for e in model.effects if of_side(side, getattr(e, "side", "both")))
+        opened.append(_opening(traces, Model(model.parameters, own), side))
+    return seen.with_opening(*opened)
+
+
+# Most models that are tried one after the other have one valve, or both, as the model before.
+@kept_per_thread(4)
+def _opening(traces: Traces, model: Model, side: str) -> FloatArray:
+    """`opening` of the tests by the effects that act on the valve of this side."""
+    return opening(traces.runs, model, side)
 
 
 @kept_per_thread(4)
