@@ -16,7 +16,6 @@ from sysid.diagnosis.actuator.equation_error import (
     CHANNELS,
     EFFORT,
     _without_sensors,
-    channels_of,
     equation_error,
     forget,
 )
@@ -28,19 +27,21 @@ from sysid.plant.base import Array
 from sysid.plant.effects import catalogue
 from sysid.plant.effects.chamber import TemperatureDrift, TubeLag, WallHeatTransfer
 from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.linkage import Backlash
 from sysid.plant.effects.sensor import PressureLag, PressureOffset
+from sysid.plant.effects.supply import SupplyDroop
 from sysid.plant.effects.valve import CoilHeating
 from sysid.plant.ports import Effect, Model
 from sysid.types import FloatArray
 
 KINDS = [kind for kind in catalogue().values() if kind.states]
-# Seconds, as `sysid.diagnosis.actuator.states` has them: run-up with and without flows, piece.
-RUN_UP, MECHANICAL_RUN_UP, PIECE = 0.35, 1.0, 0.25
+# Seconds, as `sysid.diagnosis.actuator.states` has them: run-up and piece, with and without flows.
+RUN_UP, PIECE = 0.35, 0.25
+MECHANICAL_RUN_UP, MECHANICAL_PIECE = 2.0, 0.5
 
 
-@pytest.fixture(scope="module")
-def short() -> tuple[Traces, Model]:
-    """A valve test and a motion test, 1500 samples of each."""
+def brief_traces(each: int = 1) -> tuple[Traces, Model]:
+    """A valve test and a motion test, 1500 samples of each, or one in `each` of them."""
     tests, rig, model = made(scatter=0.0)
     kinds = ("valve-discrete", "motion-discrete")
     brief = [next(test for test in tests if test[1] == kind) for kind in kinds]
@@ -50,13 +51,18 @@ def short() -> tuple[Traces, Model]:
             kind,
             replace(
                 trial,
-                time=trial.time[:1500],
-                channels={name: values[:1500] for name, values in trial.channels.items()},
+                time=trial.time[:1500:each],
+                channels={name: values[:1500:each] for name, values in trial.channels.items()},
             ),
         )
         for file, kind, trial in brief
     ]
     return prepare(cut, rig, model), model
+
+
+@pytest.fixture(scope="module")
+def short() -> tuple[Traces, Model]:
+    return brief_traces()
 
 
 def with_states(kind: type) -> CatalogueEffect:
@@ -104,15 +110,16 @@ def test_states_are_those_of_a_plain_loop(
     model = model + with_states(kind)
     if drifts:
         model = model + TemperatureDrift(0.2)
-    needs_flow = any(name != EFFORT for name in channels_of(model.effects[0]))
+    needs_flow = StatesModel.of(model, traces).acts_on_rates
+    assert needs_flow is (kind in (WallHeatTransfer, TubeLag, SupplyDroop))
+    run_up_s, piece_s = (RUN_UP, PIECE) if needs_flow else (MECHANICAL_RUN_UP, MECHANICAL_PIECE)
     found = integrate_states(traces, model, needs_flow)
     assert set(found) == set(model.state_names)
     for run in traces.runs:
         if not run.moves and not needs_flow:
             assert all(not found[name][run.rows].any() for name in found)
             continue
-        count = round(PIECE / run.period)
-        run_up = round((RUN_UP if needs_flow else MECHANICAL_RUN_UP) / run.period)
+        count, run_up = round(piece_s / run.period), round(run_up_s / run.period)
         first = run.rows.start + 2 * count
         low = max(run.rows.start, first - run_up)
         expected = plainly(traces, model, low, first + count - 1)
@@ -124,6 +131,20 @@ def test_states_are_those_of_a_plain_loop(
                 rtol=1e-9,
                 atol=1e-10 * size,
             )
+
+
+def test_states_between_slow_samples_follow_a_motion_that_goes_on() -> None:
+    """Were it held until the next sample, the shaft would strike the motor behind its backlash."""
+    places = []
+    for each in (1, 5):
+        traces, model = brief_traces(each)
+        gap = model + Backlash(0.02, 2.0, 0.1)
+        angle = integrate_states(traces, gap, needs_flow=False)["backlash_motor_rad"]
+        run = next(run for run in traces.runs if run.moves)
+        places.append((angle - traces.position)[run.rows])
+    quick, slow = places[0][::5], places[1]
+    assert np.abs(quick).max() > 0.01
+    assert np.sqrt(np.mean((slow - quick) ** 2)) < 0.1 * np.std(quick)
 
 
 @pytest.mark.parametrize("side", SIDES)

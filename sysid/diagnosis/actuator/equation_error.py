@@ -7,7 +7,7 @@ sensor effects are undone before the equations use a channel.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -129,11 +129,10 @@ def equation_error(
         known = [n for n in _FITTED if getattr(model.parameters, n) is not None]
         fixed = model.parameters.replace(**dict.fromkeys(known, 0.0))
         whole = _with_timing(seen, traces, Model(fixed, timing))
-    states = {}
-    if any(e.states for e in model.effects):
-        concerned = StatesModel.of(_with_part_in_states(model), traces)
+    states: dict[str, FloatArray] = {}
+    for concerned in _with_states(model, traces):
         # States that do not follow the timing serve each that is tried.
-        states = _states(whole if concerned.follows_valves else seen, concerned)
+        states |= _states(whole if concerned.follows_valves else seen, concerned)
     found = {name: np.zeros(len(rows[name].index) if rows else len(traces)) for name in CHANNELS}
     for name in channels:
         own = rows[name] if rows else None
@@ -250,19 +249,26 @@ def forget() -> None:
     give_back()
 
 
-def _with_part_in_states(model: Model) -> Model:
-    """The model with only those effects that influence the extra states."""
+def _with_states(model: Model, traces: Traces) -> Iterator[StatesModel]:
+    """The model with only those effects that influence the extra states: once with those whose
+    states act on the pressures' rates, once with those whose do not, which need fewer tests."""
     ports = ("parameters", "pitch_radius", "displacement")
-    return Model(
-        model.parameters, tuple(e for e in model.effects if e.states or overrides(e, *ports))
-    )
+    acting: dict[bool, list[Effect]] = {True: [], False: []}
+    for effect in model.effects:
+        if effect.states:
+            alone = StatesModel.of(Model(model.parameters, (effect,)), traces)
+            acting[alone.acts_on_rates].append(effect)
+        elif overrides(effect, *ports):
+            acting[True].append(effect)
+            acting[False].append(effect)
+    for effects in acting.values():
+        if any(effect.states for effect in effects):
+            yield StatesModel.of(Model(model.parameters, tuple(effects)), traces)
 
 
 @kept_per_thread(4)
 def _states(traces: Traces, own: StatesModel) -> dict[str, FloatArray]:
-    owners = [e for e in own.model.effects if e.states]
-    needs_flow = any(c not in _MECHANICAL for e in owners for c in channels_of(e))
-    return integrate_states(traces, own.model, needs_flow)
+    return integrate_states(traces, own.model, needs_flow=own.acts_on_rates)
 
 
 @kept_per_thread(2)

@@ -27,8 +27,9 @@ from sysid.recording.motion_tests import RUN_UP_S
 from sysid.types import BoolArray, FloatArray, IntArray
 
 _PIECE_S = 0.25
-# A resonance takes longer to forget, and costs less: fewer tests, no flows.
-_MECHANICAL_RUN_UP_S = 1.0
+# A resonance takes longer to forget, and costs less: fewer tests, no flows. At 25 Hz and a damping
+# ratio of 0.02 a start at rest is forgotten to 0.2 % (0.35 s: to a third).
+_MECHANICAL_PIECE_S, _MECHANICAL_RUN_UP_S = 0.5, 2.0
 _STATE_STEP_S = 1e-3
 # Rows are padded to whole multiples, and so many pieces integrated at a time: few shapes are ever
 # compiled.
@@ -96,12 +97,14 @@ class StatesModel:
     """A model with extra states, equal to any whose states are the same.
 
     Of the numbers that a fit moves in turn, as flows and friction, states follow few.
-    `follows_valves`: whether they follow the valves' opening, too.
+    `follows_valves`: whether they follow the valves' opening, too. `acts_on_rates`: whether the
+    pressures' rates follow the states, and not the torque balance alone.
     """
 
     model: Model = field(compare=False)
     followed: Hashable
     follows_valves: bool
+    acts_on_rates: bool
 
     @classmethod
     def of(cls, model: Model, traces: Traces) -> StatesModel:
@@ -111,9 +114,11 @@ class StatesModel:
         structure, numbers = split((model.parameters, *model.effects))
         leaves, tree = jax.tree.flatten(numbers)
         carried = traces.carried.shape[1:]
-        follows, valves = _follows(structure, model.state_names, tree, carried)
+        names = model.state_names
+        follows, valves = _follows(structure, names, tree, carried)
         own = (float(v) for v, followed in zip(leaves, follows, strict=True) if followed)
-        return cls(model, (structure, *own), valves)
+        acts_on_rates = _acts_on_rates(structure, names, tree, carried)
+        return cls(model, (structure, *own), valves, acts_on_rates)
 
 
 @lru_cache(maxsize=_MOST_PROGRAMS)
@@ -122,7 +127,7 @@ def _follows(
 ) -> tuple[tuple[bool, ...], bool]:
     """Whether the states' start or rates follow each number of `tree`, in jax's order; and whether
     a valve's opening, other than through the flow that a measured pressure shows."""
-    from sysid.plant.jax_setup import jax, on_processor
+    from sysid.plant.jax_setup import jax
 
     def laws(numbers: list[dict[str, Any]], here: dict[str, Any]) -> Any:
         parameters, *effects = join(structure, numbers)
@@ -131,17 +136,52 @@ def _follows(
         return start, _rates_at(here, model, names)(start)
 
     numbers = jax.tree.unflatten(tree, np.ones(tree.num_leaves))
-    here = {name: np.zeros((1, *carried) if name == "carried" else 1) for name in _SIGNALS}
+    of_numbers, of_channels = _followed(laws, numbers, _one_sample(carried))
+    valves = any(of_channels[f"open_{side}"] for side in SIDES)
+    return tuple(jax.tree.leaves(of_numbers)), valves
+
+
+@lru_cache(maxsize=_MOST_PROGRAMS)
+def _acts_on_rates(
+    structure: Structure, names: tuple[str, ...], tree: Any, carried: tuple[int, ...]
+) -> bool:
+    """Whether a chamber's pressure rate follows a state."""
+    from sysid.plant.jax_setup import jax
+
+    def rates(states: dict[str, Any], numbers: list[dict[str, Any]], here: dict[str, Any]) -> Any:
+        parameters, *effects = join(structure, numbers)
+        model, sampled = Model(parameters, tuple(effects)), SimpleNamespace(**here)
+        traces: Any = sampled
+        point = replace(point_of(traces, model), extra=states)
+        flows = [plant.shared_flow(side, point.is_open(side), point, model) for side in SIDES]
+        return [
+            plant.pressure_rate(side, flow, point, model)
+            for side, flow in zip(SIDES, flows, strict=True)
+        ]
+
+    numbers = jax.tree.unflatten(tree, np.ones(tree.num_leaves))
+    states = {name: np.zeros(1) for name in names}
+    of_states, *_ = _followed(rates, states, numbers, _one_sample(carried))
+    return any(of_states.values())
+
+
+def _one_sample(carried: tuple[int, ...]) -> dict[str, FloatArray]:
+    return {name: np.zeros((1, *carried) if name == "carried" else 1) for name in _SIGNALS}
+
+
+def _followed(laws: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
+    """Of each number in the arguments, in their form, whether what `laws` gives follows it."""
+    from sysid.plant.jax_setup import jax, on_processor
+
     with on_processor():
-        program = jax.make_jaxpr(laws)(numbers, here).jaxpr
+        program = jax.make_jaxpr(laws)(*arguments).jaxpr
     wanted = {id(v) for v in program.outvars}
     for step in reversed(program.eqns):
         if any(id(v) in wanted for v in step.outvars):
             wanted |= {id(v) for v in step.invars}
-    inputs = jax.tree.structure((numbers, here))
-    of_numbers, of_channels = jax.tree.unflatten(inputs, [id(v) in wanted for v in program.invars])
-    valves = any(of_channels[f"open_{side}"] for side in SIDES)
-    return tuple(jax.tree.leaves(of_numbers)), valves
+    inputs = jax.tree.structure(arguments)
+    found: tuple[Any, ...] = jax.tree.unflatten(inputs, [id(v) in wanted for v in program.invars])
+    return found
 
 
 def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str, FloatArray]:
@@ -219,16 +259,19 @@ class _Pieces:
 def _all_pieces(tests: tuple[TestRun, ...], needs_flow: bool) -> tuple[_Pieces, ...]:
     """The pieces of all tests that are concerned, so many together of one sampling period."""
     runs = [run for run in tests if run.moves or needs_flow]
-    run_up = RUN_UP_S if needs_flow else _MECHANICAL_RUN_UP_S
+    mechanical = _MECHANICAL_PIECE_S, _MECHANICAL_RUN_UP_S
+    seconds = (_PIECE_S, RUN_UP_S) if needs_flow else mechanical
     return tuple(
         pieces
         for period in sorted({run.period for run in runs})
-        for pieces in _pieces([run.rows for run in runs if run.period == period], period, run_up)
+        for pieces in _pieces([run.rows for run in runs if run.period == period], period, *seconds)
     )
 
 
-def _pieces(runs: Sequence[slice], period: float, run_up_s: float) -> Iterator[_Pieces]:
-    count, run_up = round(_PIECE_S / period), round(run_up_s / period)
+def _pieces(
+    runs: Sequence[slice], period: float, piece_s: float, run_up_s: float
+) -> Iterator[_Pieces]:
+    count, run_up = round(piece_s / period), round(run_up_s / period)
     cut = [
         (first, max(rows.start, first - run_up), rows.stop - 1)
         for rows in runs
@@ -305,14 +348,23 @@ def _histories(
     def advance(carry: Any, k: Any) -> tuple[Any, Any]:
         state, here = before, _ = carry
         after = sample(k + 1)
-        now, then = (_rates_at(sampled, model, names) for sampled in (here, after))
-        for _ in range(parts):
-            state = heun(state, now(state), then, step)
+        now = _rates_at(here, model, names)
+        for part in range(1, parts + 1):
+            then = _rates_at(_between(here, after, part / parts), model, names)
+            state, now = heun(state, now(state), then, step), then
         return (state, after), before
 
     first = sample(0)
     state = tuple(jnp.zeros(low.shape) + value for value in _start(first, model, names))
     return tuple(jax.lax.scan(advance, (state, first), jnp.arange(steps))[1])
+
+
+def _between(here: dict[str, Any], after: dict[str, Any], share: float) -> dict[str, Any]:
+    """The channels a share of the way from one sample to the next."""
+    if share == 1.0:
+        return after
+    found = {name: row + share * (after[name] - row) for name, row in here.items()}
+    return found | {"direction": here["direction"]}
 
 
 def _start(sampled: dict[str, Any], model: Model, names: tuple[str, ...]) -> list[Any]:
