@@ -172,6 +172,17 @@ def test_a_campaign_of_a_tank_asks_for_no_test_of_what_moves(
     assert "rig: declares a tank alone" in capsys.readouterr().err
 
 
+def test_check_says_what_a_fill_with_its_discharge_identifies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Both the law of the discharge, and by another fit the flows of the valve that fills."""
+    assert main(["check", str(filled_and_emptied(tmp_path) / "one.csv")]) == 0
+    checked = capsys.readouterr().out
+    first = checked.splitlines()[0]
+    assert "c_dis" in first and "valve A choked filling flow, c_fill" in first
+    assert "(by sysid fit valve-discrete)" in checked and "exhaust flow" not in checked
+
+
 @pytest.mark.parametrize("is_vacuum", [False, True], ids=["filled", "pumped down"])
 def test_check_says_what_a_fill_alone_identifies(is_vacuum: bool) -> None:
     """By its columns it may be a discharge; what a fit of its valve finds, a check says."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from sysid.checks.friction import Identification, bench_fit, is_of_one_pressure
 from sysid.errors import InputError, NotIdentifiedError
@@ -53,6 +54,13 @@ def bench_identified(kind: str, trials: Sequence[Trial], rig: Rig) -> Iterator[I
         yield Identification(name, estimate.identified, estimate.reason or tests)
 
 
+def filling_of_tank(valve: Iterable[Identification]) -> Iterator[Identification]:
+    """Of what a tank's tests show of its valve: the flows that fill it, and the fit of them."""
+    for one in valve:
+        if one.identified and "fill" in one.parameter:
+            yield replace(one, reason=f"{one.reason} (by sysid fit valve-discrete)")
+
+
 def _why(kind: str, trials: Sequence[Trial], error: Exception) -> str:
     """Why tests give no law; of a tank without a command also what the log is."""
     commands = {"pump_volts", _VALVE}
@@ -61,4 +69,11 @@ def _why(kind: str, trials: Sequence[Trial], error: Exception) -> str:
     return f"this is a tank's discharge (one pressure, and a rig file with [tank]): {error}"
 
 
-__all__ = ["BENCH_LAWS", "TANK", "VALVE_TESTS", "bench_identified", "bench_kind"]
+__all__ = [
+    "BENCH_LAWS",
+    "TANK",
+    "VALVE_TESTS",
+    "bench_identified",
+    "bench_kind",
+    "filling_of_tank",
+]

@@ -16,7 +16,14 @@ from sysid.blocks.figures import Panel, Scale, grouped_bars
 from sysid.blocks.numbers import si_number
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import NotedCell, Table, table
-from sysid.checks.bench import BENCH_LAWS, TANK, VALVE_TESTS, bench_identified, bench_kind
+from sysid.checks.bench import (
+    BENCH_LAWS,
+    TANK,
+    VALVE_TESTS,
+    bench_identified,
+    bench_kind,
+    filling_of_tank,
+)
 from sysid.checks.consistency.campaign import (
     LogReadings,
     located_contradictions,
@@ -331,16 +338,13 @@ def check_log(log: Log, rig: Rig, declared: str | None = None) -> LogCheck:
         if bench is None
         else bench_identified(bench, log.trials, rig)
     )
-    if (
-        bench == TANK
-        and rig.is_tank_alone
-        and declared is None
-        and not any(one.identified for one in identified)
-    ):
+    if bench == TANK and rig.is_tank_alone and declared is None:
         # By its columns the same is a fill, of whose valve it gives the law.
         filled = {VALVE_TESTS: list(log.trials)}
         other = tuple(valves_identified(filled, rig))
-        if any(one.identified for one in other):
+        if any(one.identified for one in identified):
+            identified += tuple(filling_of_tank(other))
+        elif any(one.identified for one in other):
             by_kind, identified, kinds = filled, other, {VALVE_TESTS: len(log.trials)}
     designed, wrong = _as_designed(log, header, kinds, declared)
     channels = _measured_channels(log, rig)
