@@ -40,6 +40,7 @@ from sysid.io.rig import Rig
 from sysid.parallel import attempt, in_threads, limited
 from sysid.parameters.scatter import MOST_SCATTER
 from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.rig_sizes import RigSizes, of_size
 from sysid.plant.effects.supply import times_the_usual_flow
 from sysid.plant.ports import Model
 from sysid.recording.simulation import NOT_FINITE
@@ -135,6 +136,7 @@ def begin(
         model = with_sliding_friction(traces, model)
         has_motor = bool(np.any(traces.motor))
         own = [e for e in catalogue if not e.averaged_only and (has_motor or not e.needs_motor)]
+        own = of_size(own, RigSizes.of(model.parameters))
         flows = times_the_usual_flow(model.parameters)
         lengths = commanded_lengths(traces.runs, model)
         forms = candidates(own, traces.travel, rig.sides, flows, lengths)

@@ -19,8 +19,8 @@ SIDE_CHOICES = ("a", "b", "both")
 SPEEDS = ("rad/s", "m/s")
 PER_FLOW = "Pa s/kg"
 _SIZED = {"N", "Nm", "kg", "W"}
-# What is tried of a strength is a factor of 3 apart: a rig is like another to within half of it.
-_LIKE = math.sqrt(3.0)
+LIKE = math.sqrt(3.0)
+"""What is tried of a strength is a factor of 3 apart: rigs are alike to within half of it."""
 NEARBY = 1.15
 """Factor to either side of a threshold's tried value within which a fit looks for the best one."""
 # What is tried of a threshold in time: from the quantile of the commands' lengths up, but no less
@@ -162,7 +162,7 @@ class Quantity:
         """It on a rig whose valves let through so many `times` the reference rig's flow: of a
         strength per flow that an effect is not proportional to, what is tried is such as does there
         what the usual ones do here, in proportion to the flow or to its square."""
-        is_usual = 1.0 / _LIKE < times < _LIKE
+        is_usual = 1.0 / LIKE < times < LIKE
         if not (self.is_strength and self.grid and self.unit == PER_FLOW) or is_usual:
             return self
         tried = {min(v / times**power, self.upper) for v in self.grid for power in (1, 2)}
