@@ -14,7 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -653,6 +653,9 @@ def test_a_log_of_a_series_has_its_name(tmp_path: Path) -> None:
     assert mapping.output == "fill-2.csv"
     mapping.further = [scope_file(tmp_path, "ramp.CSV").name]
     assert mapping.output == "fill_1.csv"
+    (tmp_path / "fill_1.csv").touch()
+    mapping.kind, mapping.valve, mapping.use = "valve-pwm", "a", "holdout"
+    assert mapping.output == "valve_pwm_a_holdout.csv"
 
 
 def test_files_whose_names_differ_in_numbers_are_a_family(tmp_path: Path) -> None:
@@ -695,9 +698,11 @@ def test_what_is_said_of_a_channel_stays_with_its_quantity(tmp_path: Path) -> No
     assert first.is_guessed and "check it" in first.form()
     other = opened(scope_file(tmp_path, "motion.CSV", channels=4))
     first.assigned["CH1"] = coil
-    other.follow({"channels": first.choices()})
-    other.chosen(4, "target", "valve_a")
-    assert other.assigned["CH4"] == coil
+    other.follow({}, first.known_with_these([vars(Assigned("theta_rad", "deg"))]))
+    other.chosen(4, "target", "duty_a")
+    other.chosen(3, "target", "theta_rad")
+    assert other.assigned["CH4"] == replace(coil, target="duty_a")
+    assert other.assigned["CH3"] == Assigned("theta_rad", "deg")
 
 
 def test_the_button_that_adds_says_so(tmp_path: Path) -> None:

@@ -161,7 +161,7 @@ class Window:
         self._go_on(number)
 
     def _lacking(self, screen: Screen, error: SysidError) -> str:
-        """Why a screen shows nothing, and the way to the one where that is mended."""
+        """Why a screen shows nothing, and the way to the one where that is fixed."""
         reason = self.bench.brief(str(error))
         head = f"<h2>{parts.words(screen.title)}</h2>"
         if not isinstance(error, StepMissingError):

@@ -19,7 +19,7 @@ from sysid.exporters.simulators import (
     write_fmu,
     write_mjcf,
 )
-from sysid.io.files import write_atomic
+from sysid.io.files import need_folder_of, write_atomic
 from sysid.parameters import Bundle, EffectEntry, bundle_text
 from sysid.parameters.effects import effect_from_entry
 from sysid.plant.effects.catalogue import catalogue_with
@@ -76,6 +76,7 @@ def export_bundle(
     """
     if fmt not in FORMATS:
         raise input_error("--format", f"{fmt!r} is unknown", f"use one of {', '.join(FORMATS)}")
+    need_folder_of(path)
     if fmt == "fmu":
         return write_fmu(bundle, path, catalogue, fmi, accept_assumed)
     if fmt == "mjcf":

@@ -206,6 +206,13 @@ def make_folder(folder: Path, *, parents: bool = True) -> None:
         ) from None
 
 
+def need_folder_of(path: Path) -> None:
+    """InputError where the folder of a file that is to be written is not there: before the work."""
+    if not path.parent.is_dir():
+        exists = path.parent.exists()
+        raise not_writable(path, NotADirectoryError() if exists else FileNotFoundError())
+
+
 def remove_leftovers(folder: Path) -> None:
     """Remove temporary files that a killed process left in `folder`."""
     for leftover in folder.glob(f"{_PREFIX}*{_SUFFIX}"):

@@ -33,6 +33,7 @@ _HIDDEN = (".toml", ".py", ".md", ".html", ".h", ".png", ".txt~")
 _MOST_FILES = 200
 # What was chosen for a file's channels, by their names: another one's with the same are the same.
 _MAPPINGS = "channels of files"
+_KINDS_OF_CHANNELS = "channels by what they are"
 _WOULD_BE = "What this log would be"
 _UNITS = (
     "A number is in the unit at its right, or in the one that is written after it: 4.6 cm2, "
@@ -316,8 +317,8 @@ class FilesScreen(Screen):
         self._draw_mapping()
         listings = await asyncio.to_thread(channels_of, [path])
         self.mapping = Mapping(path, listings[0])
-        known = self.bench.journal.kept.get(_MAPPINGS, {})
-        self.mapping.follow(known)
+        kept = self.bench.journal.kept
+        self.mapping.follow(kept.get(_MAPPINGS, {}), kept.get(_KINDS_OF_CHANNELS, ()))
         self._draw_mapping()
         self._check()
         document: Any = parts.pn.state.curdoc
@@ -405,6 +406,8 @@ class FilesScreen(Screen):
         key = json.dumps(mapping.names)
         known = {k: v for k, v in journal.kept.get(_MAPPINGS, {}).items() if k != key}
         journal.keep(_MAPPINGS, {**known, key: mapping.choices()})  # the latest last
+        of_kinds = mapping.known_with_these(journal.kept.get(_KINDS_OF_CHANNELS, ()))
+        journal.keep(_KINDS_OF_CHANNELS, of_kinds)
         if mapping.is_in_format:
             for path in mapping.paths:
                 self._enter(mapping, path.name)

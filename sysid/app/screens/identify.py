@@ -203,7 +203,7 @@ def _so_far(content: IdentifyContent) -> str:
     if len(found) == len(logs):
         said = "What the logs say together is being compared."
     if unread:
-        said = f"{unread} of {len(logs)} logs cannot be checked: mend them, or take them out."
+        said = f"{unread} of {len(logs)} logs cannot be checked: fix them, or take them out."
     lines = []
     for number, entry in enumerate(logs):
         one = found.get(number)

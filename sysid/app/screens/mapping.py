@@ -102,8 +102,8 @@ class Mapping:
     `alike` are further files of the folder with the same channels, `further` those of them that
     become tests of the same log; `is_asked`: how the file is read has to be said; `by_hand` are
     the menus under the channels that a person has set; `is_guessed`: something was filled in as for
-    other channels; `known` is what those of other files were, the latest first; `ticked` is the
-    place among `alike` that was ticked last.
+    other channels; `known` is what such channels were in other files, the latest first; `ticked` is
+    the place among `alike` that was ticked last.
     """
 
     path: Path
@@ -168,7 +168,8 @@ class Mapping:
         """A name for the log, which replaces none: that of its series or file, else of its kind."""
         together = all(series_of(path.name) == self.series for path in self.paths)
         stem = self.series if self.further and self.series and together else self.path.stem
-        kind = "_".join((self.kind, self.valve) if self.valve else (self.kind,)).replace("-", "_")
+        held = "holdout" if self.use == "holdout" else ""
+        kind = "_".join(filter(None, (self.kind, self.valve, held))).replace("-", "_")
         stems = (stem, kind or stem, *(f"{kind or stem}-{n}" for n in range(2, 10_000)))
         names = (f"{stem}.csv" for stem in stems)
         return next(name for name in names if not self.path.with_name(name).exists())
@@ -186,17 +187,22 @@ class Mapping:
         assigned = {name: vars(one) for name, one in self.assigned.items()}
         return {"assigned": assigned, "more": self.more}
 
-    def follow(self, known: dict[str, dict[str, Any]]) -> None:
+    def known_with_these(self, known: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+        """What channels are known to be, one of each kind, as plain values; the latest first."""
+        found = {one["target"]: one for one in known}
+        own = {one.target: vars(one) for one in self.assigned.values() if one.says_more}
+        return list({**own, **{key: one for key, one in found.items() if key not in own}}.values())
+
+    def follow(
+        self, known: dict[str, dict[str, Any]], of_kinds: Iterable[dict[str, Any]] = ()
+    ) -> None:
         """Take what was chosen for other files, by their channels' names, the latest last.
 
         All of it where one had the same channels; else what channels of the same names are.
+        `of_kinds` is that of `known_with_these`, for the channels that are chosen by hand.
         """
         own = known.get(json.dumps(self.names))
-        self.known = [
-            _assigned(one)
-            for choices in reversed(known.values())
-            for one in choices.get("assigned", {}).values()
-        ]
+        self.known = [_assigned(one) for one in of_kinds]
         for choices in [own] if own else known.values():
             for name, one in choices.get("assigned", {}).items():
                 if name in self.assigned and (own or one["target"]):
@@ -267,9 +273,9 @@ class Mapping:
             return replace(one, target=target)
         others = [other for key, other in self.assigned.items() if key != name]
         # Two times, say a test's and a delay's, are no two of a kind as two pressures are.
-        same = [other for other in (*others, *self.known) if other.target == target]
-        same += [other for other in others if CANONICAL_UNITS.get(other.target) == si]
-        like = [other for other in same if other.says_more]
+        every = [other for other in (*others, *self.known) if other.says_more]
+        like = [other for other in every if other.target == target]
+        like += [other for other in every if CANONICAL_UNITS.get(other.target) == si]
         if si is None or si == "s" or not like:
             return Assigned(target)
         self.is_guessed = True
