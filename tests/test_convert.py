@@ -79,6 +79,25 @@ def test_period_in_place_of_a_time_column(tmp_path: Path) -> None:
         convert(foreign, out, maps=["theta_rad=q:deg"])
 
 
+@pytest.mark.parametrize("duty", [False, True])
+def test_settled_flows_have_no_time(duty: bool, tmp_path: Path) -> None:
+    """As a standard's table has them: over two pressures, or over a duty."""
+    flow = np.linspace(900.0, 0.0, 12)
+    over = {"u": flow / 9.0} if duty else {"p1": np.full(12, 6.3), "p2": np.linspace(1.0, 6.3, 12)}
+    foreign, out = plain(tmp_path, Q=flow, **over), tmp_path / "log.csv"
+    maps = ["duty_a=u:%"]
+    if not duty:
+        maps = ["upstream_pressure_pa=p1:bar", "downstream_pressure_pa=p2:bar"]
+    report = convert(foreign, out, maps=["flow_a_kg_s=Q:l/min(ANR)", *maps])
+    assert sum("holds no time" in line for line in report.notices) == 1
+    frame = log_of(out)
+    assert frame["time_s"].tolist() == list(range(12))
+    assert frame["flow_a_kg_s"].iloc[0] == pytest.approx(900.0 / 60000.0 * 1.185, rel=1e-3)
+    # A flow alone is none.
+    with pytest.raises(InputError, match="time_s is not mapped"):
+        convert(foreign, out, maps=["flow_a_kg_s=Q:l/min(ANR)"])
+
+
 def test_several_files_are_the_tests_of_one_log(tmp_path: Path) -> None:
     paths = []
     for k, name in enumerate(("a/left.csv", "a/right.csv", "b/left.csv")):

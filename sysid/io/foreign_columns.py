@@ -167,6 +167,12 @@ def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.Da
     if timeless:
         recipe = replace(recipe, period_s=1.0)
         table.notices.append(timeless_line(table.path))
+    elif _are_flows(table, recipe, sources):
+        recipe = replace(recipe, period_s=1.0)
+        table.notices.append(
+            f"{table.path}: holds no time: each row is a settled flow (valve-flow), and time_s "
+            "numbers the rows"
+        )
     if "time_s" in sources and recipe.period_s is not None:
         raise input_error(table.path, "has a time_s column of its own", "omit --period")
     if "time_s" in sources and _numbers_samples(table, *sources["time_s"]):
@@ -189,14 +195,27 @@ def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.Da
 
 def _are_readings(table: ForeignTable, recipe: Recipe, sources: Sources) -> bool:
     """Whether a table without any time gives a speed and its effort, and nothing of the air."""
+    present = {*sources, *recipe.constants}
+    found = any(of_readings(present, units) for units in (LINEAR, ROTARY))
+    return found and not _has_time(table, recipe, sources)
+
+
+def _are_flows(table: ForeignTable, recipe: Recipe, sources: Sources) -> bool:
+    """Whether a table without any time gives a flow with its two pressures, or with its duty."""
+    present = {*sources, *recipe.constants}
+    over = ({"upstream_pressure_pa", "downstream_pressure_pa"}, {"duty_a"})
+    found = "flow_a_kg_s" in present and any(names <= present for names in over)
+    return found and not _has_time(table, recipe, sources)
+
+
+def _has_time(table: ForeignTable, recipe: Recipe, sources: Sources) -> bool:
+    """Whether a column, the recipe or the file's own clock says when its rows were."""
     names = [name for name, _ in sources.values()]
-    has_time = (
+    return (
         "time_s" in sources
         or recipe.period_s is not None
         or any(name in table.clocks or table.sampling.get(name) for name in names)
     )
-    present = {*sources, *recipe.constants}
-    return not has_time and any(of_readings(present, units) for units in (LINEAR, ROTARY))
 
 
 _Made = tuple[dict[str, Any], Tests, BoolArray]
