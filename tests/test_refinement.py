@@ -11,7 +11,12 @@ from scipy.optimize import least_squares
 
 from benchmarks.refinement import rig_runs, unknown
 from sysid.errors import InputError, OutOfBudgetError
-from sysid.estimation.autoregression import Autoregression, autoregression, stationary
+from sysid.estimation.autoregression import (
+    Autoregression,
+    autoregression,
+    stationary,
+    whitening_matrix,
+)
 from sysid.parallel import limited
 from sysid.plant.effects.chamber import TubeLag
 from sysid.plant.effects.sensor import PressureLag
@@ -321,9 +326,12 @@ def test_innovations_are_white_from_the_first_row_on() -> None:
     assert own is not None
     white = own.innovations(np.linalg.cholesky(toeplitz(own.autocovariance(12))))
     np.testing.assert_allclose(white @ white.T, np.eye(12), atol=1e-10)
-    matrix = own.whitening_matrix([slice(0, 5), slice(5, 12)])
+    other = Autoregression.white(0.25)
+    runs = [slice(0, 5), slice(5, 6), slice(6, 9), slice(9, 12)]
+    matrix = whitening_matrix([own, own, other, own], runs, [1.0, 1.0, 0.5, 1.0])
     rows = np.random.default_rng(3).standard_normal((12, 2))
-    apart = [own.innovations(rows[:5]), own.innovations(rows[5:])]
+    apart = [own.innovations(rows[run]) for run in runs]
+    apart[2] = 0.5 * other.innovations(rows[runs[2]])
     np.testing.assert_allclose(matrix @ rows, np.concatenate(apart), atol=1e-12)
 
 

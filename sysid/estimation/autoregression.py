@@ -76,24 +76,6 @@ class Autoregression:
             white[row] = (columns[row] - a @ columns[:row][::-1]) / math.sqrt(variance)
         return white
 
-    def whitening_matrix(self, runs: Sequence[slice]) -> csr_array:
-        """Sparse (n, n): `innovations` of rows (n,) in runs that follow one another."""
-        from scipy.sparse import csr_array
-
-        count = runs[-1].stop if runs else 0
-        place = np.arange(count, dtype=np.int32)
-        first = np.repeat([run.start for run in runs], [run.stop - run.start for run in runs])
-        depth = np.minimum(place - first, len(self.coefficients)) if runs else place
-        rows, columns, data = [], [], []
-        for order, (coefficients, variance) in enumerate(self._predictors):
-            mine = np.flatnonzero(depth == order).astype(np.int32)
-            for lag, a in enumerate([1.0, *(-coefficients)]):
-                rows.append(mine)
-                columns.append(mine - lag)
-                data.append(np.full(len(mine), a / math.sqrt(variance)))
-        entries = (np.concatenate(rows), np.concatenate(columns))
-        return csr_array((np.concatenate(data), entries), shape=(count, count))
-
     @cached_property
     def _predictors(self) -> list[tuple[FloatArray, float]]:
         return [*itertools.islice(_predictions(self.start), len(self.coefficients)), self._whole]
@@ -138,6 +120,32 @@ class Autoregression:
         angles = np.outer(np.arange(1, order + 1), np.arange(size // 2 + 1))
         delays = np.exp(-2j * np.pi / size * angles)
         return np.asarray(2.0 * (delays / (1.0 - self.coefficients @ delays)).real)
+
+
+def whitening_matrix(
+    models: Sequence[Autoregression], runs: Sequence[slice], scales: Sequence[float]
+) -> csr_array:
+    """Sparse (n, n): the innovations of rows (n,) in runs that follow one another, those of each
+    run by its own model, and times its scale.
+    """
+    from scipy.sparse import csr_array
+
+    columns, data, widths = [], [], [0]
+    for model, run, scale in zip(models, runs, scales, strict=True):
+        count, order = run.stop - run.start, len(model.coefficients)
+        for depth, (coefficients, variance) in enumerate(model._predictors[:count]):
+            # One row has so many before it; the last predictor is that of all from there on.
+            alike = 1 if depth < order else count - order
+            weights = scale * (np.append(-coefficients[::-1], 1.0) / math.sqrt(variance))
+            first = np.arange(run.start, run.start + alike, dtype=np.int32)
+            reach = np.arange(depth + 1, dtype=np.int32)
+            columns.append((first[:, None] + reach).ravel())
+            data.append(np.tile(weights, alike))
+            widths += [depth + 1] * alike
+    count = runs[-1].stop if runs else 0
+    starts = np.cumsum(widths, dtype=np.int32)
+    joined = (np.concatenate(own) if own else np.zeros(0) for own in (data, columns))
+    return csr_array((*joined, starts), shape=(count, count))
 
 
 def runs_of(count: int, groups: NDArray[np.intp] | None) -> list[slice]:
@@ -293,5 +301,6 @@ __all__ = [
     "runs_of",
     "shown_by",
     "stationary",
+    "whitening_matrix",
     "with_autocovariance",
 ]

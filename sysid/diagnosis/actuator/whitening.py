@@ -34,6 +34,7 @@ from sysid.estimation.autoregression import (
     damped,
     largest_reflection,
     runs_of,
+    whitening_matrix,
 )
 from sysid.io.channels import SIDES
 from sysid.io.rig import END_MARGIN
@@ -334,8 +335,6 @@ def _whitening(covariance: FloatArray, view: Windows, sensors: FloatArray | None
     `sensors` (rows,): the sensors' noise along the motion. Where a stretch holds more of it than
     most, as where an encoder's counts beat against the sampling, its noise is that much more.
     """
-    from scipy.sparse import block_diag
-
     plain, stretches = _model(covariance, len(view)), _stretches(view)
     models = [plain] * len(stretches)
     if sensors is not None:
@@ -343,14 +342,9 @@ def _whitening(covariance: FloatArray, view: Windows, sensors: FloatArray | None
         for i, more in enumerate(own):
             if more is not None and more[0] > usual[0]:
                 models[i] = _model(covariance + more - usual, len(view))
-    matrices = []
-    for _, group in itertools.groupby(zip(models, stretches, strict=True), lambda p: id(p[0])):
-        of_group, runs = zip(*group, strict=True)
-        model, first = of_group[0], runs[0].start
-        matrix = model.whitening_matrix([slice(r.start - first, r.stop - first) for r in runs])
-        # A tone can be predicted, but what does not belong to it is no more certain for that.
-        matrices.append(math.sqrt(min(1.0, model.innovation / plain.innovation)) * matrix)
-    return block_diag(matrices, format="csr") if matrices else np.zeros((0, 0))
+    # A tone can be predicted, but what does not belong to it is no more certain for that.
+    scales = [math.sqrt(min(1.0, own.innovation / plain.innovation)) for own in models]
+    return whitening_matrix(models, stretches, scales)
 
 
 def friction_scatter(frame: Frame, rest: FloatArray) -> float:
