@@ -4,6 +4,7 @@
     python benchmarks/simulation.py speed
     python benchmarks/simulation.py compile
     python benchmarks/simulation.py cores [--runs 512]
+    python benchmarks/simulation.py lock [--runs 512]
 
 accuracy: random rigs (seed 1) under PWM against 64 times finer steps, and the first
 `--solve-ivp` seconds of each against scipy's solve_ivp with events (rtol 1e-9). speed: a batch
@@ -11,7 +12,9 @@ of 64 ten-second runs and what its preparation takes, one of 320 one-second runs
 and solve_ivp at equal error. compile: one process with an
 empty cache, then more with it filled. cores: a batch of ten-second runs by 1, 2, 4 ... threads, as
 many as there are cores, in turn: what a core is worth of one alone, by medians. Other work on the
-machine distorts wall times: CPU time is printed next to them.
+machine distorts wall times: CPU time is printed next to them. lock: of a batch's CPU time by one
+thread, the share that holds the interpreter's lock, and what Amdahl's law makes of it; needs gcc,
+and a Python with a shared library.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ import os
 import statistics
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import time
 from collections.abc import Callable
@@ -234,10 +238,52 @@ def cores(runs: int) -> None:
         record(f"simulation, {runs} runs, a core of {count}", worth, "of one alone")
 
 
+_LOCKED = """
+import ctypes, sys, time
+sys.path.insert(0, {root!r})
+from benchmarks.rigs import random_runs
+from sysid.plant.simulator import simulate
+free = ctypes.PyDLL(None).free_seconds
+free.restype = ctypes.c_double
+inputs, models = random_runs({seed}, {runs}, {seconds}, motor=False)
+simulate(inputs, models)
+kept = []  # so that each batch is given fresh memory
+for _ in range(5):
+    own, given, whole = time.thread_time(), free(), time.process_time()
+    kept.append(simulate(inputs, models))
+    own, whole = time.thread_time() - own, time.process_time() - whole
+    print((own - (free() - given)) / whole)
+"""
+
+
+def lock(runs: int) -> None:
+    """The share of a batch's CPU time that holds the interpreter's lock."""
+    source = REPOSITORY / "benchmarks" / "contenders" / "lock_clock.c"
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / "lock_clock.so"
+        include = f"-I{sysconfig.get_path('include')}"
+        build = ["gcc", "-O2", "-shared", "-fPIC", include, str(source), "-o", str(library), "-ldl"]
+        subprocess.run(build, check=True)
+        code = _LOCKED.format(root=str(REPOSITORY), seed=SEED, runs=runs, seconds=SECONDS)
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "LD_PRELOAD": str(library), "SYSID_JOBS": "1"},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    shares = [float(line) for line in done.stdout.split()]
+    share = statistics.median(shares)
+    print(f"{share:.3f} ({min(shares):.3f} to {max(shares):.3f}) of the CPU time holds the lock")
+    for cores in (2, 4, 8, 16):
+        print(f"{cores} cores: at most {1.0 / (share + (1.0 - share) / cores):.1f} times one")
+    record(f"simulation, {runs} runs, holds the lock", share, "of the CPU time")
+
+
 def main() -> None:
     """Run the part that was asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("part", choices=["accuracy", "speed", "compile", "cores"])
+    parser.add_argument("part", choices=["accuracy", "speed", "compile", "cores", "lock"])
     parser.add_argument("--runs", type=int, default=512)
     parser.add_argument("--rigs", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=SECONDS)
@@ -247,6 +293,8 @@ def main() -> None:
         accuracy(options.rigs, options.seconds, options.solve_ivp)
     elif options.part == "speed":
         speed()
+    elif options.part == "lock":
+        lock(options.runs)
     elif options.part == "cores":
         cores(options.runs)
     else:
