@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -363,8 +363,11 @@ class FilesScreen(Screen):
             self.mapping.more[rest] = str(value)
         else:
             place, _, key = rest.partition(":")
+            assigned, name = self.mapping.assigned, self.mapping.names[int(place)]
+            before = assigned[name]
             self.mapping.chosen(int(place), key, value)
-            if key == "target":  # its unit and range may have followed
+            followed = key == "target" and replace(before, target=str(value)) != assigned[name]
+            if followed:  # its unit and range, which the page does not show yet
                 self.form.object = self.mapping.form()
         self._check()
 
