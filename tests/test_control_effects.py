@@ -190,8 +190,9 @@ def test_a_sample_at_a_time_is_the_whole_log(effect: Effect) -> None:
             assert value[0] == pytest.approx(whole[name][i], abs=1e-6)
 
 
-def test_counts_are_lost_a_sample_at_a_time_as_in_a_whole_log() -> None:
-    effect, time = LostCounts(0.1, 1.0), PERIOD_S * np.arange(60)
+@pytest.mark.parametrize("of_all", [0.0, 1.0])
+def test_counts_are_lost_a_sample_at_a_time_as_in_a_whole_log(of_all: float) -> None:
+    effect, time = LostCounts(0.1, 1.0, of_all), PERIOD_S * np.arange(60)
     position = 0.2 * np.sin(12.0 * time)
     whole = effect.measure({"theta_rad": position}, time)["theta_rad"]
     memory = effect.start_sensing({"theta_rad": position[:1]}, PERIOD_S)

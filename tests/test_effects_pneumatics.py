@@ -788,16 +788,17 @@ def test_a_model_without_a_discrete_law_stays_as_it_is() -> None:
 # --- sensors ---------------------------------------------------------------------------
 
 
-def test_counts_beyond_the_speed_are_lost_for_good() -> None:
+@pytest.mark.parametrize(("of_all", "rate"), [(0.0, 2.0), (1.0, 3.0)])
+def test_counts_beyond_the_speed_are_lost_for_good(of_all: float, rate: float) -> None:
     """Out at 3 rad/s, of which 2 are beyond the counter, back at 0.5 rad/s."""
     time = np.arange(0.0, 0.701, 1e-3)
     position = np.where(time < 0.1, 3.0 * time, 0.3 - 0.5 * (time - 0.1))
-    effect = sensor.LostCounts(0.1, 1.0)
+    effect = sensor.LostCounts(0.1, 1.0, of_all)
     shown = effect.measure({"theta_rad": position, "pressure_a_pa": time}, time)
-    lost = 0.1 * 2.0 * np.minimum(time, 0.1)
+    lost = 0.1 * rate * np.minimum(time, 0.1)
     np.testing.assert_allclose(shown["theta_rad"], position - lost, atol=1e-12)
     assert shown["pressure_a_pa"] is time
-    assert shown["theta_rad"][-1] == pytest.approx(-0.02)  # 0 again, and 20 mrad short
+    assert shown["theta_rad"][-1] == pytest.approx(-0.01 * rate)  # 0 again, and short
 
 
 def test_a_lagged_sensor_follows_steps_and_ramps_exactly() -> None:

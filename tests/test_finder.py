@@ -36,7 +36,7 @@ from sysid.plant.effects.friction import (
 )
 from sysid.plant.effects.linkage import GearMeshRipple, LinkFlexibility, MountingTilt
 from sysid.plant.effects.motor import TorqueOffset
-from sysid.plant.effects.sensor import PressureLag, TimeSkew
+from sysid.plant.effects.sensor import LostCounts, PressureLag, TimeSkew
 from sysid.plant.effects.supply import SupplyPulsation
 from sysid.plant.effects.valve import DutyDeadZone, ValveDelay
 from sysid.plant.ports import Model, Point
@@ -426,6 +426,20 @@ def test_a_ripple_with_a_second_harmonic_is_one_effect(
     (found,) = finder.sets[names].effects
     for q in type(found).quantities:
         assert getattr(found, q.name) == pytest.approx(getattr(true, q.name), rel=0.1)
+
+
+def test_the_speed_from_which_counts_are_lost_is_found_though_the_loss_jumps_there(
+    rig: tuple[Traces, Model, Rig], null: Null
+) -> None:
+    """Over a small step of that speed hardly a sample begins to lose: it has no slope."""
+    base = lacking(rig, LostCounts(0.03, 0.86, 1.0))
+    finder = finder_of(base, null, [LostCounts])
+    found = fit_set(base, finder.channels, [LostCounts(0.02, 1.0, 1.0)], finder.none)
+    (lossy,) = found.effects
+    assert isinstance(lossy, LostCounts)
+    assert lossy.counted_speed_rad_per_s == pytest.approx(0.86, rel=0.02)
+    assert lossy.lost_share == pytest.approx(0.03, rel=0.03)
+    assert lossy.lost_of_all == 1.0
 
 
 @pytest.mark.parametrize("wave", [2.4, 4.8])

@@ -15,7 +15,7 @@ from sysid.diagnosis.actuator.equation_error import CHANNELS, RATES, channels_of
 from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, weights_of
 from sysid.diagnosis.actuator.projection import Projected, channel_squares
 from sysid.diagnosis.actuator.refit import Refit, has_threshold, refit
-from sysid.diagnosis.actuator.threshold_steps import best_near
+from sysid.diagnosis.actuator.threshold_steps import best_jump, best_near
 from sysid.estimation.nonlinear import AT_BOUND
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model, overrides
@@ -83,10 +83,12 @@ def fit_set(
             effects = tuple(_with_steps(first, effects, i) for i in range(len(effects)))
         base = weighed(first, weights)
         found = refit(base, effects)
+        others = [_jumped(base, found.effects)]
         if number == 0:
             left = channel_squares(first, found.rest) / weights
-            others = [refit(base, s) for s in _other_starts(first, found.effects, channels, left)]
-            found = min([found, *others], key=lambda end: end.fit.sum_of_squares)
+            others.append(_other_starts(first, found.effects, channels, left))
+        ends = [refit(base, start) for start in itertools.chain(*others)]
+        found = min([found, *ends], key=lambda end: end.fit.sum_of_squares)
         left = channel_squares(first, found.rest) / weights
         slopes = found.own_slopes()
         complexity = _prior_cost(found.effects) + _log_volume(found, slopes)
@@ -162,9 +164,24 @@ def _with_steps(
     effect = effects[place]
     if not (has_threshold(effect) and overrides(effect, "pulses")):
         return effect
+    return best_near(effect, _with_others(first, effects, place))
+
+
+def _with_others(first: Projected, effects: tuple[CatalogueEffect, ...], place: int) -> Projected:
+    """The residual next to which the effect at `place` is tried: all others are the model's."""
     others = tuple(e for i, e in enumerate(effects) if i != place)
     model = Model(first.model.parameters, (*first.model.effects, *others))
-    return best_near(effect, replace(first, model=model))
+    return replace(first, model=model)
+
+
+def _jumped(
+    base: Projected, effects: tuple[CatalogueEffect, ...]
+) -> Iterator[tuple[CatalogueEffect, ...]]:
+    """Fitted effects with one nearer the shape at which it jumps than its slope leads."""
+    for place, effect in enumerate(effects):
+        jump = best_jump(effect, _with_others(base, effects, place))
+        if jump is not None:
+            yield (*effects[:place], jump, *effects[place + 1 :])
 
 
 def _other_starts(

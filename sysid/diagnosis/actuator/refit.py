@@ -239,7 +239,7 @@ class _Equations:
 def _steps(quantities: Sequence[Quantity]) -> list[float]:
     """Relative steps of an effect's numbers; next to a threshold a shape has no slope either."""
     in_steps = any(q.is_threshold for q in quantities)
-    return [THRESHOLD_STEP if in_steps else _STEP] * len(quantities)
+    return [THRESHOLD_STEP if in_steps or q.jumps else _STEP for q in quantities]
 
 
 def has_threshold(effect: CatalogueEffect) -> bool:

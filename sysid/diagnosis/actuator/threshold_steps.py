@@ -14,17 +14,18 @@ import numpy as np
 
 from sysid.diagnosis.actuator.equation_error import channels_of
 from sysid.diagnosis.actuator.projection import Projected
-from sysid.diagnosis.actuator.refit import Refit
+from sysid.diagnosis.actuator.refit import THRESHOLD_STEP, Refit
 from sysid.estimation.linear import Estimate
 from sysid.plant.effects.entry import NEARBY, CatalogueEffect, Quantity
 from sysid.plant.ports import Model
+from sysid.types import FloatArray
 
 # Rise of the whitened squares, over their mean, at the ends of a 95 % interval of one number.
 _RISE = 3.84
 # The first step from a size, of it; and how closely an end is found, of its distance.
 _FIRST_STEP, _CLOSELY = 1e-4, 1e-3
-# How many sizes are tried around one of a grid.
-_TRIED = 57
+# How many sizes are tried around one of a grid, and around one at which an effect jumps.
+_TRIED, _TRIED_CLOSE = 57, 15
 # Sums of squares that differ by less are the same.
 _ALIKE = 1e-6
 
@@ -32,8 +33,25 @@ _ALIKE = 1e-6
 def best_near(effect: CatalogueEffect, base: Projected) -> CatalogueEffect:
     """An effect with its threshold where the balances are smallest, near the size that it has."""
     name = next(q.name for q in type(effect).strengths() if q.is_threshold)
+    return _best(effect, base, name, np.geomspace(1.0 / NEARBY, NEARBY, _TRIED))
+
+
+def best_jump(effect: CatalogueEffect, base: Projected) -> CatalogueEffect | None:
+    """An effect with the shape at which it jumps where the balances are smallest, within the step
+    by which its slope is taken; None: it has none."""
+    name = next((q.name for q in type(effect).shapes() if q.jumps), None)
+    if name is None:
+        return None
+    most = 1.0 + THRESHOLD_STEP
+    return _best(effect, base, name, np.geomspace(1.0 / most, most, _TRIED_CLOSE))
+
+
+def _best(
+    effect: CatalogueEffect, base: Projected, name: str, factors: FloatArray
+) -> CatalogueEffect:
+    """The effect with one of its numbers times the factor (n,) by which the balances are least."""
     channels = channels_of(effect, base.model.effects)
-    sizes = float(getattr(effect, name)) * np.geomspace(1.0 / NEARBY, NEARBY, _TRIED)
+    sizes = float(getattr(effect, name)) * factors
     forms = [dataclasses.replace(effect, **{name: float(size)}) for size in sizes]  # type: ignore[type-var]
     found = [squares_in(base, base.model + form, channels) for form in forms]
     # In the middle of those that are alike.
@@ -107,4 +125,4 @@ def squares_in(base: Projected, model: Model, channels: tuple[str, ...]) -> floa
     return float(rest @ rest)
 
 
-__all__ = ["best_near", "squares_in", "with_steps"]
+__all__ = ["best_jump", "best_near", "squares_in", "with_steps"]

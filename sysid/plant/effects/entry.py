@@ -56,6 +56,8 @@ class Quantity:
     `radius_power`: the power of a pitch radius that brings it from angle and torque to path and
     force, where its unit does not say (a speed per torque, named a speed).
     `least`: what no value is below on the rig at hand, whatever its size.
+    `jumps`: a shape at which the effect jumps, as at a limit beyond which all is lost: its slope
+    shows over a wide step alone.
     `forms`: what some of its values stand for, in words, and `caption` what these are forms of:
     pages say so in place of the `meaning`, which files and terminals have.
     """
@@ -75,6 +77,7 @@ class Quantity:
     is_choice: bool = False
     radius_power: float | None = None
     least: float = -math.inf
+    jumps: bool = False
     forms: tuple[tuple[float, str], ...] = ()
     caption: str = ""
 

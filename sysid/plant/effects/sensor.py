@@ -247,16 +247,20 @@ class EncoderEccentricity(CatalogueEffect):
 
 @dataclass(frozen=True)
 class LostCounts(CatalogueEffect):
-    """The encoder loses counts in fast motion: a share d of what is beyond a speed."""
+    """The encoder loses counts in fast motion: a share d of what is beyond a speed.
+
+    With `lost_of_all` it is that share of all counts while the motion is faster.
+    """
 
     lost_share: Array = 0.0
     counted_speed_rad_per_s: Array = 1.0
+    lost_of_all: Array = 0.0
 
     id = "lost-counts"
     title = "Encoder that loses counts"
     subsystem = "sensor"
     quantities = (
-        Quantity("lost_share", "-", 0.1, 0.0, 1.0, "of the counts beyond the speed"),
+        Quantity("lost_share", "-", 0.1, 0.0, 1.0, "of the counts"),
         Quantity(
             "counted_speed_rad_per_s",
             "rad/s",
@@ -266,6 +270,24 @@ class LostCounts(CatalogueEffect):
             "speed up to which every count is seen",
             is_strength=False,
             grid=(0.5, 1.0, 2.0, 4.0),
+            jumps=True,
+        ),
+        Quantity(
+            "lost_of_all",
+            "-",
+            0.0,
+            0.0,
+            1.0,
+            "1: a share of all counts while it is faster; 0: of what is beyond the speed",
+            is_strength=False,
+            caption="counts that are lost",
+            forms=(
+                (0.0, "a share of those beyond the speed"),
+                (1.0, "a share of all while it is faster"),
+            ),
+            grid=(0.0, 1.0),
+            absent=0.0,
+            is_choice=True,
         ),
     )
     signature = "angle that falls behind in fast motion and does not come back"
@@ -303,7 +325,8 @@ class LostCounts(CatalogueEffect):
 
     def _lost(self, xp: Any, moved: Array, step: Array) -> Array:
         beyond = xp.maximum(xp.abs(moved) - self.counted_speed_rad_per_s * step, 0.0)
-        return self.lost_share * beyond * xp.sign(moved)
+        whole = xp.where(beyond > 0.0, xp.abs(moved), 0.0)
+        return self.lost_share * (beyond + self.lost_of_all * (whole - beyond)) * xp.sign(moved)
 
 
 @dataclass(frozen=True)
