@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sysid.plant.effects.friction import StribeckFriction
-from sysid.plant.jax_setup import on_processor
+from sysid.plant.jax_setup import jax, jnp, on_processor
 from sysid.plant.ports import Model
 from sysid.plant.programs import Programs
 from sysid.refinement.factors import triangular, triangular_of_squares
@@ -94,3 +94,17 @@ def test_a_column_of_nothing_has_no_factor_of_its_own() -> None:
     factor = triangular_of_squares(rows.T @ rows, lambda: pytest.fail("asked for the rows"))
     assert not factor[:, 2].any() and not factor[2].any()
     np.testing.assert_allclose(factor.T @ factor, rows.T @ rows, rtol=1e-9, atol=1e-9)
+
+
+@on_processor()
+def test_the_start_of_a_step_is_made_without_a_program() -> None:
+    from sysid.refinement import solver
+
+    compiled: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, seconds, **of: compiled.append(event) if "backend_compile" in event else None
+    )
+    assert solver._none(np.zeros((3, 296))).shape == (296,)
+    assert not compiled
+    jnp.zeros(297)  # what it would be otherwise
+    assert compiled

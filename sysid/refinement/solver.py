@@ -118,6 +118,13 @@ def _at(base: ReducedEquations, y: Any, directions: FloatArray) -> tuple[Any, An
     return y, jax.device_put(residual), jax.device_put(slopes)
 
 
+def _none(directions: FloatArray) -> Any:
+    """No step along these directions. Nothing is compiled to make it, as `jnp.zeros` would be."""
+    from sysid.plant.jax_setup import jax
+
+    return jax.device_put(np.zeros(directions.shape[1]))
+
+
 def _directions(problem: Problem, base: ReducedEquations) -> FloatArray:
     """Directions along which a step is damped, (m, k), each column scaled by one over its slope,
     and further ones that are 0: few sizes k are ever compiled.
@@ -136,13 +143,12 @@ def _directions(problem: Problem, base: ReducedEquations) -> FloatArray:
 
 
 def _propose(problem: Problem, base: ReducedEquations, step_size: float) -> _Trial:
-    from sysid.plant.jax_setup import jnp, on_processor
+    from sysid.plant.jax_setup import jax, on_processor
 
     directions = _directions(problem, base)
     propose, _ = _optimistix(directions.shape[1])
     with on_processor():
-        start = jnp.zeros(directions.shape[1])
-        state = propose(_at(base, start, directions), jnp.asarray(step_size))
+        state = propose(_at(base, _none(directions), directions), jax.device_put(step_size))
     return _Trial(directions, state.y_eval, state)
 
 
@@ -153,13 +159,12 @@ def _answer(
 
     `base` may count fewer runs than that which the step was proposed from.
     """
-    from sysid.plant.jax_setup import jnp, on_processor
+    from sysid.plant.jax_setup import jax, on_processor
 
-    size = given.directions.shape[1]
-    propose, answer = _optimistix(size)
+    propose, answer = _optimistix(given.directions.shape[1])
     with on_processor():
-        at = _at(base, jnp.zeros(size), given.directions)
-        state = propose(at, jnp.asarray(step_size))
+        at = _at(base, _none(given.directions), given.directions)
+        state = propose(at, jax.device_put(step_size))
         accepted, size = answer(at, _at(trial, given.y, given.directions), state, given.y)
     return bool(accepted), float(size)
 
