@@ -74,29 +74,38 @@ def with_states(kind: type) -> CatalogueEffect:
 
 
 def plainly(traces: Traces, model: Model, low: int, stop: int) -> dict[str, FloatArray]:
-    """Heun's method from row `low` on, one row after the other: the states at `low` to `stop`."""
+    """Heun's method from row `low` on, one row after the other: the states at `low` to `stop`.
+
+    In two steps a row where one is too long for a contact.
+    """
     step = float(traces.time[low + 1] - traces.time[low])
     channels = {n: v for n, v in vars(traces).items() if n != "runs"}
 
-    def at(row: int) -> Traces:
-        return Traces(runs=(), **{n: v[[row]] for n, v in channels.items()})
+    parts = 2 if any(effect.fastest_rate for effect in model.effects) else 1
 
-    def rates(row: int, state: dict[str, FloatArray]) -> dict[str, FloatArray]:
-        here = at(row)
+    def at(row: int, share: float) -> Traces:
+        """Between two rows what is sampled goes on in a straight line, but for the direction."""
+        own = {n: (1.0 - share) * v[[row]] + share * v[[row + 1]] for n, v in channels.items()}
+        way = channels["direction"][[row + 1 if share == 1.0 else row]]
+        return Traces(runs=(), **own | {"direction": way})
+
+    def rates(row: int, share: float, state: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        here = at(row, share)
         point = replace(point_of(here, model), extra=state)
         flows = {side: measured_flow(side, here, point, model) for side in SIDES}
         found = plant.state_rates(point, flows, model)
         return {name: np.asarray(value) for name, value in found.items()}
 
-    state = {
-        n: np.asarray(v) for n, v in plant.initial_states(point_of(at(low), model), model).items()
-    }
+    begin = point_of(at(low, 0.0), model)
+    state = {n: np.asarray(v) for n, v in plant.initial_states(begin, model).items()}
     history = [state]
+    step /= parts
     for row in range(low, stop):
-        slope = rates(row, state)
-        trial = {n: state[n] + step * slope[n] for n in state}
-        after = rates(row + 1, trial)
-        state = {n: state[n] + 0.5 * step * (slope[n] + after[n]) for n in state}
+        for part in range(parts):
+            slope = rates(row, part / parts, state)
+            trial = {n: state[n] + step * slope[n] for n in state}
+            after = rates(row, (part + 1) / parts, trial)
+            state = {n: state[n] + 0.5 * step * (slope[n] + after[n]) for n in state}
         history.append(state)
     return {n: np.array([float(s[n][0]) for s in history]) for n in state}
 

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from benchmarks.rigs import REFERENCE
-from sysid.diagnosis.actuator.threshold_steps import best_near, with_steps
+from sysid.diagnosis.actuator.threshold_steps import best_jump, best_near, with_steps
 from sysid.estimation.linear import Estimate
+from sysid.plant.effects.linkage import Backlash
+from sysid.plant.effects.sensor import LostCounts
 from sysid.plant.effects.valve import DutyDeadZone
 from sysid.plant.ports import Model
 
@@ -42,6 +44,29 @@ def balances(noise: float) -> Any:
 def test_a_size_beside_the_right_step_is_moved_onto_it(start: float) -> None:
     found = best_near(DutyDeadZone(start), balances(1.0))
     assert 1.23e-3 <= found.dead_time_s < 1.30e-3  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("start", "most"), [(1.02, None), (1.6, 2.0), (0.6, 2.0)])
+def test_a_shape_at_which_an_effect_jumps_is_moved_to_the_least_residual(
+    start: float, most: float | None
+) -> None:
+    """Its balances have a minimum at each sample that begins to count, and a least one."""
+
+    def residual(model: Model, channels: tuple[str, ...]) -> np.ndarray[Any, Any]:
+        speed = float(model.effects[-1].counted_speed_rad_per_s)  # type: ignore[attr-defined]
+        return np.array([abs(speed - 1.0) + 0.02 * math.sin(200.0 * speed) ** 2])
+
+    frame = SimpleNamespace(residual=residual, belongs=lambda channels: np.ones(1, bool))
+    base: Any = SimpleNamespace(frame=frame, model=Model(REFERENCE))
+    given = {} if most is None else {"most": most}
+    found = best_jump(LostCounts(0.1, start, 1.0), base, **given)
+    assert found is not None
+    assert abs(found.counted_speed_rad_per_s - 1.0) < 0.1 * (most or 0.1)  # type: ignore[attr-defined]
+
+
+def test_a_shape_that_is_absent_jumps_nowhere() -> None:
+    assert best_jump(Backlash(0.004, 2.0, 0.0), balances(1.0)) is None
+    assert best_jump(DutyDeadZone(1.2e-3), balances(1.0)) is None
 
 
 def test_the_interval_is_that_between_two_pulses() -> None:

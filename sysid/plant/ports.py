@@ -80,6 +80,8 @@ class Effect:
     """
 
     states: ClassVar[tuple[str, ...]] = ()
+    # Rate of its states along a motion that is given, 1/s, where steps of 1 ms are too long for it.
+    fastest_rate: ClassVar[float] = 0.0
     # Whether `measure` begins anew after a long gap of time: many tests are then measured as one.
     forgets_in_gaps: ClassVar[bool] = False
     # Whether `measure` shows each row by itself, whatever the time: it is asked for some rows then.

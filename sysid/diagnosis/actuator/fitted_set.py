@@ -24,6 +24,8 @@ from sysid.types import FloatArray
 _PASSES = 2
 # Weights that change by less than this factor move no number by much of its error.
 _SAME_WEIGHT = 1.3
+# Factor within which a shape at which an effect jumps is tried anew where a misfit is left.
+_FAR = 2.0
 
 
 @dataclass(frozen=True)
@@ -196,6 +198,8 @@ def _other_starts(
         names = channels_of(effect, effects)
         if any(_has_misfit(channels[c], squares[c]) for c in map(CHANNELS.index, names)):
             forms = (*bent_waves(first, effects, place), *_otherwise_obeyed(first, effects, place))
+            far = best_jump(effect, _with_others(first, effects, place), _FAR)
+            forms = forms if far is None else (*forms, far)
             yield from ((*effects[:place], form, *effects[place + 1 :]) for form in forms)
 
 

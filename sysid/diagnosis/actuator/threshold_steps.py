@@ -36,13 +36,14 @@ def best_near(effect: CatalogueEffect, base: Projected) -> CatalogueEffect:
     return _best(effect, base, name, np.geomspace(1.0 / NEARBY, NEARBY, _TRIED))
 
 
-def best_jump(effect: CatalogueEffect, base: Projected) -> CatalogueEffect | None:
-    """An effect with the shape at which it jumps where the balances are smallest, within the step
-    by which its slope is taken; None: it has none."""
+def best_jump(
+    effect: CatalogueEffect, base: Projected, most: float = 1.0 + THRESHOLD_STEP
+) -> CatalogueEffect | None:
+    """An effect with the shape at which it jumps where the balances are smallest, within a factor
+    of `most`, the step by which its slope is taken; None: it has none."""
     name = next((q.name for q in type(effect).shapes() if q.jumps), None)
-    if name is None:
+    if name is None or not getattr(effect, name):
         return None
-    most = 1.0 + THRESHOLD_STEP
     return _best(effect, base, name, np.geomspace(1.0 / most, most, _TRIED_CLOSE))
 
 

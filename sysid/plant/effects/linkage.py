@@ -57,6 +57,7 @@ class Backlash(CatalogueEffect):
     crossing_speed_rad_per_s: Array = 2.0
     motor_share: Array = 0.0
     states = ("backlash_place", "backlash_motor_rad", "backlash_motor_rad_per_s")
+    fastest_rate = _CONTACT_RATE
 
     id = "backlash"
     title = "Backlash in the motor's gear"
@@ -92,6 +93,7 @@ class Backlash(CatalogueEffect):
             is_strength=False,
             grid=(0.0, 0.1),
             absent=0.0,
+            jumps=True,
         ),
     )
     signature = "pulses where the motor's torque reverses"
