@@ -90,12 +90,15 @@ document.addEventListener("pointerdown", () => { held = null; }, true);
 (function watch() { follow(); requestAnimationFrame(watch); })();
 document.addEventListener("keydown", (event) => {
   follow();
-  const isGone = held !== null && !held.isConnected && isText(held);
-  if (!isGone || event.key.length !== 1) return;
-  if (isCommand(event)) { // of those, what is selected counts for what is typed next
-    if (event.key === "a") held.select();
-    return;
-  }
+  // Of a field that goes next, what is selected counts for what is typed.
+  if (isCommand(event) && event.key === "a" && held !== null && isText(held)) held.select();
+}, true);
+// The letter of a key comes after the key was pressed: the field may have gone in between.
+document.addEventListener("keypress", (event) => {
+  const meant = focused();
+  follow();
+  if (held === null || held === meant || !isText(held)) return;
+  if (event.key.length !== 1 || isCommand(event)) return;
   held.setRangeText(event.key, held.selectionStart, held.selectionEnd, "end");
   begun.add(held);
   event.preventDefault();
