@@ -76,6 +76,7 @@ def test_a_faster_rig_has_no_faster_sensors() -> None:
 
 def test_an_effect_of_another_size_is_the_effect_to_other_processes() -> None:
     (kind,) = of_size([QuadraticDrag], RigSizes(time=10.0))
+    assert of_size([QuadraticDrag], RigSizes(time=10.0)) == [kind]
     effect = kind.typical()
     assert effect.id == "quadratic-drag" and isinstance(effect, QuadraticDrag)
     for other in (pickle.loads(pickle.dumps(effect)), copy.deepcopy(effect)):

@@ -182,6 +182,31 @@ class Quantity:
         return self.key or self.name
 
 
+def either(
+    name: str,
+    meaning: str,
+    caption: str,
+    forms: tuple[str, str],
+    absent: float | None = 0.0,
+) -> Quantity:
+    """Which of two forms an effect has, 0 or 1; `forms` says what these stand for in words, and
+    `caption` what they are forms of."""
+    return Quantity(
+        name,
+        "-",
+        0.0,
+        0.0,
+        1.0,
+        meaning,
+        is_strength=False,
+        grid=(0.0, 1.0),
+        absent=absent,
+        is_choice=True,
+        forms=((0.0, forms[0]), (1.0, forms[1])),
+        caption=caption,
+    )
+
+
 class CatalogueEffect(Effect):
     """An effect with its entry in the catalogue. Derive as a frozen dataclass.
 

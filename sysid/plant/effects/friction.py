@@ -8,7 +8,7 @@ from typing import Any
 
 from sysid.plant import base, plant
 from sysid.plant.base import LEAST_DIVISOR, MAX_STEP, Array, array_namespace
-from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.effects.entry import CatalogueEffect, Quantity, either
 from sysid.plant.ports import Model, Point
 
 # The presliding state relaxes no faster than the simulator's explicit steps can follow, 1/s.
@@ -214,18 +214,12 @@ class LoadDependentFriction(CatalogueEffect):
     quantities = (
         # Of 1 no effort would move anything.
         Quantity("load_friction", "-", 0.05, 0.0, 0.9, "share of the effort"),
-        Quantity(
+        either(
             "load_is_transmitted",
-            "-",
-            0.0,
-            0.0,
-            1.0,
             "0: of the motor's effort, 1: of the motor's and the cylinder's together",
-            is_strength=False,
-            caption="effort with which it grows",
-            forms=((0.0, "the motor's"), (1.0, "the motor's and the cylinder's together")),
-            grid=(0.0, 1.0),
-            is_choice=True,
+            "effort with which it grows",
+            ("the motor's", "the motor's and the cylinder's together"),
+            absent=None,
         ),
     )
     signature = "torque against the effort's magnitude, against the motion"

@@ -20,7 +20,7 @@ from sysid.plant.base import (
     is_zero,
     limit_effort,
 )
-from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.effects.entry import CatalogueEffect, Quantity, either
 from sysid.plant.effects.sensor import lagged, position_channels
 from sysid.plant.ports import Point
 
@@ -259,22 +259,11 @@ class PitchEccentricity(CatalogueEffect):
     quantities = (
         Quantity("eccentricity_cosine", "-", 0.005, -0.2, 0.2, "relative, in phase with theta = 0"),
         Quantity("eccentricity_sine", "-", 0.005, -0.2, 0.2, "relative, a quarter turn off"),
-        Quantity(
+        either(
             "lever_arm_only",
-            "-",
-            0.0,
-            0.0,
-            1.0,
             "1: the lever arm alone varies; 0: the piston's place with it",
-            is_strength=False,
-            caption="what varies",
-            forms=(
-                (0.0, "the lever arm, and the piston's place with it"),
-                (1.0, "the lever arm alone"),
-            ),
-            grid=(0.0, 1.0),
-            absent=0.0,
-            is_choice=True,
+            "what varies",
+            ("the lever arm, and the piston's place with it", "the lever arm alone"),
         ),
     )
     signature = "torque against the cylinder's torque times cos theta"
@@ -338,19 +327,11 @@ class LinkFlexibility(CatalogueEffect):
         Quantity(
             "link_damping", "-", 0.03, 0.0, 0.5, "damping ratio", is_strength=False, grid=(0.05,)
         ),
-        Quantity(
+        either(
             "encoder_on_link",
-            "-",
-            0.0,
-            0.0,
-            1.0,
             "1: the encoder is behind the spring; 0: on the shaft",
-            is_strength=False,
-            caption="place of the encoder",
-            forms=((0.0, "on the shaft"), (1.0, "behind the spring")),
-            grid=(0.0, 1.0),
-            absent=0.0,
-            is_choice=True,
+            "place of the encoder",
+            ("on the shaft", "behind the spring"),
         ),
     )
     signature = "a resonance: torque that rings after every step"

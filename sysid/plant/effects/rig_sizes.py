@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Any
 
 from sysid.plant import base
@@ -96,7 +97,15 @@ def of_size(
 ) -> list[type[CatalogueEffect]]:
     """The effects as a rig of these sizes has them: the same ports, with their numbers' usual
     sizes and ranges in its scales. An effect of which no number differs is the same class."""
-    return [_sized(effect, sizes) for effect in effects]
+    return list(_of_size(tuple(effects), sizes))
+
+
+@lru_cache
+def _of_size(
+    effects: tuple[type[CatalogueEffect], ...], sizes: RigSizes
+) -> tuple[type[CatalogueEffect], ...]:
+    """Made once: what is compiled for an effect serves the next diagnosis of the rig."""
+    return tuple(_sized(effect, sizes) for effect in effects)
 
 
 def _sized(effect: type[CatalogueEffect], sizes: RigSizes) -> type[CatalogueEffect]:

@@ -17,7 +17,7 @@ import numpy as np
 from sysid import signals
 from sysid.io.channels import SIDES, VELOCITY_CHANNELS
 from sysid.plant.base import LEAST_DIVISOR, Array, Parameters, array_namespace
-from sysid.plant.effects.entry import CatalogueEffect, Quantity, of_side
+from sysid.plant.effects.entry import CatalogueEffect, Quantity, either, of_side
 from sysid.types import FloatArray
 
 
@@ -272,22 +272,11 @@ class LostCounts(CatalogueEffect):
             grid=(0.5, 1.0, 2.0, 4.0),
             jumps=True,
         ),
-        Quantity(
+        either(
             "lost_of_all",
-            "-",
-            0.0,
-            0.0,
-            1.0,
             "1: a share of all counts while it is faster; 0: of what is beyond the speed",
-            is_strength=False,
-            caption="counts that are lost",
-            forms=(
-                (0.0, "a share of those beyond the speed"),
-                (1.0, "a share of all while it is faster"),
-            ),
-            grid=(0.0, 1.0),
-            absent=0.0,
-            is_choice=True,
+            "counts that are lost",
+            ("a share of those beyond the speed", "a share of all while it is faster"),
         ),
     )
     signature = "angle that falls behind in fast motion and does not come back"
