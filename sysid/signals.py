@@ -38,9 +38,9 @@ PAUSE = 3.0
 FEWEST_FOR_NOISE = 16
 # Resolution of a spectrum over the position.
 _MOST_CELLS = 2**17
-# The median of a normal deviate's size, in its standard deviation.
 # A channel in so many repeats a reading that often by chance.
 _BY_CHANCE = 1e-3
+# The median of a normal deviate's size, in its standard deviation.
 _MEDIAN_DEVIATION = NormalDist().inv_cdf(0.75)
 MEDIAN_OF_SQUARES = _MEDIAN_DEVIATION**2
 """The median of a squared normal deviate, over its mean."""
@@ -295,11 +295,8 @@ def is_cut_off(values: FloatArray, run: tuple[int, int], noise: NoiseFloor, repe
     rows = first - 1 - int(before[-1]) if len(before) else first
     if last - first <= rows or first - 1 - 2 * rows < 0:
         return False
-    end = float(values[first - 1])
-    step, earlier = (
-        end - values[first - 1 - rows],
-        values[first - 1 - rows] - values[first - 1 - 2 * rows],
-    )
+    last_steps = np.diff(values[[first - 1 - 2 * rows, first - 1 - rows, first - 1]])
+    earlier, step = last_steps.tolist()
     ahead = step * step / (earlier - step) if abs(earlier) > abs(step) else math.inf
     return bool(step * earlier > 0.0 and abs(ahead) > 2.0 * abs(step))
 

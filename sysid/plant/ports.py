@@ -399,6 +399,12 @@ def join(structure: Structure, numbers: list[dict[str, Any]]) -> tuple[Any, ...]
     return tuple(_join_one(*one, values) for one, values in zip(structure, numbers, strict=True))
 
 
+def joined_model(structure: Structure, numbers: list[dict[str, Any]]) -> Model:
+    """The model whose parameters and effects `split` took apart."""
+    parameters, *effects = join(structure, numbers)
+    return Model(parameters, tuple(effects))
+
+
 def _join_one(kind: type, fixed: tuple[tuple[str, Any], ...], values: dict[str, Any]) -> Any:
     known = {
         name: _join_one(*value, values[name]) if isinstance(value, _Nested) else value
@@ -423,8 +429,7 @@ def stack_models(models: list[Model]) -> Model:
         _columns(one, tuple(numbers), column, which)
         for one, numbers, column in zip(structure, first, zip(*parts, strict=True), strict=True)
     ]
-    parameters, *effects = join(structure, stacked)
-    return Model(parameters, tuple(effects))
+    return joined_model(structure, stacked)
 
 
 def in_rows(models: list[Model]) -> Model:
@@ -437,8 +442,7 @@ def in_rows(models: list[Model]) -> Model:
     stacked = stack_models(models)
     structure, numbers = split((stacked.parameters, *stacked.effects))
     rows = [{name: _row(values) for name, values in part.items()} for part in numbers]
-    parameters, *effects = join(structure, rows)
-    return Model(parameters, tuple(effects))
+    return joined_model(structure, rows)
 
 
 def _row(values: FloatArray) -> float | FloatArray:

@@ -99,6 +99,10 @@ class MeanFlows:
     phases: NDArray[np.intp]
     windows: FlowWindows | None = None
 
+    def by_direction(self) -> dict[str, NDArray[np.bool_]]:
+        """The samples of each direction of the flow, "fill" and "dis", (n,)."""
+        return {"fill": self.flow > 0.0, "dis": self.flow < 0.0}
+
     def select(self, rows: NDArray[np.bool_]) -> MeanFlows:
         """The samples in `rows` (mask)."""
         return MeanFlows(
@@ -374,8 +378,7 @@ def weighted_residuals(fit: AveragedFit, flows: MeanFlows) -> dict[str, FloatArr
 
     `flows`: the samples that were fitted.
     """
-    left = fit.solution.residuals
-    return {"fill": left[flows.flow > 0.0], "dis": left[flows.flow < 0.0]}
+    return {way: fit.solution.residuals[rows] for way, rows in flows.by_direction().items()}
 
 
 def evidence_for(other: AveragedFit, over: AveragedFit, flows: MeanFlows) -> dict[str, float]:
@@ -389,7 +392,7 @@ def evidence_for(other: AveragedFit, over: AveragedFit, flows: MeanFlows) -> dic
         for fit in (over, other)
     }
     floor = 0.1 * _LEAST_ERROR * float(np.abs(flows.flow).max())
-    for way, rows in (("fill", flows.flow > 0.0), ("dis", flows.flow < 0.0)):
+    for way, rows in flows.by_direction().items():
         tests = [rows & (flows.test == test) for test in np.unique(flows.test)]
         old, new = ([left[fit][own] for own in tests] for fit in (over, other))
         value = twice_log_evidence(old, new, [floor] * len(tests))

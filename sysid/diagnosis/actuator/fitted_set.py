@@ -85,11 +85,11 @@ def fit_set(
             effects = tuple(_with_steps(first, effects, i) for i in range(len(effects)))
         base = weighed(first, weights)
         found = refit(base, effects)
-        others = [_jumped(base, found.effects)]
+        others = [*_jumped(base, found.effects)]
         if number == 0:
             left = channel_squares(first, found.rest) / weights
-            others.append(_other_starts(first, found.effects, channels, left))
-        ends = [refit(base, start) for start in itertools.chain(*others)]
+            others += _other_starts(first, found.effects, channels, left)
+        ends = [refit(base, start) for start in others]
         found = min([found, *ends], key=lambda end: end.fit.sum_of_squares)
         left = channel_squares(first, found.rest) / weights
         slopes = found.own_slopes()

@@ -21,7 +21,7 @@ from sysid.io.rig import Load
 from sysid.parallel import in_threads
 from sysid.plant import base, plant
 from sysid.plant.base import Array
-from sysid.plant.ports import Model, Point, Structure, join, overrides, split, with_load
+from sysid.plant.ports import Model, Point, Structure, joined_model, overrides, split, with_load
 from sysid.plant.steps import heun
 from sysid.recording.motion_tests import RUN_UP_S
 from sysid.types import BoolArray, FloatArray, IntArray
@@ -132,8 +132,7 @@ def _follows(
     from sysid.plant.jax_setup import jax
 
     def laws(numbers: list[dict[str, Any]], here: dict[str, Any]) -> Any:
-        parameters, *effects = join(structure, numbers)
-        model = Model(parameters, tuple(effects))
+        model = joined_model(structure, numbers)
         start = _start(here, model, names)
         return start, _rates_at(here, model, names)(start)
 
@@ -151,10 +150,8 @@ def _acts_on_rates(
     from sysid.plant.jax_setup import jax
 
     def rates(states: dict[str, Any], numbers: list[dict[str, Any]], here: dict[str, Any]) -> Any:
-        parameters, *effects = join(structure, numbers)
-        model, sampled = Model(parameters, tuple(effects)), SimpleNamespace(**here)
-        traces: Any = sampled
-        point = replace(point_of(traces, model), extra=states)
+        model = joined_model(structure, numbers)
+        point = replace(point_of(_as_traces(here), model), extra=states)
         flows = [plant.shared_flow(side, point.is_open(side), point, model) for side in SIDES]
         return [
             plant.pressure_rate(side, flow, point, model)
@@ -199,8 +196,8 @@ def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str
     inputs = [{name: np.asarray(v, dtype=float) for name, v in part.items()} for part in numbers]
     with on_processor():
         signals = _signals(traces)
-    rates = [_STEP_TIMES_RATE / _STATE_STEP_S, *(e.fastest_rate for e in model.effects)]
-    step = _STEP_TIMES_RATE / max(rates)
+    fastest = max((effect.fastest_rate for effect in model.effects), default=0.0)
+    step = min(_STATE_STEP_S, _STEP_TIMES_RATE / fastest) if fastest else _STATE_STEP_S
 
     def histories(pieces: _Pieces) -> list[FloatArray]:
         return _history_of(pieces, signals, inputs, structure, model.state_names, step)
@@ -343,8 +340,7 @@ def _histories(
     """Heun's method through all pieces at once, to be traced: each state, (steps, pieces)."""
     from sysid.plant.jax_setup import jax, jnp
 
-    parameters, *effects = join(structure, numbers)
-    model, (low, last) = Model(parameters, tuple(effects)), bounds
+    model, (low, last) = joined_model(structure, numbers), bounds
 
     def sample(k: Any) -> dict[str, Any]:
         rows = jnp.minimum(low + k, last)
@@ -372,9 +368,14 @@ def _between(here: dict[str, Any], after: dict[str, Any], share: float) -> dict[
     return found | {"direction": here["direction"]}
 
 
+def _as_traces(sampled: dict[str, Any]) -> Any:
+    """Channels by name as `point_of` and `measured_flow` take traces."""
+    return SimpleNamespace(**sampled)
+
+
 def _start(sampled: dict[str, Any], model: Model, names: tuple[str, ...]) -> list[Any]:
     """The states at rest, where the channels are as sampled."""
-    here: Any = SimpleNamespace(**sampled)
+    here = _as_traces(sampled)
     start = plant.initial_states(point_of(here, model), model)
     return [start[name] for name in names]
 
@@ -383,7 +384,7 @@ def _rates_at(
     sampled: dict[str, Any], model: Model, names: tuple[str, ...]
 ) -> Callable[[Any], Sequence[Any]]:
     """The states' rates there, as a function of the states."""
-    here: Any = SimpleNamespace(**sampled)
+    here = _as_traces(sampled)
     point = point_of(here, model)
 
     def rates(state: Any) -> Sequence[Any]:

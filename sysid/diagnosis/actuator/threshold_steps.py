@@ -25,7 +25,7 @@ _RISE = 3.84
 # The first step from a size, of it; and how closely an end is found, of its distance.
 _FIRST_STEP, _CLOSELY = 1e-4, 1e-3
 # How many sizes are tried around one of a grid, and around one at which an effect jumps.
-_TRIED, _TRIED_CLOSE = 57, 15
+_TRIED, _TRIED_OF_JUMP = 57, 15
 # Sums of squares that differ by less are the same.
 _ALIKE = 1e-6
 
@@ -44,7 +44,7 @@ def best_jump(
     name = next((q.name for q in type(effect).shapes() if q.jumps), None)
     if name is None or not getattr(effect, name):
         return None
-    return _best(effect, base, name, np.geomspace(1.0 / most, most, _TRIED_CLOSE))
+    return _best(effect, base, name, np.geomspace(1.0 / most, most, _TRIED_OF_JUMP))
 
 
 def _best(
