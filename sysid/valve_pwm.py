@@ -294,7 +294,24 @@ def _measured(
         points=points,
         domain=domain,
         resolution=_resolution(samples),
+        off_supply=_off_supply(tests, samples, direction, rig),
     )
+
+
+def _off_supply(
+    tests: Sequence[PwmTest], samples: FlowSamples, direction: str, rig: Rig
+) -> tuple[FlowSamples, Domain] | None:
+    """The samples with those of rows at another supply than the rig file's, and their domain.
+
+    None where these rows give no more samples.
+    """
+    if all(np.array_equal(t.known, t.usable) for t in tests):
+        return None
+    whole = [replace(t, usable=t.known) for t in tests]
+    found = _travelled(sample_tests(whole, rig), whole, direction, rig, Remarks())
+    if len(found) <= len(samples):
+        return None
+    return found, Domain.from_samples(found.duty, found.pressure, found.flow)
 
 
 def _travelled(
@@ -320,7 +337,9 @@ def _travelled(
             )
         else:
             why = "no interval is long enough for a mean flow"
-            if test.usable.mean() < _WHOLE:
+            if test.usable.mean() < _WHOLE <= test.known.mean():
+                why += " at the rig file's supply, which surfaces need"
+            elif test.usable.mean() < _WHOLE:
                 why += ": so many of its rows are missing or excluded"
             remarks.exclude(test, why)
     return samples.part(moved[samples.test])

@@ -84,6 +84,11 @@ def average_of(
             "directions at more duties would identify it"
         )
     errors, quality, notices = {}, {}, list(said)
+    if any(found.off_supply is not None for found in directions.values()):
+        notices.append(
+            "the averaged law: rows at another supply than the rig file's are taken at the one "
+            "that was logged"
+        )
     for (direction, found), offset in zip(directions.items(), offsets, strict=True):
         points, of_points = found.points, _Chambers.of(found)
         errors[direction] = {
@@ -209,11 +214,11 @@ def _together(found: Sequence[DirectionFit]) -> tuple[MeanFlows, list[int]]:
     """
     parts, windows, offsets = [], [], [0]
     for direction in found:
-        s = direction.samples
-        kept = direction.domain.holds_duty(s.duty) & ~s.crosses
+        s, duties = direction.flows
+        kept = duties.holds_duty(s.duty) & ~s.crosses
         sampling = np.array(s.sampling)[s.test]
         phases = sampling[:, 1].astype(np.intp)
-        of_tests = s.per_flow_of(s.test), s.supply_of(s.test), sampling[:, 0], phases
+        of_tests = s.per_flow_of(s.test), s.supply, sampling[:, 0], phases
         columns = (s.duty, s.pressure, s.flow, s.std, s.test + offsets[-1], *of_tests)
         parts.append([column[kept] for column in columns])
         windows.append(s.windows.select(kept))
@@ -232,8 +237,14 @@ class _Chambers:
 
     @classmethod
     def of(cls, found: DirectionFit) -> _Chambers:
-        test = found.points.test
-        return cls(found.samples.per_flow_of(test), found.samples.supply_of(test))
+        points, samples = found.points, found.samples
+        supply = np.empty(len(points.test))
+        for test in np.unique(points.test):
+            # A test passes each pressure once: there the supply of its samples is the point's.
+            own, at = points.test == test, np.flatnonzero(samples.test == test)
+            at = at[np.argsort(samples.pressure[at])]
+            supply[own] = np.interp(points.pressure[own], samples.pressure[at], samples.supply[at])
+        return cls(samples.per_flow_of(points.test), supply)
 
     def select(self, rows: BoolArray) -> _Chambers:
         return _Chambers(self.per_flow[rows], self.supply[rows])

@@ -53,8 +53,9 @@ class DirectionFit(Shown):
     (`fitted`). `comparison`: both on the same held-out tests. `resolution`:
     Table 3.7.1, None for unevenly spaced duties. `sweep`: hidden sizes, where asked for.
     `boundaries_pa`: the choked boundaries, at which the flow jumps. `supply_pressure_pa`: the
-    supply that the tests show, at which the surfaces hold. `contradicted`: whether a log of them
-    contradicts the rig file.
+    supply that the tests show, at which the surfaces hold. `off_supply`: the samples with those at
+    other supplies, as logged, and their domain; None where there are none. `contradicted`: whether
+    a log of them contradicts the rig file.
     """
 
     valve: str
@@ -71,7 +72,13 @@ class DirectionFit(Shown):
     resolution: ResolutionStudy | None = None
     sweep: SizeSweep | None = None
     boundaries_pa: tuple[float, ...] = ()
+    off_supply: tuple[FlowSamples, Domain] | None = None
     contradicted: bool = False
+
+    @property
+    def flows(self) -> tuple[FlowSamples, Domain]:
+        """The samples of the averaged law, which knows the supply of each, and their domain."""
+        return self.off_supply or (self.samples, self.domain)
 
     @property
     def by_kind(self) -> dict[str, Bipolynomial | DutyNetwork]:

@@ -52,10 +52,11 @@ class PwmTest:
     """One constant-duty test of one valve with the piston held, on a uniform time grid.
 
     `pressure` (n,) Pa, one sample every `period` s from the test's first row; `usable` (n,)
-    False where the sensor is clipped or samples are lost. `volume` m3 of the chamber,
-    `temperature` K, `supply` Pa (logged, else the rig's, both in the scale of `pressure`
-    where that shows it), `supply_at_start` Pa as logged (else the rig's), `filling`: started
-    from the atmosphere.
+    False where the sensor is clipped, samples are lost or the supply is another than the rig
+    file's; `known` (n,) the same but for the supply. `volume` m3 of the chamber, `temperature` K,
+    `supply` Pa (logged, else the rig's, both in the scale of `pressure` where that shows it),
+    `line` (n,) Pa: by how much the logged supply is above it, `supply_at_start` Pa as logged (else
+    the rig's), `filling`: started from the atmosphere.
     """
 
     label: str
@@ -71,23 +72,27 @@ class PwmTest:
     supply: float
     supply_at_start: float
     supply_logged: bool
+    line: FloatArray
+    known: BoolArray
 
 
 @dataclass(frozen=True)
 class FlowSamples:
     """Samples of mean flow: `duty`, `pressure` [Pa], `flow` [kg/s], `std` [kg/s], all (n,).
 
-    `windows`: of which rows they are. `crosses` (n,): these rows lie on both sides of a choked
-    boundary, so that the mean is of two laws. `test` (n,) is the number of the sample's test, an
-    index into `labels`, `supplies` [Pa], `volumes` [m3], `per_flow` (tests,), k R T / V of each
-    test's chamber, Pa/kg, and `sampling` (tests,): the centre of its pulses, as a share of the PWM
-    period after a row (NaN: not known), and how many phases of the period its rows show.
+    `supply` (n,) [Pa]: while the valve is open. `windows`: of which rows they are. `crosses` (n,):
+    these rows lie on both sides of a choked boundary, so that the mean is of two laws. `test` (n,)
+    is the number of the sample's test, an index into `labels`, `supplies` [Pa], `volumes` [m3],
+    `per_flow` (tests,), k R T / V of each test's chamber, Pa/kg, and `sampling` (tests,): the
+    centre of its pulses, as a share of the PWM period after a row (NaN: not known), and how many
+    phases of the period its rows show.
     """
 
     duty: FloatArray
     pressure: FloatArray
     flow: FloatArray
     std: FloatArray
+    supply: FloatArray
     windows: FlowWindows
     crosses: BoolArray
     test: IntArray
@@ -115,6 +120,7 @@ class FlowSamples:
             self.pressure[rows],
             self.flow[rows],
             self.std[rows],
+            self.supply[rows],
             self.windows.select(rows),
             self.crosses[rows],
             self.test[rows],
@@ -189,6 +195,7 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
     means = [_PulseMean.of(t, pulse_block(pwm_period, t.period), skip) for t in tests]
     noise = _pooled_noise(means, rig)
     fastest = max((m.fastest() for m in means), default=0.0)
+    sampling = _sampling(means, tests, rig)
     parts, windows = [], []
     for number, (test, mean) in enumerate(zip(tests, means, strict=True)):
         begin, end = _windows(test, mean, air, noise, fastest)
@@ -210,10 +217,11 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
         )
         size = len(begin)
         crosses = _crosses(test, mean, begin, end, air)
-        parts.append(
-            (np.full(size, test.duty), pressure, flow, std, crosses, np.full(size, number))
-        )
         row, rows = mean.first + begin, end - begin + mean.block - 1
+        supply = test.supply + _line_while_open(test, row, rows, sampling[number][0], rig)
+        parts.append(
+            (np.full(size, test.duty), pressure, flow, std, supply, crosses, np.full(size, number))
+        )
         windows.append(
             FlowWindows(
                 row,
@@ -232,18 +240,36 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
         tuple(t.supply for t in tests),
         tuple(t.volume for t in tests),
         tuple(heat * t.temperature / t.volume for t in tests),
-        _sampling(means, tests, rig),
+        sampling,
     )
     if not parts:
         none, numbers = np.empty(0), np.empty(0, dtype=np.intp)
-        parts.append((none, none, none, none, none.astype(bool), numbers))
+        parts.append((none, none, none, none, none, none.astype(bool), numbers))
         windows.append(FlowWindows(numbers, numbers, none, numbers, none, none))
     columns = zip(*parts, strict=True)
-    duty, level, mass_flow, error, crosses, own = map(np.concatenate, columns)
+    duty, level, mass_flow, error, supply, crosses, own = map(np.concatenate, columns)
     made_of = FlowWindows.joined(windows)
     return FlowSamples(
-        duty, level, mass_flow, error, made_of, crosses, own.astype(np.intp), *of_tests
+        duty, level, mass_flow, error, supply, made_of, crosses, own.astype(np.intp), *of_tests
     )
+
+
+def _line_while_open(
+    test: PwmTest, row: IntArray, rows: IntArray, centre: float, rig: Rig
+) -> FloatArray:
+    """Mean of `test.line` (n,), Pa, over the rows of each window in which the valve is open.
+
+    Over all of its rows where the place of the pulses (`centre`, as in `FlowSamples.sampling`) is
+    not known, or where no row is at one.
+    """
+    opened = np.ones(len(test.line))
+    if math.isfinite(centre):
+        turns = np.arange(len(opened)) * (test.period / rig.require("pwm", "pulses").period_s)
+        since = np.abs((turns - centre + 0.5) % 1.0 - 0.5)
+        opened = (since <= 0.5 * open_share(test.duty, rig)).astype(float)
+    sums = [np.concatenate(([0.0], np.cumsum(v))) for v in (opened, opened * test.line, test.line)]
+    count, drawn, whole = (total[row + rows] - total[row] for total in sums)
+    return np.asarray(np.where(count > 0.0, drawn / np.maximum(count, 1.0), whole / rows))
 
 
 @dataclass(frozen=True)

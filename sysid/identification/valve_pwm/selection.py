@@ -89,7 +89,9 @@ def _prepared(
             f"{name} starts neither at the atmosphere (filling) nor at the supply (discharging)",
         )
         return None
-    sagged = np.abs(supply - declared) > SAME_SUPPLY * declared
+    # A surface holds means over the pulses, which draw on the line once a period.
+    line = _over_pulses(supply, pulse_block(_pwm_period(rig), period))
+    sagged = np.abs(line - declared) > SAME_SUPPLY * declared
     if sagged.any():
         remarks.about(
             trial,
@@ -98,6 +100,7 @@ def _prepared(
             "supply that the surface is valid for; steady it, with a vessel next to the valve",
         )
     kept = usable & ~sagged
+    mean = float(supply[kept].mean()) if kept.any() else declared
     temperature = trial.channels.get("temperature_k")
     return PwmTest(
         label=trial.label,
@@ -110,10 +113,21 @@ def _prepared(
         usable=kept,
         volume=float(volume.mean()),
         temperature=air.temperature_k if temperature is None else float(temperature.mean()),
-        supply=float(supply[kept].mean()) if kept.any() else declared,
+        supply=mean,
         supply_at_start=start_pressure(supply, float(duty[0]), period, rig),
         supply_logged="supply_pressure_pa" in trial,
+        line=supply - mean,
+        known=usable,
     )
+
+
+def _over_pulses(values: FloatArray, block: int) -> FloatArray:
+    """Moving mean (n,) of values (n,) over `block` rows around each; fewer at the ends."""
+    total = np.concatenate(([0.0], np.cumsum(values - values[0])))
+    row = np.arange(len(values))
+    begin = np.clip(row - block // 2, 0, max(len(values) - block, 0))
+    end = np.minimum(begin + block, len(values))
+    return np.asarray(values[0] + (total[end] - total[begin]) / (end - begin))
 
 
 def _unusable(
@@ -193,7 +207,7 @@ def _without_clipped(tests: Sequence[PwmTest], rig: Rig, remarks: Remarks) -> li
             # With noise, single samples reach the limit earlier and later than the rest.
             rows = np.flatnonzero(clipped)
             clipped[max(rows[0] - block, 0) : rows[-1] + block] = True
-        cleaned.append(replace(test, usable=test.usable & ~clipped))
+        cleaned.append(replace(test, usable=test.usable & ~clipped, known=test.known & ~clipped))
     return cleaned
 
 
