@@ -112,6 +112,7 @@ from sysid.plant.effects.supply import (
 from sysid.plant.effects.valve import DutyDeadZone, SubsonicFlowShape, ValveDelay
 from sysid.plant.ports import Model
 from sysid.recording.motion_tests import prepare_all
+from sysid.signals import quantum
 from sysid.types import FloatArray, no_progress
 
 SEED = 900
@@ -353,6 +354,29 @@ def test_sensor_noise_of_coloured_noise(healthy: tuple[Tests, Rig, Model]) -> No
     kernel = noise.kernels[1]
     lag_one = float(kernel[1:] @ kernel[:-1]) / float(kernel @ kernel)
     assert lag_one == pytest.approx(0.4, abs=0.08)
+
+
+def test_an_encoder_has_one_count_however_fast_its_tests_are(
+    healthy: tuple[Tests, Rig, Model],
+) -> None:
+    """Motions that skip counts show none, and pistons that are held no error at all: half a count
+    was the mean of both."""
+    tests, rig, _ = healthy
+    file, kind, trial = tests[0]
+    count, rows = 8e-5, np.arange(3000)
+    angles = [1e-3 * rows + 1e-7 * rows**2 + 1e-4 * k for k in range(3)]
+    angles += [1e-5 * rows, np.zeros(3000), np.zeros(3000), np.zeros(3000)]
+    logged = [
+        replace(
+            trial, time=1e-3 * rows, channels={rig.position_channel: count * np.round(a / count)}
+        )
+        for a in angles
+    ]
+    assert [quantum(own[rig.position_channel]) for own in logged] == pytest.approx(
+        [0.0, 0.0, 0.0, count, 0.0, 0.0, 0.0]
+    )
+    noise = sensor_noise([(file, kind, own) for own in logged], rig)
+    assert noise.quantum[0] == pytest.approx(count)
 
 
 def test_position_noise_of_an_interpolated_log_is_correlated(

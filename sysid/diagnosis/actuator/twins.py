@@ -78,13 +78,18 @@ def sensor_noise(tests: Sequence[tuple[str, str, Trial]], rig: Rig) -> SensorNoi
     samples lie between measured ones, which correlates their noise.
     """
     position = rig.position_channel
+    moved = _longest([t for _, _, t in tests], position)
+    # Where a fast motion skips counts, the sensor's count is that of the other tests.
+    floors = [signals.position_floor(t[position], t.stride_of(position)) for t in moved]
+    counts = [floor.quantum for floor in floors if floor.quantum > 0.0]
+    step = float(np.median(counts)) if counts else 0.0
     floors = [
-        signals.position_floor(t[position], t.stride_of(position))
-        for t in _longest([t for _, _, t in tests], position)
-        if position in t and len(t) >= 64
+        floor
+        if floor.quantum > 0.0
+        else signals.noise_floor(t[position], step, t.stride_of(position))
+        for t, floor in zip(moved, floors, strict=True)
     ]
-    noise = float(np.median([f.noise for f in floors])) if floors else 0.0
-    step = float(np.median([f.quantum for f in floors])) if floors else 0.0
+    noise = float(np.median([floor.noise for floor in floors])) if floors else 0.0
     kernels = [np.array([noise])]
     between = [t for _, _, t in tests if t.row_period is not None]
     lags = min(_MOST_LAGS, max([_NOISE_LAGS, *(3 * t.stride for t in between)]))
@@ -227,17 +232,13 @@ def _held(model: Model) -> Model:
 
 
 def _longest(trials: Sequence[Trial], position: str) -> list[Trial]:
-    """The longest tests; where most of them hold the piston, which shows nothing of the
-    position's sensor, the longest in which it moves."""
+    """The longest tests in which the position's reading changes: one on a single count shows
+    nothing of its sensor."""
 
-    def moves(trial: Trial) -> bool:
-        return position in trial and float(np.ptp(trial[position])) > 0.0
+    def shows(trial: Trial) -> bool:
+        return len(trial) >= 64 and position in trial and float(np.ptp(trial[position])) > 0.0
 
-    by_length = sorted(trials, key=len)
-    found = by_length[-_TESTS_OF_NOISE:]
-    if 2 * sum(map(moves, found)) > len(found):
-        return found
-    return list(filter(moves, by_length))[-_TESTS_OF_NOISE:]
+    return sorted(filter(shows, trials), key=len)[-_TESTS_OF_NOISE:]
 
 
 def scattered(model: Model, scatter: Scatter, rng: np.random.Generator) -> Model:
