@@ -144,6 +144,19 @@ def test_a_small_share_says_what_most_of_the_residual_is() -> None:
     )
 
 
+def test_what_nothing_logged_predicts_is_not_said_to_be_over_a_quantity() -> None:
+    rest = {"channel": "theta_rad", "rmse": 1.0, "repeatable": 0.0, "scatter": 0.9, "noise": 0.42}
+    entry = {"channel": "theta_rad", "regressor": "pressure_a", "share": 0.0}
+    content = {"verdict": "unexplained", "effects": [], "residual": {}, "because": "structure",
+               "unexplained": [entry], "remainder": [rest]}  # fmt: skip
+    said = wording.sentence(content)
+    assert "nothing logged predicts it (81 % differs from test to test)" in said
+    assert "pressure" not in said and "structure" not in said
+    assert wording.advice_on_rest(content)[0].startswith("The remainder is another in each test")
+    entry["share"] = 0.3
+    assert "wider range" in wording.advice_on_rest(content)[0]
+
+
 def test_a_search_that_a_quick_run_cuts_short_has_not_failed() -> None:
     missed = [{"stage": "twins", "reason": "left out by --quick"}]
     content = {"verdict": "unexplained", "effects": [], "residual": {}, "unexplained": [],

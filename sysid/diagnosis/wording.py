@@ -200,13 +200,24 @@ def _remaining(content: Content) -> str:
         share = entry["share"]
         if share is None or (other and share < LEAST_SHOWN):
             continue
-        part = f"{number(100.0 * share, 2)} %" if share >= LEAST_SHOWN else "less than 0.1 %"
         own = own_of(content)
-        over = balance_of(entry["channel"], own), regressor_name(entry["regressor"], own)
-        line = said.format(*over, part)
+        balance, what = balance_of(entry["channel"], own), _of_what(content, entry)
+        if not _is_predicted(entry):
+            of = f" ({what.removeprefix('; ')})" if what else ""
+            found.append(
+                f"{balance} leaves more than noise does, and nothing logged predicts it{of}"
+            )
+            continue
+        over = balance, regressor_name(entry["regressor"], own)
+        line = said.format(*over, f"{number(100.0 * share, 2)} %")
         # A share of the squares by which effects are judged may be nothing of the residual's size.
-        found.append(f"{line[:-1]}{_of_what(content, entry)})")
+        found.append(f"{line[:-1]}{what})")
     return "; ".join(filter(None, (other, joined(found))))
+
+
+def _is_predicted(entry: Content) -> bool:
+    """Whether the quantity on which a residual depends most predicts any of it to speak of."""
+    return bool(entry["share"] is None or entry["share"] >= LEAST_SHOWN)
 
 
 WEIGHED = "each frequency weighed by its noise"
@@ -278,6 +289,17 @@ def _rivals_distinguished(content: Content, known: Mapping[str, str]) -> Iterato
             yield f"{own} is indistinguishable from {rivals} in these data.{test}"
 
 
+_ON_CURVE = (
+    "No effect in the catalogue explains the remainder. Its curve shows what a user effect would "
+    "have to produce (--effects FILE); tests that vary its regressor over a wider range, one at a "
+    "time, would show more."
+)
+_ON_SCATTER = (
+    "The remainder is another in each test: run one test several times, unchanged, and log what "
+    "may differ from one to the next (the supply pressure, the temperature, what the arm carries)."
+)
+
+
 def advice_on_rest(content: Content) -> tuple[str, ...]:
     """What to do about parts that were not examined, not explained, or cannot be judged."""
     lines = []
@@ -314,11 +336,7 @@ def advice_on_rest(content: Content) -> tuple[str, ...]:
             "test has. Then train on it, hold out another, and diagnose again."
         )
     elif content["unexplained"] and not _NO_STRUCTURE.get(content.get("because") or ""):
-        lines.append(
-            "No effect in the catalogue explains the remainder. Its curve shows what a user effect "
-            "would have to produce (--effects FILE); tests that vary its regressor over a "
-            "wider range, one at a time, would show more."
-        )
+        lines.append(_ON_CURVE if any(map(_is_predicted, content["unexplained"])) else _ON_SCATTER)
     elif content["verdict"] in _ENDED and (above := dict(above_noise(content))):
         lines.append(_on_errors(content, max(above, key=lambda name: above[name]), above))
     if not content["residual"]:
