@@ -52,7 +52,12 @@ from sysid.identification.friction.motion import (
     usual_cutoff,
 )
 from sysid.identification.friction.rests import static_of_rests
-from sysid.identification.friction.result import FrictionResult, doubtful, too_heavy
+from sysid.identification.friction.result import (
+    FrictionResult,
+    another_time,
+    doubtful,
+    too_heavy,
+)
 from sysid.identification.friction.sliding import (
     ANOTHER_LEVEL,
     SlidingFriction,
@@ -174,13 +179,37 @@ def fit_friction(
     except NotIdentifiedError:
         turned = against_motion(fit.uses)
         line = _reversed(trials, rig, kind, estimate_inertia, cutoff_hz) if turned else ""
+        line = line or _another_time(trials, rig, kind, cutoff_hz)
         if not line:
             raise
         raise NotIdentifiedError(f"friction: {line}") from None
     if found.is_negative or found.impossible or against_motion(found.trials):
         line = _reversed(trials, rig, kind, estimate_inertia, cutoff_hz)
-        return replace(found, reversed_sign=line)
+        found = replace(found, reversed_sign=line)
+    moving = found.quality.get(MOTION)
+    if moving is not None and moving.verdict != "good" and not found.reversed_sign:
+        line = found.wrong_time or _another_time(trials, rig, kind, cutoff_hz)
+        found = replace(found, wrong_time=line)
     return found
+
+
+def _another_time(
+    trials: Sequence[Trial],
+    rig: Rig,
+    kind: str | Sequence[str | None] | None,
+    cutoff_hz: float | None,
+) -> str:
+    """That time_s is in another unit by the rig file's inertia, or empty.
+
+    The motion has to be explained where the inertia is left free.
+    """
+    if not rig.has_declared_inertia:
+        return ""
+    free = on_its_own(partial(_whole, trials, rig, kind, True, cutoff_hz))
+    motion = None if isinstance(free, Failure) else free.motion
+    if motion is None or motion.inertia is None or motion.explained < LEAST_EXPLAINED:
+        return ""
+    return another_time(motion.inertia, rig)
 
 
 def _reversed(
@@ -655,7 +684,7 @@ def _result(
         most_effort=_most_effort(fit.rig),
         motor_limit=math.inf if fit.rig.max_effort is None else fit.rig.max_effort,
         contradicted=fit.contradicted,
-        too_heavy=too_heavy(parameters, fit.rig),
+        wrong_time=too_heavy(parameters, fit.rig),
     )
 
 

@@ -201,7 +201,8 @@ def _fit_valve(
     if series is not None and curves is series:  # whose regimes are others
         reasons = {name: why for name, why in reasons.items() if name not in curves.problem.free}
     estimates = flows_and_delays(curves, reasons, title, notices, choice.delays)
-    contradicted = any_contradiction(used) or time_slip(estimates, rig) is not None
+    slip = time_slip(estimates, rig)
+    contradicted = any_contradiction(used) or slip is not None
     quality = {
         way: replace(one, contradicted=contradicted)
         for way, one in judged(curves, title, choice.better).items()
@@ -221,7 +222,7 @@ def _fit_valve(
     notices += tank_notices(pieces, title, rig)
     notices += settled_notices(curves, title, air)
     notices += lack_of_fit_notices(curves, title, choice)
-    notices += delay_notices(estimates, title, rig)
+    notices += delay_notices(estimates, title, rig, slip)
     remarks += [*law_remarks(choice, title), *verdicts(estimates, title)]
     return fit_of(valve, curves, estimates, read, air, quality, joint, choice)
 

@@ -501,11 +501,36 @@ def test_a_time_of_another_unit_makes_a_mass_that_no_guide_carries(
     right = swing(offset=0.01)
     slow = Trial(right.label, factor * right.time, right.channels, right.source)
     found = fit_friction([slow], rig)
-    assert f"in {unit} it would be 0.024" in found.too_heavy
+    assert f"in {unit} it would be 0.024" in found.wrong_time
     assert all(q.verdict.startswith("impossible") for q in found.quality.values())
     with pytest.raises(NotIdentifiedError, match=f'--map "time_s=time_s:{unit}"'):
         found.require_possible()
-    assert not fit_friction([right], rig).too_heavy
+    assert not fit_friction([right], rig).wrong_time
+
+
+def test_a_time_of_another_unit_is_named_without_a_pitch_radius() -> None:
+    """What turns is at most as wide as a ball of air of that inertia."""
+    right = swing(offset=0.01)
+    slow = Trial(right.label, 1e3 * right.time, right.channels, right.source)
+    assert "in ms it would be 0.024" in fit_friction([slow], BARE).wrong_time
+    assert not fit_friction([right], BARE).wrong_time
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("min", 1.0 / 60.0)])
+def test_a_time_of_another_unit_makes_another_inertia_than_the_rigs(
+    unit: str, factor: float
+) -> None:
+    """Its square is in the inertia, which nothing else in the rig file of an axis shows."""
+    rig = dataclasses.replace(BARE, inertia=RIG.inertia)
+    right = swing(60.0)
+    wrong = Trial(right.label, factor * right.time, right.channels, right.source)
+    try:
+        said = fit_friction([wrong], rig).wrong_time
+    except NotIdentifiedError as error:
+        said = str(error)
+    assert f"in {unit} it would be 0.02" in said
+    assert f'--map "time_s=time_s:{unit}"' in said
+    assert not fit_friction([right], rig).wrong_time
 
 
 @pytest.mark.parametrize("shares", [(0.94, 1.06), (1.06, 0.94)])

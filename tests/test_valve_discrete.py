@@ -679,12 +679,14 @@ def test_a_pressure_that_settles_is_not_saturated(count: float, noise: float) ->
             assert signals.is_cut_off(shown, run, floor, low[1] - low[0] + 1) == is_cut
 
 
-def test_a_time_of_another_unit_shows_in_the_delays(rig: Rig) -> None:
+@pytest.mark.parametrize(("times", "fix"), [(1000, "its unit"), (60, '--map "time_s=time_s:min"')])
+def test_a_time_of_another_unit_shows_in_the_delays(rig: Rig, times: int, fix: str) -> None:
     """Without a declared sampling period nothing else does: the flows are merely as wrong."""
     unsampled = dataclasses.replace(rig, sampling=None)
-    trials = [Trial(t.label, 1e-3 * t.time, t.channels, t.source) for t in Bench().trials(2)]
+    trials = [Trial(t.label, t.time / times, t.channels, t.source) for t in Bench().trials(2)]
     result = fit_quickly(trials, unsampled)
-    said = "all delays are about 1000 times too small for the rig file's: time_s is not in s"
+    said = f"all delays are about {times} times too small for the rig file's: time_s is not in s"
+    assert any(n.endswith(fix) for n in result.notices if said in n), result.notices
     assert sum(said in n for n in result.notices) == 1, result.notices
     assert not any("the rig file declares" in n for n in result.notices)
     assert all(q.verdict != "good" for q in result.valves["a"].quality.values())

@@ -606,10 +606,18 @@ def check_time_column(reading: LogReading, groups: list[tuple[str, Rows]]) -> No
         # Resampled rows are not those of the recorder.
         reading.notices.append(wrong)
     told = (
-        plausibility.check_speed(reading.where, column, period, len(time), reading.rig),
+        plausibility.check_speed(
+            reading.where, column, period, len(time), reading.rig, moves=_moves(reading)
+        ),
         plausibility.check_evenness(reading.where, np.concatenate(every)),
     )
     reading.notices += filter(None, told)
+
+
+def _moves(reading: LogReading) -> bool:
+    """Whether the log holds a position, or a speed, that changes."""
+    named = (reading.rig.position_channel, reading.rig.units.speed_channel)
+    return any(bool(np.ptp(reading.columns[n])) for n in named if n in reading.columns)
 
 
 def _place(reading: LogReading, rows: Rows, index: int) -> str:

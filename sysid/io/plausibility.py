@@ -335,18 +335,21 @@ def check_sampling(
     return None
 
 
-def check_speed(where: str, column: str, period: float, rows: int, rig: Rig) -> str | None:
+def check_speed(
+    where: str, column: str, period: float, rows: int, rig: Rig, *, moves: bool = True
+) -> str | None:
     """A notice of rows so far apart that no actuator is measured by them; or None.
 
     `period` s, of a recording of `rows` rows; a short table of readings is no recording, and a
-    part alone, as a tank, may be slow.
+    part alone that has no place and so never `moves`, as a tank, may be slow.
     """
     slow = period > _SLOWEST_S and rows >= _LEAST_ROWS
-    if rig.sampling is not None or rig.cylinder is None or not slow:
+    if rig.sampling is not None or not slow or not (moves or rig.cylinder is not None):
         return None
+    unit = "ms" if period * TAKEN_FOR_SI["s"]["ms"] <= _SLOWEST_S else "us"
     return (
         f"{where}: time_s advances by {period:.4g} s per row, too slow for an actuator's motion "
-        "unless it is a slow one: " + _mapping("time_s", column, "ms")
+        "unless it is a slow one: " + _mapping("time_s", column, unit)
     )
 
 

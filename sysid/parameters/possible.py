@@ -19,6 +19,10 @@ from sysid.parameters.content import BundleContent
 
 # Of a carried body's weight: machines are levelled to some 10 um/m at best.
 _LEAST_OF_WEIGHT = 1e-5
+# kg/m3, of what turns, over the ball that it turns in: a pole of several metres has this little.
+_LEAST_DENSITY = 1.0
+# Factor by which a declared inertia is wrong at most, but for a slip.
+_INERTIA_KNOWN_TO = 1.6
 
 
 def is_possible(estimate: Estimate | None) -> bool:
@@ -60,15 +64,20 @@ def weighs_too_much(estimates: Mapping[str, Estimate | None], rig: Rig) -> str:
 
     Whatever a guide carries loads it by its weight, of which friction is a share, and the offset
     what the guide is out of level by. `estimates` by "inertia", "coulomb" and "offset"; an inertia
-    is a mass at the pitch radius. Neither share depends on the unit of the effort, and a time that
-    is f times too long makes both f^2 times too small.
+    is a mass at the pitch radius, or without one at the widest that it may have. Neither share
+    depends on the unit of the effort, and a time that is f times too long makes both f^2 times too
+    small.
     """
-    radius = 1.0 if rig.is_linear else rig.cylinder.pitch_radius_m if rig.cylinder else None
     inertia, coulomb, offset = (estimates.get(name) for name in ("inertia", "coulomb", "offset"))
-    if radius is None or inertia is None or coulomb is None:
+    if inertia is None or coulomb is None:
         return ""
     if not (inertia.identified and coulomb.identified and inertia.interval[0] > 0.0):
         return ""
+    radius = 1.0
+    if not rig.is_linear:
+        # Of what fills a ball of this radius r, J is some density times r^5.
+        widest = (inertia.interval[0] / _LEAST_DENSITY) ** 0.2
+        radius = rig.cylinder.pitch_radius_m if rig.cylinder else widest
     held = max(map(abs, coulomb.interval))
     if offset is not None and offset.identified:
         held += max(map(abs, offset.interval))
@@ -78,13 +87,39 @@ def weighs_too_much(estimates: Mapping[str, Estimate | None], rig: Rig) -> str:
         return ""
     units = {unit: share / factor**2 for unit, factor in TAKEN_FOR_SI["s"].items()}
     unit = min(units, key=lambda name: abs(math.log(units[name])))
-    own = inertia.value * TAKEN_FOR_SI["s"][unit] ** 2
-    u = rig.units
     return (
-        f"{stated(u.key('inertia'), inertia)}: friction and offset would be {share:.1g} of its "
-        f"weight, and no guide is so smooth or so level: time_s is not in s (in {unit} it would be "
-        f"{own:.3g} {u.inertia_unit}: {give_map('time_s', 'time_s', unit)}), or "
-        f"{rig.position_channel} not in {u.position}"
+        f"{stated(rig.units.key('inertia'), inertia)}: friction and offset would be {share:.1g} of "
+        f"its weight, and no guide is so smooth or so level: {_not_in_s(inertia, unit, rig)}, or "
+        f"{rig.position_channel} not in {rig.units.position}"
+    )
+
+
+def another_time_by(inertia: Estimate, rig: Rig) -> str:
+    """Says that time_s is in another unit where the rig file's inertia tells; empty where not.
+
+    A time that is f times too long makes an inertia f^2 times too large, and nothing else that a
+    rig file declares.
+    """
+    declared = rig.total_inertia()
+    if declared is None or not (inertia.identified and inertia.interval[0] > 0.0):
+        return ""
+    for unit, factor in TAKEN_FOR_SI["s"].items():
+        low, high = (edge * factor**2 / declared for edge in inertia.interval)
+        if low < _INERTIA_KNOWN_TO and high > 1.0 / _INERTIA_KNOWN_TO:
+            return (
+                f"the motion is that of {inertia.value:.3g} {rig.units.inertia_unit}, and the rig "
+                f"file's inertia is {declared:.3g}: {_not_in_s(inertia, unit, rig)}, or [inertia] "
+                "is wrong"
+            )
+    return ""
+
+
+def _not_in_s(inertia: Estimate, unit: str, rig: Rig) -> str:
+    """That the time is in this unit, with what a fitted inertia would then be."""
+    own = inertia.value * TAKEN_FOR_SI["s"][unit] ** 2
+    return (
+        f"time_s is not in s (in {unit} it would be {own:.3g} {rig.units.inertia_unit}: "
+        f"{give_map('time_s', 'time_s', unit)})"
     )
 
 
@@ -111,6 +146,7 @@ def impossible(bundle: BundleContent, rig: Rig) -> list[str]:
 
 
 __all__ = [
+    "another_time_by",
     "doubtful_inertia",
     "impossible",
     "is_possible",

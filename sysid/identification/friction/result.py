@@ -35,7 +35,12 @@ from sysid.identification.friction.static import StaticFriction, breakaway_of
 from sysid.io.motion import MotionUnits
 from sysid.io.rig import Rig
 from sysid.parameters import Correlation, Friction, Parts
-from sysid.parameters.possible import doubtful_inertia, negative_friction, weighs_too_much
+from sysid.parameters.possible import (
+    another_time_by,
+    doubtful_inertia,
+    negative_friction,
+    weighs_too_much,
+)
 from sysid.parameters.quality import records_of
 from sysid.recording.friction_kind import KINDS, MOTION, SLIDING, STATIC
 from sysid.types import FloatArray
@@ -65,7 +70,8 @@ class FrictionResult(NamedEstimates, Shown):
     give, `motor_limit` the motor alone, N or Nm. `contradicted`: whether a log contradicts the rig
     file. `load`: friction that grows with an effort, where asked for and shown. `reversed_sign`:
     which channel's sign is reversed, where the fit with the other sign is good; else empty.
-    `too_heavy`: that the fitted mass is too heavy for what carries it; else empty.
+    `wrong_time`: that time_s is not in s, as the fitted inertia is too heavy for what carries it,
+    or so many times the rig file's; else empty.
     """
 
     units: MotionUnits
@@ -83,7 +89,7 @@ class FrictionResult(NamedEstimates, Shown):
     motor_limit: float = math.inf
     contradicted: bool = False
     reversed_sign: str = ""
-    too_heavy: str = ""
+    wrong_time: str = ""
     load: LoadFriction | None = None
 
     @property
@@ -192,7 +198,7 @@ class FrictionResult(NamedEstimates, Shown):
                     f"{key} is {e.value:.3g} {e.unit}, but motor and cylinder together give at "
                     f"most {self.most_effort:.3g} {u.effort}"
                 )
-        found[MOTION] += [self.too_heavy] if self.too_heavy else []
+        found[MOTION] += [self.wrong_time] if self.wrong_time else []
         found[STATIC] += self._start_up()
         found[SLIDING] += self._unsteady()
         for kind, part in ((STATIC, self.static), (SLIDING, self.sliding)):
@@ -286,8 +292,8 @@ class FrictionResult(NamedEstimates, Shown):
         """Raise NotIdentifiedError where an estimate cannot be friction (`impossible`)."""
         if self.impossible and self.reversed_sign:
             raise NotIdentifiedError(f"friction: {self.reversed_sign}")
-        if self.impossible and self.too_heavy:
-            raise NotIdentifiedError(f"friction: {self.too_heavy}")
+        if self.impossible and self.wrong_time:
+            raise NotIdentifiedError(f"friction: {self.wrong_time}")
         if self.impossible:
             raise NotIdentifiedError(f"friction: {'; '.join(self.impossible)}: {self._causes()}")
 
@@ -422,6 +428,11 @@ def too_heavy(parameters: Mapping[str, Estimate], rig: Rig) -> str:
     return weighs_too_much(parameters, rig)
 
 
+def another_time(inertia: Estimate, rig: Rig) -> str:
+    """That time_s is in another unit, as so large an inertia would be the rig file's; or empty."""
+    return another_time_by(inertia, rig)
+
+
 def doubtful(parameters: Mapping[str, Estimate], rig: Rig) -> list[str]:
     """Notices of impossible numbers and those indistinguishable from zero; significantly negative
     friction is in the verdict on the fit."""
@@ -438,4 +449,4 @@ def _test(test: FTest) -> dict[str, float]:
     }
 
 
-__all__ = ["FrictionResult", "doubtful", "too_heavy"]
+__all__ = ["FrictionResult", "another_time", "doubtful", "too_heavy"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,7 +13,9 @@ from sysid.identification.valve_discrete.curve import CurveFit
 from sysid.identification.valve_discrete.held_chamber import DELAYS
 from sysid.identification.valve_discrete.law_choice import LawChoice
 from sysid.identification.valve_discrete.trials import SUPPLY_TOLERANCE, Piece
+from sysid.io.plausibility import give_map
 from sysid.io.rig import Air, Rig
+from sysid.io.unit_text import TAKEN_FOR_SI
 from sysid.parameters.valves import AUTO, ISO6358, LAW_NAMES, SERIES
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import BoolArray, FloatArray
@@ -22,8 +25,7 @@ JUMPS = ("jump_fill_percent", "jump_dis_percent")
 _LAWS = {ISO6358: "law of ISO 6358", SERIES: "law of a flow control in series"}
 # Of a delay, how far it may be from its data sheet's.
 _DELAY_TOLERANCE = 0.15
-# What makes a time another unit's, and by how much less than that data sheets are wrong.
-_TIME_SLIPS = (1e3, 1e6)
+# By how much data sheets are wrong at most, which is less than the units of a time differ by.
 _DATA_SHEET = 5.0
 _RATIO_TOLERANCE = 0.02
 
@@ -144,11 +146,13 @@ def _lack_of_fit(
     ]
 
 
-def delay_notices(estimates: Mapping[str, Estimate], title: str, rig: Rig) -> list[str]:
-    """Measured delays that differ from the declared ones."""
+def delay_notices(
+    estimates: Mapping[str, Estimate], title: str, rig: Rig, slip: str | None
+) -> list[str]:
+    """Measured delays that differ from the declared ones; `slip`: their `time_slip`."""
     if rig.valves is None:
         return []
-    if (slip := time_slip(estimates, rig)) is not None:
+    if slip is not None:
         return [f"{title}: {slip}"]
     lines = []
     for name, declared in zip(DELAYS, (rig.valves.on_delay_s, rig.valves.off_delay_s), strict=True):
@@ -168,7 +172,7 @@ def delay_notices(estimates: Mapping[str, Estimate], title: str, rig: Rig) -> li
 def time_slip(estimates: Mapping[str, Estimate], rig: Rig) -> str | None:
     """A line where all delays are so many times the declared ones that the log's time is not in s.
 
-    By a power of a thousand: a data sheet is not that wrong, and flows are as wrong.
+    By the factor of another unit: a data sheet is not that wrong, and flows are as wrong.
     """
     if rig.valves is None or rig.assumes("valves"):
         return None
@@ -178,15 +182,21 @@ def time_slip(estimates: Mapping[str, Estimate], rig: Rig) -> str | None:
         for name, declared in sheet
         if name in estimates and estimates[name].identified and declared > 0.0
     ]
-    for slip in _TIME_SLIPS:
-        for factor, said in ((slip, "large"), (1.0 / slip, "small")):
-            if times and all(factor / _DATA_SHEET < t < factor * _DATA_SHEET for t in times):
-                return (
-                    f"all delays are about {slip:g} times too {said} for the rig file's: time_s is "
-                    "not in s (or the rig file's delays are not), and every flow is as wrong; map "
-                    "the time with its unit"
-                )
-    return None
+    if not times:
+        return None
+    middle = float(np.exp(np.mean(np.log(times))))
+    factors = [power for f in TAKEN_FOR_SI["s"].values() for power in (f, 1.0 / f)]
+    nearest = min(factors, key=lambda factor: abs(math.log(middle / factor)))
+    if not all(nearest / _DATA_SHEET < t < nearest * _DATA_SHEET for t in times):
+        return None
+    said = "large" if nearest > 1.0 else "small"
+    units = [unit for unit, f in TAKEN_FOR_SI["s"].items() if math.isclose(1.0 / f, nearest)]
+    fix = give_map("time_s", "time_s", units[0]) if units else "map the time with its unit"
+    return (
+        f"all delays are about {max(nearest, 1.0 / nearest):g} times too {said} for the rig "
+        "file's: time_s is not in s (or the rig file's delays are not), and every flow is as "
+        f"wrong; {fix}"
+    )
 
 
 def law_remarks(choice: LawChoice, title: str) -> list[str]:
