@@ -256,6 +256,37 @@ def test_a_campaign_of_readings(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "column time_s is missing" in said and "friction-points" in said
 
 
+DUTIES = np.linspace(0.0, 1.0, 21)
+FLOWS = {
+    "valve-flow": pd.DataFrame(
+        {"duty_a": DUTIES, "flow_a_kg_s": 6e-4 * np.maximum(DUTIES - 0.1, 0.0) / 0.9}
+    ),
+    "valve-time": pd.DataFrame(
+        {
+            "duty_a": DUTIES[1:],
+            "time_to_pressure_s": 0.2 / DUTIES[1:],
+            "pwm_period_s": 0.02,
+            "valve_a": 1,
+        }
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", list(FLOWS))
+def test_a_campaign_of_settled_flows_needs_no_time(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Alone as in a campaign, whatever sampling period the rig file declares."""
+    (tmp_path / "rig.toml").write_text(f"{ARM}\n[sampling]\nperiod_s = 0.001\n")
+    FLOWS[kind].to_csv(tmp_path / "sweep.csv", index=False)
+    path = tmp_path / "campaign.toml"
+    path.write_text(f'rig = "rig.toml"\n[[log]]\nkind = "{kind}"\nfile = "sweep.csv"\n')
+    assert told(path, capsys)[0] == "everything is identified"
+    assert main(["check", str(tmp_path / "sweep.csv")]) == 0
+    assert f"each row is a reading by itself ({kind})" in capsys.readouterr().err
+    assert main(["fit", str(path), "--json"]) == 0
+
+
 # --- a component of one's own -------------------------------------------------------------
 
 

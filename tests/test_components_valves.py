@@ -275,6 +275,15 @@ def test_a_stretch_is_left_out_of_both_sweeps_and_knows_its_direction() -> None:
     assert acting == {"valve-dead-band", "series-restriction", "valve-hysteresis"}
 
 
+@pytest.mark.parametrize("rows", [5, 11, 23])
+def test_a_data_sheets_few_duties_are_a_sweep(rows: int) -> None:
+    component = swept((DEAD_BAND,), rows=rows)
+    assert len(component.tests) == 2 * (rows // 2)
+    selection = select(component, catalogue())
+    assert found(selection) == [DEAD_BAND.id]
+    assert selection.final.law.values[PARAMETER] == pytest.approx(2.7e-3, rel=0.02)
+
+
 # --- bundle and bad input --------------------------------------------------------------
 
 

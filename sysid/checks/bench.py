@@ -22,9 +22,9 @@ BENCH_LAWS = tuple(KIND_BY_COLUMN.values())
 
 def bench_kind(trial: Trial, rig: Rig) -> str | None:
     """The kind of a bench test by its columns; None for any other test."""
-    if trial.is_readings:
-        return FRICTION_POINTS
     found = next((kind for name, kind in KIND_BY_COLUMN.items() if name in trial), None)
+    if found is None and trial.is_readings:
+        return FRICTION_POINTS
     return found or (TANK if _is_of_a_tank(trial, rig) else None)
 
 

@@ -27,6 +27,7 @@ from sysid.io.kinds import (
     FRICTION_POINTS,
     KINDS,
     MOTION_KINDS,
+    READ_BY_ROW,
     SIMULATED_KINDS,
 )
 from sysid.io.logs import Log, read_log, test_labels
@@ -309,7 +310,7 @@ class Campaign(Shown):
             entry.mapping,
             entry.shared,
             entry.exclude,
-            readings=entry.kind == FRICTION_POINTS,
+            readings=entry.kind in READ_BY_ROW,
         )
         changed: dict[str, Any] = {} if entry.flow_control else {"flow_control": False}
         if entry.payload_kg is not None:

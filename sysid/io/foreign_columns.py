@@ -30,6 +30,7 @@ from sysid.io.foreign_tests import (
     said_starts,
     without_wraps,
 )
+from sysid.io.kinds import settled_kind, settled_line
 from sysid.io.measured_speed import of_readings, timeless_line
 from sysid.io.motion import LINEAR, ROTARY
 from sysid.io.reshaping import joined_line, median_period
@@ -167,12 +168,9 @@ def log_columns(table: ForeignTable, recipe: Recipe, label: str | None) -> pd.Da
     if timeless:
         recipe = replace(recipe, period_s=1.0)
         table.notices.append(timeless_line(table.path))
-    elif _are_flows(table, recipe, sources):
+    elif (kind := _settled(table, recipe, sources)) is not None:
         recipe = replace(recipe, period_s=1.0)
-        table.notices.append(
-            f"{table.path}: holds no time: each row is a settled flow (valve-flow), and time_s "
-            "numbers the rows"
-        )
+        table.notices.append(f"{settled_line(table.path, kind)}, and time_s numbers the rows")
     if "time_s" in sources and recipe.period_s is not None:
         raise input_error(table.path, "has a time_s column of its own", "omit --period")
     if "time_s" in sources and _numbers_samples(table, *sources["time_s"]):
@@ -200,12 +198,10 @@ def _are_readings(table: ForeignTable, recipe: Recipe, sources: Sources) -> bool
     return found and not _has_time(table, recipe, sources)
 
 
-def _are_flows(table: ForeignTable, recipe: Recipe, sources: Sources) -> bool:
-    """Whether a table without any time gives a flow with its two pressures, or with its duty."""
-    present = {*sources, *recipe.constants}
-    over = ({"upstream_pressure_pa", "downstream_pressure_pa"}, {"duty_a"})
-    found = "flow_a_kg_s" in present and any(names <= present for names in over)
-    return found and not _has_time(table, recipe, sources)
+def _settled(table: ForeignTable, recipe: Recipe, sources: Sources) -> str | None:
+    """`settled_kind` of a table without any time."""
+    kind = settled_kind({*sources, *recipe.constants})
+    return None if _has_time(table, recipe, sources) else kind
 
 
 def _has_time(table: ForeignTable, recipe: Recipe, sources: Sources) -> bool:

@@ -6,6 +6,7 @@ this table; how it is fitted is said in its own room (a part on a bench: `diagno
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import dataclass
 from typing import Literal
 
@@ -110,6 +111,26 @@ SIMULATED_KINDS = (*MOTION_KINDS, FRICTION_MOTION)
 BALANCED_KINDS = tuple(kind.name for kind in TEST_KINDS if kind.balances)
 KIND_BY_COLUMN = {kind.column: kind.name for kind in TEST_KINDS if kind.column is not None}
 """Columns that logs of one kind alone have."""
+_SETTLED_OVER = {
+    "flow_a_kg_s": ({"upstream_pressure_pa", "downstream_pressure_pa"}, {"duty_a"}),
+    "time_to_pressure_s": ({"duty_a"},),
+}
+READ_BY_ROW = (FRICTION_POINTS, *(KIND_BY_COLUMN[name] for name in _SETTLED_OVER))
+"""Kinds of test of which each row is a reading by itself, so that they need no time."""
+
+
+def settled_kind(present: Set[str]) -> str | None:
+    """The kind of a bench's table, each row of which is a reading by itself; None of any other."""
+    for name, over in _SETTLED_OVER.items():
+        if name in present and any(names <= present for names in over):
+            return KIND_BY_COLUMN[name]
+    return None
+
+
+def settled_line(where: object, kind: str) -> str:
+    """The notice of such a table without time."""
+    return f"{where}: holds no time: each row is a reading by itself ({kind})"
+
 
 __all__ = [
     "BALANCED_KINDS",
@@ -121,7 +142,10 @@ __all__ = [
     "KINDS",
     "KIND_BY_COLUMN",
     "MOTION_KINDS",
+    "READ_BY_ROW",
     "SIMULATED_KINDS",
     "TEST_KINDS",
     "TestKind",
+    "settled_kind",
+    "settled_line",
 ]

@@ -19,6 +19,7 @@ from sysid.io.added_twice import added_twice
 from sysid.io.channels import CHAMBER_PRESSURES, PRESSURES, VALVE_COMMANDS
 from sysid.io.exclusion import Excluded, Exclusion, KeptRows, labels_in, shared_out, without
 from sysid.io.foreign_log import foreign_log, in_log_format, is_in_log_format, unknown_line
+from sysid.io.kinds import FRICTION_POINTS, settled_kind, settled_line
 from sysid.io.measured_speed import (
     are_readings,
     check_motion,
@@ -111,9 +112,9 @@ def read_log(
 
     `mapping` translates foreign names and units (`sysid.io.units.parse_map`); `shared` does so
     where the file has the column and `mapping` does not override it. What `exclude` names is not
-    looked at. `readings`: it may be a table of steady speeds and efforts without time, each row a
-    reading (`friction-points`). Raises InputError, one line that names the file, the row or column,
-    and the fix.
+    looked at. `readings`: it may be a table without time, each row a reading by itself: of steady
+    speeds and efforts (`friction-points`), or of settled flows or times over what set them. Raises
+    InputError, one line that names the file, the row or column, and the fix.
     """
     table = log_table(path, {**(shared or {}), **(mapping or {})})
     return log_of(table, rig, mapping, shared, exclude, readings=readings)
@@ -187,15 +188,17 @@ def log_of(
         reading.table, maps = table, {}
         reading.notices += said
     timeless = "time_s" not in maps and "time_s" not in table.header
-    are_points = timeless and _shows_readings(table, maps, rig)
-    if timeless and not (readings and are_points):
-        raise missing_time(table, are_readings=are_points)
+    by_row = _timeless_kind(table, maps, rig) if timeless else None
+    if timeless and not (readings and by_row):
+        raise missing_time(table, kind=by_row)
     reading.without_excluded(without(table, maps, exclude, rig))
     _take_columns(reading, maps)
     reading.origin |= {t: m.column for t, m in reading.maps.items() if t in reading.columns}
     if timeless:
         reading.columns["time_s"] = np.arange(len(reading.table.frame), dtype=np.float64)
-        reading.notices.append(timeless_line(path))
+        of_friction = by_row == FRICTION_POINTS
+        said = [timeless_line(path) if of_friction else settled_line(path, by_row or "")]
+        reading.notices += said
     groups = groups_of(reading, maps)
     _convert_position(reading)
     _convert_motor(reading)
@@ -312,14 +315,15 @@ def take_column(
     reading.origin[target] = column
 
 
-def _shows_readings(table: LogTable, maps: Mapping[str, ColumnMap], rig: Rig) -> bool:
-    """Whether a table has what a reading of friction needs, and nothing that a valve does."""
-    return of_readings({*table.header, *maps}, rig.units)
+def _timeless_kind(table: LogTable, maps: Mapping[str, ColumnMap], rig: Rig) -> str | None:
+    """The kind of test that a table without time may be, each row a reading; None of a log."""
+    present = {*table.header, *maps}
+    return FRICTION_POINTS if of_readings(present, rig.units) else settled_kind(present)
 
 
-def missing_time(table: LogTable, *, are_readings: bool = False) -> InputError:
-    """The error of a table without a time column, with a guess; `are_readings`: it may also be a
-    table of readings, which has none."""
+def missing_time(table: LogTable, *, kind: str | None = None) -> InputError:
+    """The error of a table without a time column, with a guess; `kind`: of readings, which have
+    none, that it may also be."""
     close = difflib.get_close_matches("time_s", table.header, 1, 0.4)
     guess = close[0] if close else "COLUMN"
     named = re.search(r"[_ (\[](ms|us|min|h)[\])]?$", guess)
@@ -329,9 +333,9 @@ def missing_time(table: LogTable, *, are_readings: bool = False) -> InputError:
         f"column time_s is missing (it has {', '.join(table.header[:12])})",
         f"add it, or {plausibility.give_map('time_s', guess, unit)}"
         + (
-            "; if each row is a reading of friction, list it in a campaign as kind = "
-            '"friction-points", which needs no time'
-            if are_readings
+            f'; if each row is a reading by itself, list it in a campaign as kind = "{kind}", '
+            "which needs no time"
+            if kind
             else ""
         ),
     )

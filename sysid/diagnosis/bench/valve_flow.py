@@ -47,11 +47,11 @@ KIND = "valve-flow"
 PARAMETER = "full_flow_kg_s"
 _COLUMNS = ("duty_a", "flow_a_kg_s")
 _SIDE = "a"
-# A sweep is cut into `STRETCHES` of the duty, and two of them half a sweep apart, the
-# same ones of every sweep, are left out together (`folds_of`). The remaining ones then contain
-# nothing of a stretch on the way up or down, nor its near neighbours, as leaving out every
-# third row would; and every fold holds a stretch of the upper half, where there is flow.
-_FEWEST_ROWS = LEAST_IN_STRETCH * STRETCHES
+# A sweep is cut into up to `STRETCHES` of the duty, and those half a sweep apart, the same ones of
+# every sweep, are left out together (`folds_of`). The remaining ones then contain nothing of a
+# stretch on the way up or down, nor its near neighbours, as leaving out every third row would; and
+# every fold holds a stretch of the upper half, where there is flow. At least one has to remain.
+_FEWEST_ROWS = 2 * LEAST_IN_STRETCH
 # A proportional valve has no pulses that could be too short.
 _PULSED = ("partial-opening",)
 _GRID = 4001
@@ -231,7 +231,7 @@ def _stretches(trial: Trial) -> list[DutyStretch]:
     direction = np.sign(steps[last])
     order = np.argsort(duty, kind="stable")
     found = []
-    for rows in np.array_split(order, STRETCHES):
+    for rows in np.array_split(order, min(STRETCHES, len(duty) // LEAST_IN_STRETCH)):
         taken = np.sort(rows)
         found.append(DutyStretch(trial.title, duty[taken], flow[taken], direction[taken]))
     return found
