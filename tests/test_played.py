@@ -23,12 +23,19 @@ from sysid.io.played_header import played_header
 from sysid.parameters import Bundle, Parts, read_bundle, write_bundle
 from sysid.parameters.friction import Friction
 from sysid.parameters.valves import FittedValves
+from sysid.plant.base import load_effort
 from sysid.plant.trials import simulate_trials
 from sysid.refinement.advice import Beginning, begin
 from sysid.refinement.information import covariance, log_volume
 from sysid.refinement.played import design
 from sysid.refinement.played.design import exchanged
-from sysid.refinement.played.limits import MotionLimits, extremes, inside, off_plants
+from sysid.refinement.played.limits import (
+    MotionLimits,
+    extremes,
+    held_reach,
+    inside,
+    off_plants,
+)
 from sysid.refinement.played.proposal import PlayRequest, played_test
 from sysid.refinement.played.result import PlayedTest
 from sysid.refinement.played.signals import Actuators, Drive
@@ -76,6 +83,8 @@ def played(began: Beginning) -> PlayedTest:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(design, "_POOL", 16)
         patch.setattr(design, "_ROUNDS", 1)
+        patch.setattr(design, "_LAST_ROUNDS", 2)
+        patch.setattr(design, "_VARIED", 24)
         return played_test(began, PlayRequest((ASKED,), 2.5, speed=12.0))
 
 
@@ -137,6 +146,19 @@ def test_limits_hold_on_plants_never_tried(played: PlayedTest, began: Beginning)
     assert far <= played.limits.position and fast <= played.limits.speed
     assert far > 0.0
     assert max(np.abs(m.motor).max() for m in played.motions) <= played.limits.effort
+
+
+def test_a_test_begins_only_where_friction_holds_the_arm(began: Beginning) -> None:
+    """Everywhere in the horizontal; of an arm that hangs, until its weight overcomes friction."""
+    model, limits = began.setting.model, MotionLimits(1.2, math.inf, math.inf)
+    assert held_reach([model], limits) == 1.2
+    p = model.parameters
+    heavy = dataclasses.replace(model, parameters=p.replace(gravity_moment=2.0 * p.static_effort))
+    reach = held_reach([model, heavy], limits)
+    assert abs(load_effort(reach, heavy.parameters)) <= p.static_effort
+    assert 0.4 < reach < math.asin(0.5)
+    sprung = p.replace(stiffness=1.0, preload=2.0 * p.static_effort)
+    assert held_reach([dataclasses.replace(model, parameters=sprung)], limits) == 0.0
 
 
 # --- what is asked ---------------------------------------------------------------------
@@ -201,9 +223,12 @@ def test_the_file_is_simulated_and_recognised(
     path = played.write(tmp_path / "test.csv")
     log = read_log(path, rig)
     assert len(log) == len(played.motions)
+    assert any(m.start for m in played.motions)
     shown = simulate_trials(log.trials, rig, began.setting.model)
     for channels, motion in zip(shown, played.motions, strict=True):
-        assert channels[rig.position_channel] == pytest.approx(motion.channels[0], abs=1e-9)
+        # The file rounds the motor's command: within a thousandth of a count.
+        shown_at = channels[rig.position_channel]
+        assert shown_at == pytest.approx(motion.channels[0], abs=1e-3 * (rig.encoder_step or 0.0))
     # What a rig records: the commands with the measured channels, under the same comments.
     frame = played.frame
     for name in (rig.position_channel, "pressure_a_pa", "pressure_b_pa"):
@@ -229,6 +254,8 @@ def test_a_header_says_what_it_was_made_of() -> None:
     )
     assert header is not None and header.kind == "motion-pwm"
     assert header.asked == (("a.b", 3.0, 2.0, "kg/(s Pa)"),)
+    again = dataclasses.replace(header, starts={"2": -0.25}, unit="rad")
+    assert played_header(again.lines()) == again
     assert played_header(["sysid test:", "for: x"]) is None
 
 
@@ -239,7 +266,9 @@ def test_the_command_writes_a_test(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(design, "_POOL", 10)
-    monkeypatch.setattr(design, "_ROUNDS", 0)
+    monkeypatch.setattr(design, "_ROUNDS", 1)
+    monkeypatch.setattr(design, "_LAST_ROUNDS", 0)
+    monkeypatch.setattr(design, "_VARIED", 4)
     monkeypatch.setattr("sysid.refinement.advice.effect_sizes", lambda *_: ((), {}))
     out = tmp_path / "test.csv"
     words = ["advise", str(folder / "campaign.toml"), "--bundle", str(folder / "bundle.json")]

@@ -28,6 +28,7 @@ from sysid.io.measured_speed import (
     of_readings,
     timeless_line,
 )
+from sysid.io.played_header import played_header
 from sysid.io.reshaping import measured_period
 from sysid.io.responses import response_notices
 from sysid.io.rig import Rig
@@ -778,6 +779,7 @@ def trial_of(reading: LogReading, label: str, rows: Rows) -> Trial:
     period = float(np.median(np.diff(time)))
     slow = {n: stride * period for n, stride in reading.strides.items() if n in channels}
     position = reading.rig.position_channel
+    header = played_header(reading.table.comments)
     return Trial(
         label,
         time,
@@ -790,6 +792,7 @@ def trial_of(reading: LogReading, label: str, rows: Rows) -> Trial:
         read_as={name: _read_as(reading, name) for name in channels},
         contradictions=tuple(map(one_line, reading.contradictions)),
         place_known=reading.origin.get(position) != reading.rig.units.speed_channel,
+        starts_at=0.0 if header is None else header.starts.get(label, 0.0),
     )
 
 

@@ -7,19 +7,26 @@ that was made from that file, is recognised by them.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 _KIND = re.compile(r"^sysid test: (\S+)$")
 _FOR = re.compile(r"^for: (\S+) (\S*), expected standard error (\S+), now (\S+)$")
+_START = re.compile(r"^test (\S+) starts at (\S+) (\S+)$")
 
 
 @dataclass(frozen=True)
 class PlayedHeader:
-    """A designed test's `kind`, and for each thing asked: name, standard error now, after, unit."""
+    """A designed test's `kind`, and for each thing asked: name, standard error now, after, unit.
+
+    `starts`: where its tests begin that do so off the place where the rig rests, by label, in
+    `unit` (rad or m).
+    """
 
     kind: str
     asked: tuple[tuple[str, float, float, str], ...]
+    starts: Mapping[str, float] = field(default_factory=dict)
+    unit: str = ""
 
     def lines(self) -> list[str]:
         """The lines that say it."""
@@ -27,6 +34,7 @@ class PlayedHeader:
         for name, now, after, unit in self.asked:
             told = unit.replace(" ", "_") or "1"
             found.append(f"for: {name} {told}, expected standard error {after:.3g}, now {now:.3g}")
+        found += [f"test {k} starts at {at:.6g} {self.unit}" for k, at in self.starts.items()]
         return found
 
     def told(self) -> str:
@@ -38,7 +46,7 @@ class PlayedHeader:
 
 def played_header(comments: Iterable[str]) -> PlayedHeader | None:
     """The header in a log's comments; None without one."""
-    kind, asked = None, []
+    kind, asked, starts, unit = None, [], {}, ""
     for line in comments:
         if found := _KIND.match(line):
             kind = found[1]
@@ -48,7 +56,13 @@ def played_header(comments: Iterable[str]) -> PlayedHeader | None:
                 asked.append((name, float(now), float(after), unit.replace("_", " ")))
             except ValueError:
                 continue
-    return None if kind is None else PlayedHeader(kind, tuple(asked))
+        elif found := _START.match(line):
+            label, at, unit = found.groups()
+            try:
+                starts[label] = float(at)
+            except ValueError:
+                continue
+    return None if kind is None else PlayedHeader(kind, tuple(asked), starts, unit)
 
 
 __all__ = ["PlayedHeader", "played_header"]

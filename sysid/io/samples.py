@@ -43,7 +43,8 @@ class Trial:
     `begun_s`: how long after the test's first row this part of it begins, what was before being
     excluded (`sysid.io.exclusion`); what begins with a test (rest, valves off) does not begin with
     it. `payload_kg`: what was carried, kg (None: what the rig file says). `flow_control`: whether
-    the valve's flow control, where it has one, was in place.
+    the valve's flow control, where it has one, was in place. `starts_at`, rad or m: where a
+    designed test says that it begins, for a log of commands alone.
     """
 
     label: str
@@ -60,6 +61,7 @@ class Trial:
     begun_s: float = 0.0
     payload_kg: float | None = None
     flow_control: bool = True
+    starts_at: float = 0.0
 
     def __contains__(self, name: str) -> bool:
         return name in self.channels

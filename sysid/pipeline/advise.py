@@ -84,10 +84,10 @@ class PlayOptions(AdviseOptions):
 def design_test(campaign: Campaign, bundle: Bundle, options: PlayOptions) -> PlayedTest:
     """The test that says most about what is asked, as commands that the rig can play.
 
-    Short tests of one kind, each from rest in the middle: multisines and steps of motor, duties or
-    valves, that stay within travel, speed and effort on the model and on plants whose constants
-    are 20 % off. `write` gives the file. Raises InputError for an unknown name, NotIdentifiedError
-    where no safe test says anything about it.
+    Short tests of one kind, each from rest where friction holds the arm: multisines and steps of
+    motor, duties or valves, that stay within travel, speed and effort on the model and on plants
+    whose constants are 20 % off. `write` gives the file. Raises InputError for an unknown name,
+    NotIdentifiedError where no safe test says anything about it.
     """
     return _both(campaign, bundle, options, only_test=True)[1]
 

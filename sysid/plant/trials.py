@@ -36,10 +36,10 @@ def inputs_from_trial(
     """A test's commands and first row, as a run of the simulator.
 
     A command that the test does not hold is off or zero; a position that it does not hold
-    starts at 0, a pressure at the atmosphere; the run starts at rest. `starts_on`: whether
-    valves A and B were on before the first row. A test whose start is excluded starts at the
-    velocity that its first samples show, with the on/off commands that it has there. A supply that
-    was logged is at the pressure that its line had in this test. Raises
+    starts at 0, or where a designed test says, a pressure at the atmosphere; the run starts at
+    rest. `starts_on`: whether valves A and B were on before the first row. A test whose start is
+    excluded starts at the velocity that its first samples show, with the on/off commands that it
+    has there. A supply that was logged is at the pressure that its line had in this test. Raises
     InputError for fewer than two rows, no command at all, commands out of range, or values that are
     missing.
     """
@@ -64,7 +64,7 @@ def inputs_from_trial(
         motor=_finite(trial, rig.effort_channel) if rig.effort_channel in trial else _zero(trial),
         valve_a=commands[0],
         valve_b=commands[1],
-        position=_first(trial, rig.position_channel) or 0.0,
+        position=_start_of(trial, rig),
         pressure_a=_first(trial, "pressure_a_pa"),
         pressure_b=_first(trial, "pressure_b_pa") if "b" in rig.sides else None,
         velocity=_first_velocity(trial, rig),
@@ -72,6 +72,11 @@ def inputs_from_trial(
         load=rig.load_of(trial.payload_kg),
         supply=trial.line_pressure_pa,
     )
+
+
+def _start_of(trial: Trial, rig: Rig) -> float:
+    logged = _first(trial, rig.position_channel)
+    return trial.starts_at if logged is None else logged
 
 
 def _first_velocity(trial: Trial, rig: Rig) -> float:

@@ -42,7 +42,8 @@ class CandidateMotion:
     """A motion test that could be run: its log kind, what it is in words, its commands.
 
     `motor` (n,) Nm or N; `valves` (valves, n) duties (`kind` motion-pwm) or 0 and 1, None: all off.
-    `channels` (3, n): position and pressures as the model shows them, without noise.
+    `channels` (3, n): position and pressures as the model shows them, without noise. `start`: how
+    far from where the rig rests it begins, rad or m.
     """
 
     kind: str
@@ -51,13 +52,20 @@ class CandidateMotion:
     motor: FloatArray
     valves: FloatArray | None
     channels: FloatArray
+    start: float = 0.0
 
     def first(self, seconds: float) -> CandidateMotion:
         """Its first seconds."""
         n = round(seconds / float(self.time[1] - self.time[0]))
         valves = None if self.valves is None else self.valves[:, :n]
         return CandidateMotion(
-            self.kind, self.text, self.time[:n], self.motor[:n], valves, self.channels[:, :n]
+            self.kind,
+            self.text,
+            self.time[:n],
+            self.motor[:n],
+            valves,
+            self.channels[:, :n],
+            self.start,
         )
 
     @property

@@ -46,9 +46,11 @@ from sysid.types import FloatArray, Progress
 _POOL, _SMALLEST = 100, 0.15
 # Plants on which drives are tried before they are on all.
 _STAGES = (1, 5)
-# Rounds in which the best tests are varied, neighbours of each, and the rounds that end the search:
-# those that lower log(standard error) by less.
-_ROUNDS, _NEIGHBOURS, _PATIENCE, _WORTH = 24, 8, 3, 0.02
+# Rounds after which the worse half of the searches is given up, and those of the last one; what is
+# tried in a round: neighbours of the best tests, and others.
+_ROUNDS, _LAST_ROUNDS, _VARIED, _DRAWN = 5, 60, 64, 8
+# The rounds that end a search: so many that together lower log(standard error) by less.
+_PATIENCE, _WORTH = 6, 0.02
 _SEED = 20
 
 
@@ -118,45 +120,81 @@ def designed(
 ) -> DesignedSet:
     """The set of short tests that is best in addition to `now` (k, k), of one kind and one stage.
 
-    Raises NotIdentifiedError where the rig can play none within its limits.
+    All are searched for a while, the better half of them for as long again, and so on until one is
+    left, which is searched until it gets no better. Raises NotIdentifiedError where the rig can
+    play none within its limits.
     """
-    best: DesignedSet | None = None
-    for stage, kind in itertools.product(stages, stages[0].rig.kinds):
-        progress(f"designing tests: {kind}, {stage.pieces} of {stage.rig.seconds:.2g} s")
-        found = _of_kind(stage, aim, now, kind)
-        if found is not None and (
-            best is None
-            or aim.log_std(now + found.information) < aim.log_std(now + best.information)
-        ):
-            best = found
-    if best is None:
+    searches = [
+        _DesignSearch(stage, aim, now, kind)
+        for stage, kind in itertools.product(stages, stages[0].rig.kinds)
+    ]
+    while len(searches) > 1:
+        for search in searches:
+            progress(f"designing tests: {search.text}")
+            search.go_on(_ROUNDS)
+        searches.sort(key=lambda s: s.log_std)
+        searches = searches[: (len(searches) + 1) // 2]
+    for search in searches:
+        progress(f"designing tests: {search.text}")
+        search.go_on(_LAST_ROUNDS)
+    found = searches[0].checked()
+    if found is None:
         raise NotIdentifiedError(
             "advise: no test of this rig stays within its limits on plants off the model; raise "
             "the limits (--max-speed, --max-effort), or shorten the test (--duration)"
         )
-    return best
+    return found
 
 
-def _of_kind(stage: DesignStage, aim: Aim, now: FloatArray, kind: str) -> DesignedSet | None:
-    rng = np.random.default_rng([_SEED, stage.rig.kinds.index(kind)])
-    choose = functools.partial(exchanged, now=now, count=stage.pieces, criterion=aim.log_std)
-    pool = _Pool(stage, choose)
-    pool.add(drawn_drives(kind, _POOL, stage.rig, rng))
-    nothing = least = float(aim.log_std(now))
-    idle = 0
-    for _ in range(_ROUNDS):
-        chosen = pool.chosen()
-        said = float(aim.log_std(now + DesignedSet.of(kind, chosen).information))
-        idle = 0 if said < least - _WORTH else idle + 1
-        least = min(said, least)
+class _DesignSearch:
+    """The search for the best set of tests of one kind at one stage."""
+
+    def __init__(self, stage: DesignStage, aim: Aim, now: FloatArray, kind: str) -> None:
+        self._stage, self._aim, self._now, self._kind = stage, aim, now, kind
+        self._rng = np.random.default_rng([_SEED, stage.rig.kinds.index(kind)])
+        choose = functools.partial(exchanged, now=now, count=stage.pieces, criterion=aim.log_std)
+        self._pool = _Pool(stage, choose)
+        self._nothing = self._mark = self.log_std = float(aim.log_std(now))
+        self._idle, self._ended = 0, False
+        self._pool.add(drawn_drives(kind, _POOL, stage.rig, self._rng))
+
+    @property
+    def text(self) -> str:
+        """What is searched for, in words."""
+        return f"{self._kind}, {self._stage.pieces} of {self._stage.rig.seconds:.2g} s"
+
+    def go_on(self, rounds: int) -> None:
+        """So many rounds more, fewer where the search ends."""
+        for _ in range(rounds):
+            if self._ended:
+                return
+            self._round()
+
+    def _round(self) -> None:
+        """Choose the best set, then vary its tests."""
+        chosen = self._pool.chosen()
+        if not chosen:
+            self._ended = True
+            return
+        own = DesignedSet.of(self._kind, chosen)
+        self.log_std = float(self._aim.log_std(self._now + own.information))
+        self._idle += 1
+        if self.log_std < self._mark - _WORTH:
+            self._mark, self._idle = self.log_std, 0
         # Nothing that is drawn says anything, or varying it says no more.
-        if not chosen or least > nothing - _WORTH or idle == _PATIENCE:
-            break
-        varied = [p.drive for p in dict.fromkeys(chosen) for _ in range(_NEIGHBOURS)]
-        pool.add([drive.changed(rng, stage.rig) for drive in varied])
-    pool.check_on(stage.last)
-    chosen = pool.chosen()
-    return DesignedSet.of(kind, chosen) if chosen else None
+        self._ended = self._mark == self._nothing or self._idle == _PATIENCE
+        if self._ended:
+            return
+        rig, rng = self._stage.rig, self._rng
+        drives = [p.drive for p in dict.fromkeys(chosen)]
+        varied = [drives[i % len(drives)].changed(rng, rig) for i in range(_VARIED)]
+        self._pool.add([*varied, *drawn_drives(self._kind, _DRAWN, rig, rng)])
+
+    def checked(self) -> DesignedSet | None:
+        """The set, checked on the last plants too."""
+        self._pool.check_on(self._stage.last)
+        chosen = self._pool.chosen()
+        return DesignedSet.of(self._kind, chosen) if chosen else None
 
 
 def exchanged(
@@ -298,7 +336,8 @@ def _motions(stage: DesignStage, drives: Sequence[Drive]) -> list[CandidateMotio
     commands = [d.commands(stage.rig) for d in drives]
     rest = place_at_rest(model.parameters)
     inputs = [
-        inputs_of_commands(d.kind, time, *c, rest) for d, c in zip(drives, commands, strict=True)
+        inputs_of_commands(d.kind, time, *c, rest + d.start)
+        for d, c in zip(drives, commands, strict=True)
     ]
     names = simulated_channels(rig.position_channel)
     found = []
@@ -307,7 +346,9 @@ def _motions(stage: DesignStage, drives: Sequence[Drive]) -> list[CandidateMotio
     ):
         channels = measured_channels(run, rig.position_channel, model)
         shown = np.array([channels[n] for n in names])
-        found.append(CandidateMotion(d.kind, said_of(d, stage), time, motor, valves, shown))
+        found.append(
+            CandidateMotion(d.kind, said_of(d, stage), time, motor, valves, shown, d.start)
+        )
     return found
 
 

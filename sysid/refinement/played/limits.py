@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
-from sysid.plant.base import place_at_rest
+from sysid.plant.base import load_effort, place_at_rest
 from sysid.plant.ports import Model
 from sysid.refinement.candidates import CandidateMotion, inputs_of_commands, leaves_travel
 from sysid.refinement.played.signals import Actuators, Drive
@@ -26,8 +26,10 @@ OFF = 0.2
 # Of half the travel and of the speed: what a test is designed to stay within on the plants that it
 # is tried on, as those that it then meets are others.
 MARGIN = 0.85
-# Of the stroke: how far from the middle a test may start.
+# Of the stroke: how far from its place a test may start.
 _START = 0.02
+# Between the middle and a limit, where it is asked whether friction holds.
+_PLACES = 200
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def inside(
     *,
     at_rest_too: bool = False,
 ) -> BoolArray:
-    """(drives,): whether each stays within the limits on every plant, from near where it rests.
+    """(drives,): whether each stays within the limits on every plant, from near where it starts.
 
     With `at_rest_too` also from there.
     """
@@ -92,13 +94,14 @@ def inside(
     # In units of half the travel, the same of each plant.
     near = 2.0 * _START * limits.position * rng.uniform(-1.0, 1.0, len(plants))
     rests = np.array([place_at_rest(plant.parameters) for plant in plants])
-    starts = np.concatenate([rests + near, *([rests] if at_rest_too else [])])
-    of_starts = [*plants] * (len(starts) // len(plants))
+    rests = np.concatenate([rests + near, *([rests] if at_rest_too else [])])
+    of_starts = [*plants] * (len(rests) // len(plants))
+    starts = np.concatenate([rests + d.start for d in drives])
     commands = [d.commands(rig) for d in drives]
     inputs = [
         inputs_of_commands(d.kind, rig.time, *c, start)
         for d, c in zip(drives, commands, strict=True)
-        for start in starts
+        for start in rests + d.start
     ]
     runs = simulate(inputs, of_starts * len(drives), nan_if_endless=True)
     held = [
@@ -106,9 +109,9 @@ def inside(
             not leaves_travel(run.position, limits.position, start).any()
             and np.abs(run.velocity).max() <= limits.speed
         )
-        for run, start in zip(runs, np.tile(starts, len(drives)), strict=True)
+        for run, start in zip(runs, starts, strict=True)
     ]
-    stays = np.array(held).reshape(len(drives), len(starts)).all(axis=1)
+    stays = np.array(held).reshape(len(drives), len(rests)).all(axis=1)
     weak = [float(np.abs(motor).max()) <= limits.effort for motor, _ in commands]
     return np.asarray(stays & np.array(weak))
 
@@ -119,11 +122,28 @@ def extremes(motions: Sequence[CandidateMotion], plants: Sequence[Model]) -> tup
 
     rests = [place_at_rest(plant.parameters) for plant in plants]
     inputs = [
-        inputs_of_commands(m.kind, m.time, m.motor, m.valves, r) for m in motions for r in rests
+        inputs_of_commands(m.kind, m.time, m.motor, m.valves, r + m.start)
+        for m in motions
+        for r in rests
     ]
     runs = simulate(inputs, [*plants] * len(motions))
     far = max(float(np.abs(run.position).max()) for run in runs)
     return far, max(float(np.abs(run.velocity).max()) for run in runs)
+
+
+def held_reach(plants: Sequence[Model], limits: MotionLimits) -> float:
+    """How far from the middle friction holds all plants, rad or m, with a margin; 0 with a spring
+    that rests them elsewhere."""
+    if any(place_at_rest(plant.parameters) for plant in plants):
+        return 0.0
+    away = limits.position * np.linspace(0.0, 1.0, _PLACES)
+    holds = [
+        np.abs(load_effort(side * away, p) - p.offset) <= MARGIN * p.static_effort
+        for p in (plant.parameters for plant in plants)
+        for side in (-1.0, 1.0)
+    ]
+    slips = np.flatnonzero(~np.all(holds, axis=0))
+    return float(away[max(slips[0] - 1, 0)] if slips.size else away[-1])
 
 
 __all__ = [
@@ -131,6 +151,7 @@ __all__ = [
     "OFF",
     "MotionLimits",
     "extremes",
+    "held_reach",
     "inside",
     "off_plants",
 ]

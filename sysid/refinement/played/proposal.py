@@ -19,7 +19,7 @@ from sysid.refinement.candidates import DURATION_S, MOST_STATIC, TRAVEL_USED
 from sysid.refinement.information import ProbedProblem
 from sysid.refinement.options import RunsOfTests, information, problem_of, runs_of_tests
 from sysid.refinement.played.design import Aim, DesignedSet, DesignStage, designed
-from sysid.refinement.played.limits import MotionLimits, extremes, off_plants
+from sysid.refinement.played.limits import MARGIN, MotionLimits, extremes, held_reach, off_plants
 from sysid.refinement.played.result import Expected, PlayedTest, Reached
 from sysid.refinement.played.signals import Actuators
 from sysid.refinement.probes import Probes, probes_of
@@ -70,7 +70,7 @@ def played_test(
         raise input_error(
             "--duration", f"{request.duration:g} s is too short", f"give at least {_PIECE_S:g} s"
         )
-    probes, aim = _aimed(began, request.asked, catalogue)
+    probes, aim = aimed(began, request.asked, catalogue)
     problem, now = _known(began, probes)
     row = rig.sampling.period_s if rig.sampling is not None else MAX_STEP
     limits = _limits(began, request)
@@ -78,9 +78,10 @@ def played_test(
     off = off_plants(began.bundle, rig, setting.model, _TRIED + _FRESH + _LAST, _SEED)
     plants = [setting.model, *off[:_TRIED]]
     fresh, last = off[_TRIED:-_LAST], off[-_LAST:]
+    reach = held_reach(off, limits.scaled(MARGIN))
     stages = []
     for number in (pieces, _TIMES_AS_MANY * pieces):
-        actuators = Actuators.of(rig, row, request.duration / number, effort)
+        actuators = Actuators.of(rig, row, request.duration / number, effort, reach)
         stages.append(DesignStage(setting, problem, actuators, number, limits, plants, fresh, last))
     found = designed(stages, aim, now, progress)
     expected = _expected(aim, problem, now, found)
@@ -103,7 +104,7 @@ _NO_SPEED = (
 )
 
 
-def _aimed(
+def aimed(
     began: Beginning, asked: Sequence[str], catalogue: Catalogue | None
 ) -> tuple[Probes, Aim]:
     """The effects that are asked for as probes, and the columns of all that is asked."""
@@ -165,4 +166,4 @@ def _reached(found: DesignedSet, plants: Sequence[Model]) -> Reached:
     return Reached(far, fast, max(float(np.abs(m.motor).max()) for m in found.motions))
 
 
-__all__ = ["DURATION_S", "PlayRequest", "played_test"]
+__all__ = ["DURATION_S", "PlayRequest", "aimed", "played_test"]

@@ -47,7 +47,7 @@ class Reached:
 
 @dataclass(frozen=True, repr=False)
 class PlayedTest(Shown):
-    """A test that a rig can play: short tests of one `kind`, each from rest near the middle.
+    """A test that a rig can play: short tests of one `kind`, each from rest where it says.
 
     `motions` hold the commands; `expected` the standard errors of what was asked; `limits` are kept
     on the model and on `plants` plants whose constants are off by 20 %, which reach `reached`.
@@ -137,10 +137,16 @@ class PlayedTest(Shown):
         effort = f", {units.word} {most.effort:.4g} {units.effort}" if r.effort else ""
         spring = self.rig.spring is not None
         where = "where the spring holds it" if spring else "in the middle of the travel"
+        starts = {str(k): float(m.channels[0, 0]) for k, m in enumerate(self.motions, 1) if m.start}
+        if starts:
+            where += " or at the place given"
         valves = self.rig.all_valves
         emptied = " and the chamber emptied" if self.rig.bleeds else ""
         header = PlayedHeader(
-            self.kind, tuple((e.name, e.now, e.after, e.unit) for e in self.expected)
+            self.kind,
+            tuple((e.name, e.now, e.after, e.unit) for e in self.expected),
+            starts,
+            units.position,
         )
         return [
             *header.lines(),
@@ -165,6 +171,7 @@ class PlayedTest(Shown):
             "tests": len(self.motions),
             "duration_s": self.duration,
             "content": [m.text for m in self.motions],
+            "starts": [m.start for m in self.motions],
             "expected": self.records(),
             "limits": {
                 "position": most.position,

@@ -23,8 +23,9 @@ _SHORTEST = 0.3
 _SINES, _MOST_STEPS = 4, 6
 # Rows in the shortest period of a sine: at the sampling theorem's two nothing of it is seen.
 _ROWS_A_PERIOD = 20
-# Standard deviations of a change: log frequency and weight, phase in rad, level.
-_CHANGE = (0.15, 0.4, 0.15)
+# Standard deviations of the largest change: log frequency and weight, phase in rad, level; and the
+# smallest change, a share of it.
+_CHANGE, _FINEST = (0.15, 0.4, 0.15), 0.1
 _SMALLER = 0.75
 # Range of a duty's middle, and of a switched wave's threshold, at full size.
 _MIDDLE, _THRESHOLD = (0.03, 0.9), (-0.1, 0.7)
@@ -58,9 +59,11 @@ class Wave:
             mix=float(rng.choice([0.0, 0.5, 1.0])),
         )
 
-    def changed(self, rng: np.random.Generator, band: tuple[float, float]) -> Wave:
-        """A neighbour of it."""
-        ratio, turn, step = _CHANGE
+    def changed(
+        self, rng: np.random.Generator, band: tuple[float, float], much: float = 1.0
+    ) -> Wave:
+        """A neighbour of it, `much` (0 to 1) off."""
+        ratio, turn, step = (much * c for c in _CHANGE)
         n, k = len(self.hz), len(self.at)
         return Wave(
             hz=np.clip(self.hz * np.exp(ratio * rng.standard_normal(n)), *band),
@@ -87,7 +90,8 @@ class Actuators:
 
     `time` (n,) s; `effort` Nm or N, 0 without a motor; `pwm_rows` in a PWM period, 0 without;
     `hold_rows` the shortest time for which a valve stays switched, in rows; `valves` how many
-    there are; `bleeds`: the second one empties the chamber that the first one fills.
+    there are; `bleeds`: the second one empties the chamber that the first one fills; `reach`, rad
+    or m: how far from where it rests a test may begin.
     """
 
     time: FloatArray
@@ -96,9 +100,12 @@ class Actuators:
     hold_rows: int
     valves: int = 2
     bleeds: bool = False
+    reach: float = 0.0
 
     @classmethod
-    def of(cls, rig: Rig, row_s: float, seconds: float, effort: float) -> Actuators:
+    def of(
+        cls, rig: Rig, row_s: float, seconds: float, effort: float, reach: float = 0.0
+    ) -> Actuators:
         """Those of a rig, for tests of so many seconds."""
         time = np.asarray(np.arange(round(seconds / row_s)) * row_s, dtype=float)
         pwm = 0 if rig.pwm is None else round(rig.pwm.period_s / row_s)
@@ -106,7 +113,7 @@ class Actuators:
         # A shorter pulse never opens the valve, a shorter pause never closes it.
         hold = 0.0 if valves is None else 2.0 * (valves.on_delay_s + valves.off_delay_s)
         rows = max(math.ceil(hold / row_s), 1)
-        return cls(time, effort, pwm, rows, len(rig.valve_names), rig.bleeds)
+        return cls(time, effort, pwm, rows, len(rig.valve_names), rig.bleeds, reach)
 
     @property
     def seconds(self) -> float:
@@ -139,6 +146,7 @@ class Drive:
 
     `motor` None: not driven. `valves`: of each; `middle` (valves,) of the duties, or the
     threshold above which a valve is on; `span` of the duties. `size` 0 to 1 scales all of it.
+    `start`, rad or m from where the rig rests: a stroke from one side has twice the way.
     `until`: share of the test after which nothing is commanded any more: open loop, a plant off
     the model drifts away the farther the longer it is driven.
     """
@@ -151,6 +159,7 @@ class Drive:
     share: float
     until: float = 1.0
     size: float = 1.0
+    start: float = 0.0
 
     @classmethod
     def drawn(cls, kind: str, rng: np.random.Generator, rig: Actuators) -> Drive:
@@ -164,8 +173,9 @@ class Drive:
         motor = Wave.drawn(rng, motor_band) if with_motor else None
         share, span = float(rng.uniform(0.3, 1.0)), float(rng.uniform(0.3, 1.0))
         until = float(rng.uniform(_SHORTEST, 1.0))
+        start = _readable(rig.reach * float(rng.choice([0.0, rng.uniform(-1.0, 1.0)])))
         if kind == "motion-motor":
-            return cls(kind, motor, None, np.zeros(rig.valves), span, share, until)
+            return cls(kind, motor, None, np.zeros(rig.valves), span, share, until, start=start)
         one = Wave.drawn(rng, valve_band)
         opposed = replace(one, phase=one.phase + math.pi, levels=-one.levels)
         other = (opposed, one, Wave.drawn(rng, valve_band))[int(rng.integers(3))]
@@ -173,22 +183,24 @@ class Drive:
             other = other.changed(rng, valve_band)
         low, high = _MIDDLE if kind == "motion-pwm" else _THRESHOLD
         middle = rng.uniform(low, high) * (1.0 + 0.2 * rng.uniform(-1.0, 1.0, rig.valves))
-        return cls(kind, motor, (one, other)[: rig.valves], middle, span, share, until)
+        return cls(kind, motor, (one, other)[: rig.valves], middle, span, share, until, start=start)
 
     def changed(self, rng: np.random.Generator, rig: Actuators) -> Drive:
         """A neighbour of it, as large as it may be."""
         band = rig.band(_rows(self.kind, rig))
         valves = self.valves
-        step = _CHANGE[2]
+        much = float(np.exp(rng.uniform(math.log(_FINEST), 0.0)))
+        step = much * _CHANGE[2]
         return replace(
             self,
-            motor=None if self.motor is None else self.motor.changed(rng, rig.band(1)),
-            valves=None if valves is None else tuple(v.changed(rng, band) for v in valves),
+            motor=None if self.motor is None else self.motor.changed(rng, rig.band(1), much),
+            valves=None if valves is None else tuple(v.changed(rng, band, much) for v in valves),
             middle=self.middle * np.exp(step * rng.standard_normal(len(self.middle))),
             span=float(np.clip(self.span + step * rng.standard_normal(), 0.1, 1.0)),
             share=float(np.clip(self.share + step * rng.standard_normal(), 0.05, 1.0)),
             until=float(np.clip(self.until + step * rng.standard_normal(), _SHORTEST, 1.0)),
             size=min(1.0, self.size / _SMALLER),
+            start=_readable(rig.reach * _within_one(self.start / (rig.reach or 1.0), step, rng)),
         )
 
     def smaller(self) -> Drive:
@@ -229,6 +241,15 @@ def _emptied(valves: FloatArray, rig: Actuators) -> FloatArray:
         last = rig.time >= (1.0 - _REST - _RAMP) * rig.time[-1]
         valves[0, last], valves[1, last] = 0.0, 1.0
     return valves
+
+
+def _readable(value: float) -> float:
+    """As an operator reads it who brings the arm there."""
+    return float(f"{value:.3g}")
+
+
+def _within_one(value: float, step: float, rng: np.random.Generator) -> float:
+    return float(np.clip(value + step * rng.standard_normal(), -1.0, 1.0))
 
 
 def _rows(kind: str, rig: Actuators) -> int:
