@@ -603,9 +603,21 @@ def integrated(
     return np.array(found)
 
 
+def dahl(compliance: float) -> friction.Presliding:
+    """The bristle of Dahl's law: no more friction at rest, no damping."""
+    return friction.Presliding(compliance, 0.0, bristle_damping_nm_s_per_rad=0.0)
+
+
+def bristle_friction(effect: friction.Presliding, point: Point, share: float) -> Any:
+    """All of dry friction, the bristle's with the rest of the base law's, against the motion."""
+    known = dataclasses.replace(point, extra={"presliding_share": share})
+    dry = REFERENCE.coulomb_effort * point.direction
+    return effect.friction_effort(dry, known) - effect.external_effort(0.0, known)
+
+
 @pytest.mark.parametrize("compliance", [1 / 400, 1 / 50])
 def test_presliding_friction_builds_up_over_the_displacement(compliance: float) -> None:
-    effect = friction.Presliding(compliance)
+    effect = dahl(compliance)
     span = compliance * REFERENCE.coulomb_effort
     step, speed = 5e-4, 0.05
     points = [moving(velocity=-speed, direction=-1.0)] * 200
@@ -613,19 +625,40 @@ def test_presliding_friction_builds_up_over_the_displacement(compliance: float) 
     travel = speed * step * np.arange(len(share))
     np.testing.assert_allclose(share, -1.0 + 2.0 * np.exp(-travel / span), atol=3e-3)
     # The friction is the bristle's: with the motion at first, against it in the end.
-    resting = -REFERENCE.coulomb_effort
-    felt = [
-        effect.friction_effort(resting, dataclasses.replace(p, extra={"presliding_share": s}))
-        for p, s in zip(points, share, strict=True)
-    ]
+    felt = [bristle_friction(effect, p, s) for p, s in zip(points, share, strict=True)]
     np.testing.assert_allclose(felt, REFERENCE.coulomb_effort * share)
 
 
+def test_a_bristle_holds_more_the_slower_it_slides() -> None:
+    """g of LuGre's law, with the bristle's damping while it gives."""
+    effect = friction.Presliding(1 / 400, 0.1, 0.02, 0.5)
+    for speed in (0.005, 0.02, 0.1):
+        point = moving(velocity=speed, direction=1.0)
+        share = integrated(effect, [point] * 4000, 5e-4, "presliding_share", 0.0)
+        level = REFERENCE.coulomb_effort + 0.1 * np.exp(-((speed / 0.02) ** 2))
+        assert bristle_friction(effect, point, share[-1]) == pytest.approx(level, rel=1e-4)
+        assert bristle_friction(effect, point, 0.0) == pytest.approx(0.5 * speed)
+
+
 def test_a_bristle_at_rest_takes_up_the_applied_effort() -> None:
-    effect = friction.Presliding(1 / 400)
+    effect = dahl(1 / 400)
     equal = {"pressure_a": 1e5, "pressure_b": 1e5, "velocity": 0.0, "direction": 0.0}
-    share = integrated(effect, [moving(motor=0.1, **equal)] * 40, 5e-4, "presliding_share", 1.0)
-    assert share[-1] == pytest.approx(0.1 / REFERENCE.static_effort, rel=1e-6)
+    share = integrated(effect, [moving(motor=0.1, **equal)] * 400, 5e-4, "presliding_share", 1.0)
+    assert share[-1] == pytest.approx(0.1 / REFERENCE.coulomb_effort, rel=1e-6)
+
+
+def test_a_shaft_on_a_bristle_creeps_and_springs_back() -> None:
+    """Below breakaway it goes as far as the bristle gives, and back; the base model holds it."""
+    rig = FREE.replace(static_effort=0.3, coulomb_effort=0.2)
+    time = np.arange(8001) * 1e-3
+    motor = np.interp(time, [0.0, 3.0, 5.0, 8.0], [0.0, 0.1, 0.1, 0.0])
+    effect = friction.Presliding(1 / 100, 0.0, bristle_damping_nm_s_per_rad=1.0)
+    path = one(Inputs(time, motor), whole(rig, effect)).position
+    # At half the level it has given by ln 2 of its span, of which the way back is ln 1.5.
+    span = 0.2 / 100
+    assert path[4900] == pytest.approx(math.log(2.0) * span, rel=0.02)
+    assert path[-1] == pytest.approx((math.log(2.0) - math.log(1.5)) * span, rel=0.05)
+    assert np.ptp(one(Inputs(time, motor), whole(rig)).position) == 0.0
 
 
 def test_presliding_fades_with_the_compliance() -> None:

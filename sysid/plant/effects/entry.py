@@ -134,11 +134,12 @@ class Quantity:
 
     def at_speeds(self, fastest: float) -> Quantity:
         """It on a rig that moves as fast as this, rad/s or m/s: a speed's range, and what is tried
-        of it, reach from a hundredth of that to that."""
+        of it, reach from a hundredth of that to that. What is tried at one value stays so."""
         if self.is_strength or self.unit not in SPEEDS or not self.grid or not fastest > 0.0:
             return self
         tried = (share * fastest for share in _SPEED_SHARES)
         beyond = [v for v in tried if not min(self.grid) <= v <= max(self.grid)]
+        beyond = beyond if len(self.grid) > 1 else []
         return replace(
             self,
             lower=min(self.lower, _SLOWEST * fastest),

@@ -13,6 +13,8 @@ from sysid.plant.ports import Model, Point
 
 # The presliding state relaxes no faster than the simulator's explicit steps can follow, 1/s.
 _FASTEST_RATE = 1.2 / MAX_STEP
+# Nor does a bristle and the inertia on it swing faster, rad/s.
+_FASTEST_RESONANCE = 0.5 / MAX_STEP
 # Speed within one step of standstill, rad/s: bristles stiffer than a step resolves fade there.
 _LEAST_SPEED = 1e-2
 # Square of a wave's height that is none: of no wave the height has no slope.
@@ -242,15 +244,19 @@ class LoadDependentFriction(CatalogueEffect):
 class Presliding(CatalogueEffect):
     """Friction builds up over a small displacement after a reversal (Dahl's and LuGre's bristle).
 
-    The strength is the bristle's compliance 1/sigma, so that 0 is the rigid base law. The state
-    z is the share of Coulomb friction that the bristle carries while sliding:
-    dz/dt = w (sign w - z) / (compliance t_cf sign w). No rate is faster than the simulator can
-    follow; where the bristle's is, z is weighted so that the lost impulse stays right to first
-    order. At rest the shaft holds as in the base model, and the bristle takes up the applied
-    effort: the small creep that this allows is neglected.
+    The strength is the bristle's compliance 1/sigma_0, so that 0 is the rigid base law. The state
+    z is the share of Coulomb friction t_cf that the bristle carries. It nears the level at which it
+    slides, g = 1 + (t_s / t_cf) exp(-(w/ws)^2), over a displacement of compliance t_cf:
+    dz/dt = |w| (sign w - z/g) / (compliance t_cf); Dahl's law has t_s = 0. While it gives, the
+    bristle is damped. It takes the place of dry friction, at rest too: the shaft creeps as the
+    effort on it changes. A bristle too stiff or too fast for a step to follow takes a part of that
+    place alone. Where measured motion rests, it is as far as the effort holds it.
     """
 
     bristle_compliance_rad_per_nm: Array = 0.0
+    bristle_static_torque_nm: Array = 0.1
+    stribeck_velocity_rad_per_s: Array = 0.02
+    bristle_damping_nm_s_per_rad: Array = 0.5
     states = ("presliding_share",)
 
     id = "presliding"
@@ -259,6 +265,42 @@ class Presliding(CatalogueEffect):
     quantities = (
         Quantity(
             "bristle_compliance_rad_per_nm", "rad/Nm", 1.0 / 400.0, 0.0, 0.1, "1/stiffness, 1/sigma"
+        ),
+        Quantity(
+            "bristle_static_torque_nm",
+            "Nm",
+            0.1,
+            0.0,
+            2.0,
+            "beyond Coulomb friction, up to which it holds at rest",
+            is_strength=False,
+            grid=(0.1,),
+            is_smooth=True,
+            absent=0.0,
+        ),
+        Quantity(
+            "stribeck_velocity_rad_per_s",
+            "rad/s",
+            0.02,
+            1e-3,
+            0.5,
+            "velocity scale of the fall from that to sliding",
+            is_strength=False,
+            grid=(0.02,),
+            is_smooth=True,
+            absent=0.02,
+        ),
+        Quantity(
+            "bristle_damping_nm_s_per_rad",
+            "Nm s/rad",
+            0.5,
+            0.0,
+            20.0,
+            "of the bristle while it gives",
+            is_strength=False,
+            grid=(0.5,),
+            is_smooth=True,
+            absent=0.0,
         ),
     )
     signature = "hysteresis at reversals: friction builds up over a small displacement"
@@ -270,13 +312,43 @@ class Presliding(CatalogueEffect):
         """Displacement over which Coulomb friction builds up, rad."""
         return self.bristle_compliance_rad_per_nm * point.parameters.coulomb_effort
 
+    def _level(self, point: Point, speed: Array) -> Array:
+        """The share at which the bristle slides at a speed, of Coulomb friction."""
+        xp = array_namespace(speed, self.bristle_static_torque_nm)
+        beyond = self.bristle_static_torque_nm / xp.maximum(
+            point.parameters.coulomb_effort, LEAST_DIVISOR
+        )
+        return 1.0 + beyond * xp.exp(-((speed / self.stribeck_velocity_rad_per_s) ** 2))
+
+    def _weight(self, point: Point, speed: Array) -> Array:
+        """The part of dry friction whose place the bristle takes, 0 to 1."""
+        xp = array_namespace(speed, self.bristle_compliance_rad_per_nm)
+        followed = _FASTEST_RATE * self._span(point) / xp.maximum(speed, _LEAST_SPEED)
+        stiffest = _FASTEST_RESONANCE**2 * point.parameters.inertia
+        soft = stiffest * self.bristle_compliance_rad_per_nm
+        return xp.minimum(xp.minimum(followed, soft), 1.0)
+
     def friction_effort(self, effort: Array, point: Point) -> Array:
+        if "presliding_share" not in point.extra:
+            return effort
+        speed = array_namespace(point.velocity).abs(point.velocity)
+        dry = self._weight(point, speed) * point.parameters.coulomb_effort * point.direction
+        return effort - dry
+
+    def static_effort(self, effort: Array, point: Point) -> Array:
+        if "presliding_share" not in point.extra:
+            return effort
+        return effort * (1.0 - self._weight(point, 0.0 * point.velocity))
+
+    def external_effort(self, effort: Array, point: Point) -> Array:
+        if "presliding_share" not in point.extra:
+            return effort
         xp = array_namespace(point.velocity, self.bristle_compliance_rad_per_nm)
-        share = point.extra.get("presliding_share", point.direction)
-        missing = xp.where(point.direction == 0, 0.0, share - point.direction)
-        speed = xp.maximum(xp.abs(point.velocity), _LEAST_SPEED)
-        weight = xp.minimum(_FASTEST_RATE * self._span(point) / speed, 1.0)
-        return effort + weight * point.parameters.coulomb_effort * missing
+        share, speed = point.extra["presliding_share"], xp.abs(point.velocity)
+        gives = point.velocity - speed * share / self._level(point, speed)
+        carried = point.parameters.coulomb_effort * share
+        carried = carried + self.bristle_damping_nm_s_per_rad * gives
+        return effort - self._weight(point, speed) * carried
 
     def initial_states(self, point: Point) -> dict[str, Array]:
         xp = array_namespace(point.velocity)
@@ -284,14 +356,19 @@ class Presliding(CatalogueEffect):
 
     def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
         xp = array_namespace(point.velocity, self.bristle_compliance_rad_per_nm)
-        span, share = self._span(point), point.extra["presliding_share"]
+        p, share = point.parameters, point.extra["presliding_share"]
         speed = xp.abs(point.velocity)
-        sliding = xp.minimum(speed / xp.maximum(span, LEAST_DIVISOR), _FASTEST_RATE)
-        p = point.parameters
-        held = plant.applied_effort(point, Model(p)) / xp.maximum(p.static_effort, LEAST_DIVISOR)
+        level = self._level(point, speed)
+        span = xp.maximum(self._span(point) * level, LEAST_DIVISOR)
+        sliding = xp.minimum(speed / span, _FASTEST_RATE)
+        # Measured motion that rests: the shaft on its bristle nears what the effort asks for no
+        # faster than it swings.
+        swings = xp.maximum(self.bristle_compliance_rad_per_nm * p.inertia, _FASTEST_RATE**-2)
+        held = plant.applied_effort(point, Model(p)) / xp.maximum(p.coulomb_effort, LEAST_DIVISOR)
         at_rest = point.direction == 0
-        target = xp.where(at_rest, xp.clip(held, -1.0, 1.0), point.direction)
-        return {"presliding_share": xp.where(at_rest, _FASTEST_RATE, sliding) * (target - share)}
+        target = xp.where(at_rest, xp.clip(held, -level, level), level * point.direction)
+        rate = xp.where(at_rest, 1.0 / xp.sqrt(swings), sliding)
+        return {"presliding_share": rate * (target - share)}
 
 
 @dataclass(frozen=True)
