@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,13 +13,15 @@ from test_diagnosis import OTHERS, Tests, finder_of, made, null_of, seen_in, twi
 
 from sysid.diagnosis.actuator import finder as finder_module
 from sysid.diagnosis.actuator.bent_waves import bent_waves
+from sysid.diagnosis.actuator.between_tests import Support
 from sysid.diagnosis.actuator.columns import Proposal
 from sysid.diagnosis.actuator.equation_error import CHANNELS, EFFORT
 from sysid.diagnosis.actuator.finder import Finder, _worth_fitting
-from sysid.diagnosis.actuator.fitted_set import fit_set, weighed
+from sysid.diagnosis.actuator.fitted_set import FittedSet, fit_set, weighed
 from sysid.diagnosis.actuator.misfit import ResidualChannel, cost, rise, weights_of
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected, channel_squares, projected
+from sysid.diagnosis.actuator.refit import Refit
 from sysid.diagnosis.actuator.samples import Traces, commanded_lengths, prepare
 from sysid.diagnosis.actuator.screened import Bias, Signed, screened
 from sysid.diagnosis.actuator.signatures import candidates, signature
@@ -149,6 +151,34 @@ def test_an_effect_of_a_few_tests_is_no_effect(
     starts = [TorqueOffset(0.001), MountingTilt(0.001, 0.001)]
     pair = fit_set(base, channels, starts, none)
     assert (pair.evidence(channels, none) > 50.0) == (tests == len(twin.runs))
+
+
+@pytest.mark.parametrize(("more", "evidence"), [(20.0, 140.0), (250.0, 600.0), (-5.0, 95.0)])
+def test_what_is_owed_to_few_tests_a_further_effect_pays_with_what_it_gains(
+    more: float,
+    evidence: float,
+    rig: tuple[Traces, Model, Rig],
+    null: Null,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Next to an effect that hardly helps, strengths may scatter less between tests by chance."""
+    finder = finder_of(lacking(rig), null, KINDS)
+    monkeypatch.setattr(finder, "_by_chance", lambda *_: 0.0)
+    base = finder.first
+    finder.channels = tuple(
+        ResidualChannel.of_noise(len(base.frame.windows[name])) for name in CHANNELS
+    )
+    effort = np.array([float(name == EFFORT) for name in CHANNELS])
+
+    def gaining(squares: float, most: float) -> FittedSet:
+        refit = cast(Refit, SimpleNamespace(effects=()))
+        return FittedSet(refit, finder.none - squares * effort, 0.0, (Support(finder.none, most),))
+
+    alone, both = frozenset({"a"}), frozenset({"a", "b"})
+    finder.sets = {alone: gaining(400.0, 100.0)}
+    assert finder.evidence(alone) == pytest.approx(100.0)
+    finder.sets[both] = gaining(400.0 + more, 380.0 + more)
+    assert finder.evidence(both) == pytest.approx(evidence)
 
 
 def test_a_shape_that_gains_on_twins_once_it_is_fitted_is_no_evidence(

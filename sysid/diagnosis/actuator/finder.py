@@ -143,14 +143,25 @@ class Finder:
     def evidence(self, names: frozenset[str]) -> float:
         """Twice the log evidence of a fitted set over that of no effect; -inf if not fitted.
 
-        Less what twins gain by its effects, and what the best of so many gain by chance.
+        Less what twins gain by its effects, what the best of so many gain by chance, and what they
+        gain in few tests. What a smaller set owes to few tests this one owes too, but for as much
+        as its further effects gain: so much of that scatter they may explain.
         """
         if not names:
             return 0.0
-        found = self.sets.get(names)
-        if found is None:
+        if names not in self.sets:
             return -math.inf
-        alone = found.evidence(self.channels, self.none) - self._by_chance(names, found)
+        gained = self._gained(names)
+        owed = self.sets[names].of_few_tests(self.channels)
+        for fewer in [some for some in self.sets if some < names]:
+            more = max(gained - self._gained(fewer), 0.0)
+            owed = max(owed, self.sets[fewer].of_few_tests(self.channels) - more)
+        return gained - owed
+
+    def _gained(self, names: frozenset[str]) -> float:
+        """A fitted set's evidence, whatever it owes to few tests."""
+        found = self.sets[names]
+        alone = found.gained(self.channels, self.none) - self._by_chance(names, found)
         return alone + self._gain_in_supply(found.effects)
 
     def _gain_in_supply(self, effects: Sequence[CatalogueEffect]) -> float:

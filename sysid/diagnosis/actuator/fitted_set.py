@@ -58,14 +58,20 @@ class FittedSet:
     def evidence(self, channels: Sequence[ResidualChannel], none: FloatArray) -> float:
         """Twice the log of the marginal likelihood over that of no effect, which leaves the squares
         `none` (channels,); -inf where one of the effects is absent."""
+        return self.gained(channels, none) - self.of_few_tests(channels)
+
+    def gained(self, channels: Sequence[ResidualChannel], none: FloatArray) -> float:
+        """The same, were the strengths known as well as noise lets them be."""
         if not self.is_whole:
             return -math.inf
+        return float(cost(channels, none) - cost(channels, self.squares)) - self.complexity
+
+    def of_few_tests(self, channels: Sequence[ResidualChannel]) -> float:
+        """What of it is beyond what their strengths' scatter between tests allows."""
         left = cost(channels, self.squares)
-        # What they gain beyond what their strengths' scatter between tests allows.
-        of_few_tests = sum(
+        return sum(
             max(float(cost(channels, s.squares) - left) - s.most, 0.0) for s in self.supports
         )
-        return float(cost(channels, none) - left) - self.complexity - of_few_tests
 
 
 def fit_set(
