@@ -20,6 +20,7 @@ import pytest
 from conftest import RIG_TEXT
 
 from sysid.blocks.figures import Words
+from sysid.checks.identifiability import valves_identified
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.identification.valve_pwm.coverage import duty_gaps, off_surface_tests
 from sysid.identification.valve_pwm.remarks import Remarks
@@ -348,7 +349,7 @@ def test_the_network_is_nearer_the_valve_than_nine_terms() -> None:
     assert part.comparison.network.rmse < 0.4 * part.comparison.bipolynomial.rmse
     assert part.comparison.network.rmse < 0.025
     assert bundled(fit)["a"]["pwm"]["fill"]["ann"]["training"]["seed"] == 3
-    assert "use ann" in fit.remarks[0]
+    assert "of the two surfaces ann" in fit.remarks[0]
     assert not bundled(fit)["a"]["pwm"]["discharge"]["identified"]
     assert "not identified: valve A, discharging" in " ".join(fit.notices)
 
@@ -479,6 +480,28 @@ def test_where_a_direction_begins_is_not_asked_for() -> None:
     said = one_line(fit, "filling: choked filling", "cannot be identified")
     assert "tests begin there, but these rows are missing or excluded" in said
     assert "steady it" in one_line(fit, "supply_pressure_pa deviates")
+
+
+def test_a_duty_that_a_controller_moves_is_none_of_a_surface() -> None:
+    """Whose check counted its median for a duty of its own."""
+
+    def moved(t: Trial) -> Trial:
+        return with_channels(t, duty_a=t["duty_a"] + 1e-3 * np.sin(t.time))
+
+    by_kind = {"valve-pwm": [moved(t) for t in make_trials()]}
+    found = {one.parameter: one for one in valves_identified(by_kind, make_rig())}
+    fills = found["valve A PWM surface, filling"]
+    assert not fills.identified
+    assert "0 duties (duty_a changes within 50 of 50)" in fills.reason
+
+
+@pytest.mark.parametrize("direction", ["fill", "dis"])
+def test_tests_in_one_direction_identify_the_averaged_law(direction: str) -> None:
+    """At rest both flows balance; the other one was bounded by a thirtieth of what is seen."""
+    fit = fit_valve_pwm(make_trials(directions=(direction,)), make_rig())
+    names = ("choked_flow_fill_kg_s", "choked_flow_dis_kg_s", "c_fill", "c_dis")
+    for name, true in zip(names, VALVES["a"], strict=True):
+        assert fit.averaged["a"].estimates[name].value == pytest.approx(true, rel=0.03)
 
 
 def test_a_supply_that_dips_with_the_pulses_costs_no_rows() -> None:

@@ -19,7 +19,7 @@ from sysid.io.campaign import FRICTION_POINTS
 from sysid.io.channels import DUTIES, SWITCHES
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig
-from sysid.io.trial_kind import is_active
+from sysid.io.trial_kind import is_active, is_one_duty
 from sysid.plant.base import CRITICAL_RATIO
 from sysid.types import FloatArray
 
@@ -168,16 +168,24 @@ def _pwm(trials: Sequence[Trial], rig: Rig, valve: str) -> Iterator[Identificati
     name, pressure = f"duty_{valve}", f"pressure_{valve}_pa"
     filling: set[float] = set()
     discharging: set[float] = set()
+    changes = 0
     for trial in trials:
         if name not in trial or pressure not in trial:
             continue
+        if not is_one_duty(trial[name]):
+            changes += 1
+            continue
         way = filling if _fills(trial[pressure], rig) else discharging
         way.add(round(float(np.median(trial[name])), 4))
+    within, one_each = "", ""
+    if changes:
+        within, one_each = f" ({name} changes within {changes} of {len(trials)})", ", one a test"
     for what, duties in (("filling", filling), ("discharging", discharging)):
         duties.discard(0.0)
         good = len(duties) >= _FEWEST_DUTIES and rig.has_pwm_surfaces
         reason = rig.why_no_surfaces or f"{len(duties)} duties"
         if not good and rig.has_pwm_surfaces:
             tests = f"valve-pwm tests of valve {valve.upper()}, {what}"
-            reason += f": needs {tests}, with at least {_FEWEST_DUTIES} duties"
+            least = f"with at least {_FEWEST_DUTIES} duties{one_each}"
+            reason += f"{within}: needs {tests}, {least}"
         yield Identification(f"valve {valve.upper()} PWM surface, {what}", good, reason)

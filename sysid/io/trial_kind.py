@@ -11,6 +11,7 @@ from sysid import signals
 from sysid.io.logs import Trial, smallest_step
 from sysid.io.measured_speed import moves
 from sysid.io.rig import HELD_SHARE, Rig
+from sysid.types import FloatArray
 
 _HELD_STEPS = 20.0
 # Share of half a stroke: a piston held farther in is not at an end.
@@ -51,6 +52,11 @@ def away_from_ends(trials: Sequence[Trial], rig: Rig) -> str | None:
 def is_active(trial: Trial, *names: str) -> bool:
     """Whether any of these commands is ever other than zero."""
     return any(name in trial and bool(np.any(trial[name] != 0.0)) for name in names)
+
+
+def is_one_duty(duty: FloatArray) -> bool:
+    """Whether a duty (n,) is the same in all rows."""
+    return float(np.ptp(duty)) <= 1e-6
 
 
 def rows_per_period(pwm_period: float, sampling_period: float) -> Fraction:

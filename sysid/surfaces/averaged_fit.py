@@ -56,6 +56,8 @@ _STAYS = 0.1
 # of squares at which each ends.
 _SOME = 500
 _ROUGH = 1e-3
+# Share of the largest flow below which a direction's own mean flow is that of noise at rest.
+_HARDLY = 1e-2
 _UNITS = {
     "choked_flow_fill_kg_s": "kg/s",
     "choked_flow_dis_kg_s": "kg/s",
@@ -337,8 +339,7 @@ def _bend(values: FloatArray, flows: MeanFlows, conditions: Conditions, before: 
 def _start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:
     """Rough values: the largest flows of either sign, without a jump between the regimes."""
     supply, atmosphere = conditions.supply, conditions.atmosphere
-    fill = max(float(flows.flow.max()), 1e-3 * float(np.abs(flows.flow).max()))
-    out = max(float(-flows.flow.min()), 1e-3 * float(np.abs(flows.flow).max()))
+    fill, out = _largest(flows)
     half_gap = 0.47 * supply
     values = {
         "choked_flow_fill_kg_s": fill,
@@ -352,17 +353,26 @@ def _start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:
 
 def _iso_start(flows: MeanFlows, conditions: Conditions) -> list[Parameter]:
     """The same for ISO 6358: the largest flows are choked, from the supply."""
-    largest = float(np.abs(flows.flow).max())
     per_conductance = float(choked_flow(conditions.supply, 1.0, conditions.temperature))
     found = []
-    for way, most in (("fill", flows.flow.max()), ("dis", -flows.flow.min())):
+    for way, most in zip(("fill", "dis"), _largest(flows), strict=True):
         name = f"sonic_conductance_{way}"
-        value = max(float(most), 1e-3 * largest) / per_conductance
+        value = most / per_conductance
         found.append(Parameter(name, value, _UNITS[name], 0.0, 30.0 * value))
     for way in ("fill", "dis"):
         name = f"critical_ratio_{way}"
         found.append(Parameter(name, USUAL_RATIO, _UNITS[name], 0.0, HIGHEST_RATIO))
     return [*found, _difference(conditions)]
+
+
+def _largest(flows: MeanFlows) -> tuple[float, float]:
+    """Largest mean flow in and out, kg/s.
+
+    Of one that hardly shows, as where tests only fill, the other: at rest they balance.
+    """
+    fill, out = float(flows.flow.max()), -float(flows.flow.min())
+    least = _HARDLY * max(fill, out)
+    return (fill if fill > least else out), (out if out > least else fill)
 
 
 def _difference(conditions: Conditions) -> Parameter:

@@ -24,6 +24,7 @@ from sysid.identification.valve_pwm.supply import (
 from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import HELD_SHARE, Rig
+from sysid.io.trial_kind import is_one_duty
 from sysid.plant.base import chamber_volume
 from sysid.surfaces.domain import SAME_SUPPLY
 from sysid.types import BoolArray, FloatArray
@@ -136,7 +137,7 @@ def _unusable(
     """Why the trial is not a constant-duty test with the piston held; None where it is one."""
     if not trial.has_its_start:
         return "its start is excluded, which shows whether it fills or discharges, and from where"
-    if float(np.ptp(duty)) > 1e-6:
+    if not is_one_duty(duty):
         return f"duty_{valve} is not constant, but a sample has only one duty"
     if signals.travel(volume, volume_count(rig, valve)) > HELD_SHARE * float(volume.mean()):
         return "the piston moved, but the flow is identified only with the piston held"
