@@ -33,6 +33,7 @@ from sysid.identification.valve_discrete.estimates import (
     critical_ratios,
     fit_of,
     flows_and_delays,
+    with_lost_edges,
     with_volume_error,
 )
 from sysid.identification.valve_discrete.held_chamber import DELAYS, FLOWS
@@ -201,6 +202,9 @@ def _fit_valve(
     if series is not None and curves is series:  # whose regimes are others
         reasons = {name: why for name, why in reasons.items() if name not in curves.problem.free}
     estimates = flows_and_delays(curves, reasons, title, notices, choice.delays)
+    fills = f"valve_{rig.filled_by(valve)}"
+    others = f"valve_{valve}_bleed" if rig.bleeds else fills
+    estimates = with_lost_edges(estimates, used, (fills, others), title, notices)
     slip = time_slip(estimates, rig)
     contradicted = any_contradiction(used) or slip is not None
     quality = {

@@ -69,6 +69,29 @@ def test_a_tank_has_the_law_of_the_valve_that_fills_it(seed: int, is_vacuum: boo
     assert "takes no heat from the wall" in line
 
 
+def test_a_tank_that_one_valve_pumps_down_and_another_bleeds() -> None:
+    """It has one chamber; it was refused as a rig with two."""
+    trial, rig, truth = drawn(3, True)
+    content = {**rig.content, "valves": {"arrangement": "fill-and-bleed"}}
+    content["valves"] |= {"on_delay_s": 0.0, "off_delay_s": 0.0}
+    volume = content["tank"]["volume_m3"]
+    pumped, step, rows = trial["pressure_a_pa"], trial.time[1], np.arange(300)
+    low = float(np.mean(pumped[-3:]))
+    c_dis = volume / (AIR[0] * AIR[1] * T * 60.0 * step)
+    bled = P0 + (low - P0) * np.exp(-rows / 60.0)
+    pressure = np.concatenate([pumped, np.full(20, low), bled])
+    fill = np.concatenate([trial["valve_a"], np.zeros(320)])
+    bleed = np.concatenate([np.zeros(len(pumped) + 20), np.ones(300)])
+    channels = {"pressure_a_pa": pressure, "valve_a_fill": fill, "valve_a_bleed": bleed}
+    two = Trial("1", step * np.arange(len(pressure)), channels, "tank.csv")
+    fit = fit_valve_discrete(
+        [two], rig_from_content(content, "rig.toml"), find_ratio=False, law="thesis"
+    )
+    found = fit.part().valves.side("a").discrete.estimates()  # type: ignore[union-attr]
+    assert found["c_fill"].value == pytest.approx(truth["c_fill"], rel=0.01)
+    assert found["c_dis"].value == pytest.approx(c_dis, rel=0.01)
+
+
 @pytest.mark.parametrize("seed", [4, 5])
 def test_a_tank_of_another_gas(seed: int) -> None:
     """The laws have the gas that the rig file declares."""

@@ -679,6 +679,25 @@ def test_a_pressure_that_settles_is_not_saturated(count: float, noise: float) ->
             assert signals.is_cut_off(shown, run, floor, low[1] - low[0] + 1) == is_cut
 
 
+def test_a_command_whose_rows_are_lost_may_have_come_earlier(rig: Rig) -> None:
+    """Of a row lost at the switching off; the delay was 1 ms short of its 2 ms, and sure of it."""
+    trials = []
+    for whole in Bench().trials(2):
+        edge = int(np.flatnonzero(np.diff(whole["valve_a"]) < 0.0)[0]) + 1
+        kept = np.delete(np.arange(len(whole)), edge)
+        channels = {name: values[kept] for name, values in whole.channels.items()}
+        trials.append(Trial(whole.label, whole.time[kept], channels, whole.source))
+    unsampled = dataclasses.replace(rig, sampling=None)
+    result = fit_quickly(trials, unsampled)
+    delay = result.valves["a"].estimates["off_delay_s"]
+    assert delay.interval[0] < VALVE_A.off_delay_s < delay.interval[1] + 1e-4
+    assert delay.interval[1] - delay.interval[0] > 0.00099
+    said = "rows are missing before valve_a switches in 3 of 3 cases"
+    assert sum(said in n for n in result.notices) == 1
+    on = result.valves["a"].estimates["on_delay_s"]
+    assert on.interval[1] - on.interval[0] < 5e-4
+
+
 @pytest.mark.parametrize(("times", "fix"), [(1000, "its unit"), (60, '--map "time_s=time_s:min"')])
 def test_a_time_of_another_unit_shows_in_the_delays(rig: Rig, times: int, fix: str) -> None:
     """Without a declared sampling period nothing else does: the flows are merely as wrong."""

@@ -648,7 +648,8 @@ def _check_together(rig: Rig) -> None:
             "add its distance from the shaft",
         )
     _check_spring(rig)
-    if rig.bleeds and len(rig.sides) > 1:
+    # A tank has one chamber, whatever a cylinder would have.
+    if rig.bleeds and len(rig.sides) > 1 and rig.held_tank is None:
         raise input_error(
             rig.source,
             '[valves] arrangement = "fill-and-bleed" on a rig with two chambers, of which no model '

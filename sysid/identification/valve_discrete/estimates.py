@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
@@ -27,6 +28,7 @@ from sysid.identification.valve_discrete.quality import qualities
 from sysid.identification.valve_discrete.ratio import critical_ratio, directions
 from sysid.identification.valve_discrete.regimes import Stretches
 from sysid.identification.valve_discrete.result import DiscreteFit, PressureCurve
+from sysid.io.logs import Trial
 from sysid.io.rig import Air
 from sysid.parameters.valves import (
     BY_ISO,
@@ -39,6 +41,9 @@ from sysid.parameters.valves import (
     WAYS,
 )
 from sysid.plant.base import exhaust_jump, filling_jump
+from sysid.plant.valve_timing import switched_intervals
+from sysid.signals import SAMPLE_MISSING
+from sysid.types import FloatArray
 
 
 def flows_and_delays(
@@ -81,6 +86,51 @@ def flows_and_delays(
         found[name] = estimate
     by_iso = {n: Estimate.unidentified(UNITS[n], BY_ISO) for n in FLOWS if n not in found}
     return found | by_iso
+
+
+def with_lost_edges(
+    estimates: Mapping[str, Estimate],
+    trials: Sequence[Trial],
+    commands: tuple[str, str],
+    title: str,
+    notices: list[str],
+) -> dict[str, Estimate]:
+    """The estimates, of which delays may be longer where rows are missing before a command's edge.
+
+    `commands`: whose edges begin what each of `DELAYS` delays; the same one for on and off.
+    """
+    found = dict(estimates)
+    for name, command, rises in zip(
+        DELAYS, commands, (True, commands[0] != commands[1]), strict=True
+    ):
+        lost = [e for t in trials if command in t for e in _lost_before(t, command, rises)]
+        mean = float(np.mean(lost)) if lost else 0.0
+        estimate = found[name]
+        if not mean > 0.0 or not estimate.identified:
+            continue
+        low, high = estimate.interval
+        found[name] = replace(
+            estimate,
+            std=math.hypot(estimate.std, mean / math.sqrt(3.0)),
+            interval=(low, high + mean),
+        )
+        notices.append(
+            f"{title}: rows are missing before {command} switches in "
+            f"{np.count_nonzero(lost)} of {len(lost)} cases, so that its time is known to "
+            f"{1e3 * mean:.3g} ms on average, by which {name} may be longer"
+        )
+    return found
+
+
+def _lost_before(trial: Trial, command: str, rises: bool) -> FloatArray:
+    """Time, s, in which each edge of a test's command may have been before its row."""
+    opens, closes = switched_intervals(trial.time, trial[command])
+    edges = opens if rises else closes
+    steps = np.diff(trial.time)
+    usual = float(np.median(steps))
+    row = np.searchsorted(trial.time, edges[np.isfinite(edges)])
+    before = steps[row[row > 0] - 1]
+    return np.where(before >= SAMPLE_MISSING * usual, before - usual, 0.0)
 
 
 def _iso_reasons(curves: CurveFit, reasons: Mapping[str, str]) -> dict[str, str]:
@@ -232,4 +282,11 @@ def fit_of(
     )
 
 
-__all__ = ["boundary_jumps", "critical_ratios", "fit_of", "flows_and_delays", "with_volume_error"]
+__all__ = [
+    "boundary_jumps",
+    "critical_ratios",
+    "fit_of",
+    "flows_and_delays",
+    "with_lost_edges",
+    "with_volume_error",
+]

@@ -182,7 +182,7 @@ def time_slip(estimates: Mapping[str, Estimate], rig: Rig) -> str | None:
         for name, declared in sheet
         if name in estimates and estimates[name].identified and declared > 0.0
     ]
-    if not times:
+    if not times or min(times) <= 0.0:
         return None
     middle = float(np.exp(np.mean(np.log(times))))
     factors = [power for f in TAKEN_FOR_SI["s"].values() for power in (f, 1.0 / f)]
