@@ -32,6 +32,7 @@ from sysid.refinement.information import (
 from sysid.refinement.lengthening import joined_runs
 from sysid.refinement.options import AdviceSetting
 from sysid.refinement.played.limits import (
+    CHECK_MARGIN,
     MARGIN,
     MotionLimits,
     inside,
@@ -267,13 +268,12 @@ class _Pool:
         One that is not is replaced by a smaller one, and the choice made anew.
         """
         stage = self._stage
+        limits = stage.limits.scaled(CHECK_MARGIN)
         while True:
             kept = [self._pieces[i] for i in self._choose([p.information for p in self._pieces])]
             tried = [p for p in dict.fromkeys(kept) if p not in self._checked]
             drives = [p.drive for p in tried]
-            held = inside(
-                drives, stage.rig, self._plants, stage.limits, _SEED + 1, at_rest_too=True
-            )
+            held = inside(drives, stage.rig, self._plants, limits, _SEED + 1, at_rest_too=True)
             self._checked.update(p for p, ok in zip(tried, held, strict=True) if ok)
             if held.all():
                 return kept

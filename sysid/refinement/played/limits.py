@@ -26,6 +26,8 @@ OFF = 0.2
 # Of half the travel and of the speed: what a test is designed to stay within on the plants that it
 # is tried on, as those that it then meets are others.
 MARGIN = 0.85
+# The same of the plants on which the chosen tests are then checked: those that it meets are others.
+CHECK_MARGIN = 0.95
 # Of the stroke: how far from its place a test may start.
 _START = 0.02
 # Between the middle and a limit, where it is asked whether friction holds.
@@ -147,6 +149,7 @@ def held_reach(plants: Sequence[Model], limits: MotionLimits) -> float:
 
 
 __all__ = [
+    "CHECK_MARGIN",
     "MARGIN",
     "OFF",
     "MotionLimits",

@@ -33,7 +33,7 @@ _PIECE_S = 1.25 * SEGMENT_S
 _TIMES_AS_MANY = 2
 # Plants on which a test is designed, others on which the best are checked as the search goes, and
 # those on which the result is.
-_TRIED, _FRESH, _LAST = 24, 64, 128
+_TRIED, _FRESH, _LAST = 24, 64, 512
 # Of the motor's limit; the rest is for the controller that plays the test.
 _EFFORT_USED = 0.95
 
