@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import itertools
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from scipy.integrate import simpson, solve_ivp
 
 from benchmarks.rigs import REFERENCE, random_runs
-from sysid.plant import base
+from sysid.plant import base, plant
 from sysid.plant.effects import catalogue, class_of, friction, linkage, motor, stroke
 from sysid.plant.effects.catalogue import AMBIGUOUS_CLASSES
 from sysid.plant.effects.entry import CatalogueEffect
@@ -343,12 +344,18 @@ def test_displacement_is_the_integral_of_the_eccentric_radius() -> None:
 
 
 def test_the_lever_arm_may_vary_alone() -> None:
-    effect = linkage.PitchEccentricity(0.05, -0.03, lever_arm_only=1.0)
+    """The cylinder's torque is that of an eccentric pinion; the volumes and their rates are not."""
+    alone = Model(REFERENCE) + linkage.PitchEccentricity(0.05, -0.03, lever_arm_only=1.0)
+    both = Model(REFERENCE) + linkage.PitchEccentricity(0.05, -0.03)
     point = moving(position=np.linspace(-1.6, 1.6, 5))
-    y = REFERENCE.pitch_radius * point.position
-    np.testing.assert_array_equal(effect.displacement(y, point), y)
-    both = linkage.PitchEccentricity(0.05, -0.03)
-    np.testing.assert_array_equal(effect.pitch_radius(1.0, point), both.pitch_radius(1.0, point))
+    for port in (plant.displacement, partial(plant.volume_rate, "a")):
+        np.testing.assert_array_equal(port(point, alone), port(point, Model(REFERENCE)))
+    np.testing.assert_allclose(
+        plant.applied_effort(point, alone), plant.applied_effort(point, both), rtol=1e-12
+    )
+    (effect,) = alone.effects
+    assert not overrides(effect, "pitch_radius", "displacement")
+    assert not overrides(both.effects[0], "external_effort")
 
 
 def test_a_cushion_pushes_back_at_its_own_end_only() -> None:

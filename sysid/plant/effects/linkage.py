@@ -17,6 +17,7 @@ from sysid.plant.base import (
     Array,
     Parameters,
     array_namespace,
+    cylinder_effort,
     is_zero,
     limit_effort,
 )
@@ -245,8 +246,8 @@ class GearMeshRipple(CatalogueEffect):
 class PitchEccentricity(CatalogueEffect):
     """The pinion turns off its centre: r (1 + c cos theta + s sin theta), and y its integral.
 
-    With `lever_arm_only` the piston's place stays as it was, as where the angle that is logged
-    was worked out from it.
+    With `lever_arm_only` the piston's place stays as it was, and the rates of the volumes, as
+    where the angle that is logged was worked out from it.
     """
 
     eccentricity_cosine: Array = 0.0
@@ -271,12 +272,15 @@ class PitchEccentricity(CatalogueEffect):
     tie_breaker = "static weights at several angles"
     source = "thesis 3.3.3; Michalec, Precision Gearing, 1966"
 
-    def pitch_radius(self, radius: Array, point: Point) -> Array:
+    def _longer(self, point: Point) -> Array:
+        """By how much the lever arm is longer, as a share."""
         xp = array_namespace(point.position, self.eccentricity_cosine)
-        change = self.eccentricity_cosine * xp.cos(
-            point.position
-        ) + self.eccentricity_sine * xp.sin(point.position)
-        return radius + point.parameters.pitch_radius * change
+        cosine, sine = xp.cos(point.position), xp.sin(point.position)
+        return self.eccentricity_cosine * cosine + self.eccentricity_sine * sine
+
+    def pitch_radius(self, radius: Array, point: Point) -> Array:
+        longer = point.parameters.pitch_radius * self._longer(point)
+        return radius + (1.0 - self.lever_arm_only) * longer
 
     def displacement(self, displacement: Array, point: Point) -> Array:
         xp = array_namespace(point.position, self.eccentricity_cosine)
@@ -286,11 +290,22 @@ class PitchEccentricity(CatalogueEffect):
         moved = point.parameters.pitch_radius * change
         return displacement + (1.0 - self.lever_arm_only) * moved
 
+    def external_effort(self, effort: Array, point: Point) -> Array:
+        p = point.parameters
+        areas = p.area_a, p.area_b, p.atmosphere
+        longer = p.pitch_radius * self._longer(point)
+        more = cylinder_effort(point.pressure_a, point.pressure_b, *areas, longer)
+        return effort + self.lever_arm_only * more
+
     def is_idle(self, port: str) -> bool:
-        """See `Effect`: where the lever arm alone varies, the piston's place stays."""
+        """See `Effect`: where the lever arm alone varies, neither the piston's place nor the
+        volumes' rates follow it."""
         alone = self.lever_arm_only
-        known = isinstance(alone, int | float | np.ndarray | np.generic)
-        return port == "displacement" and known and bool(np.all(alone == 1.0))
+        if not isinstance(alone, int | float | np.ndarray | np.generic):
+            return False
+        if port == "external_effort":
+            return bool(np.all(alone == 0.0))
+        return port in ("displacement", "pitch_radius") and bool(np.all(alone == 1.0))
 
 
 @dataclass(frozen=True)
