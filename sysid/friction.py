@@ -184,7 +184,7 @@ def fit_friction(
             raise
         raise NotIdentifiedError(f"friction: {line}") from None
     if found.is_negative or found.impossible or against_motion(found.trials):
-        line = _reversed(trials, rig, kind, estimate_inertia, cutoff_hz)
+        line = _reversed(trials, rig, kind, estimate_inertia, cutoff_hz, found)
         found = replace(found, reversed_sign=line)
     moving = found.quality.get(MOTION)
     if moving is not None and moving.verdict != "good" and not found.reversed_sign:
@@ -218,9 +218,13 @@ def _reversed(
     kind: str | Sequence[str | None] | None,
     estimate_inertia: bool,
     cutoff_hz: float | None,
+    as_it_is: FrictionResult | None = None,
 ) -> str:
     """Which channel's sign is reversed and how to map it, if a fit with the other sign is good;
-    empty where none is."""
+    empty where none is.
+
+    Pressures that are swapped show in what a fit misses, where there is one of the log `as_it_is`.
+    """
 
     def good(turned: Sequence[Trial]) -> FrictionResult | None:
         fit = on_its_own(partial(_whole, turned, rig, kind, estimate_inertia, cutoff_hz))
@@ -235,6 +239,8 @@ def _reversed(
     swap = f'--map "{a}={b}" --map "{b}={a}"'
     both = all(a in t and b in t for t in trials)
     swapped = good([with_channels(t, **{a: t[b], b: t[a]}) for t in trials]) if both else None
+    if swapped is not None and as_it_is is not None:
+        swapped = swapped if SCATTER_TIMES * swapped.misses < as_it_is.misses else None
     if not found:
         said = f"{a} and {b} are swapped: the other way round the fit is good; give {swap}"
         return "" if swapped is None else said
