@@ -264,7 +264,14 @@ class Presliding(CatalogueEffect):
     subsystem = "friction"
     quantities = (
         Quantity(
-            "bristle_compliance_rad_per_nm", "rad/Nm", 1.0 / 400.0, 0.0, 0.1, "1/stiffness, 1/sigma"
+            "bristle_compliance_rad_per_nm",
+            "rad/Nm",
+            1.0 / 400.0,
+            0.0,
+            0.1,
+            "1/stiffness, 1/sigma",
+            grid=(1.0 / 400.0, 3.0 / 400.0),
+            is_smooth=True,
         ),
         Quantity(
             "bristle_static_torque_nm",
