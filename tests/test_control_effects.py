@@ -114,12 +114,13 @@ def test_the_loop_has_every_effect_of_the_catalogue() -> None:
 
 
 def test_a_plant_that_switches_without_end_is_said() -> None:
-    """As all kinds of friction at once do: a loop ends with one line, as a simulation does.
+    """As one whose friction is nothing at rest and 10 Nm from there on: a loop ends with one line,
+    as a simulation does.
 
     The effects are those of the test before, in other sizes: what was compiled for it serves.
     """
-    none = {"load_friction": 0.0}  # it would hold the shaft for good
-    sizes = {**USUAL, "stroke-dependent-seals": {}, "load-dependent-friction": none}
+    steep = {"power_law_nm": 10.0, "power_law_exponent": 0.1}
+    sizes = {**USUAL, "power-law-friction": steep}
     model = plant()
     for name, kind in catalogue().items():
         model = model + kind.typical(**sizes.get(name, {}))
