@@ -153,6 +153,9 @@ def test_what_nothing_logged_predicts_is_not_said_to_be_over_a_quantity() -> Non
     assert "nothing logged predicts it (81 % differs from test to test)" in said
     assert "pressure" not in said and "structure" not in said
     assert wording.advice_on_rest(content)[0].startswith("The remainder is another in each test")
+    # Of an actuator a share that is nothing of the residual's size says as much.
+    entry["share"] = 5e-4
+    assert wording.sentence(content) == said
     entry["share"] = 0.3
     assert "wider range" in wording.advice_on_rest(content)[0]
 

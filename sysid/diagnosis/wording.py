@@ -197,21 +197,19 @@ def _remaining(content: Content) -> str:
     )
     found = []
     for entry in content["unexplained"]:
-        share = entry["share"]
-        if share is None or (other and share < LEAST_SHOWN):
+        share, own = entry["share"], own_of(content)
+        balance = balance_of(entry["channel"], own)
+        if share is None or (other and not _is_predicted(entry)):
             continue
-        own = own_of(content)
-        balance, what = balance_of(entry["channel"], own), _of_what(content, entry)
         if not _is_predicted(entry):
-            of = f" ({what.removeprefix('; ')})" if what else ""
-            found.append(
-                f"{balance} leaves more than noise does, and nothing logged predicts it{of}"
-            )
-            continue
-        over = balance, regressor_name(entry["regressor"], own)
-        line = said.format(*over, f"{number(100.0 * share, 2)} %")
-        # A share of the squares by which effects are judged may be nothing of the residual's size.
-        found.append(f"{line[:-1]}{what})")
+            most = _most_of(content, entry)
+            of = f" ({most})" if most else ""
+            line = f"{balance} leaves more than noise does, and nothing logged predicts it{of}"
+        else:
+            regressor = regressor_name(entry["regressor"], own)
+            line = said.format(balance, regressor, f"{number(100.0 * share, 2)} %")
+            line = f"{line[:-1]}{_of_what(content, entry)})"
+        found.append(line)
     return "; ".join(filter(None, (other, joined(found))))
 
 
@@ -225,15 +223,23 @@ WEIGHED = "each frequency weighed by its noise"
 
 
 def _of_what(content: Content, entry: Content) -> str:
-    """Of what else a residual is that depends little on any one regressor; empty of others."""
+    """What else there is to say of a share: of which squares it is, or, where it is little, what
+    most of the residual is."""
+    # A share of the squares by which effects are judged may be nothing of the residual's size.
     if is_weighed(content, entry):
         return f", {WEIGHED}"
+    most = _most_of(content, entry) if entry["share"] <= _LITTLE else ""
+    return f"; {most}" if most else ""
+
+
+def _most_of(content: Content, entry: Content) -> str:
+    """What more than half of a residual's variance is, where not what repeats; empty of others."""
     rest = _remainder_of(content, entry)
-    if rest is None or entry["share"] > _LITTLE:
+    if rest is None:
         return ""
     parts = {key: _share(rest, key) for key in _REST}
     most = max(parts, key=lambda key: parts[key])
-    return f"; {percent(100.0 * parts[most], 2)} {_REST[most]}" if parts[most] > 0.5 else ""
+    return f"{percent(100.0 * parts[most], 2)} {_REST[most]}" if parts[most] > 0.5 else ""
 
 
 def _remainder_of(content: Content, entry: Content) -> Content | None:
