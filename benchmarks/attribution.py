@@ -210,12 +210,13 @@ def is_detected(result: dict[str, Any]) -> bool:
 def names_class(result: dict[str, Any]) -> bool:
     """Whether the first effect is the true one, or one of its class with the class named."""
     effects = result["diagnosis"]["effects"]
-    if not effects:
-        return False
-    truth = true_names(result)[0]
-    first = effects[0]
-    named = {first["id"], *first["ambiguous_with"]}
-    return truth == first["id"] or (truth in named and first["id"] in class_of(truth))
+    return bool(effects) and is_named(true_names(result)[0], effects[0])
+
+
+def is_named(truth: str, effect: dict[str, Any]) -> bool:
+    """Whether an effect found is the true one, or one of its class with the class named."""
+    is_rival = truth in effect["ambiguous_with"] and effect["id"] in class_of(truth)
+    return bool(truth == effect["id"] or is_rival)
 
 
 def names_both(result: dict[str, Any]) -> bool:

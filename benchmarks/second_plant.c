@@ -81,14 +81,17 @@ static double exhaust(const Rig *r, int b, double pressure, double outside) {
     return linear * (outside - pressure);
 }
 
-/* Sliding friction without what grows with the speed, at a speed and a direction. */
-static double level(const Rig *r, const double *x, double speed, double way, double carried,
-                    double atmosphere, double sliding) {
-    double tight = 1.0 + r->tight * sin(r->tight_wave * x[ANGLE] + r->tight_phase);
+/* Times Coulomb or static friction, at an angle. */
+static double tightness(const Rig *r, double angle) {
+    return 1.0 + r->tight * sin(r->tight_wave * angle + r->tight_phase);
+}
+
+/* What dry friction is more than Coulomb friction, or at rest than static friction. */
+static double beyond(const Rig *r, const double *x, double speed, double carried,
+                     double atmosphere) {
     double fall = r->stribeck_speed > 0.0 ? exp(-pow(speed / r->stribeck_speed, 2.0)) : 0.0;
     double gauge = x[PRESSURE_A] + x[PRESSURE_B] - 2.0 * atmosphere;
-    return sliding * r->coulomb_nm * tight + r->stribeck * fall + r->seal * gauge
-        + r->carried_friction * carried + r->asymmetry * way;
+    return r->stribeck * fall + r->seal * gauge + r->carried_friction * carried;
 }
 
 static double speed_friction(const Rig *r, double speed, double sliding) {
@@ -135,10 +138,11 @@ static void mechanics(const Rig *r, const Test *t, const double *x, double *d, i
         + r->offset + r->mesh * sin(r->mesh_wave * x[ANGLE] + r->mesh_phase)
         + r->magnet * exp(-near * near);
     double inertia = r->inertia - r->rotor - r->link, carried = fabs(motor + cylinder);
-    double speed = x[SPEED], still = t->sticking * r->static_nm;
+    double speed = x[SPEED], tight = tightness(r, x[ANGLE]);
+    double coulomb = t->sliding * r->coulomb_nm * tight, still = t->sticking * r->static_nm;
     if (r->bristle > 0.0) {
-        double slides = level(r, x, speed, sign(speed), carried, atmosphere, t->sliding);
-        double most = slides + (still - t->sliding * r->coulomb_nm)
+        double most = coulomb + beyond(r, x, speed, carried, atmosphere)
+            + r->asymmetry * sign(speed) + (still - t->sliding * r->coulomb_nm)
             * exp(-pow(speed / STRIBECK_OF_BRISTLE, 2.0));
         double gives = speed - r->bristle * fabs(speed) / most * x[BRISTLE];
         d[BRISTLE] = gives;
@@ -148,15 +152,12 @@ static void mechanics(const Rig *r, const Test *t, const double *x, double *d, i
         return;
     }
     double way = *stuck || speed == 0.0 ? sign(torque) : sign(speed);
-    double slides = level(r, x, *stuck ? 0.0 : speed, way, carried, atmosphere, t->sliding);
-    if (*stuck) {
-        double more = slides - t->sliding * r->coulomb_nm - r->asymmetry * way;
-        double tight = r->tight * sin(r->tight_wave * x[ANGLE] + r->tight_phase);
-        if (fabs(torque) <= still * (1.0 + tight) + more - t->sliding * r->coulomb_nm * tight)
-            return;
-        *stuck = 0;
-    }
-    d[SPEED] = (torque - way * slides - speed_friction(r, speed, t->sliding)) / inertia;
+    double more = beyond(r, x, *stuck ? 0.0 : speed, carried, atmosphere);
+    if (*stuck && fabs(torque) <= still * tight + more)
+        return;
+    *stuck = 0;
+    d[SPEED] = (torque - way * (coulomb + more) - r->asymmetry
+                - speed_friction(r, speed, t->sliding)) / inertia;
     d[ANGLE] = speed;
 }
 

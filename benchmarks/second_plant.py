@@ -33,8 +33,8 @@ import pandas as pd
 REPOSITORY = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
+from benchmarks.attribution import is_named, keep, read  # noqa: E402
 from benchmarks.history import commit  # noqa: E402
-from sysid.plant.effects.catalogue import class_of  # noqa: E402
 
 SAMPLES = REPOSITORY.parent / "shared" / "samples" / "rig-1"
 SOURCE = Path(__file__).with_suffix(".c")
@@ -371,11 +371,11 @@ def make(folder: Path, kinds: Sequence[str], seed: int, scatter: float) -> dict[
         entry = f'[[log]]\nkind = "{kind}"\nfile = "{name}.csv"\nuse = "{use}"'
         entries.append(entry + (f'\nvalve = "{valve}"' if valve else ""))
     (folder / "campaign.toml").write_text("\n\n".join(entries) + "\n")
-    (folder / "rig.toml").write_text(_rig_file(rig))
+    (folder / "rig.toml").write_text(rig_file(rig))
     return lacks
 
 
-def _rig_file(rig: Numbers) -> str:
+def rig_file(rig: Numbers) -> str:
     """What is declared: the rig without effects."""
     tables: dict[str, dict[str, Any]] = {
         "rig": {"name": "second plant", "orientation": "horizontal"},
@@ -430,24 +430,20 @@ def diagnosed(kinds: Sequence[str], seed: int, scatter: float) -> dict[str, Any]
     }
 
 
-def _is_named(kind: str, effect: Mapping[str, Any]) -> bool:
-    """Whether an effect found is of a kind, or of its class with the class named."""
-    is_rival = kind in effect["ambiguous_with"] and effect["id"] in class_of(kind)
-    return bool(effect["id"] == kind or is_rival)
-
-
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """A line for each campaign, those first in which something else was named."""
     lines = []
     for row in rows:
         wanted = [k for k in row["kinds"] if k != "none" and not k.startswith("outside")]
-        missed = [kind for kind in wanted if not any(_is_named(kind, e) for e in row["found"])]
+        missed = [kind for kind in wanted if not any(is_named(kind, e) for e in row["found"])]
         more = len(row["found"]) - len(wanted) + len(missed)
         names = ", ".join(effect["id"] for effect in row["found"]) or "-"
         mark = "missed" if missed else "more" if more > 0 else "named" if wanted else ""
         kinds = " and ".join(row["kinds"])
-        lines.append(f"{mark:7}{row['seed']:6}  {kinds}: {row['verdict']} ({names})")
-    return "\n".join(sorted(lines, key=lambda line: (line.split()[0] in ("named",), line)))
+        lines.append(
+            (mark == "named", f"{mark:7}{row['seed']:6}  {kinds}: {row['verdict']} ({names})")
+        )
+    return "\n".join(line for _, line in sorted(lines))
 
 
 def main() -> None:
@@ -466,13 +462,13 @@ def main() -> None:
         print(json.dumps(made, indent=1))
         return
     if given.action == "table":
-        print(table([json.loads(line) for line in given.path.read_text().splitlines()]))
+        print(table(read(given.path)))
         return
     rng = np.random.default_rng(0)
     for number, job in enumerate(given.kinds or effects(rng, drawn_rig(rng))):
         row = diagnosed(job.split("+"), given.first + number, given.scatter)
         with given.path.open("a") as file:
-            file.write(json.dumps(row) + "\n")
+            keep(file, row)
         print(table([row]), flush=True)
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import shutil
+import tomllib
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.rigs import REFERENCE
-from benchmarks.second_plant import PERIOD_S, _edges, _ran, drawn_rig
-from sysid.plant.base import Parameters
+from benchmarks.second_plant import PERIOD_S, _edges, _ran, drawn_rig, rig_file
+from sysid.io.rig import rig_from_content
+from sysid.plant.base import Parameters, ValveParameters, parameters_from_rig
 from sysid.plant.effects.friction import Presliding
 from sysid.plant.effects.linkage import PitchEccentricity
 from sysid.plant.ports import Model
@@ -21,33 +22,20 @@ ROWS = 1500
 
 
 def parameters_of(rig: dict[str, float]) -> Parameters:
-    flows = {
-        f"{name}_{side}": rig[f"{own}_{side}"]
-        for side in "ab"
-        for name, own in (
-            ("choked_fill", "fill"),
-            ("c_fill", "fill_root"),
-            ("choked_dis", "dis"),
-            ("c_dis", "dis_linear"),
-            ("area", "area"),
-            ("offset", "offset"),
+    """What the rig file declares, with the true friction and flows."""
+    declared = rig_from_content(tomllib.loads(rig_file(rig)), "rig.toml")
+    valves = {
+        f"valve_{side}": ValveParameters(
+            *(rig[f"{name}_{side}"] for name in ("fill", "dis", "fill_root", "dis_linear"))
         )
+        for side in "ab"
     }
-    delays = {f"{edge}_delay_{side}": rig[f"{edge}_s"] for edge in ("on", "off") for side in "ab"}
-    return REFERENCE.replace(
-        **flows,
-        **delays,
-        inertia=rig["inertia"],
+    return parameters_from_rig(
+        declared,
         static_effort=rig["static_nm"],
         coulomb_effort=rig["coulomb_nm"],
         viscous=rig["viscous"],
-        pitch_radius=rig["radius"],
-        temperature=rig["temperature"],
-        atmosphere=rig["atmosphere"],
-        supply=rig["supply"],
-        supply_reference=rig["supply"],
-        max_effort=rig["max_torque"],
-        gravity_moment=0.0,
+        **valves,
     )
 
 
