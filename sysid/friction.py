@@ -52,12 +52,7 @@ from sysid.identification.friction.motion import (
     usual_cutoff,
 )
 from sysid.identification.friction.rests import static_of_rests
-from sysid.identification.friction.result import (
-    FrictionResult,
-    another_time,
-    doubtful,
-    too_heavy,
-)
+from sysid.identification.friction.result import FrictionResult, doubtful, too_heavy
 from sysid.identification.friction.sliding import (
     ANOTHER_LEVEL,
     SlidingFriction,
@@ -199,17 +194,11 @@ def _another_time(
     kind: str | Sequence[str | None] | None,
     cutoff_hz: float | None,
 ) -> str:
-    """That time_s is in another unit by the rig file's inertia, or empty.
-
-    The motion has to be explained where the inertia is left free.
-    """
+    """That time_s is in another unit by the rig file's inertia, or empty."""
     if not rig.has_declared_inertia:
         return ""
     free = on_its_own(partial(_whole, trials, rig, kind, True, cutoff_hz))
-    motion = None if isinstance(free, Failure) else free.motion
-    if motion is None or motion.inertia is None or motion.explained < LEAST_EXPLAINED:
-        return ""
-    return another_time(motion.inertia, rig)
+    return "" if isinstance(free, Failure) else free.another_time(rig)
 
 
 def _reversed(

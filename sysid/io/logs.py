@@ -195,11 +195,11 @@ def log_of(
     reading.without_excluded(without(table, maps, exclude, rig))
     _take_columns(reading, maps)
     reading.origin |= {t: m.column for t, m in reading.maps.items() if t in reading.columns}
-    if timeless:
+    if by_row is not None:
         reading.columns["time_s"] = np.arange(len(reading.table.frame), dtype=np.float64)
-        of_friction = by_row == FRICTION_POINTS
-        said = [timeless_line(path) if of_friction else settled_line(path, by_row or "")]
-        reading.notices += said
+        is_friction = by_row == FRICTION_POINTS
+        line = timeless_line(path) if is_friction else settled_line(path, by_row)
+        reading.notices.append(line)
     groups = groups_of(reading, maps)
     _convert_position(reading)
     _convert_motor(reading)
@@ -756,7 +756,9 @@ def _drop_spikes(reading: LogReading, name: str, rows: Rows, where: str) -> None
 def log_from(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> Log:
     """The log of a reading; what contradicts the rig file is the first of its notices."""
     table, wrong = reading.table, tuple(map(one_line, reading.contradictions))
-    trials = tuple(trial_of(reading, label, rows) for label, rows in groups)
+    header = played_header(table.comments)
+    starts = {} if header is None else header.starts
+    trials = tuple(trial_of(reading, label, rows, starts) for label, rows in groups)
     notices = (*wrong, *map(one_line, reading.notices))
     return Log(
         table.path,
@@ -770,8 +772,8 @@ def log_from(reading: LogReading, groups: Sequence[tuple[str, Rows]]) -> Log:
     )
 
 
-def trial_of(reading: LogReading, label: str, rows: Rows) -> Trial:
-    """One test of a reading."""
+def trial_of(reading: LogReading, label: str, rows: Rows, starts: Mapping[str, float]) -> Trial:
+    """One test of a reading; `starts`: where tests were designed to begin, by label, rad or m."""
     channels = {n: v[rows] for n, v in reading.columns.items() if n != "time_s"}
     channels = {n: v for n, v in channels.items() if not np.isnan(v).all()}
     time = reading.columns["time_s"][rows]
@@ -779,7 +781,6 @@ def trial_of(reading: LogReading, label: str, rows: Rows) -> Trial:
     period = float(np.median(np.diff(time)))
     slow = {n: stride * period for n, stride in reading.strides.items() if n in channels}
     position = reading.rig.position_channel
-    header = played_header(reading.table.comments)
     return Trial(
         label,
         time,
@@ -792,7 +793,7 @@ def trial_of(reading: LogReading, label: str, rows: Rows) -> Trial:
         read_as={name: _read_as(reading, name) for name in channels},
         contradictions=tuple(map(one_line, reading.contradictions)),
         place_known=reading.origin.get(position) != reading.rig.units.speed_channel,
-        starts_at=0.0 if header is None else header.starts.get(label, 0.0),
+        starts_at=starts.get(label, 0.0),
     )
 
 

@@ -94,7 +94,7 @@ def weighs_too_much(estimates: Mapping[str, Estimate | None], rig: Rig) -> str:
     )
 
 
-def another_time_by(inertia: Estimate, rig: Rig) -> str:
+def another_time(inertia: Estimate, rig: Rig) -> str:
     """Says that time_s is in another unit where the rig file's inertia tells; empty where not.
 
     A time that is f times too long makes an inertia f^2 times too large, and nothing else that a
@@ -146,7 +146,7 @@ def impossible(bundle: BundleContent, rig: Rig) -> list[str]:
 
 
 __all__ = [
-    "another_time_by",
+    "another_time",
     "doubtful_inertia",
     "impossible",
     "is_possible",

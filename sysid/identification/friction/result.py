@@ -36,7 +36,7 @@ from sysid.io.motion import MotionUnits
 from sysid.io.rig import Rig
 from sysid.parameters import Correlation, Friction, Parts
 from sysid.parameters.possible import (
-    another_time_by,
+    another_time,
     doubtful_inertia,
     negative_friction,
     weighs_too_much,
@@ -288,6 +288,14 @@ class FrictionResult(NamedEstimates, Shown):
         doubted = any(q.verdict.startswith(("poor", "imp")) for q in self.quality.values())
         return bool(told) and min(e.interval[0] for e in told) > 0.0 and not doubted
 
+    def another_time(self, rig: Rig) -> str:
+        """That time_s is in another unit, as the inertia that explains the motion would then be the
+        rig file's; or empty."""
+        motion = self.motion
+        if motion is None or motion.inertia is None or motion.explained < LEAST_EXPLAINED:
+            return ""
+        return another_time(motion.inertia, rig)
+
     def require_possible(self) -> None:
         """Raise NotIdentifiedError where an estimate cannot be friction (`impossible`)."""
         if self.impossible and self.reversed_sign:
@@ -428,11 +436,6 @@ def too_heavy(parameters: Mapping[str, Estimate], rig: Rig) -> str:
     return weighs_too_much(parameters, rig)
 
 
-def another_time(inertia: Estimate, rig: Rig) -> str:
-    """That time_s is in another unit, as so large an inertia would be the rig file's; or empty."""
-    return another_time_by(inertia, rig)
-
-
 def doubtful(parameters: Mapping[str, Estimate], rig: Rig) -> list[str]:
     """Notices of impossible numbers and those indistinguishable from zero; significantly negative
     friction is in the verdict on the fit."""
@@ -449,4 +452,4 @@ def _test(test: FTest) -> dict[str, float]:
     }
 
 
-__all__ = ["FrictionResult", "another_time", "doubtful", "too_heavy"]
+__all__ = ["FrictionResult", "doubtful", "too_heavy"]

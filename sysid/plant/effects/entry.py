@@ -138,8 +138,8 @@ class Quantity:
         if self.is_strength or self.unit not in SPEEDS or not self.grid or not fastest > 0.0:
             return self
         tried = (share * fastest for share in _SPEED_SHARES)
-        beyond = [v for v in tried if not min(self.grid) <= v <= max(self.grid)]
-        beyond = beyond if len(self.grid) > 1 else []
+        grows = len(self.grid) > 1
+        beyond = [v for v in tried if grows and not min(self.grid) <= v <= max(self.grid)]
         return replace(
             self,
             lower=min(self.lower, _SLOWEST * fastest),

@@ -292,9 +292,14 @@ class PitchEccentricity(CatalogueEffect):
 
     def external_effort(self, effort: Array, point: Point) -> Array:
         p = point.parameters
-        areas = p.area_a, p.area_b, p.atmosphere
-        longer = p.pitch_radius * self._longer(point)
-        more = cylinder_effort(point.pressure_a, point.pressure_b, *areas, longer)
+        more = cylinder_effort(
+            point.pressure_a,
+            point.pressure_b,
+            p.area_a,
+            p.area_b,
+            p.atmosphere,
+            p.pitch_radius * self._longer(point),
+        )
         return effort + self.lever_arm_only * more
 
     def is_idle(self, port: str) -> bool:

@@ -135,10 +135,10 @@ def designed(
             search.go_on(_ROUNDS)
         searches.sort(key=lambda s: s.log_std)
         searches = searches[: (len(searches) + 1) // 2]
-    for search in searches:
-        progress(f"designing tests: {search.text}")
-        search.go_on(_LAST_ROUNDS)
-    found = searches[0].checked()
+    (search,) = searches
+    progress(f"designing tests: {search.text}")
+    search.go_on(_LAST_ROUNDS)
+    found = search.checked()
     if found is None:
         raise NotIdentifiedError(
             "advise: no test of this rig stays within its limits on plants off the model; raise "

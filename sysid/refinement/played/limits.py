@@ -98,12 +98,12 @@ def inside(
     rests = np.array([place_at_rest(plant.parameters) for plant in plants])
     rests = np.concatenate([rests + near, *([rests] if at_rest_too else [])])
     of_starts = [*plants] * (len(rests) // len(plants))
-    starts = np.concatenate([rests + d.start for d in drives])
+    starts = rests + np.array([d.start for d in drives])[:, None]
     commands = [d.commands(rig) for d in drives]
     inputs = [
         inputs_of_commands(d.kind, rig.time, *c, start)
-        for d, c in zip(drives, commands, strict=True)
-        for start in rests + d.start
+        for d, c, own in zip(drives, commands, starts, strict=True)
+        for start in own
     ]
     runs = simulate(inputs, of_starts * len(drives), nan_if_endless=True)
     held = [
@@ -111,9 +111,9 @@ def inside(
             not leaves_travel(run.position, limits.position, start).any()
             and np.abs(run.velocity).max() <= limits.speed
         )
-        for run, start in zip(runs, starts, strict=True)
+        for run, start in zip(runs, starts.ravel(), strict=True)
     ]
-    stays = np.array(held).reshape(len(drives), len(rests)).all(axis=1)
+    stays = np.array(held).reshape(starts.shape).all(axis=1)
     weak = [float(np.abs(motor).max()) <= limits.effort for motor, _ in commands]
     return np.asarray(stays & np.array(weak))
 
