@@ -61,6 +61,17 @@ _TEXT_OF = """(place) => {
   };
   return collect(document.querySelector(place)).replace(/\\s+/g, " ");
 }"""
+_BOXES_OF = """(names) => {
+  const find = (root, name) => {
+    for (const node of root.querySelectorAll("*")) {
+      if (node.classList.contains(name)) return node;
+      const inner = node.shadowRoot && find(node.shadowRoot, name);
+      if (inner) return inner;
+    }
+  };
+  return names.map((name) => find(document.querySelector("#main"), name))
+    .map((node) => node ? node.getBoundingClientRect().toJSON() : null);
+}"""
 WAIT_MS = 150_000
 
 
@@ -180,6 +191,20 @@ class Page:
     def text(self, place: str) -> str:
         """The text of a part of the page, that in shadow roots too."""
         return str(self.page.evaluate(_TEXT_OF, place))
+
+    def boxes(self, *classes: str) -> list[dict[str, float]]:
+        """Where the first element of each class is, all at one moment.
+
+        A page may be drawn anew between two questions, which leaves the second without its element.
+        """
+        found: list[dict[str, float] | None] = []
+
+        def all_there() -> bool:
+            found[:] = self.page.evaluate(_BOXES_OF, list(classes))
+            return all(found)
+
+        wait_until(all_there)
+        return [box for box in found if box]
 
     def lacking(self, wanted: Sequence[str]) -> list[str]:
         """Which of these texts the screen does not show."""
@@ -480,9 +505,8 @@ def test_a_job_is_cancelled_in_the_page(window: Page) -> None:
 @pytest.mark.parametrize("key", ["2", "6"])
 def test_what_is_chosen_from_a_list_is_next_to_it(key: str, window: Page) -> None:
     window.show(key)
-    window.page.locator(".wide").first.wait_for()
-    side, wide = (window.page.locator(f".{name}").first.bounding_box() for name in ("side", "wide"))
-    assert side and wide and side["x"] + side["width"] <= wide["x"]
+    side, wide = window.boxes("side", "wide")
+    assert side["x"] + side["width"] <= wide["x"]
     assert abs(side["y"] - wide["y"]) < 60.0
     rows = window.page.locator(".side .scroll").first
     assert rows.evaluate("(node) => node.scrollWidth <= node.clientWidth")  # nothing is cut off
@@ -497,8 +521,8 @@ def test_a_narrow_dark_window(server: Server, browser: Any) -> None:
     tests = page.page.locator(".scroll").first
     assert tests.evaluate("(node) => node.scrollWidth <= node.clientWidth")  # nothing is cut off
     assert wide <= 800
-    side, chosen = (page.page.locator(f".{name}").first.bounding_box() for name in ("side", "wide"))
-    assert side and chosen and side["y"] + side["height"] <= chosen["y"]
+    side, chosen = page.boxes("side", "wide")
+    assert side["y"] + side["height"] <= chosen["y"]
     assert colour == "rgb(21, 24, 28)"
     assert page.faults == []
     context.close()
