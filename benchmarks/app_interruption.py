@@ -55,7 +55,7 @@ from sysid.app.workbench import Workbench
 folder = Path(sys.argv[1])
 bench = Workbench(folder, folder / "campaign.toml", folder / "results")
 bench.start("running", sys.argv[2:], {})
-serve(bench, 0, lambda address: print(address, flush=True), opens_browser=False)
+serve(lambda: bench, 0, lambda address: print(address, flush=True), opens_browser=False)
 """
 # What may differ between two runs of the same: when, how long, where; and with the time in a bundle
 # its SHA-256, which the exports name.

@@ -26,6 +26,17 @@ _CONTROL = re.compile(
 )
 
 
+# What varies among lines that say the same; several in a list are one.
+_ITEM = (
+    r"(?:[^\s,;:]*[/\\][^\s,;:]*|[^\s,;:]+\.(?:csv|parquet|toml|json)\b|\b[ABab]\b"
+    r"|\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
+)
+_VARIES = re.compile(rf"{_ITEM}(?:, {_ITEM})*")
+_WORD_BEFORE = re.compile(r"[A-Za-z]+ $")
+# Others of a group of which a line says what is different.
+_MOST_ALIKE = 3
+
+
 class SysidError(Exception):
     """Base of the errors that a user can fix; `exit_code` is the process' exit status.
 
@@ -102,6 +113,37 @@ def some_of(names: Sequence[str], most: int, *, counted: bool = True) -> str:
     more = len(names) - most
     end = "" if more <= 0 else f" and {more} more" if counted else " ..."
     return ", ".join(names[:most]) + end
+
+
+def grouped(lines: Iterable[str], *, named: bool = False, rest: str = "") -> list[str]:
+    """Lines that differ only in numbers, tests, files and sides as one each: the first of them.
+
+    It ends with what is different in the others, as far as a line holds that; `rest` says where the
+    others are. `named`: the name before the first colon, of a campaign, may differ too.
+    """
+    groups: dict[str, list[tuple[str, list[str]]]] = {}
+    for line in dict.fromkeys(map(str, lines)):
+        name, _, said = line.partition(": ") if named else ("", "", line)
+        varying = [name] if named else []
+        for found in _VARIES.finditer(said):  # with the word that says what it is: "duty 0.98"
+            before = _WORD_BEFORE.search(said, 0, found.start())
+            varying.append((before[0] if before else "") + found[0])
+        groups.setdefault(_VARIES.sub("#", said), []).append((line, varying))
+    return [_as_one(own, rest) for own in groups.values()]
+
+
+def _as_one(own: Sequence[tuple[str, list[str]]], rest: str) -> str:
+    (line, first), *others = own
+    if not others:
+        return line
+    differing = [
+        ", ".join(mine for mine, its in zip(varying, first, strict=True) if mine != its)
+        for _, varying in others
+    ]
+    shown = differing[:_MOST_ALIKE]
+    more = len(differing) - len(shown)
+    end = [f"and {more} more{rest and f': {rest}'}"] if more else []
+    return f"{line} (likewise {'; '.join([*shown, *end])})"
 
 
 def one_line(text: str) -> str:

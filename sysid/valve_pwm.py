@@ -21,6 +21,7 @@ from sysid.errors import (
     NotIdentifiedError,
     about,
     error_of,
+    grouped,
     input_error,
     on_its_own,
 )
@@ -177,10 +178,9 @@ def _nothing(failed: Mapping[tuple[str, str], Failure], remarks: Remarks) -> Exc
     left_out = remarks.notices()
     if left_out and all(why.reason.startswith(_NO_TEST) for why in failed.values()):
         # What keeps the tests out is the cause, and what follows from it is the same everywhere.
-        more = f" (and {len(left_out) - 1} more like it)" * (len(left_out) > 1)
         return type(error)(
-            f"{left_out[0]}{more}; no usable test remains: give valve-pwm tests, one constant duty "
-            "each, piston held, from the atmosphere and from the supply"
+            f"{'; '.join(grouped(left_out))}; no usable test remains: give valve-pwm tests, one "
+            "constant duty each, piston held, from the atmosphere and from the supply"
         )
     titled = (f"{_title(*key)}: {why.reason}" for key, why in failed.items())
     return type(error)("; ".join((*left_out, *titled)))

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -84,10 +85,19 @@ class Server:
     address: str = ""
 
     def start(self) -> Server:
-        """Start it, and wait for its address."""
+        """Start it, and wait until the workbench is at its address."""
+        self.begin()
+        pair = f"sysid-app-{self.port}={self.token}"
+        wait_until(lambda: self.ask("/alive", Cookie=pair).status == 200)
+        return self
+
+    def begin(self, before: str = "") -> Server:
+        """Start it, after the lines of Python `before`, and wait for its address alone."""
+        main = "from sysid.commands.app import main; sys.exit(main())"
+        words = ["app", "campaign.toml", "--no-browser"]
         with (self.folder / "server.err").open("w") as said:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "sysid", "app", "campaign.toml", "--no-browser"],
+                [sys.executable, "-c", f"import sys\n{before}\n{main}", *words],
                 cwd=self.folder,
                 stdout=subprocess.PIPE,
                 stderr=said,
@@ -289,6 +299,45 @@ def test_an_upload_is_bounded_and_replaces_nothing(server: Server) -> None:
     many = {"Cookie": pair, "Content_Length": str(10**13)}
     assert server.ask("/upload/long.csv", "PUT", b"", **many).status == 400
     assert not list(server.folder.glob(".sysid-*.tmp"))
+
+
+# A module whose import takes as long as a file is absent, as on a machine that reads slowly.
+SLOW = """\
+import os, time
+class Slow:
+    def find_spec(self, name, path=None, target=None):
+        while name == {name!r} and not os.path.exists("go on"):
+            time.sleep(0.01)
+sys.meta_path.insert(0, Slow())
+"""
+
+
+def test_the_address_answers_before_the_workbench_is_imported(tmp_path: Path, browser: Any) -> None:
+    write_small(tmp_path)
+    server = Server(tmp_path).begin(SLOW.format(name="bokeh"))
+    pair = f"sysid-app-{server.port}={server.token}"
+    assert server.ask("/alive", Cookie=pair).status == 503
+    assert server.ask("/workbench").status == server.ask("/?token=wrong").status == 403
+    page = browser.new_page()
+    page.set_default_timeout(WAIT_MS)
+    page.goto(server.address)
+    page.get_by_text("The workbench is starting").wait_for()
+    (tmp_path / "go on").touch()
+    page.get_by_text("Recordings").wait_for()  # it goes on by itself
+    page.close()
+    assert server.kill(signal.SIGINT) == 0
+
+
+def test_what_it_does_is_printed_before_anything_slow(tmp_path: Path) -> None:
+    write_small(tmp_path)
+    main = "from sysid.commands.app import main; sys.exit(main())"
+    with subprocess.Popen(
+        [sys.executable, "-c", f"import sys\n{SLOW.format(name='numpy')}\n{main}",
+         "app", "campaign.toml", "--no-browser"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as started:  # fmt: skip
+        assert started.stderr.readline() == "sysid app: reading campaign.toml\n"
+        started.kill()
 
 
 # --- screens --------------------------------------------------------------------------------
@@ -650,7 +699,7 @@ def test_a_file_says_here_what_the_command_line_would(tmp_path: Path) -> None:
     mapping.more["atmosphere_pa"] = "100000"
     mapping.chosen(1, "is_gauge", True)
     text = plausibility(mapping, None).text
-    assert "fill_1.CSV and 1 more: the table begins in line 3" in text
+    assert "fill_1.CSV, fill_2.CSV: the table begins in line 3" in text
     assert str(tmp_path) not in text
 
 
@@ -775,13 +824,18 @@ def test_a_run_that_ended_leads_to_its_report(tmp_path: Path) -> None:
     job = Job("running", ("run", "campaign.toml", "-o", "results"), tmp_path, {})
     assert list(written_by(job)) == []
     job.code = 0
-    job.lines = [f"sysid: notice: {n}.csv: odd (and 1 more like it: -v shows them)" for n in "ab"]
+    said = ["a.csv: odd", "b.csv: odd", "1 of 2 samples lack", "2 of 9 samples lack"]
+    said += ["third", "fourth", "fifth: -v shows them"]
+    job.lines = [f"sysid: notice: {one}" for one in said]
     bench.job = job
     page = SimpleNamespace(bench=bench, screens=dict.fromkeys(("fit", "export")), current="fit")
     page.message, page._made = "", lambda job: PageWindow._made(page, job)
     text = PageWindow._strip(page)
     assert 'href="files/results/report.html"' in text and 'data-value="2"' in text
-    assert "a.csv and 1 more: odd (and 1 more like it)" in text
+    assert "a.csv, b.csv: odd" in text and "1 of 2 samples lack (likewise 2, of 9)" in text
+    # What is not shown at once is folded whole, as it was printed.
+    folded = text.partition("2 more notices")[2]
+    assert "fourth" in folded and "fifth: -v shows them" in folded
 
 
 def test_a_campaign_is_checked_log_by_log(tmp_path: Path) -> None:
@@ -815,6 +869,54 @@ def test_a_campaign_is_checked_log_by_log(tmp_path: Path) -> None:
     os.utime(tmp_path / files[1], ns=(0, 0))
     screen.draw(screen.read())
     assert shown(0).count("is being checked") == 1 and len(screen.later) == 2
+
+
+# What `sysid advise -o --json` prints, in short.
+ADVICE = {
+    "parameters": [{"name": "friction.coulomb_nm", "value": 0.17, "unit": "Nm", "std_now": 0.002,
+                    "best_test": None}],
+    "tests": [{"kind": "motion-motor", "test": "motion-motor: sine, 10 s", "duration_s": 10.0,
+               "gain": 0.5, "motion_gain": 0.7, "std_after": {"friction.coulomb_nm": 0.001}}],
+    "ties": [{"pair": ["friction.coulomb_nm", "friction.viscous_nm_s_per_rad"],
+              "correlation_now": -0.99, "test": None, "correlation_after": -0.99}],
+    "smallest_sizes": [{"effect": "backlash", "strength": "gap_rad", "unit": "rad", "usual": 0.004,
+                        "now": None, "after": {"motion-motor: sine, 10 s": 1e-4}}],
+    "skipped_effects": {}, "threshold_std": 4.1, "notices": [],
+    "test": {"kind": "motion-motor", "tests": 2, "duration_s": 10.0, "expected": [
+        {"parameter": "valves.a.c_fill", "value": 1e-6, "std_now": None, "std_after": 1e-9,
+         "unit": "kg/(s Pa^0.5)"}]},
+}  # fmt: skip
+
+
+def test_advice_is_said_as_the_report_says_it(tmp_path: Path) -> None:
+    path = write_small(tmp_path)
+    (tmp_path / "results").mkdir()
+    bundle = Path(shutil.copy(golden_bundle("diagnosed"), tmp_path / "results/bundle.json"))
+    bench = Workbench(tmp_path, path, tmp_path / "results")
+    asked: list[list[str]] = []
+    screen = IdentifyScreen(
+        SimpleNamespace(bench=bench, scheme="light", start=lambda what, words: asked.append(words))
+    )
+    screen.draw(screen.read())
+    for name in ("friction.coulomb_nm", "backlash", "valves.a.c_fill"):
+        in_a_loop(partial(screen.do, "identify-for", name))
+    in_a_loop(partial(screen.do, "identify-not:backlash", None))
+    menu = str(screen.advice.object)
+    assert "Coulomb friction ×" in menu and ">Backlash in the motor" in menu
+    assert not [
+        word for word in re.findall(r">([^<]*)<", menu) if "_" in word or "friction." in word
+    ]
+    in_a_loop(partial(screen.do, "identify-play", None))
+    (words,) = asked
+    assert words[-5:] == ["--for", "friction.coulomb_nm", "--for", "valves.a.c_fill", "--json"]
+    job = Job("advising", tuple(words), tmp_path, {})
+    job.code, job.output = 0, json.dumps(ADVICE)
+    in_a_loop(lambda: screen.finished(job))
+    panes = screen.draw(screen.read())
+    said = "".join(str(pane.object) for pane in panes[2:])
+    assert bundle.exists() and "Record motion-motor: sine, 10 s." in said
+    titles = ("Coulomb friction, by 50 %", "Valve A, unchoked filling coefficient", "Backlash")
+    assert all(title in said for title in titles) and "<pre" not in said
 
 
 def test_a_comparison_without_errors_draws_no_empty_figure(tmp_path: Path) -> None:

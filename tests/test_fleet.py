@@ -372,7 +372,7 @@ def test_each_campaigns_notices_are_shown(
     monkeypatch.setattr("sysid.commands.fleet.run_fleet", lambda *_, **__: fleet_of(rows))
     words = ["fleet", "a.toml", "-o", str(tmp_path)]
     assert main(words) == 0
-    assert "(and 1 more like it: -v shows them)" in capsys.readouterr().err
+    assert "(likewise " in (said := capsys.readouterr().err) and "log 1.csv, 1)" in said
     assert main([*words, "-v"]) == 0
     said = capsys.readouterr().err
     assert all(f"{one.folder}: {one.notices[0]}" in said for one in rows)

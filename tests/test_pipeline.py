@@ -119,7 +119,7 @@ def test_what_nobody_asked_for_is_counted_and_shown_with_v(
     assert first.to_json()["notices"] == list(first.notices)
 
 
-def test_notices_of_one_kind_are_one_with_their_count(capsys: pytest.CaptureFixture[str]) -> None:
+def test_notices_of_one_kind_are_one_with_what_differs(capsys: pytest.CaptureFixture[str]) -> None:
     grouped_notices(
         [
             "valve A: no test above duty 0.74",
@@ -130,10 +130,13 @@ def test_notices_of_one_kind_are_one_with_their_count(capsys: pytest.CaptureFixt
         ]
     )
     assert capsys.readouterr().err.splitlines() == [
-        "sysid: notice: valve A: no test above duty 0.74 (and 1 more like it: -v shows them)",
-        "sysid: notice: runs/b.csv, tests 45, 46: excluded (and 1 more like it: -v shows them)",
+        "sysid: notice: valve A: no test above duty 0.74 (likewise valve B, duty 0.98)",
+        "sysid: notice: runs/b.csv, tests 45, 46: excluded (likewise other.csv, tests 3, 4)",
         "sysid: notice: another thing",
     ]
+    grouped_notices([f"{i}.csv: {i} samples lack" for i in range(9)])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("(likewise 1.csv, 1; 2.csv, 2; 3.csv, 3; and 5 more: -v shows them)")
 
 
 def test_a_quick_diagnosis_says_what_it_left_out_and_is_made_anew(

@@ -29,8 +29,6 @@ _GRACE_S = 5.0
 _MOST_LINES = 400
 _ENTERED = re.compile(r"sysid: (\w+): (?:starts|up to date|.*starts again)")
 _FAULT = re.compile(r"sysid: (?:error|fault): (.*)")
-# How a line ends that stands for several.
-_BY_OPTION = ": -v shows them"
 _NOTICE = re.compile(r"sysid: notice: (.*)")
 # The command line itself, which ends with its whole group once its standard input has.
 _COMMAND = """\
@@ -171,9 +169,8 @@ class Job:
 
     @property
     def notices(self) -> list[str]:
-        """The notices that it printed, without the option that a terminal would be given."""
-        found = (found[1] for line in self.lines if (found := _NOTICE.match(line)))
-        return [line.replace(_BY_OPTION, "") for line in found]
+        """The notices that it printed."""
+        return [found[1] for line in self.lines if (found := _NOTICE.match(line))]
 
 
 def own_code(words: Sequence[str]) -> list[str]:

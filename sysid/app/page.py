@@ -29,7 +29,7 @@ from sysid.errors import Failure, InputError, SysidError, one_line, some_of
 
 _OWN_STYLES = import_module("panel.io.resources").LOCAL_DIST
 _MOST_LINES = 14
-# Notices of a command that are shown next to its end; all are in what it printed.
+# Notices of a command that are shown next to its end; the others are folded.
 _MOST_NOTICES = 3
 # Panes of a screen that are sent at once when it is shown again: its head and what stands below.
 _FIRST_PANES = 2
@@ -332,10 +332,11 @@ def _job_bar(job: Job, made: str) -> str:
     command = f"<code>{parts.words(command_line(job.words))}</code>"
     if job.is_done:
         kind = "info" if job.code == 0 else "error"
-        output = "\n".join((*job.lines, job.output))[-8000:]
+        # What programs read is shown by the screen that asked for it.
+        said = job.lines if "--json" in job.words else (*job.lines, job.output)
+        output = "\n".join(said)[-8000:]
         printed = f"<pre>{parts.words(output)}</pre>" if output else ""
-        notices = list(parts.together(job.notices))
-        told = parts.listed(notices[:_MOST_NOTICES])
+        told = parts.notices(job.notices, _MOST_NOTICES)
         more = parts.fold("the command and what it printed", command + printed)
         close = parts.button("×", "close-job", kind="small", title="Dismiss")
         return f'<div class="{kind} job">{parts.words(job.state)} {made}{close}{told}{more}</div>'

@@ -6,7 +6,7 @@ Texts are escaped here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from html import escape
 from importlib import import_module
 from typing import Any
@@ -16,6 +16,7 @@ from sysid.blocks.figures import PANEL, Figure, Picture
 from sysid.blocks.html import block_html, coded, typeset
 from sysid.blocks.interactive import Scheme, draw
 from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Section
+from sysid.errors import grouped, some_of
 
 # Panel's classes have no annotations.
 pn: Any = import_module("panel")
@@ -23,6 +24,8 @@ Chosen = Callable[[Figure, int, int], None]
 """Called with a figure, the number of its cloud of points, and the point that was clicked."""
 # A figure wider than this, in panels, has a row of its own.
 _WIDE = 1.5
+# Places of which the same is said that are named.
+_MOST_PLACES = 3
 
 
 def html(markup: str, **options: Any) -> Any:
@@ -60,6 +63,20 @@ def select(do: str, options: Iterable[tuple[str, str]], chosen: str, label: str)
         for v, t in options
     )
     return f'<select data-do="{words(do)}" aria-label="{words(label)}">{inner}</select>'
+
+
+def select_grouped(
+    do: str, first: str, groups: Mapping[str, Iterable[tuple[str, str]]], label: str
+) -> str:
+    """A menu of groups of (value, text) under their names; what is shown is `first`, no choice."""
+    inner = "".join(
+        f'<optgroup label="{words(name)}">'
+        + "".join(f'<option value="{words(v)}">{words(t)}</option>' for v, t in options)
+        + "</optgroup>"
+        for name, options in groups.items()
+    )
+    head = f'<option value="" selected>{words(first)}</option>'
+    return f'<select data-do="{words(do)}" aria-label="{words(label)}">{head}{inner}</select>'
 
 
 def entry(do: str, value: object, label: str, *, size: int = 8, hint: str = "",
@@ -127,8 +144,15 @@ def together(lines: Iterable[str]) -> Iterator[str]:
         places.setdefault(said, []).append(place)
     for said, found in places.items():
         names = list(dict.fromkeys(found))
-        place = names[0] if len(names) == 1 or not said else f"{names[0]} and {len(names) - 1} more"
-        yield from [f"{place}: {said}"] if said else names
+        yield from [f"{some_of(names, _MOST_PLACES)}: {said}"] if said else names
+
+
+def notices(lines: Iterable[str], most: int) -> str:
+    """A command's notices as a list, those alike as one; those beyond `most` are folded."""
+    shown = grouped(together(lines), rest="see what it printed")
+    more = len(shown) - most
+    said = f"{more} more notice{'s' * (more > 1)}"
+    return listed(shown[:most]) + (fold(said, listed(shown[most:])) if more > 0 else "")
 
 
 def card(title: str, inner: str, kind: str = "") -> str:

@@ -13,20 +13,23 @@ import hmac
 import secrets
 import socket
 import sys
+import threading
 import webbrowser
 from collections.abc import Callable
 from importlib import import_module, resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import tornado.web
+from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPServerRequest
 
-from sysid.app.workbench import Workbench
-from sysid.blocks.html import template_text as block_text
 from sysid.errors import InputError, input_error
 from sysid.io import bounds
+
+if TYPE_CHECKING:
+    from sysid.app.workbench import Workbench
 
 ADDRESS = "127.0.0.1"
 PAGE = "/workbench"
@@ -106,10 +109,21 @@ class _Alive(tornado.web.RequestHandler):
         self.finish("ok")
 
 
+class _Starting(tornado.web.RequestHandler):
+    """The answer, to all but the entry, while the workbench is being imported."""
+
+    def prepare(self) -> None:
+        self.set_status(503)
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.finish("503: the workbench is starting\n")
+
+
 class _Style(tornado.web.RequestHandler):
     """The page's own style, which each of its parts imports."""
 
     def get(self) -> None:
+        from sysid.blocks.html import template_text as block_text
+
         self.set_header("Content-Type", "text/css; charset=utf-8")
         self.set_header("Cache-Control", "max-age=3600")
         self.finish(template_text("style.css") + block_text("phone.css"))
@@ -213,10 +227,13 @@ def _free_port(port: int) -> socket.socket:
     return found
 
 
-def serve(bench: Workbench, port: int, tell: Callable[[str], None], *, opens_browser: bool) -> None:
-    """Serve the workbench until Ctrl-C; `tell` is called with the address, once it answers.
+def serve(
+    make: Callable[[], Workbench], port: int, tell: Callable[[str], None], *, opens_browser: bool
+) -> None:
+    """Serve the workbench that `make` gives until Ctrl-C.
 
-    Raises InputError where the port cannot be had.
+    `tell` is called with the address, once that answers; only then is the workbench imported, and
+    made, in a thread. Raises InputError where the port cannot be had.
     """
     probe = _free_port(port)
     taken = probe.getsockname()[1]
@@ -224,18 +241,71 @@ def serve(bench: Workbench, port: int, tell: Callable[[str], None], *, opens_bro
     gate = Gate(taken)
     loop = asyncio.new_event_loop()
     asyncio.set_event_loop(loop)
-    server = _server(bench, gate, taken)
-    server.start()
+    early = _early(gate, taken)
     address = f"http://{ADDRESS}:{taken}/?token={gate.token}"
     tell(address)
     if opens_browser:
         loop.call_soon(webbrowser.open, address)
+    bench: Workbench | None = None
     try:
         # Ctrl-C stops the loop, or is raised in it.
         with contextlib.suppress(KeyboardInterrupt):
+            bench = loop.run_until_complete(_made(make))
+            early.stop()  # the port is the next one's
+            _server(bench, gate, taken).start()
             loop.run_forever()
     finally:
-        bench.close()
+        if bench is not None:
+            bench.close()
+
+
+async def _made(make: Callable[[], Workbench]) -> Workbench:
+    """The workbench, with all that its page needs imported; the loop goes on meanwhile."""
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[Workbench] = loop.create_future()
+
+    def tell(error: BaseException | None, bench: Workbench | None) -> None:
+        if error is not None:
+            done.set_exception(error)
+        elif bench is not None:
+            done.set_result(bench)
+
+    def work() -> None:
+        try:
+            bench = make()
+            for name in ("sysid.app.page", "panel.io.server"):
+                import_module(name)
+        except BaseException as error:
+            loop.call_soon_threadsafe(tell, error, None)
+        else:
+            loop.call_soon_threadsafe(tell, None, bench)
+
+    # Not the loop's own threads: they would keep a program that is ended meanwhile.
+    threading.Thread(target=work, daemon=True).start()
+    return await done
+
+
+def _early(gate: Gate, port: int) -> HTTPServer:
+    """What answers at the address until the workbench is there."""
+    application = tornado.web.Application([(r"/", _Entry, {"gate": gate}), (r".*", _Starting)])
+    _guard(application, gate)
+    # A connection that were kept would still reach this one later.
+    server = HTTPServer(application, no_keep_alive=True)
+    server.listen(port, ADDRESS)
+    return server
+
+
+def _guard(application: Any, gate: Gate) -> None:
+    """Let nothing reach the application's handlers that the gate refuses."""
+    known = application.find_handler
+
+    def find_handler(request: HTTPServerRequest, **options: Any) -> Any:
+        why = gate.refuses(request)
+        if why:
+            return application.get_handler_delegate(request, _Refused, {"why": why})
+        return known(request, **options)
+
+    application.find_handler = find_handler
 
 
 def _server(bench: Workbench, gate: Gate, port: int) -> Any:
@@ -263,16 +333,7 @@ def _server(bench: Workbench, gate: Gate, port: int) -> Any:
             (r"/upload/(.*)", _Upload, {"bench": bench}),
         ],
     )
-    application = server._tornado
-    known = application.find_handler
-
-    def find_handler(request: HTTPServerRequest, **options: Any) -> Any:
-        why = gate.refuses(request)
-        if why:
-            return application.get_handler_delegate(request, _Refused, {"why": why})
-        return known(request, **options)
-
-    application.find_handler = find_handler
+    _guard(server._tornado, gate)
     return server
 
 

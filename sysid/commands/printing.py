@@ -6,7 +6,6 @@ Output of a single command is in that command's file.
 from __future__ import annotations
 
 import json
-import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,7 +20,7 @@ from sysid.blocks.progress import stage_bar
 from sysid.blocks.shown import Shown
 from sysid.blocks.tables import Table
 from sysid.blocks.terminal import console, terminal_table
-from sysid.errors import one_line
+from sysid.errors import grouped, one_line
 from sysid.types import Progress, no_progress
 
 
@@ -33,30 +32,11 @@ def notices(lines: Iterable[str]) -> None:
 
 
 def grouped_notices(lines: Iterable[str], *, named: bool = False) -> None:
-    """Notices that differ only in numbers, tests, files and sides as one, with their count.
+    """Notices that differ only in numbers, tests, files and sides as one, with what differs.
 
     `named`: also those that differ in the name before their first colon, of a campaign.
     """
-    groups: dict[str, list[str]] = {}
-    for line in dict.fromkeys(lines):
-        said = line.partition(": ")[2] if named else line
-        groups.setdefault(_shape(said), []).append(line)
-    notices(
-        own[0] + (f" (and {len(own) - 1} more like it: -v shows them)" if len(own) > 1 else "")
-        for own in groups.values()
-    )
-
-
-_VARIES = re.compile(
-    r"[^\s,;:]*[/\\][^\s,;:]*|[^\s,;:]+\.(?:csv|parquet|toml|json)\b|\b[ABab]\b"
-    r"|\d+(?:\.\d+)?(?:e[+-]?\d+)?"
-)
-_SEVERAL = re.compile(r"#(?:, #)+")
-
-
-def _shape(line: str) -> str:
-    """A notice without what differs between notices of one kind."""
-    return _SEVERAL.sub("#", _VARIES.sub("#", line))
+    notices(grouped(lines, named=named, rest="-v shows them"))
 
 
 def unasked_notices(count: int) -> None:

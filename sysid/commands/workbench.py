@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import sys
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from sysid.commands.options import PathArgument, component_option, effects_option
 from sysid.errors import input_error
 from sysid.io.files import inputs_changed
-from sysid.pipeline.files import read_campaign
+
+if TYPE_CHECKING:
+    from sysid.app.workbench import Workbench
 
 _NEEDED = ("panel", "tomlkit")
 
@@ -44,29 +48,33 @@ def workbench(
     if missing:
         fix = 'pip install "sysid[app]"'
         raise input_error("sysid app", f"{' and '.join(missing)} is not installed", fix)
-    from sysid.app.server import serve
-    from sysid.app.workbench import Workbench
-
     path = campaign or Path("campaign.toml")
-    if campaign is not None and component is None:
-        read_campaign(path)
     if path.is_dir():
         raise input_error(path, "is a folder", "give the campaign file in it")
+    if campaign is not None and component is None:
+        # To import what reads it may take seconds: it is said first.
+        click.echo(f"sysid app: reading {path}", err=True)
+        from sysid.pipeline.files import read_campaign
+
+        read_campaign(path)
+    from sysid.app.server import serve
+
     folder = path.resolve().parent
-    bench = Workbench(
-        folder,
-        folder / path.name,
-        (folder / "results" if results is None else results.resolve()),
-        component,
-        effects,
-    )
+    kept = folder / "results" if results is None else results.resolve()
+
+    def made() -> Workbench:
+        from sysid.app.workbench import Workbench
+
+        return Workbench(folder, folder / path.name, kept, component, effects)
+
     with inputs_changed():
-        serve(bench, port, _tell, opens_browser=not no_browser)
+        serve(made, port, _tell, opens_browser=not no_browser)
 
 
 def _tell(address: str) -> None:
     click.echo(f"sysid app: {address}")
     click.echo("Only this machine reaches it. Ctrl-C ends it.")
+    sys.stdout.flush()  # a pipe's reader waits for the address too
 
 
 __all__ = ["workbench"]

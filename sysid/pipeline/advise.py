@@ -12,10 +12,12 @@ from sysid.blocks.progress import progress_or_shown
 from sysid.diagnosis.thresholds import SIGNIFICANCE
 from sysid.io.campaign import Campaign
 from sysid.parameters import Bundle
+from sysid.parameters.titles import title_of
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 from sysid.plant.effects.catalogue import catalogue as own_catalogue
 from sysid.plant.effects.entry import Catalogue
+from sysid.plant.effects.linear import possible_on
 from sysid.refinement.advice_result import AdviceResult
 
 if TYPE_CHECKING:
@@ -80,6 +82,25 @@ class PlayOptions(AdviseOptions):
     max_effort: float | None = None
 
 
+def may_ask(
+    campaign: Campaign, bundle: Bundle, effects: EffectSource = None
+) -> dict[str, tuple[str, str]]:
+    """What a test to play may be for: by its name, whether "Parameters" or "Effects", and a title.
+
+    Raises InputError for a rig file that the bundle's model does not fit.
+    """
+    from sysid.refinement.unknowns import chosen, unknowns_of
+
+    own, rig = catalogue_from(effects), campaign.rig
+    numbers = chosen(unknowns_of(bundle, rig, bundle.model(rig, own)))
+    held = {entry.id for entry in bundle.effects}
+    known = possible_on(own_catalogue() if own is None else own, rig)
+    return {
+        **{one.name: ("Parameters", title_of(one.name)) for one in numbers},
+        **{id: ("Effects", effect.title) for id, effect in known.items() if id not in held},
+    }
+
+
 @takes(PlayOptions)
 def design_test(campaign: Campaign, bundle: Bundle, options: PlayOptions) -> PlayedTest:
     """The test that says most about what is asked, as commands that the rig can play.
@@ -128,4 +149,4 @@ def _both(
     return found, test
 
 
-__all__ = ["AdviseOptions", "PlayOptions", "advise", "advise_and_design", "design_test"]
+__all__ = ["AdviseOptions", "PlayOptions", "advise", "advise_and_design", "design_test", "may_ask"]

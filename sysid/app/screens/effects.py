@@ -326,7 +326,7 @@ class EffectsScreen(Screen):
 
     def _run(self) -> None:
         bench = self.bench
-        words = ["run", bench.campaign().path.name, "-o", bench.named(bench.results)]
+        words = ["run", bench.campaign().path.name, "-o", bench.named(bench.results), "-v"]
         expected = expected_seconds(bench.results, RunOptions())
         self.window.start("diagnosing", [*words, *bench.own_words()], expected)
 

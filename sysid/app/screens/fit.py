@@ -170,7 +170,7 @@ class FitScreen(Screen):
 
     def _run(self) -> None:
         bench, campaign = self.bench, self.bench.campaign()
-        words = ["run", campaign.path.name, "-o", bench.named(bench.results)]
+        words = ["run", campaign.path.name, "-o", bench.named(bench.results), "-v"]
         words += ["--quick"] if self.quick else []
         options = RunOptions(quick=self.quick)
         expected = expected_seconds(bench.results, options)

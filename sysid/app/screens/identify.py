@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePath
@@ -19,6 +20,7 @@ from sysid.blocks.titles import capital, use_word
 from sysid.errors import Failure, on_its_own
 from sysid.io.campaign import Campaign
 from sysid.io.files import make_folder, stamp_of
+from sysid.pipeline.advise import may_ask
 from sysid.pipeline.check import (
     Answer,
     CampaignCheck,
@@ -28,6 +30,7 @@ from sysid.pipeline.check import (
     listed,
     readable,
 )
+from sysid.pipeline.pages.next_steps import advised_section
 
 # A matrix of more logs than these is read as a list.
 _MOST_LOGS = 16
@@ -40,7 +43,8 @@ class IdentifyContent:
     """The campaign, its check once that is known, and the bundle that advice may start from.
 
     `found` are the answers of its logs by their numbers, as far as they have come; `is_own`:
-    whether it is of a component of the user's own, whose logs are checked all at once.
+    whether it is of a component of the user's own, whose logs are checked all at once; `asked`:
+    what a test to play may be for (`may_ask`).
     """
 
     campaign: Campaign
@@ -48,6 +52,7 @@ class IdentifyContent:
     check: CampaignCheck | None
     bundle: Path | None
     is_own: bool
+    asked: Mapping[str, tuple[str, str]]
 
 
 class IdentifyScreen(Screen):
@@ -57,9 +62,10 @@ class IdentifyScreen(Screen):
 
     def __init__(self, window: Any) -> None:
         super().__init__(window)
-        self.aim = ""
+        self.aim: list[str] = []
         self.content: IdentifyContent | None = None
         self.answer = parts.html("")
+        self.advice = parts.html("")
 
     def read(self) -> IdentifyContent:
         bench, campaign = self.bench, self.bench.campaign()
@@ -70,7 +76,18 @@ class IdentifyScreen(Screen):
             if known is not None:
                 found[number] = known
         check = self._whole(campaign) if is_own else bench.known(self._key())
-        return IdentifyContent(campaign, found, check, bench.best_bundle(), is_own)
+        bundle = None if is_own else bench.best_bundle()
+        asked = on_its_own(partial(self._asked, campaign, bundle)) if bundle else {}
+        # Why there is none, the command says; until then everything may be asked for together.
+        asked = {} if isinstance(asked, Failure) else asked
+        return IdentifyContent(campaign, found, check, bundle, is_own, asked)
+
+    def _asked(self, campaign: Campaign, bundle: Path) -> Mapping[str, tuple[str, str]]:
+        key = ("may ask", self.bench.campaign_key(), stamp_of(bundle))
+        read = self.bench.bundle(bundle)
+        return self.bench.kept(
+            key, lambda: may_ask(campaign, read, self.bench.effects_file()), small=True
+        )
 
     def _key(self) -> tuple[Any, ...]:
         return "check", self.bench.campaign_key()
@@ -100,7 +117,9 @@ class IdentifyScreen(Screen):
             waiting = [n for n in range(len(content.campaign.logs)) if n not in content.found]
             self.later += [partial(self._check_log, content, number) for number in waiting]
             self.later.append(partial(self._check_all, content))
-        return [self.answer, parts.html(self._advice(content))]
+        self.aim = [name for name in self.aim if name in content.asked]
+        self.advice.object = self._advice(content)
+        return [self.answer, self.advice, *self._advised(content)]
 
     async def _check_log(self, content: IdentifyContent, number: int) -> Callable[[], None]:
         entry = content.campaign.logs[number]
@@ -139,19 +158,36 @@ class IdentifyScreen(Screen):
         text += parts.button("Ask for advice", "identify-advise", kind="primary")
         text += parts.note(
             "Or design a test that the rig can play back, within its travel, speed and effort, "
-            "and write its commands as a log: for all parameters, or for those named here, such "
-            "as valves.a.c_fill (separate several with spaces)."
+            "and write its commands as a log: for all parameters, or for those that you choose."
         )
-        aim = parts.entry("identify-for", self.aim, "for", size=28, hint="all parameters")
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for name, (group, title) in content.asked.items():
+            if name not in self.aim:
+                groups.setdefault(group, []).append((name, title))
+        first = "and for …" if self.aim else "for all parameters"
+        aims = "".join(
+            parts.button(f"{content.asked[name][1]} ×", f"identify-not:{name}", kind="small",
+                         title="Not for this one") + " "
+            for name in self.aim
+        )  # fmt: skip
+        menu = parts.select_grouped("identify-for", first, groups, "What the test is for")
         play = parts.button("Write a test to play", "identify-play",
                             title="sysid advise -o: a file that the rig can play")  # fmt: skip
-        text += f"<div class='bar2'>{aim} {play}</div>" + self._played()
-        kept = self.bench.journal.kept.get(_ADVICE)
-        if isinstance(kept, dict):
-            old = kept.get("of") != list(stamp_of(content.bundle) or ())
-            note = parts.note("made from another bundle", "warn") if old else ""
-            text += f"{note}<pre>{parts.words(kept.get('text', ''))}</pre>"
+        text += f"<div class='bar2'>{aims}{menu} {play}</div>" + self._played()
         return text
+
+    def _advised(self, content: IdentifyContent) -> list[Any]:
+        """The advice that was given last, as the report has it."""
+        kept = self.bench.journal.kept.get(_ADVICE)
+        if content.bundle is None or not isinstance(kept, dict) or "found" not in kept:
+            return []
+        old = kept.get("of") != list(stamp_of(content.bundle) or ())
+        note = [parts.html(parts.note("made from another bundle", "warn"))] if old else []
+        section = advised_section(kept["found"])
+        lines = (*section.intro, *kept["found"]["notices"])
+        said = "".join(f"<p>{parts.message(line)}</p>" for line in lines)
+        panes = parts.block_panes(section.blocks, self.window.scheme)
+        return [*note, parts.html(f"<h3>Advice</h3>{said}"), *panes]
 
     def _played(self) -> str:
         """The tests to play that were written, to keep."""
@@ -162,12 +198,20 @@ class IdentifyScreen(Screen):
         return parts.rows(("Test to play", ""), lines) if lines else ""
 
     async def do(self, what: str, value: Any) -> None:
-        if what == "identify-for":
-            self.aim = " ".join(str(value).split())
+        act, _, name = what.partition(":")
+        if act in ("identify-for", "identify-not") and self.content is not None:
+            self._aim_at(str(value) if act == "identify-for" else name, act == "identify-for")
+            self.advice.object = self._advice(self.content)
         elif what in ("identify-advise", "identify-play"):
             self._ask(with_test=what == "identify-play")
         else:
             await super().do(what, value)
+
+    def _aim_at(self, name: str, is_wanted: bool) -> None:
+        """A test to play shall be for this parameter or effect too, or not for it."""
+        others = [one for one in self.aim if one != name]
+        known = self.content is not None and name in self.content.asked
+        self.aim = [*others, name] if is_wanted and known else others
 
     def _ask(self, *, with_test: bool) -> None:
         bundle = self.bench.best_bundle()
@@ -178,15 +222,16 @@ class IdentifyScreen(Screen):
         if with_test:
             make_folder(self.bench.results)
             words += ["-o", self.bench.named(_unused(self.bench.results))]
-            words += [word for name in self.aim.split() for word in ("--for", name)]
+            words += [word for name in self.aim for word in ("--for", name)]
+        words.append("--json")
         what = "designing a test to play" if with_test else "advising"
         self.window.start(what, [*words, *self.bench.own_words(component=False)])
 
     async def finished(self, job: Job) -> None:
         if job.words[0] == "advise" and job.code == 0:
             bundle = self.bench.folder / job.words[3]
-            advice = {"text": job.output, "of": list(stamp_of(bundle) or ())}
-            self.bench.journal.keep(_ADVICE, advice)
+            found = json.loads(job.output)
+            self.bench.journal.keep(_ADVICE, {"found": found, "of": list(stamp_of(bundle) or ())})
 
 
 def _unused(folder: Path) -> Path:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from sysid.blocks.numbers import MISSING, number, span
-from sysid.blocks.sections import Block, Lines, Said, Section
+from sysid.blocks.sections import Block, Fold, Lines, Said, Section
 from sysid.blocks.tables import table
 from sysid.blocks.titles import capital, within
 from sysid.diagnosis.tables import named
@@ -82,6 +82,14 @@ def next_section(
             "would show; `sysid run --advise` puts it here."
         )
     return Section("next", "What to do next", tuple(intro), tuple(blocks))
+
+
+def advised_section(advice: Content) -> Section:
+    """What `sysid advise --json` prints, a test to play too, as a section of its own."""
+    tests, played = advice["tests"], advice.get("test")
+    said = best_test(tests) if tests else "No test that this rig can do was found."
+    blocks = [*([] if played is None else _played(played)), *_advised(advice), *_sizes(advice)]
+    return Section("advice", "Which test to run next", (said,), tuple(blocks))
 
 
 def next_line(
@@ -252,6 +260,42 @@ def _advised(advice: Content) -> list[Block]:
     return blocks
 
 
+def _played(test: Content) -> list[Block]:
+    """What a test to play is, and what it is expected to tell."""
+    rows = [
+        (named_number(e["parameter"]), number(e["value"], 4), _digits(e["std_now"]),
+         _digits(e["std_after"]), e["unit"])
+        for e in test["expected"]
+    ]  # fmt: skip
+    count = test["tests"]
+    parts = f"{count} part{'s' * (count > 1)}"
+    caption = f"Expected of the test to play: {parts}, {test['duration_s']:g} s in all"
+    heads = ("Parameter", "Value", "Standard error now", "After it", "Unit")
+    return [table(caption, heads, rows, text=(4,))]
+
+
+def _sizes(advice: Content) -> list[Block]:
+    """The smallest size of each effect that would show, now and after the first of the tests."""
+    sizes = advice["smallest_sizes"]
+    if not sizes:
+        return []
+    first = next(iter(sizes[0]["after"]), None)
+    heads = ["Effect, and what of it", "Usual size", "Would show now"]
+    heads += [] if first is None else [f"After {first}"]
+    rows = []
+    for one in sizes:
+        after = [] if first is None else [one["after"][first]]
+        shown = map(_digits, (one["usual"], one["now"], *after))
+        named_one = named_number(f"{one['effect']}.{one['strength']}")
+        rows.append((named_one, *shown, one["unit"]))
+    listed = table("", (*heads, "Unit"), rows, text=(len(heads),))
+    return [Fold("The smallest size of each effect that these tests would show", (listed,))]
+
+
+def _digits(value: float | None) -> str:
+    return MISSING if value is None else number(value, 2)
+
+
 def _smaller(test: Content, by: str = "gain") -> str:
     """By how much a test would lower the standard errors on average, per cent."""
     return _share(1.0 - math.exp(-test[by]))
@@ -406,4 +450,11 @@ def _size(quantity: Quantity) -> float:
     return quantity.typical or (reach if math.isfinite(reach) else 0.0)
 
 
-__all__ = ["known_step", "next_line", "next_section", "open_questions", "which_it_is"]
+__all__ = [
+    "advised_section",
+    "known_step",
+    "next_line",
+    "next_section",
+    "open_questions",
+    "which_it_is",
+]
