@@ -29,6 +29,7 @@ from sysid.io.kinds import (
     MOTION_KINDS,
     READ_BY_ROW,
     SIMULATED_KINDS,
+    VALVE_KINDS,
 )
 from sysid.io.logs import Log, read_log, test_labels
 from sysid.io.own_kind import OwnKind, read_own_log
@@ -501,6 +502,7 @@ __all__ = [
     "MOTION_KINDS",
     "SIMULATED_KINDS",
     "USES",
+    "VALVE_KINDS",
     "Campaign",
     "CampaignFile",
     "CampaignLog",

@@ -106,6 +106,8 @@ def _of(group: Group) -> tuple[str, ...]:
 
 KINDS = tuple(kind.name for kind in TEST_KINDS)
 FRICTION_KINDS, MOTION_KINDS, BENCH_KINDS = _of("friction"), _of("motion"), _of("bench")
+VALVE_KINDS = _of("valve")
+"""Kinds of test in which the piston is held."""
 SIMULATED_KINDS = (*MOTION_KINDS, FRICTION_MOTION)
 """Kinds of motion that a model can be simulated along."""
 BALANCED_KINDS = tuple(kind.name for kind in TEST_KINDS if kind.balances)
@@ -145,6 +147,7 @@ __all__ = [
     "READ_BY_ROW",
     "SIMULATED_KINDS",
     "TEST_KINDS",
+    "VALVE_KINDS",
     "TestKind",
     "settled_kind",
     "settled_line",

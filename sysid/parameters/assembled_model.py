@@ -57,8 +57,11 @@ _OTHER_REGIME = {
 }
 
 
-def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
+def parameters_from_bundle(bundle: BundleContent, rig: Rig, held: bool = False) -> Parameters:
     """The base model's parameters: fitted ones from `bundle`, the others from `rig`.
+
+    `held`: of a shaft that is fixed, for tests in which nothing moves, where neither friction nor
+    an inertia is needed.
 
     A fitted inertia holds with the payload of the bundle's rig: what `rig`'s differs by is added.
     Choked filling holds at the supply of the bundle's rig, and is proportional to `rig`'s.
@@ -73,10 +76,12 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     regime (`assumed_parameters` says so). Raises InputError where the rig file lacks a section,
     NotIdentifiedError where the bundle has no friction.
     """
+    if held:
+        return _with_valves(bundle, rig, dict.fromkeys(FRICTION, 0.0), 1.0).with_held_shaft()
     friction, where = bundle.friction, bundle.source
     rig.require_motion()
     if friction is None:
-        raise NotIdentifiedError(f"{where}: holds no friction; {_friction_wanted(rig)}")
+        raise NotIdentifiedError(f"{where}: holds no friction; {friction_wanted(rig)}")
     taken = {name: name for name in FRICTION}
     if _lacks_static_alone(friction):
         taken["static"] = "coulomb"
@@ -86,14 +91,21 @@ def parameters_from_bundle(bundle: BundleContent, rig: Rig) -> Parameters:
     }
     if rig.is_motor_alone:
         return _motor_alone(bundle, friction, rig, values)
+    return _with_valves(bundle, rig, values, _inertia(bundle, rig))
+
+
+def _with_valves(
+    bundle: BundleContent, rig: Rig, friction: Mapping[str, float], inertia: float
+) -> Parameters:
+    """Parameters of a rig with chambers; `friction` by short name."""
     parameters = parameters_from_rig(
         rig,
-        static_effort=values["static"],
-        coulomb_effort=values["coulomb"],
-        viscous=values["viscous"],
+        static_effort=friction["static"],
+        coulomb_effort=friction["coulomb"],
+        viscous=friction["viscous"],
         valve_a=_discrete_law(bundle, rig, "a"),
         valve_b=_discrete_law(bundle, rig, "b"),
-        inertia=_inertia(bundle, rig),
+        inertia=inertia,
     )
     return parameters.replace(supply_reference=_supply_of_fit(bundle, rig))
 
@@ -228,14 +240,16 @@ def _assumed_ratios(bundle: BundleContent, side: str, law: DiscreteLaw) -> Itera
             )
 
 
-def model_from_bundle(bundle: BundleContent, rig: Rig, catalogue: Catalogue | None = None) -> Model:
+def model_from_bundle(
+    bundle: BundleContent, rig: Rig, catalogue: Catalogue | None = None, held: bool = False
+) -> Model:
     """The model with a bundle's parameters and effects, these in the bundle's order.
 
-    `catalogue` maps ids to effects; None is the project's own. Raises as
-    `parameters_from_bundle` and `effects_from_bundle` do.
+    `catalogue` maps ids to effects; None is the project's own. `held`: see
+    `parameters_from_bundle`. Raises as that and `effects_from_bundle` do.
     """
     effects = effects_from_bundle(bundle, catalogue)
-    return Model(parameters_from_bundle(bundle, rig), effects)
+    return Model(parameters_from_bundle(bundle, rig, held), effects)
 
 
 def effects_from_bundle(
@@ -518,7 +532,8 @@ def _identified(part: Part, key: str, where: str, test: str) -> float:
     return float(estimate.value)
 
 
-def _friction_wanted(rig: Rig) -> str:
+def friction_wanted(rig: Rig) -> str:
+    """What to do about a bundle without friction, as an error says it."""
     tests = dict.fromkeys(test.split(" ")[0] for test in rig.friction_tests.values())
     return f"fit {' and '.join(tests)} tests into it"
 
@@ -573,6 +588,7 @@ __all__ = [
     "effects_from_bundle",
     "first_valve_model",
     "fitted_inertia",
+    "friction_wanted",
     "model_from_bundle",
     "parameters_from_bundle",
     "require_moving_inertia",

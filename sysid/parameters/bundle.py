@@ -122,14 +122,16 @@ class Bundle(Shown, BundleContent):
         for place, part in shown.parts().items():
             yield kind if part.rows[0].origin == "component" else place, part
 
-    def model(self, rig: Rig | None = None, catalogue: Catalogue | None = None) -> Model:
+    def model(
+        self, rig: Rig | None = None, catalogue: Catalogue | None = None, *, held: bool = False
+    ) -> Model:
         """The model that can be simulated: the base model's parameters, and the effects.
 
         `rig` (None: the bundle's) is the rig that is simulated; `catalogue` holds the effects
-        (None: the project's own). Raises InputError for contradictory content,
-        NotIdentifiedError where the bundle has no friction.
+        (None: the project's own); `held`: the shaft is fixed, which needs no friction. Raises
+        InputError for contradictory content, NotIdentifiedError where the bundle has no friction.
         """
-        return model_from_bundle(self, rig or self.rig, catalogue)
+        return model_from_bundle(self, rig or self.rig, catalogue, held)
 
     def with_effects(self, effects: Iterable[EffectEntry]) -> Bundle:
         """The bundle with these effects after its own; validation and refinement are dropped."""

@@ -35,19 +35,22 @@ from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.diagnosis.search_record import Recorder, SearchRecord, SearchStage, bounded
 from sysid.diagnosis.tables import summary
 from sysid.errors import Failure, NotIdentifiedError, input_error, on_its_own
-from sysid.io.campaign import Campaign, CampaignLog
+from sysid.io.campaign import VALVE_KINDS, Campaign, CampaignLog
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
+from sysid.io.trial_kind import is_active, is_held
 from sysid.parameters import Bundle, EffectEntry, HeldOutError
 from sysid.parameters.assembled_model import assumed_parameters
 from sysid.parameters.effects import entry_of
 from sysid.parameters.fitted_logs import check_log
+from sysid.parameters.laws_of_pwm import with_laws_of_pwm
 from sysid.parameters.possible import impossible
 from sysid.parameters.refinement import ScatterOfFriction
 from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.effects.linear import for_rig
+from sysid.plant.ports import has_law
 from sysid.refinement.draws import drawn_models
 
 if TYPE_CHECKING:
@@ -55,6 +58,11 @@ if TYPE_CHECKING:
 
 # Models with fitted numbers drawn by their errors; the squares of these many are averaged.
 _DRAWN = 16
+_HELD = (
+    "the piston is held in every training test: chambers and valves alone are diagnosed, friction, "
+    "inertia and efforts are not judged; motion logs would show them, and give errors of tests "
+    "held out"
+)
 _EFFECTS = "effects act on the equations of an actuator or its parts"
 _TERMS = "declare what your component may lack as its terms"
 
@@ -157,12 +165,20 @@ def diagnose(campaign: Campaign, bundle: Bundle, options: DiagnoseOptions) -> Ca
     >>> sorted(found.residual["flow_a_kg_s"].to_json())
     ['after', 'before', 'noise_floor']
     """
-    look = _of_rig if component_in(campaign) is None else _of_own
+    is_own = component_in(campaign) is not None
+    given, assumed = (bundle, ()) if is_own else _with_flows(campaign, bundle)
+    look = _of_own if is_own else _of_rig
     with progress_or_shown(options.progress, "diagnosing") as tell:
-        found, notices = look(campaign, bundle, replace(options, progress=tell))
-    longer = extended_bundle(bundle, found, campaign)
-    said = tuple(dict.fromkeys((*notices, *found.notices)))
+        found, notices = look(campaign, given, replace(options, progress=tell))
+    longer = extended_bundle(given if found.effects else bundle, found, campaign)
+    said = tuple(dict.fromkeys((*assumed, *notices, *found.notices)))
     return CampaignDiagnosis(found, longer, said)
+
+
+def _with_flows(campaign: Campaign, bundle: Bundle) -> tuple[Bundle, tuple[str, ...]]:
+    """The bundle, of an actuator with on/off laws from its PWM tests where it has no other."""
+    part = part_tested(campaign.training_kinds(), bundle)
+    return with_laws_of_pwm(bundle) if part is None else (bundle, ())
 
 
 def _of_own(
@@ -232,11 +248,26 @@ def _searched(
         look = _look_at_part(kind, campaign, bundle, logs, catalogue, options)
     else:
         notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle, campaign.rig)]
-        look = _look_at_actuator(campaign, bundle, logs, catalogue, options)
+        held = bundle.friction is None and not _moves(logs, campaign.rig)
+        if held:
+            notices.append(_HELD)
+            look = _look_at_chambers(campaign, bundle, logs, catalogue, options)
+        else:
+            look = _look_at_actuator(campaign, bundle, logs, catalogue, options)
     found = without_contradicted(look, open_ones, options.tell)
-    if kind is None:
+    if kind is None and not held:
         found = replace(found, trace=_trace(campaign, bundle, found, logs, catalogue))
     return found, tuple(notices)
+
+
+def _moves(logs: Sequence[tuple[str, str, Log]], rig: Rig) -> bool:
+    """Whether the piston is free in any of the training tests."""
+    return any(
+        not (kind in VALVE_KINDS or is_held(trial, rig))
+        for use, kind, log in logs
+        if use == "fit"
+        for trial in log.trials
+    )
 
 
 def _trace(
@@ -280,6 +311,34 @@ def _look_at_part(
         outside = cast(HeldOutEvidence, found.evidence).outside
         after = None if outside is None else partial(held_out_errors, outside, catalogue=catalogue)
         return with_refined_numbers(found, campaign, extended, catalogue, after, options.tell)
+
+    return look
+
+
+def _look_at_chambers(
+    campaign: Campaign,
+    bundle: Bundle,
+    logs: Sequence[tuple[str, str, Log]],
+    catalogue: Catalogue,
+    options: DiagnoseOptions,
+) -> Look:
+    """Of an actuator whose piston is held in every test: its chambers and valves alone.
+
+    A valve that no law is known of passes nothing where no test commands it.
+    """
+    model = bundle.model(campaign.rig, catalogue, held=True)
+    for side in campaign.rig.sides:
+        names = (f"valve_{side}", f"duty_{side}")
+        acts = any(is_active(trial, *names) for _, _, log in logs for trial in log.trials)
+        if not (acts or has_law(model.parameters, side)):
+            model = replace(model, parameters=model.parameters.without_flow(side))
+    memory = Memory()
+
+    def look(effects: Catalogue) -> Diagnosis:
+        return diagnose_actuator(
+            logs, campaign.rig, model, effects, seed=options.seed,
+            quick=options.quick, memory=memory, progress=options.tell,
+        )  # fmt: skip
 
     return look
 

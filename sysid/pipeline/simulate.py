@@ -12,12 +12,13 @@ import numpy as np
 from sysid.blocks.plots import legend, some_axes
 from sysid.blocks.progress import progress_or_shown
 from sysid.blocks.shown import Shown
-from sysid.errors import input_error
+from sysid.errors import NotIdentifiedError, input_error
 from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import read_log
 from sysid.io.rig import Rig
 from sysid.io.samples import Trial
 from sysid.io.tables import write_table
+from sysid.io.trial_kind import is_held
 from sysid.io.units import parse_map
 from sysid.parameters import Bundle, read_bundle
 from sysid.parameters.assembled_model import (
@@ -25,6 +26,7 @@ from sysid.parameters.assembled_model import (
     VALVE_MODELS,
     assumed_parameters,
     first_valve_model,
+    friction_wanted,
     surfaces_for,
 )
 from sysid.pipeline.given_tests import Tests, rig_of, trials_of
@@ -217,7 +219,8 @@ def simulate(tests: Tests, model: Model | Bundle, options: SimulateOptions) -> S
     surfaces: tuple[Any, ...] = ()
     chosen = options.valve_model or DISCRETE
     if isinstance(model, Bundle):
-        plain = model.model(known, catalogue_from(options.effects))
+        held = _is_held(model, trials, known)
+        plain = model.model(known, catalogue_from(options.effects), held=held)
         chosen = options.valve_model or first_valve_model(model, known, plain.parameters)
         surfaces = surfaces_for(model, known, chosen)
     elif chosen == DISCRETE:
@@ -250,9 +253,14 @@ def simulate_log(
     bundle = read_bundle(bundle_path)
     rig = bundle.rig
     log = read_log(inputs, rig, parse_map(maps))
-    model = bundle.model(rig, catalogue_from(options.effects))
+    held = _is_held(bundle, log.trials, rig)
+    model = bundle.model(rig, catalogue_from(options.effects), held=held)
     chosen = options.valve_model or first_valve_model(bundle, rig, model.parameters)
     notices = [*rig.notices, *log.notices, *assumed_parameters(bundle, rig)]
+    if held:
+        notices.append(
+            f"{bundle_path.name}: holds no friction: the piston stays where {inputs.name} has it"
+        )
     for trial in log.trials:
         check_commands(trial, rig, chosen)
         notices += assumed_starts(trial, rig)
@@ -265,8 +273,8 @@ def simulate_log(
     )
     bands: list[Mapping[str, MotionBand]] = []
     if options.draws:
-        bands, held = _bands(bundle, rig, model, log.trials, chosen, options)
-        notices += held
+        bands, kept = _bands(bundle, rig, model, log.trials, chosen, options)
+        notices += kept
     columns = [
         {**own, **(_band_columns(bands[i]) if bands else {})} for i, own in enumerate(channels)
     ]
@@ -286,6 +294,22 @@ def simulate_log(
         tuple(bands),
         options.draws,
     )
+
+
+def _is_held(bundle: Bundle, trials: Sequence[Trial], rig: Rig) -> bool:
+    """Whether the piston is held in tests by a bundle without friction, as their position shows.
+
+    Raises NotIdentifiedError where such a test shows no position: it may move.
+    """
+    if bundle.friction is not None or rig.cylinder is None:
+        return False
+    name = rig.position_channel
+    if unknown := [trial.source for trial in trials if name not in trial]:
+        raise NotIdentifiedError(
+            f"{bundle.source}: holds no friction; {friction_wanted(rig)}, or where the piston is "
+            f"held, give its place as {name} in every row of {unknown[0]}"
+        )
+    return all(is_held(trial, rig) for trial in trials)
 
 
 def _bands(

@@ -56,6 +56,10 @@ def is_zero(value: Array) -> bool:
     return isinstance(value, float) and value == 0.0
 
 
+# Nm or N, beyond what any machine exerts. Not infinite, as the simulator multiplies it by 0.
+_NEVER_OVERCOME = 1e12
+
+
 @dataclass(frozen=True)
 class Parameters:
     """Every number of the base model, flat, so that any of them can be fitted or batched.
@@ -148,6 +152,14 @@ class Parameters:
             viscous=self.viscous * sliding,
             static_effort=self.static_effort * static,
         )
+
+    def with_held_shaft(self) -> Parameters:
+        """A copy whose shaft is fixed at rest: no effort overcomes its friction."""
+        return self.replace(static_effort=_NEVER_OVERCOME, coulomb_effort=_NEVER_OVERCOME)
+
+    def without_flow(self, side: str) -> Parameters:
+        """A copy whose valve A or B passes nothing."""
+        return self.replace(**{f"{name}_{side}": v for name, v in vars(_NO_VALVE).items()})
 
     def valve(self, side: str) -> ValveParameters:
         """Valve A's or B's flow parameters; ValueError unless `side` is "a" or "b"."""

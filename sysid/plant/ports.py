@@ -483,6 +483,11 @@ def _values_of(names: tuple[str, ...]) -> Callable[[Any], list[Any]]:
 
 def has_discrete_law(parameters: Parameters) -> bool:
     """Whether both valves have the flow parameters of their law."""
-    laws = [parameters.valve(side) for side in SIDES]
-    flows = (getattr(law, field.name) for law in laws for field in dataclasses.fields(law))
+    return all(has_law(parameters, side) for side in SIDES)
+
+
+def has_law(parameters: Parameters, side: str) -> bool:
+    """Whether valve A or B has the flow parameters of its law."""
+    law = parameters.valve(side)
+    flows = (getattr(law, field.name) for field in dataclasses.fields(law))
     return not any(flow is not None and np.isnan(flow).any() for flow in flows)

@@ -94,9 +94,7 @@ def _static(problem: ProbedProblem) -> Iterator[BenchCandidate]:
 def _fillings(problem: ProbedProblem, rig: Rig, noise: FloatArray, side: str) -> BenchCandidate:
     """A chamber filled and emptied with the piston held, the start pressure unknown."""
     base = problem.model
-    # A held piston: static friction times this factor is never overcome.
-    clamped = base.parameters.replace(static_effort=1e6 * base.parameters.static_effort)
-    model = dataclasses.replace(base, parameters=clamped)
+    model = dataclasses.replace(base, parameters=base.parameters.with_held_shaft())
     inputs = _filling(rig, model, side)
     start_std = np.array([*LEAST_START_STD[:2], noise[1], noise[2]])
     shown = np.zeros((len(noise), len(inputs.time)))

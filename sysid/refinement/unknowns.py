@@ -152,7 +152,9 @@ def _correlations(table: ParameterTable) -> dict[str, tuple[tuple[str, float], .
 
 
 def _friction(bundle: Bundle, rig: Rig, model: Model, known: Known) -> list[Unknown]:
-    found = []
+    found: list[Unknown] = []
+    if bundle.friction is None:
+        return found  # of a shaft that is held
     for name in FRICTION:
         field = field_of(name)
         value = float(getattr(model.parameters, field))

@@ -502,17 +502,29 @@ class Finder:
         return better
 
     def _without_superfluous(self, names: frozenset[str]) -> None:
-        """Fit a set without each of its effects in turn."""
+        """Fit a set without each of its effects in turn.
+
+        Again, where those that are left have better numbers in the set than on their own: a fit
+        that starts far off may end in another minimum, from which a further effect leads out.
+        """
         if len(names) < 2:
             return
         found = self.sets[names]
         for effect in found.effects:
             fewer = names - {effect.id}
-            if fewer not in self.sets:
-                others = [e for e in found.effects if e is not effect]
-                own = attempt(lambda: fit_set(self.first, self.channels, others, found.squares))  # noqa: B023
-                if not isinstance(own, Failure):
-                    self.sets[fewer] = own
+            others = [e for e in found.effects if e is not effect]
+            known = self.sets.get(fewer)
+            if known is not None and self._cost_of(others) >= cost(self.channels, known.squares):
+                continue
+            own = attempt(lambda: fit_set(self.first, self.channels, others, found.squares))  # noqa: B023
+            if not isinstance(own, Failure):
+                self.sets[fewer] = own
+
+    def _cost_of(self, effects: Sequence[CatalogueEffect]) -> float:
+        """Minus twice the log likelihood that effects leave with the numbers that they have."""
+        given = self.first.model
+        base = projected(self.first.frame, Model(given.parameters, (*given.effects, *effects)))
+        return float(cost(self.channels, channel_squares(base, base.rest)))
 
     def _beyond_twins(self) -> frozenset[str]:
         """The best set, by what it gains beyond the same fit on twins."""

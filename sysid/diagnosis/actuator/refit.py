@@ -77,7 +77,7 @@ def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
     replaces a law changes their role.
     """
     equations = _Equations(base, starts)
-    parameters, left = equations.parameters, _EVALUATIONS
+    parameters, left = equations.from_best_base(), _EVALUATIONS
     while True:
         fit = minimise(
             equations.residuals,
@@ -143,6 +143,23 @@ class _Equations:
         columns = self._columns(np.array([p.value for p in self.parameters]), places)
         shown = zip(places, columns.T, strict=True)
         return frozenset(self.parameters[i].name for i, column in shown if not column.any())
+
+    def from_best_base(self) -> list[Parameter]:
+        """The parameters with the base's where they suit the effects' start best, if they do better
+        there than as they are: to leave them would make a large effect look wrong at first."""
+        values = np.array([p.value for p in self.parameters])
+        if not self._names:
+            return self.parameters
+        columns = self._columns(values, range(self._count, len(values)))
+        step = np.linalg.lstsq(columns, -self.residuals(values), rcond=None)[0]
+        moved = values.copy()
+        moved[self._count :] += step
+        limits = np.array([(p.lower, p.upper) for p in self.parameters])
+        moved = np.clip(moved, *limits.T)
+        before, after = (float(np.sum(self.residuals(v) ** 2)) for v in (values, moved))
+        if not after < before:
+            return self.parameters
+        return [replace(p, value=float(v)) for p, v in zip(self.parameters, moved, strict=True)]
 
     def effects(self, values: FloatArray) -> tuple[CatalogueEffect, ...]:
         """The effects with their numbers."""

@@ -91,13 +91,15 @@ def screened(
     """Every form's columns against a residual. Raises OutOfBudgetError.
 
     `known`: signatures of effects without any other, which serve again given a set,
-    and to which what is computed here is added. Effects that cannot be screened are noted.
+    and to which what is computed here is added. Effects that cannot be screened are noted, those
+    that show in no test omitted.
     """
     signed = {} if known is None else known
     names = list(dict.fromkeys(form.id for form in forms))
     new = [form for form in forms if form.id not in signed]
     signed |= _of_each([base], new, recorder, _signed)[0]
-    names = [name for name in names if name in signed]
+    # What shows in none of the tests, as friction where nothing moves, they cannot judge.
+    names = [name for name in names if name in signed and signed[name].columns.any()]
     parts = in_threads(lambda name: _projections(base, signed[name]), names)
     kept = tuple(form for part in parts for form in part.forms)
     size = sum(part.gradient.shape[1] for part in parts)

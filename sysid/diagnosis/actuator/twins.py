@@ -227,8 +227,7 @@ def _at_stamps(
 
 def _held(model: Model) -> Model:
     """The model with a fixed shaft, as in the valve tests."""
-    p = model.parameters
-    return Model(p.replace(static_effort=1e6, coulomb_effort=1e6), model.effects)
+    return Model(model.parameters.with_held_shaft(), model.effects)
 
 
 def _longest(trials: Sequence[Trial], position: str) -> list[Trial]:
