@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -33,7 +33,7 @@ _ITEM = (
 )
 _VARIES = re.compile(rf"{_ITEM}(?:, {_ITEM})*")
 _WORD_BEFORE = re.compile(r"[A-Za-z]+ $")
-# Others of a group of which a line says what is different.
+# Others of a group of which a line says what is different; places of which the same is said.
 _MOST_ALIKE = 3
 
 
@@ -113,6 +113,17 @@ def some_of(names: Sequence[str], most: int, *, counted: bool = True) -> str:
     more = len(names) - most
     end = "" if more <= 0 else f" and {more} more" if counted else " ..."
     return ", ".join(names[:most]) + end
+
+
+def together(lines: Iterable[str]) -> Iterator[str]:
+    """Lines `place: what`; what is said of several places is said once."""
+    places: dict[str, list[str]] = {}
+    for line in lines:
+        place, _, said = line.partition(": ")
+        places.setdefault(said, []).append(place)
+    for said, found in places.items():
+        names = list(dict.fromkeys(found))
+        yield from [f"{some_of(names, _MOST_ALIKE)}: {said}"] if said else names
 
 
 def grouped(lines: Iterable[str], *, named: bool = False, rest: str = "") -> list[str]:

@@ -401,6 +401,11 @@ def test_tables_on_a_phone_are_those_of_reports(server: Server, browser: Any) ->
     name = page.page.locator("table.long tbody th").first
     assert name.evaluate("(node) => getComputedStyle(node).position") == "sticky"
     assert page.page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.show("1")
+    remove = page.page.locator("button[data-do^=log-remove]")
+    wait_until(lambda: remove.count() > 0)
+    ends = remove.evaluate_all("(all) => all.map((one) => one.getBoundingClientRect().right)")
+    assert max(ends) <= 390
     context.close()
 
 
@@ -1035,6 +1040,19 @@ def test_a_unit_stands_clear_of_its_colours() -> None:
     figure = Figure("f", "Flow", "", (Panel(Scale("x"), Scale("y"), (cells,)),))
     (bar,) = draw(figure, "light").layout.select({"type": ColorBar})
     assert bar.title == "g/s" and bar.title_standoff > 2 * ColorBar().title_standoff
+
+
+def test_panels_of_the_same_curves_have_one_legend() -> None:
+    time_s = np.arange(5.0)
+    two = tuple(Curve(time_s, time_s, name) for name in ("one", "other"))
+    off = (Curve(time_s, time_s, ""),)
+    panels = [TracePanel(Scale("x"), curves) for curves in (two, off, two, two[:1])]
+    traces = TraceView(panels, "light")
+    labels = [[i.label["value"] for p in one.legend for i in p.items] for one in traces.plots]
+    assert labels == [["one", "other"], [], [], ["one"]]
+    # A line that is hidden by the legend is hidden below it too.
+    (linked,) = traces.plots[0].renderers[0].js_property_callbacks["change:visible"]
+    assert linked.args["other"] is traces.plots[2].renderers[0]
 
 
 def test_a_million_samples_are_thinned_to_the_window() -> None:

@@ -15,7 +15,8 @@ import pytest
 from golden_folder import golden_bundle
 
 import sysid as si
-from sysid.blocks.figures import Bars, Points
+from sysid.blocks.figures import Bars, Figure, Panel, Points, Scale
+from sysid.blocks.svg import picture
 from sysid.commands.app import main
 from sysid.errors import InputError
 from sysid.estimation.linear import Estimate, mean_estimate
@@ -392,3 +393,16 @@ def test_a_number_fitted_anew_is_of_no_law_before(rig_text: str) -> None:
     assert law is not None and law.by_law is not None
     assert law.replaced(c_dis=law.c_dis).by_law is None
     assert law.replaced(tests=["1"]).by_law == law.by_law
+
+
+def test_a_legend_without_room_next_to_the_title_is_beneath_it() -> None:
+    points = np.arange(3.0)
+    marks = tuple(Points(points, points, "model", f"a bundle of number {i}.json") for i in range(4))
+    panel = Panel(Scale("x"), Scale("y"), marks, legend="over")
+    text = picture(Figure("f", "Each number against the first", "", (panel,))).svg
+    found = re.findall(r'<text[^>]* x="(-?[\d.]+)" y="(-?[\d.]+)"[^>]*>([^<]*)<', text)
+    places = {said: (float(x), float(y)) for x, y, said in found}
+    title = places["Each number against the first"]
+    entries = [place for said, place in places.items() if said.startswith("a bundle")]
+    assert len(entries) == 4
+    assert all(x > 0.0 and y > title[1] + 8.0 for x, y in entries)

@@ -6,7 +6,7 @@ Texts are escaped here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 from importlib import import_module
 from typing import Any
@@ -16,7 +16,7 @@ from sysid.blocks.figures import PANEL, Figure, Picture
 from sysid.blocks.html import block_html, coded, typeset
 from sysid.blocks.interactive import Scheme, draw
 from sysid.blocks.sections import Block, FigureGroup, Fold, Plot, Section
-from sysid.errors import grouped, some_of
+from sysid.errors import grouped, together
 
 # Panel's classes have no annotations.
 pn: Any = import_module("panel")
@@ -24,8 +24,6 @@ Chosen = Callable[[Figure, int, int], None]
 """Called with a figure, the number of its cloud of points, and the point that was clicked."""
 # A figure wider than this, in panels, has a row of its own.
 _WIDE = 1.5
-# Places of which the same is said that are named.
-_MOST_PLACES = 3
 
 
 def html(markup: str, **options: Any) -> Any:
@@ -105,8 +103,18 @@ def slider(do: str, low: float, high: float, step: float, value: float, label: s
     )
 
 
-def rows(headings: Sequence[str], lines: Iterable[Sequence[str]], caption: str = "") -> str:
-    """A table of cells that are markup; a row that begins with "class:" has that class."""
+def rows(
+    headings: Sequence[str],
+    lines: Iterable[Sequence[str]],
+    caption: str = "",
+    *,
+    as_cards: bool = False,
+) -> str:
+    """A table of cells that are markup; a row that begins with "class:" has that class.
+
+    `as_cards`: on a phone a row is its first cell, and beneath it the others with their headings;
+    what can be clicked or chosen says itself what it is.
+    """
     head = "".join(f'<th scope="col">{words(h)}</th>' for h in headings)
     body = ""
     for line in lines:
@@ -114,7 +122,18 @@ def rows(headings: Sequence[str], lines: Iterable[Sequence[str]], caption: str =
         kind = ""
         if cells and cells[0].startswith("class:"):
             kind = f' class="{cells.pop(0)[6:]}"'
-        body += f"<tr{kind}>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+        if as_cards:
+            labels = [
+                "" if "data-do" in cell else words(h)
+                for h, cell in zip(headings, cells, strict=True)
+            ]
+            shown = f'<th scope="row">{cells[0]}</th>' + "".join(
+                f'<td data-label="{label}">{cell}</td>' if cell else "<td></td>"
+                for label, cell in zip(labels[1:], cells[1:], strict=True)
+            )
+        else:
+            shown = "".join(f"<td>{cell}</td>" for cell in cells)
+        body += f"<tr{kind}>{shown}</tr>"
     named = f"<caption>{words(caption)}</caption>" if caption else ""
     return (
         f'<div class="scroll"><table>{named}<thead><tr>{head}</tr></thead>'
@@ -134,17 +153,6 @@ def listed(lines: Iterable[str]) -> str:
     """Lines as a list, what is in backticks as code; nothing without any."""
     inner = "".join(f"<li>{message(line)}</li>" for line in lines)
     return f"<ul>{inner}</ul>" if inner else ""
-
-
-def together(lines: Iterable[str]) -> Iterator[str]:
-    """Lines `place: what`; what is said of several places is said once."""
-    places: dict[str, list[str]] = {}
-    for line in lines:
-        place, _, said = line.partition(": ")
-        places.setdefault(said, []).append(place)
-    for said, found in places.items():
-        names = list(dict.fromkeys(found))
-        yield from [f"{some_of(names, _MOST_PLACES)}: {said}"] if said else names
 
 
 def notices(lines: Iterable[str], most: int) -> str:

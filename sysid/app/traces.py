@@ -15,6 +15,8 @@ import numpy as np
 from sysid.blocks.drawing import thinned
 from sysid.blocks.figures import Dash, Role, Scale
 from sysid.blocks.interactive import (
+    LEGEND_LETTER,
+    LEGEND_SAMPLE,
     SCHEMES,
     TOOLBAR_STYLE,
     Scheme,
@@ -69,6 +71,17 @@ def overlay_role(number: int) -> Role:
     return _OVERLAY[number % len(_OVERLAY)]
 
 
+def _wrap_legend(plot: Any) -> None:
+    """As many columns of the legend as its window has room for: one of a phone has one or two."""
+    legend = plot.legend[0]
+    widest = max(LEGEND_LETTER * len(i.label["value"]) + LEGEND_SAMPLE for i in legend.items)
+    wrap = bokeh("models").CustomJS(
+        args={"legend": legend, "widest": widest},
+        code="legend.ncols = Math.max(1, Math.floor(cb_obj.inner_width / widest));",
+    )
+    plot.js_on_change("inner_width", wrap)
+
+
 def trial_role(number: int) -> Role:
     """The colour of one of several measured tests over one another."""
     return _TESTS[number % len(_TESTS)]
@@ -92,6 +105,7 @@ class TraceView:
         self.sources: list[tuple[Curve, Any]] = []
         self.marks: list[Any] = []
         self.plots: list[Any] = []
+        self.lines: dict[str, Any] = {}  # those of the last legend, by their labels
         ends = [c.time[[0, -1]] for p in panels for c in p.curves if len(c.time)]
         low = float(min(e[0] for e in ends)) if ends else 0.0
         high = float(max(e[1] for e in ends)) if ends else 1.0
@@ -135,18 +149,29 @@ class TraceView:
                 bottom=-panel.noise, top=panel.noise, fill_color=colours["band"], fill_alpha=0.25,
                 line_color=None,
             ))  # fmt: skip
+        # Panels of the same curves have one legend, above the first: it hides them in all.
+        labels = dict.fromkeys(curve.label for curve in panel.curves if curve.label)
+        is_first = bool(labels) and tuple(self.lines) != tuple(labels)
+        if is_first:
+            self.lines = {}
         for curve in panel.curves:
             source = parts.ColumnDataSource(_thinned(curve, *self.whole))
-            given: dict[str, Any] = {"legend_label": curve.label} if curve.label else {}
+            has_entry = bool(curve.label) and is_first
+            given: dict[str, Any] = {"legend_label": curve.label} if has_entry else {}
             draw = plot.step if curve.is_step else plot.line
-            draw(
+            line = draw(
                 "x", "y", source=source, line_color=colours[curve.role], line_width=curve.width,
                 line_dash=_DASHES[curve.dash], **given,
                 **({"mode": "after"} if curve.is_step else {}),
             )  # fmt: skip
             self.sources.append((curve, source))
+            if curve.label in self.lines:
+                self.lines[curve.label].js_link("visible", line, "visible")
+            elif curve.label:
+                self.lines[curve.label] = line
         if plot.legend:
             style_legend(plot, self.scheme)
+            _wrap_legend(plot)
         if self._selected is not None:
             self._add_span(plot)
         self.plots.append(plot)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import html
 import io
+import math
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -131,6 +132,8 @@ def panels(
 
 
 _NAMES_INSIDE, _COLOUR_BAR = 0.16, 0.62
+# Inches of a row of a legend between a figure's title and its axes.
+_LEGEND_ROW = 0.17
 _POINTS_PER_INCH = 72.0
 _LETTER_INCHES = 0.62 * _FONT_PT / _POINTS_PER_INCH
 # Left of the axes besides the tick labels: the ticks, the turned label, what is between them, and
@@ -184,17 +187,28 @@ def _make_room(figure: MatplotlibFigure, axes: Sequence[Axes]) -> None:
 
 
 def _move_to_title(figure: MatplotlibFigure, ax: Axes) -> None:
-    """A legend over the axes beside the title, where both have room: a phone shows the left end."""
+    """A legend over the axes beside the title, where both have room: a phone shows the left end.
+
+    Else in rows of its own between the two.
+    """
     found = ax.get_legend()
     if found is None:
         return
-    width = float(figure.get_figwidth())
+    width, height = (float(inches) for inches in figure.get_size_inches())
     left = 0.3 + _LETTER_INCHES * len(figure.texts[0].get_text())
-    wide = _LETTER_INCHES * sum(len(text.get_text()) + 6 for text in found.get_texts())
-    if left + wide < width:
-        box = ax.get_position()
+    wide = [_LETTER_INCHES * (len(text.get_text()) + 6) for text in found.get_texts()]
+    box = ax.get_position()
+    if left + sum(wide) < width:
         found.set_loc("lower left")
         found.set_bbox_to_anchor(((left / width - box.x0) / box.width, 0.99), ax.transAxes)
+        return
+    title = figure.texts[0].get_window_extent()
+    if found.get_window_extent().x0 > title.x1:
+        return
+    columns = max(int((width - _MARGIN["right"]) / max(wide)), 1)
+    rows = math.ceil(len(wide) / columns)
+    ax.set_position((box.x0, box.y0, box.width, box.height - _LEGEND_ROW * rows / height))
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 0.99), ncols=columns)
 
 
 def _colour_bar(figure: MatplotlibFigure, ax: Axes, mapped: Any, unit: str) -> None:

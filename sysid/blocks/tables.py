@@ -53,7 +53,8 @@ class Table:
     """A table for reading; the first cell of each row is its header. `table` makes one.
 
     `grouped`: rows that begin alike belong together: on a page their first cell is a heading above
-    them, and the second one their header.
+    them, and the second one their header. `across`: each row is read by itself, such as a number
+    in several models: on a phone, which has no room for them, its cells are below one another.
     """
 
     caption: str
@@ -61,6 +62,7 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     kind: Literal["table"] = "table"
     grouped: bool = False
+    across: bool = False
 
     @property
     def headings(self) -> tuple[str, ...]:
@@ -126,10 +128,12 @@ def table(
     text: Sequence[int] = (),
     code: Sequence[int] = (),
     grouped: bool = False,
+    across: bool = False,
 ) -> Table:
     """A table; columns given by name hold numbers except the first and those in `text` and `code`.
 
-    `text` and `code` are places of columns, from 0; `grouped` as `Table` has it.
+    `text` and `code` are places of columns, from 0; `grouped` and `across` as
+    `Table` has them.
     """
 
     def column(place: int, name: str) -> TableColumn:
@@ -139,7 +143,7 @@ def table(
 
     described = (c if isinstance(c, TableColumn) else column(i, c) for i, c in enumerate(columns))
     shown = tuple(tuple(row) for row in rows)
-    return Table(caption, tuple(described), shown, grouped=grouped)
+    return Table(caption, tuple(described), shown, grouped=grouped, across=across)
 
 
 def cell(value: Any) -> str:

@@ -186,6 +186,7 @@ class Comparison(Shown):
             tuple(self._row(part, key) for part, key in self._keys()),
             text=(1, 2),
             grouped=True,
+            across=True,
         )
         yield table(
             "What moved, most significant first",

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from sysid.blocks.sections import FigureGroup, Section
 from sysid.blocks.tables import Table
+from sysid.errors import grouped, together
 from sysid.fleet.comparison import VALVES, Comparison, compare_bundles
 from sysid.identification.valve_discrete.responses import Responses, valve_responses
 from sysid.io.channels import SIDES
@@ -78,7 +79,7 @@ def write_comparison(path: Path, found: Comparison) -> None:
         level="fair" if found.moved else "good",
         sentence=f"{found.headline(is_titled=True)}.",
         metrics=None,
-        notes=[f"Notice: {line}." for line in found.notices],
+        notes=[f"Notice: {line}." for line in grouped(together(found.notices))],
         sections=sections,
     )
     write_atomic(path, page)

@@ -14,7 +14,7 @@ from sysid.app.workbench import NOTHING_FITTED, StepMissingError, command_line
 from sysid.blocks.figures import Scale
 from sysid.blocks.html import block_html
 from sysid.blocks.numbers import number
-from sysid.errors import Failure, InputError, on_its_own
+from sysid.errors import Failure, InputError, grouped, on_its_own, together
 from sysid.io.channels import channel_of
 from sysid.pipeline.compare import compare
 from sysid.pipeline.explore import ExploredTest
@@ -84,7 +84,7 @@ class CompareScreen(Screen):
             return [self.head, parts.html(parts.note("Choose two bundles or more."))]
         self._draw_traces()
         tables = "".join(block_html(t) for t in content.compared.tables() if t.rows)
-        notices = parts.listed(content.compared.notices)
+        notices = parts.listed(grouped(together(content.compared.notices)))
         responses = content.compared.responses
         # Where no number has an error in both, none was compared: there is nothing to draw.
         against = [content.compared.figure()] if content.compared.movements else []

@@ -205,7 +205,7 @@ class FilesScreen(Screen):
             ])  # fmt: skip
         head = ("Log", "Kind of test", "Use", "Excluded", "Columns", "")
         notices = parts.listed(content.campaign.notices)
-        return "<h2>Campaign</h2>" + parts.rows(head, lines) + notices
+        return "<h2>Campaign</h2>" + parts.rows(head, lines, as_cards=True) + notices
 
     # --- the rig --------------------------------------------------------------------------
 

@@ -16,7 +16,7 @@ import numpy as np
 from sysid.app import parts
 from sysid.app.traces import sparkline
 from sysid.blocks.html import block_html, coded
-from sysid.errors import InputError
+from sysid.errors import InputError, together
 from sysid.io.channels import LOG_COLUMNS, SIDES, Channel
 from sysid.io.conversion import convert
 from sysid.io.kinds import KINDS, TEST_KINDS
@@ -424,7 +424,7 @@ def _in_fields(target: str, unit: str, is_gauge: bool) -> str:
 
 def _lines(texts: Iterable[str], chosen: Mapping) -> Iterator[str]:
     """Lines as this page says them."""
-    return parts.together(_here(text, chosen) for text in texts)
+    return together(_here(text, chosen) for text in texts)
 
 
 def series_of(name: str) -> str:
