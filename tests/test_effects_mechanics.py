@@ -553,6 +553,29 @@ def test_a_flexible_link_rings_as_two_inertias_do(share: float) -> None:
     np.testing.assert_allclose(run.velocity, expected, atol=0.01)  # of ringing 0.03 to 0.12
 
 
+def test_gravity_pulls_at_what_hangs_behind_the_link() -> None:
+    """Against the equations of motion of both inertias."""
+    share, moment, effort = 0.3, 0.7, 0.3
+    own = whole(FREE.replace(gravity_moment=moment), linkage.LinkFlexibility(share, 20.0, 0.05))
+    start = math.asin(effort / moment)  # where the motor holds it
+    run = one(Inputs(TIME, np.where(TIME < 0.1, effort, 0.0), position=start), own)
+    sprung, shaft = share * FREE.inertia, (1.0 - share) * FREE.inertia
+    rate = 2.0 * math.pi * 20.0
+
+    def rates(t: float, x: Any) -> list[float]:
+        bend = rate * rate * (x[0] - x[2]) + 2.0 * 0.05 * rate * (x[1] - x[3])
+        given = effort if t < 0.1 else 0.0
+        hanging = bend - moment / sprung * math.sin(x[2])
+        return [x[1], (given - sprung * bend) / shaft, x[3], hanging]
+
+    sag = moment / (sprung * rate * rate) * math.sin(start)
+    found = solve_ivp(
+        rates, (0.0, TIME[-1]), [start, 0.0, start - sag, 0.0],
+        t_eval=TIME, rtol=1e-10, atol=1e-12, max_step=1e-3,
+    )  # fmt: skip
+    np.testing.assert_allclose(run.position, found.y[0], atol=1e-6)
+
+
 def test_an_encoder_behind_the_link_shows_the_sprung_inertia() -> None:
     """Against the equation of motion, on uneven samples; and the shaft from what it shows."""
     effect, rate = linkage.LinkFlexibility(0.3, 25.0, 0.05, 1.0), 2.0 * math.pi * 25.0

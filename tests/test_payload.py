@@ -150,6 +150,9 @@ def test_balance_along_the_measured_motion(
     for name in states[0]:
         scale = np.abs(states[0][name]).max()
         np.testing.assert_allclose(states[1][name], states[0][name], atol=1e-6 * scale)
+    # So has its effort: a share of the inertia and the load together.
+    by_link = [equation_error(t, m + bent, (EFFORT,))[EFFORT] for t, m in along]
+    np.testing.assert_allclose(by_link[1], by_link[0], atol=1e-6 * np.abs(by_link[0]).max())
     assert rmse[1] == pytest.approx(rmse[0], rel=1e-9)
 
 

@@ -19,7 +19,7 @@ from sysid.balance.motion import FilteredMotion, default_cutoff
 from sysid.balance.residuals import effort_residual
 from sysid.plant import plant
 from sysid.plant.base import bare_parameters
-from sysid.plant.ports import Model, Point, in_rows, overrides, with_load
+from sysid.plant.ports import Model, Point, in_rows, overrides
 from sysid.recording.recording import Recording
 from sysid.types import FloatArray, IntArray
 
@@ -133,7 +133,7 @@ def effort_gaps(motions: Sequence[ImposedMotion], models: Sequence[Model]) -> li
 
 def _gap(motion: ImposedMotion, model: Model, count: int = 1) -> FloatArray:
     """`effort_gap` before the filter, (count, n), of a model or of so many in rows."""
-    parameters = with_load(model.at(motion.point.time), motion.recording.load)
+    parameters = model.carrying(motion.recording.load).at(motion.point.time)
     point = dataclasses.replace(motion.point, parameters=parameters)
     given = motion.point.motor
     power = float(given @ given)
@@ -161,7 +161,7 @@ def effort_noise(motion: ImposedMotion, model: Model) -> float:
     as logged), and of the position, through the inertia's and viscous friction's shares.
     """
     own, balanced = motion.recording, motion.balanced
-    p = with_load(model.at(motion.point.time), own.load)
+    p = model.carrying(own.load).at(motion.point.time)
     parts = [
         float(np.max(p.inertia)) * balanced.acceleration_noise,
         float(np.max(p.viscous)) * balanced.speed_noise,

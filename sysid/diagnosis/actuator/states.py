@@ -58,9 +58,10 @@ _SIGNALS = (
 
 def point_of(traces: Traces, model: Model) -> Point:
     """Where the model is at every sample."""
-    parameters = model.at(traces.time)
+    loaded = model.parameters
     if traces.carried.size:
-        parameters = with_load(parameters, Load(*traces.carried.T))
+        loaded = with_load(loaded, Load(*traces.carried.T))
+    parameters = Model(loaded, model.effects).at(traces.time)
     supply = parameters.supply + (traces.supply - model.parameters.supply)
     return Point(
         time=traces.time,

@@ -18,6 +18,7 @@ from sysid.plant.base import (
     Parameters,
     array_namespace,
     cylinder_effort,
+    gravity_effort,
     is_zero,
     limit_effort,
 )
@@ -34,6 +35,9 @@ _CONTACT_RATE = 2.0 * math.pi * 60.0
 _CONTACT_DAMPING = 0.5
 LEAST_INERTIA = 0.02
 """What a mismatch leaves of the declared inertia at least."""
+# Share of the inertia behind a link's spring from which on it carries all that gravity pulls at:
+# one near 0 would hang down on its spring.
+_LEAST_CARRYING = 0.1
 # Through these a flexible link acts where the encoder is behind its spring.
 _SENSOR_PORTS = ("measure", "unmeasured", "sense", "start_sensing")
 
@@ -321,6 +325,10 @@ class LinkFlexibility(CatalogueEffect):
     keeps the remainder; the resonance is that of the sprung inertia with the shaft held. The
     encoder is on the shaft, or behind the spring, where it shows the sprung inertia's angle: the
     twist that it sees depends on the resonance, and not on the share.
+
+    The masses that gravity pulls at are behind the spring, as in a flexible joint: what they bend
+    it by changes with the angle. Of a share below a tenth, which carries hardly all of them, in
+    proportion; with the encoder behind the spring the bend by gravity is neglected.
     """
 
     flexible_share: Array = 0.0
@@ -359,6 +367,21 @@ class LinkFlexibility(CatalogueEffect):
     tie_breaker = "a tap on the link at rest"
     source = "Spong, ASME Journal of Dynamic Systems 109(4), 1987"
 
+    def _hanging_share(self) -> Array:
+        """Share of gravity's moment that acts on the sprung inertia, 0 to 1."""
+        xp = array_namespace(self.flexible_share, self.encoder_on_link)
+        return xp.minimum(self.flexible_share / _LEAST_CARRYING, 1.0) * (1.0 - self.encoder_on_link)
+
+    def _weight_acceleration(self, position: Array, point: Point) -> Array:
+        """Acceleration of the sprung inertia by gravity, at an angle of it, rad/s2."""
+        xp = array_namespace(position, self.flexible_share)
+        moment = point.parameters.gravity_moment
+        if is_zero(moment):
+            return 0.0 * position
+        whole = point.parameters.inertia / (1.0 - self.flexible_share)
+        sprung = xp.maximum(self.flexible_share, LEAST_DIVISOR) * whole
+        return -self._hanging_share() * gravity_effort(position, moment) / sprung
+
     def _hanging_acceleration(self, point: Point) -> Array:
         """Acceleration of the sprung inertia by its spring, rad/s2."""
         rate = 2.0 * math.pi * self.link_frequency_hz
@@ -374,18 +397,24 @@ class LinkFlexibility(CatalogueEffect):
             return effort
         # point.parameters holds the inertia that remains on the shaft, 1 - share of the whole.
         hanging = self.flexible_share / (1.0 - self.flexible_share) * point.parameters.inertia
-        return effort - hanging * self._hanging_acceleration(point)
+        bent = effort - hanging * self._hanging_acceleration(point)
+        # The shaft's equation counts gravity's moment as its own.
+        moment = point.parameters.gravity_moment
+        return bent + self._hanging_share() * gravity_effort(point.position, moment)
 
     def initial_states(self, point: Point) -> dict[str, Array]:
+        rate = 2.0 * math.pi * self.link_frequency_hz
         return {
-            "link_angle_rad": point.position + 0.0,
+            "link_angle_rad": point.position
+            + self._weight_acceleration(point.position, point) / (rate * rate),
             "link_speed_rad_per_s": point.velocity + 0.0,
         }
 
     def state_rates(self, point: Point, flows: Mapping[str, Array]) -> dict[str, Array]:
         return {
             "link_angle_rad": point.extra["link_speed_rad_per_s"],
-            "link_speed_rad_per_s": self._hanging_acceleration(point),
+            "link_speed_rad_per_s": self._hanging_acceleration(point)
+            + self._weight_acceleration(point.extra["link_angle_rad"], point),
         }
 
     def is_idle(self, port: str) -> bool:
