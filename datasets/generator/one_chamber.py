@@ -370,7 +370,9 @@ def scaled(
     flow = area * length / time
     factors = {
         "area_a_m2": area,
+        "area_b_m2": area,
         "offset_a_m": length,
+        "offset_b_m": length,
         "stroke_m": length,
         "pitch_radius_m": length,
         "equivalent_kg_m2": effort * time**2,

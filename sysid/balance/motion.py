@@ -7,6 +7,7 @@ motion, sign(v) among them, so that a reversal within the filter's length biases
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -19,8 +20,11 @@ from sysid.types import BoolArray, FloatArray, IntArray
 REST_NOISE_TIMES = 5.0
 _REST_SHARE = 0.5
 _HALVINGS = 6
-# What the default filter resolves, whatever the cut-off of a balance is; what is shorter is a turn.
-# With a quarter of its own filter, 12.5 ms at 20 Hz, a quadratic drag of an axis was missed.
+# Lengths of the filter within which the speed may change: it smears a motion that is faster.
+_LENGTHS = 3.0
+# What the default filter resolves, or a wider one for a fast motion, whatever a balance's cut-off;
+# what is shorter is a turn. With a quarter of its own filter, 12.5 ms at 20 Hz, a quadratic drag of
+# an axis was missed.
 _SHORTEST_S = 1.0 / (signals.PER_LENGTH * signals.DEFAULT_CUTOFF_HZ)
 RULE = (
     f"samples are used where the filtered speed exceeds {REST_NOISE_TIMES:g} times its own noise; "
@@ -106,11 +110,22 @@ class FilteredMotion:
         way = np.cumsum(speeds)
         return float(speeds[np.searchsorted(way, 0.5 * way[-1])])
 
+    @property
+    def speed_power(self) -> float:
+        """Mean square of the speed without its noise, (rad/s)2 or (m/s)2."""
+        return max(float(np.mean(self.speed**2)) - self.speed_noise**2, 0.0)
+
+    @property
+    def acceleration_power(self) -> float:
+        """Mean square of the acceleration without its noise, (rad/s2)2 or (m/s2)2."""
+        return max(float(np.mean(self.acceleration**2)) - self.acceleration_noise**2, 0.0)
+
     @cached_property
     def counts(self) -> BoolArray:
         """Samples (n,) that count, by `RULE`."""
         own = self.recording
-        rests = signals.slow_stretches(self.speed, self.rest_speed, round(_SHORTEST_S / own.period))
+        shortest = min(_SHORTEST_S, 1.0 / (signals.PER_LENGTH * self.cutoff_hz))
+        rests = signals.slow_stretches(self.speed, self.rest_speed, round(shortest / own.period))
         found = self._clear_of(rests | ~own.inside | own.lost)
         if self.cutoff_hz < signals.DEFAULT_CUTOFF_HZ:
             # So long a filter smears a rest at a reversal until it looks like one without.
@@ -160,6 +175,30 @@ def default_cutoff(recording: Recording, highest_hz: float) -> float:
     if len(tried) > 1 and len(tried[-1].rows) < signals.MIN_SAMPLES:
         return max(tried, key=lambda motion: len(motion.rows)).cutoff_hz
     return tried[-1].cutoff_hz
+
+
+def cutoff_for_fast(recordings: Sequence[Recording], usual_hz: float) -> float:
+    """A cut-off above the usual one, Hz, for motion that it would smear; else the usual one.
+
+    Where the speed changes within few lengths of the filter (its RMS over the acceleration's), the
+    cut-off is doubled as long as a further octave holds more of the acceleration than of its noise.
+    """
+    highest, cutoff = min(map(fastest_cutoff, recordings), default=usual_hz), usual_hz
+    motions = [FilteredMotion(own, cutoff) for own in recordings]
+    speeds, changes = (
+        sum(getattr(m, power) for m in motions) for power in ("speed_power", "acceleration_power")
+    )
+    if not speeds * cutoff**2 < changes * _LENGTHS**2:
+        return usual_hz
+    while 2.0 * cutoff <= highest:
+        wider = [FilteredMotion(own, 2.0 * cutoff) for own in recordings]
+        pairs = list(zip(motions, wider, strict=True))
+        more = sum(w.acceleration_power - m.acceleration_power for m, w in pairs)
+        noise = sum(w.acceleration_noise**2 - m.acceleration_noise**2 for m, w in pairs)
+        if more <= noise:
+            break
+        cutoff, motions = 2.0 * cutoff, wider
+    return cutoff
 
 
 @lru_cache(maxsize=32)

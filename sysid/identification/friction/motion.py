@@ -16,7 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid import signals
-from sysid.balance.motion import FilteredMotion, default_cutoff, fastest_cutoff
+from sysid.balance.motion import (
+    FilteredMotion,
+    cutoff_for_fast,
+    default_cutoff,
+    fastest_cutoff,
+)
 from sysid.balance.samples import (
     COULOMB,
     INERTIA,
@@ -144,9 +149,17 @@ def common_cutoff(tests: Sequence[Recording], highest_hz: float) -> float:
 
 
 def usual_cutoff(tests: Sequence[Recording], notices: list[str]) -> float:
-    """`common_cutoff` up to the filter's usual one, Hz, with a notice where it is lower."""
+    """`common_cutoff` up to the filter's usual one, Hz, or above it for a fast motion, with a
+    notice where it is another."""
     usual = signals.DEFAULT_CUTOFF_HZ
     cutoff = common_cutoff(tests, usual)
+    if cutoff == usual:
+        cutoff = cutoff_for_fast([test for test in tests if len(test) >= MIN_SAMPLES], usual)
+    if cutoff > usual:
+        notices.append(
+            f"friction from motion: the filter's cut-off is {cutoff:.3g} Hz, as the motion changes "
+            f"too fast for {usual:g} Hz"
+        )
     if cutoff < usual:
         notices.append(
             f"friction from motion: the filter's cut-off is {cutoff:.3g} Hz; faster "

@@ -34,7 +34,8 @@ from sysid.surfaces.windows import FlowWindows, slopes
 from sysid.types import BoolArray, FloatArray, IntArray
 
 TRAVEL_SHARE = 0.03
-LONGEST_WINDOW_S = 0.2
+# PWM periods in the longest window, where the pressure hardly changes.
+_LONGEST_WINDOW = 40
 # Largest noise of a sample's flow, as a share of the flow of the fully open valve; windows are
 # made long enough for it.
 FLOW_NOISE_SHARE = 0.005
@@ -198,7 +199,7 @@ def sample_tests(tests: Sequence[PwmTest], rig: Rig) -> FlowSamples:
     sampling = _sampling(means, tests, rig)
     parts, windows = [], []
     for number, (test, mean) in enumerate(zip(tests, means, strict=True)):
-        begin, end = _windows(test, mean, air, noise, fastest)
+        begin, end = _windows(test, mean, air, noise, fastest, pwm_period)
         if len(begin) == 0:
             continue
         rate, pressure = slopes(mean.values, begin, end, test.period)
@@ -404,14 +405,14 @@ def _shortest_window(noise: float, fastest: float, period: float, block: int) ->
 
 
 def _windows(
-    test: PwmTest, mean: _PulseMean, air: Air, noise: float, fastest: float
+    test: PwmTest, mean: _PulseMean, air: Air, noise: float, fastest: float, pwm_period: float
 ) -> tuple[IntArray, IntArray]:
     """Begin and end (exclusive) of each window, as indices into the pulse means."""
     empty = np.empty(0, dtype=np.intp)
     if len(mean.values) < 2 or not mean.usable.any():
         return empty, empty
     shortest = _shortest_window(noise, fastest, test.period, mean.block)
-    longest = max(round(LONGEST_WINDOW_S / test.period), shortest)
+    longest = max(round(_LONGEST_WINDOW * pwm_period / test.period), shortest)
     travel = TRAVEL_SHARE * abs(test.supply - air.atmospheric_pressure_pa)
     with np.errstate(divide="ignore"):
         wanted = travel / (np.abs(mean.rates()) * test.period)
