@@ -701,11 +701,16 @@ def test_a_file_says_here_what_the_command_line_would(tmp_path: Path) -> None:
     )
     for key, text in {"r0": "0.5", "r1": "4.5", "v0": "0", "v1": "10", "unit": "bar"}.items():
         mapping.chosen(1, key, text)
-    mapping.more["atmosphere_pa"] = "100000"
     mapping.chosen(1, "is_gauge", True)
+    refused = plausibility(mapping, None).text
+    assert "CH1: a gauge pressure needs the atmospheric pressure" in refused
+    assert "“Atmospheric pressure, for gauge pressures”" in refused and "--" not in refused
+    mapping.more["atmosphere_pa"] = "1 bar"
+    assert mapping.words("x.csv")[-2:] == ["--atmosphere", "100000"]
     text = plausibility(mapping, None).text
     assert "fill_1.CSV, fill_2.CSV: the table begins in line 3" in text
-    assert str(tmp_path) not in text
+    assert str(tmp_path) not in text and "--skip-rows" not in text
+    assert "sysid init" not in text and "under “Rig” once the log is added" in text
 
 
 def test_a_channel_is_what_it_was_in_the_last_file(tmp_path: Path) -> None:

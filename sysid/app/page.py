@@ -112,7 +112,7 @@ class Window:
             )
         job = self.bench.job
         if job is not None:
-            text += _job_bar(job, self._made(job))
+            text += self.bench.brief(_job_bar(job, self._made(job)))
         return text
 
     def _made(self, job: Job) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.app import parts
+from sysid.app import edits, parts
 from sysid.app.traces import sparkline
 from sysid.blocks.html import block_html, coded
 from sysid.errors import InputError, together
@@ -23,7 +23,8 @@ from sysid.io.kinds import KINDS, TEST_KINDS
 from sysid.io.listing import ListedChannel, Listing
 from sysid.io.plausibility import with_maps
 from sysid.io.units import CANONICAL_UNITS
-from sysid.pipeline.check import check_file
+from sysid.parameters.table import in_words
+from sysid.pipeline.check import check_file, readable
 
 _PRESSURE = "_pa"
 # More channels than these are not all shown; those that are mapped are.
@@ -35,6 +36,9 @@ _NUMBER = re.compile(r"[\W_]*\d+$")
 _ANY_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 _COPY = re.compile(r"\s*\(\d+\)$")
 _ANY = "…"
+# How a line of the commands says where what is assumed is corrected; a name of files.
+_INIT = re.compile(r"\(`sysid init --from [^`]*` writes one to correct\)")
+_WORD = re.compile(r"\b[a-z]+(?:_[a-z]+)+\b")
 _SET = re.compile(r"`?--set (\w+=[^\s`]+)`?")
 # What `convert` is told besides, as it is written on the command line, and its name there.
 _MORE = (
@@ -46,7 +50,7 @@ _MORE = (
     ("rows", "--rows", "Rows to keep, FIRST:LAST"),
     ("trim", "--trim", "Seconds of each test to keep, FROM:TO"),
     ("resample_s", "--resample", "Even sampling period of the log, s"),
-    ("atmosphere_pa", "--atmosphere", "Atmospheric pressure, Pa, for gauge pressures"),
+    ("atmosphere_pa", "--atmosphere", "Atmospheric pressure, for gauge pressures"),
     ("constants", "--set", "What no column holds, such as position_m=0.1"),
 )
 _READ: dict[str, Any] = {
@@ -225,15 +229,22 @@ class Mapping:
     def options(self) -> dict[str, Any]:
         """What `convert` is told besides. Raises InputError for a text that is no number."""
         found: dict[str, Any] = {}
-        for name, option, _ in _MORE:
-            text = self.more.get(name, "").strip()
+        for name, _, shown in _MORE:
+            text = self._given(name)
             if not text:
                 continue
             try:
                 found[name] = _READ.get(name, str)(text)
             except ValueError:
-                raise InputError(f"{option}: {text!r} is no number; give one, or nothing") from None
+                raise InputError(f"{shown}: {text!r} is no number; give one, or nothing") from None
         return found
+
+    def _given(self, name: str) -> str:
+        """What was written into a field, a pressure in Pa; empty where nothing was."""
+        text = self.more.get(name, "").strip()
+        if not text or name != "atmosphere_pa":
+            return text
+        return f"{edits.in_si(text, 'Pa', 'Atmospheric pressure', None):.12g}"
 
     def words(self, output: str) -> list[str]:
         """The command that converts the file."""
@@ -241,7 +252,7 @@ class Mapping:
         for one in self.entries():
             words += ["--map", one]
         for name, option, _ in _MORE:
-            text = self.more.get(name, "").strip()
+            text = self._given(name)
             for one in text.split() if name == "constants" else [text] if text else []:
                 words += [option, one]
         return words
@@ -409,7 +420,14 @@ def _here(text: str, chosen: Mapping) -> str:
     stem = re.escape(chosen.path.stem)
     text = re.sub(rf"\S*sysid-app-\w+[/\\]{stem}\.parquet|{stem}\.parquet", chosen.path.name, text)
     text = text.replace(f"{chosen.path.parent}{os.sep}", "")
-    return with_maps(_SET.sub(r"`\1`", text), _in_fields)
+    for name, one in chosen.assigned.items():
+        if one.target:
+            text = text.replace(f"--map {one.entry(name)}", name)
+    text = _INIT.sub("(correct them under “Rig” once the log is added)", text)
+    text = with_maps(_SET.sub(r"`\1`", text), _in_fields)
+    for _, option, shown in _MORE:
+        text = re.sub(rf"{option}(?: [A-Z][A-Z:]*)?(?![\w-])", f"“{shown}”", text)
+    return in_words(_WORD.sub(lambda found: readable(found[0]), text))
 
 
 def _in_fields(target: str, unit: str, is_gauge: bool) -> str:
@@ -477,9 +495,9 @@ def _assigned(kept: dict[str, Any]) -> Assigned:
 
 
 def _named_target(channel: Channel) -> str:
-    """A column of the log format in a menu: its name, and what it is."""
+    """A column of the log format in a menu: what it is, and its name in messages and files."""
     said = channel.meaning.partition(",")[0].partition(";")[0]
-    return f"{channel.key}: {said}" if said else channel.key
+    return f"{said} ({channel.key})" if said else channel.key
 
 
 def _clock(channels: Sequence[ListedChannel]) -> str:
