@@ -378,9 +378,13 @@ def test_a_list_of_effects_has_no_empty_columns(tmp_path: Path) -> None:
     screen = EffectsScreen(SimpleNamespace(bench=bench, scheme="light"))
     known = {"stribeck-friction": catalogue()["stribeck-friction"]}
     look = {"suspects": [{"id": "stribeck-friction", "gain": 3.0, "p_value": 0.02}]}
-    for diagnosis, heads in ((None, 1), ({"effects": [], "figures": {"looks": [look]}}, 4)):
+    found = {"effects": [{"id": "stribeck-friction"}], "figures": {"looks": [look]}}
+    for diagnosis, heads in ((None, 1), ({**found, "effects": []}, 3), (found, 3)):
         content = SimpleNamespace(known=known, diagnosis=diagnosis)
-        assert screen._list(content).count('scope="col"') == heads
+        text = screen._list(content)
+        assert text.count('scope="col"') == heads
+        # Next to the name: a column at the end is off the edge of a phone.
+        assert ("Stribeck friction <b>(found)</b>" in text) == (diagnosis is found)
 
 
 def test_evidence_is_that_next_to_what_was_found() -> None:
@@ -400,6 +404,9 @@ def test_tables_on_a_phone_are_those_of_reports(server: Server, browser: Any) ->
     page.show("4")
     name = page.page.locator("table.long tbody th").first
     assert name.evaluate("(node) => getComputedStyle(node).position") == "sticky"
+    assert page.page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.show("3")  # its menu has long texts
+    page.page.locator("select[data-do=identify-for]").wait_for()
     assert page.page.evaluate("document.documentElement.scrollWidth") <= 390
     page.show("1")
     remove = page.page.locator("button[data-do^=log-remove]")
@@ -945,6 +952,11 @@ def test_a_written_file_is_explained_beneath_its_name(tmp_path: Path) -> None:
     screen = ExportScreen(SimpleNamespace(bench=bench, scheme="light"))
     (tmp_path / "results").mkdir()
     path = Path(shutil.copy(golden_bundle("diagnosed"), tmp_path / "results/bundle.json"))
+    for other in ("advice.json", "report.html", "export/model.h"):
+        (tmp_path / "results" / other).parent.mkdir(exist_ok=True)
+        (tmp_path / "results" / other).touch()
+    first = [one.name for one in screen._files()]
+    assert first == ["report.html", "model.h", "bundle.json", "advice.json"]
     name, size, get = screen._line(path)
     assert name.startswith("<b>results/bundle.json</b><br><small>the model")
     assert (

@@ -23,7 +23,7 @@ from urllib.parse import unquote
 
 import tornado.web
 from tornado.httpserver import HTTPServer
-from tornado.httputil import HTTPServerRequest
+from tornado.httputil import HTTPServerConnectionDelegate, HTTPServerRequest
 
 from sysid.errors import InputError, input_error
 from sysid.io import bounds
@@ -241,7 +241,8 @@ def serve(
     gate = Gate(taken)
     loop = asyncio.new_event_loop()
     asyncio.set_event_loop(loop)
-    early = _early(gate, taken)
+    door = _Door(_early(gate))
+    HTTPServer(door).listen(taken, ADDRESS)
     address = f"http://{ADDRESS}:{taken}/?token={gate.token}"
     tell(address)
     if opens_browser:
@@ -251,8 +252,11 @@ def serve(
         # Ctrl-C stops the loop, or is raised in it.
         with contextlib.suppress(KeyboardInterrupt):
             bench = loop.run_until_complete(_made(make))
-            early.stop()  # the port is the next one's
-            _server(bench, gate, taken).start()
+            server = _server(bench, gate)
+            # Behind the same door: nobody is refused while one follows the other.
+            server._http.stop()
+            door.application = server._tornado
+            server.start()
             loop.run_forever()
     finally:
         if bench is not None:
@@ -285,14 +289,22 @@ async def _made(make: Callable[[], Workbench]) -> Workbench:
     return await done
 
 
-def _early(gate: Gate, port: int) -> HTTPServer:
+class _Door(HTTPServerConnectionDelegate):
+    """Gives each request to the application that is behind the address by then."""
+
+    def __init__(self, application: Any) -> None:
+        self.application = application
+
+    def start_request(self, server_conn: object, request_conn: Any) -> Any:
+        """Who answers a request."""
+        return self.application.start_request(server_conn, request_conn)
+
+
+def _early(gate: Gate) -> tornado.web.Application:
     """What answers at the address until the workbench is there."""
     application = tornado.web.Application([(r"/", _Entry, {"gate": gate}), (r".*", _Starting)])
     _guard(application, gate)
-    # A connection that were kept would still reach this one later.
-    server = HTTPServer(application, no_keep_alive=True)
-    server.listen(port, ADDRESS)
-    return server
+    return application
 
 
 def _guard(application: Any, gate: Gate) -> None:
@@ -308,12 +320,12 @@ def _guard(application: Any, gate: Gate) -> None:
     application.find_handler = find_handler
 
 
-def _server(bench: Workbench, gate: Gate, port: int) -> Any:
-    """Panel's server with the gate before it. Panel is imported here."""
+def _server(bench: Workbench, gate: Gate) -> Any:
+    """Panel's server with the gate before it, at a port that does not matter."""
     page = import_module("sysid.app.page")
     server: Any = import_module("panel.io.server").get_server(
         {PAGE: lambda: page.window(bench)},
-        port=port,
+        port=0,
         address=ADDRESS,
         websocket_origin=sorted(gate.hosts),
         start=False,

@@ -126,21 +126,21 @@ class EffectsScreen(Screen):
             effect = content.known[id]
             on = self.effect is not None and self.effect.id == id
             show = parts.button("", f"fx-choose:{id}", kind="row", title=effect.signature)
-            named = f">{parts.words(effect.title)}<small>{id}</small></button>"
+            mark = " <b>(found)</b>" if id in found else ""
+            named = f">{parts.words(effect.title)}{mark}<small>{id}</small></button>"
             show = show.replace("></button>", named)
-            mark = "<b>found</b>" if id in found else ""
             row = ["class:on" if on else "class:", show]
             if gains or found:
                 cells = ["", ""]
                 if id in gains:
                     gain, chance = gains[id]
                     cells = [f"<nobr>{one}</nobr>" for one in (number(gain, 3), _rounded(chance))]
-                row += [*cells, mark]
+                row += cells
             lines.append(row)
         if not gains and not found:  # before a diagnosis no effect has any evidence
             return parts.rows(("Effect",), lines)
         said = _CAPTION if gains else ""
-        return parts.rows(("Effect", "Evidence", "p", ""), lines, said)
+        return parts.rows(("Effect", "Evidence", "p"), lines, said)
 
     def _draw_choice(self) -> None:
         content = self.content

@@ -91,8 +91,14 @@ class ExportScreen(Screen):
         return ExportContent(bundles, self.chosen, tuple(self._files()))
 
     def _files(self) -> Iterator[Path]:
+        """What is read and sent comes first, then what controllers take, then the models."""
         results = self.bench.results
-        for path in sorted(results.rglob("*")) if results.is_dir() else ():
+
+        def rank(path: Path) -> tuple[bool, bool, bool, Path]:
+            is_page, is_export = path.suffix == ".html", path.parent.name == _EXPORTS
+            return not is_page, not is_export, path.name != "bundle.json", path
+
+        for path in sorted(results.rglob("*"), key=rank) if results.is_dir() else ():
             if path.suffix in _SHOWN and path.is_file() and "_check" not in path.parent.name:
                 yield path
 
