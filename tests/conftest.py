@@ -82,7 +82,7 @@ encoder_counts_per_rev = 80000
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """How many tests were skipped for want of the data beside the project."""
-    for folder in ("data", "samples"):
+    for folder in ("data", "samples", "spec"):
         wanted = f"../shared/{folder} is absent"
         count = sum(
             wanted in str(report.longrepr) for report in terminalreporter.stats.get("skipped", [])
@@ -140,6 +140,15 @@ def shared_data() -> Path:
     folder = SHARED / "data"
     if not folder.is_dir():
         pytest.skip("../shared/data is absent")
+    return folder
+
+
+@pytest.fixture
+def shared_spec() -> Path:
+    """The contracts beside the project; skips visibly where they are absent."""
+    folder = SHARED / "spec"
+    if not folder.is_dir():
+        pytest.skip("../shared/spec is absent")
     return folder
 
 

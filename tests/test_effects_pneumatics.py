@@ -417,6 +417,22 @@ def test_what_passes_the_piston_is_lost_on_one_side_and_gained_on_the_other() ->
     assert run.pressure_a[-1] == pytest.approx(run.pressure_b[-1], rel=1e-3)
 
 
+def test_what_leaks_in_proportion_to_the_pressure() -> None:
+    """Between the chambers, or out of one: each decays exponentially while all is shut."""
+    closed, leak = HELD.replace(**NO_VALVES), 2e-9
+    start = switched(pressure_a=3e5, pressure_b=1.5e5)
+    one_side = one(start, whole(closed, chamber.LaminarLeakage(leak, "a")))
+    left = 2e5 * np.exp(-PER_FLOW * leak * TIME)
+    np.testing.assert_allclose(one_side.pressure_a, 1e5 + left, rtol=1e-6)
+    np.testing.assert_array_equal(one_side.pressure_b, 1.5e5)
+    between = one(start, whole(closed, chamber.LaminarLeakage(leak)))
+    held = between.pressure_a * HELD.area_a + between.pressure_b * HELD.area_b
+    np.testing.assert_allclose(held, held[0], rtol=1e-9)
+    apart = between.pressure_a - between.pressure_b
+    rate = PER_FLOW * (1.0 + HELD.area_a / HELD.area_b) * leak
+    np.testing.assert_allclose(apart, 1.5e5 * np.exp(-rate * TIME), rtol=1e-5)
+
+
 # --- valves ----------------------------------------------------------------------------
 
 

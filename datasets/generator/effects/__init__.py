@@ -4,8 +4,9 @@ from datasets.generator.effects.catalogue import (
     FORMS,
     OUT_OF_CATALOGUE,
     Injected,
+    name_of,
     parsed,
     typical,
 )
 
-__all__ = ["FORMS", "OUT_OF_CATALOGUE", "Injected", "parsed", "typical"]
+__all__ = ["FORMS", "OUT_OF_CATALOGUE", "Injected", "name_of", "parsed", "typical"]

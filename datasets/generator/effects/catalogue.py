@@ -28,8 +28,9 @@ class Injected:
     values: dict[str, float] = field(default_factory=dict)
 
     def content(self) -> dict[str, Any]:
-        """The effect as the truth file lists it."""
-        return asdict(self) | {"in_catalogue": self.id not in OUT_OF_CATALOGUE}
+        """The effect as the truth file lists it, by the name that the catalogue has for it."""
+        is_known = self.id not in OUT_OF_CATALOGUE
+        return asdict(self) | {"id": name_of(self.id, self.form), "in_catalogue": is_known}
 
 
 @dataclass(frozen=True)
@@ -346,6 +347,11 @@ _OUTSIDE: dict[str, dict[str, Form]] = {
 _ALL = _FRICTION | _DRIVE | _GAS | _TIMING_AND_SENSORS | _OUTSIDE
 OUT_OF_CATALOGUE: tuple[str, ...] = tuple(_OUTSIDE)
 FORMS: dict[str, tuple[str, ...]] = {name: tuple(forms) for name, forms in _ALL.items()}
+
+
+def name_of(id: str, form: str) -> str:
+    """The catalogue's name of a form, which is another effect's where two are drawn as one."""
+    return "laminar-leakage" if form == "laminar" else id
 
 
 def law_keys(id: str, form: str) -> tuple[tuple[str, ...], bool]:

@@ -112,7 +112,8 @@ def one_form_each(forms: Sequence[Candidate]) -> list[Candidate]:
 class Signatures:
     """Signatures of forms along one frame, each computed once.
 
-    To first order an effect on both sides is the sum of the effects on either side.
+    To first order an effect on both sides is the sum of the effects on either side, if it does not
+    act between them.
     """
 
     def __init__(self, frame: Frame, model: Model, base: FloatArray) -> None:
@@ -122,7 +123,7 @@ class Signatures:
     def __call__(self, candidate: Candidate) -> FloatArray:
         """Change of the whitened residual with each strength, (rows, strengths)."""
         sides = dict(candidate.shape).get("side")
-        if sides != "both":
+        if sides != "both" or candidate.effect.is_between_sides:
             found = self._known.get(candidate)
             if found is None:
                 found = signature(self._frame, self._model, self._base, candidate)

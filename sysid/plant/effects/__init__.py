@@ -27,6 +27,7 @@ from sysid.plant.effects.catalogue import catalogue, class_of, load_user_effects
 from sysid.plant.effects.chamber import (
     AtmosphereLeakage,
     DeadVolumeError,
+    LaminarLeakage,
     PistonLeakage,
     PolytropicExponent,
     TemperatureDrift,
@@ -111,6 +112,7 @@ __all__ = [
     "ExhaustBackPressure",
     "GearMeshRipple",
     "InertiaMismatch",
+    "LaminarLeakage",
     "LinkFlexibility",
     "LoadDependentFriction",
     "LostCounts",

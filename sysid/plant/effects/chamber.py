@@ -264,7 +264,7 @@ class PistonLeakage(CatalogueEffect):
         ),
     )
     signature = "flow into A that B loses"
-    rivals = ("wall-heat-transfer",)
+    rivals = ("wall-heat-transfer", "laminar-leakage")
     tie_breaker = "plug the port of one chamber and watch its pressure"
     source = "isothermal laminar flow in a narrow gap; Beater, Pneumatic Drives, 2007"
 
@@ -295,7 +295,12 @@ class AtmosphereLeakage(CatalogueEffect):
         ),
     )
     signature = "flow of one chamber, with the valve on or off"
-    rivals = ("supply-droop", "subsonic-flow-shape", "choked-exhaust-scaling")
+    rivals = (
+        "supply-droop",
+        "subsonic-flow-shape",
+        "choked-exhaust-scaling",
+        "laminar-leakage",
+    )
     tie_breaker = "plug the port of the chamber and watch its pressure"
     source = "isothermal laminar flow in a narrow gap; Beater, Pneumatic Drives, 2007"
 
@@ -305,6 +310,46 @@ class AtmosphereLeakage(CatalogueEffect):
         pressure, outside = point.pressure(side), point.parameters.atmosphere
         squares = pressure * pressure - outside * outside
         return flow - self.atmosphere_leakage_kg_per_s_pa2 * squares
+
+
+@dataclass(frozen=True)
+class LaminarLeakage(CatalogueEffect):
+    """Air leaks in proportion to the pressure's difference: d (Pa - Pb) from A to B (side "both"),
+    or d (P - P0) out of one chamber.
+
+    As through a long passage whose density hardly changes, or a porous seal.
+    """
+
+    laminar_leakage_kg_per_s_pa: Array = 0.0
+    side: str = "both"
+    is_between_sides = True
+
+    id = "laminar-leakage"
+    title = "Leakage in proportion to the pressure"
+    subsystem = "chamber"
+    quantities = (
+        Quantity(
+            "laminar_leakage_kg_per_s_pa",
+            "kg/(s Pa)",
+            2e-11,
+            0.0,
+            1e-8,
+            "flow per difference of the pressures: of both chambers, or of one and the atmosphere",
+        ),
+    )
+    signature = "flow against the difference of the pressures"
+    rivals = ("piston-leakage", "atmosphere-leakage")
+    tie_breaker = "two levels of pressure with the ports plugged"
+    source = "Hagen-Poiseuille; Beater, Pneumatic Drives, 2007"
+
+    def chamber_flow(self, flow: Array, side: str, point: Point) -> Array:
+        if self.side == "both":
+            across = self.laminar_leakage_kg_per_s_pa * (point.pressure_a - point.pressure_b)
+            return flow - across if side == "a" else flow + across
+        if side != self.side:
+            return flow
+        above = point.pressure(side) - point.parameters.atmosphere
+        return flow - self.laminar_leakage_kg_per_s_pa * above
 
 
 @dataclass(frozen=True)
@@ -411,6 +456,7 @@ EFFECTS: tuple[type[CatalogueEffect], ...] = (
     TubeLag,
     PistonLeakage,
     AtmosphereLeakage,
+    LaminarLeakage,
     ThresholdLeakage,
     TemperatureDrift,
 )

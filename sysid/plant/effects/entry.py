@@ -233,6 +233,8 @@ class CatalogueEffect(Effect):
     needs_motor: ClassVar[bool] = False
     """Is of what a motor does: of tests without one it changes nothing."""
 
+    is_between_sides: ClassVar[bool] = False
+    """On both sides it acts between the chambers, and is not the sum of one on either."""
     is_of_an_end: ClassVar[bool] = False
     """Its side is an end of the stroke, of which a rig with one chamber has two as well."""
 
