@@ -11,7 +11,7 @@ import sysid as si
 from sysid.blocks.figures import Words
 from sysid.blocks.html import block_html
 from sysid.blocks.numbers import unit as shown
-from sysid.blocks.titles import words_of
+from sysid.blocks.titles import within, words_of
 from sysid.diagnosis.tables import parameters_table
 from sysid.estimation.linear import Estimate
 from sysid.io import own_channels
@@ -156,3 +156,13 @@ def test_what_a_number_stands_for_is_said_in_words() -> None:
     }
     shown = block_html(parameters_table(content))
     assert "the sum of the gauge pressures alone" in shown and "their difference alone" not in shown
+    first, other = (f"{seal.id}/{q.label}" for q in seal.quantities)
+    reasons = (
+        f"{first} is stuck at its bound, 0",
+        f"the data cannot distinguish {other} from {first}",
+    )
+    for quantity, reason in zip(seal.quantities, reasons, strict=True):
+        estimates[quantity.label] = Estimate.unidentified(quantity.unit, reason).to_json()
+    shown = block_html(parameters_table(content))
+    assert f"{seal.id}/" not in shown and ">stuck at its bound, 0<" in shown
+    assert f"from {within(seal.quantities[0].title)}" in shown

@@ -13,7 +13,7 @@ from typing import Any
 
 from sysid.blocks.numbers import MISSING, estimate_cells, number
 from sysid.blocks.tables import NotedCell, Table, estimate_row, table
-from sysid.blocks.titles import capital, words_of
+from sysid.blocks.titles import capital, within, words_of
 from sysid.diagnosis.wording import (
     CORRECT_MODEL,
     SMALLEST_P,
@@ -93,6 +93,21 @@ def short_p(value: float) -> str:
     return f"< {number(SMALLEST_P, 1)}" if value < SMALLEST_P else number(value, 1)
 
 
+def _reason_in_words(
+    estimate: Estimate, effect: str, name: str, meanings: Mapping[str, str]
+) -> Estimate:
+    """An estimate whose reason names an effect's numbers by what they mean, not by their place.
+
+    The row says which number it is: the reason begins with what is the matter with it.
+    """
+    if estimate.reason is None:
+        return estimate
+    reason = estimate.reason.removeprefix(f"{effect}/{name} is ")
+    for other, meaning in meanings.items():
+        reason = reason.replace(f"{effect}/{other}", within(meaning))
+    return replace(estimate, reason=reason)
+
+
 def parameters_table(content: Content) -> Table:
     """The parameters of every effect, with their intervals."""
     how = "by leaving out one test at a time"
@@ -108,7 +123,7 @@ def parameters_table(content: Content) -> Table:
             cells = (
                 (estimate, MISSING, MISSING, "")
                 if isinstance(estimate, str)
-                else estimate_row(estimate)
+                else estimate_row(_reason_in_words(estimate, effect["id"], name, meanings))
             )
             meaning = meanings.get(name, "")
             if not isinstance(estimate, str):
