@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sysid.errors import some_of
 from sysid.io.foreign import ForeignTable
+from sysid.io.repeated_times import spread_evenly
 from sysid.io.time_breaks import TimeWraps, time_breaks, without_own_time, wraps_of
 from sysid.types import BoolArray, FloatArray, IntArray
 
@@ -60,11 +61,17 @@ def given_tests(table: ForeignTable, labels: NDArray[Any]) -> Tests:
 def _repeated(table: ForeignTable, time: FloatArray, kept: IntArray, stands: IntArray) -> str:
     """The notice of rows `stands` (k,) that have the time of the row before."""
     row = int(stands[0])
+    place = f"{table.path}, {table.place(int(kept[row]))}"
+    if spread_evenly(time) is not None:
+        return (
+            f"{place}: time_s repeats {time[row]:.9g}, {without_own_time(stands.size)}: a clock "
+            "too coarse for its rows, which are spread evenly where the log is read"
+        )
     # A clock that stopped, and not one that is too coarse.
     ends = row + stands.size == len(time)
     fix = f"--rows 0:{kept[row]} keeps those before" if ends else "give each its own time"
     return (
-        f"{table.path}, {table.place(int(kept[row]))}: time_s repeats {time[row]:.9g}, "
+        f"{place}: time_s repeats {time[row]:.9g}, "
         f"{without_own_time(stands.size)}, with which no log is read; {fix}"
     )
 

@@ -29,6 +29,7 @@ from sysid.io.measured_speed import (
     timeless_line,
 )
 from sysid.io.played_header import played_header
+from sysid.io.repeated_times import repeats, spread_evenly, written_twice
 from sysid.io.reshaping import measured_period
 from sysid.io.responses import response_notices
 from sysid.io.rig import Rig
@@ -204,7 +205,7 @@ def log_of(
     _convert_position(reading)
     _convert_motor(reading)
     if not timeless:
-        groups = _repaired(reading, groups)
+        groups = _repaired(reading, with_own_times(reading, groups))
     _check_values(reading, groups)
     if not timeless:
         check_time_column(reading, groups)
@@ -583,6 +584,49 @@ def smallest_step(values: FloatArray) -> float | None:
     return float(np.min(steps)) if steps.size else None
 
 
+def with_own_times(
+    reading: LogReading, groups: Sequence[tuple[str, Rows]]
+) -> list[tuple[str, Rows]]:
+    """Each test's rows without those that were written twice, the rest with times of their own.
+
+    Rows that share the stamps of a coarse clock are spread evenly. Notices say both; what remains
+    is for `check_time_column` to refuse.
+    """
+    time = reading.columns["time_s"]
+    others = {name: values for name, values in reading.columns.items() if name != "time_s"}
+    twice, coarse, kept = list[int](), list[str](), list[tuple[str, Rows]]()
+    for label, rows in groups:
+        again = written_twice(time[rows], {name: values[rows] for name, values in others.items()})
+        own = rows
+        if again.any() and others:
+            numbers = np.arange(len(time))[rows]
+            twice += numbers[again].tolist()
+            own = numbers[~again]
+        shared = repeats(time[own])
+        even = spread_evenly(time[own]) if shared.any() else None
+        if even is not None:
+            at, stamps = int(np.argmax(shared)), np.unique(time[own])
+            name = f" of test {label}" if label else ""
+            coarse.append(
+                f"{reading.where}, {_place(reading, own, at)}: time_s{name} repeats "
+                f"{time[own][at]:.9g}: a clock that counts {np.median(np.diff(stamps)):.3g} s is "
+                f"too coarse for its rows; they are spread evenly, {even[1] - even[0]:.6g} s apart"
+            )
+            reading.columns["time_s"] = time = np.array(time)
+            time[own] = even
+        kept.append((label, own))
+    if twice:
+        more = f" and {len(twice) - 1} more" if len(twice) > 1 else ""
+        reading.notices.append(
+            f"{reading.where}, {reading.table.place(twice[0])}{more}: the row before, written "
+            "twice: omitted"
+        )
+    if coarse:
+        rest = f" (and {len(coarse) - 1} more tests alike)" if len(coarse) > 1 else ""
+        reading.notices.append(f"{coarse[0]}{rest}")
+    return kept
+
+
 def check_time_column(reading: LogReading, groups: list[tuple[str, Rows]]) -> None:
     """Time increases within each test, at one rate; InputError otherwise, notices of less."""
     time = reading.columns["time_s"]
@@ -637,10 +681,12 @@ def _time_error(reading: LogReading, rows: Rows, index: int, name: str) -> Input
         count = int(np.count_nonzero(np.diff(time) == 0.0))
         if count == 1:
             fix = "delete the duplicate row or correct its time"
-            return input_error(where, f"time_s{name} repeats {after:.9g}", fix)
+            what = f"time_s{name} repeats {after:.9g}, with other values"
+            return input_error(where, what, fix)
         return input_error(
             where,
-            f"time_s{name} repeats {after:.9g}, {without_own_time(count)}",
+            f"time_s{name} repeats {after:.9g}, {without_own_time(count)}, which no even sampling "
+            "explains",
             "delete these rows, or correct their times",
         )
     what = f"time_s{name} goes back from {before:.9g} to {after:.9g}"
@@ -822,4 +868,5 @@ __all__ = [
     "test_labels",
     "trial_of",
     "with_channels",
+    "with_own_times",
 ]

@@ -18,6 +18,7 @@ from sysid.io.logs import (
     log_table,
     missing_time,
     take_column,
+    with_own_times,
 )
 from sysid.io.rig import Rig
 from sysid.io.samples import Log
@@ -88,7 +89,7 @@ def read_own_log(
             take_column(reading, name, column, maps, units)
     if len(table.frame) < 2:
         raise input_error(path, "holds one row only", "a test needs at least two samples")
-    groups = groups_of(reading, maps)
+    groups = with_own_times(reading, groups_of(reading, maps))
     check_time_column(reading, groups)
     return log_from(reading, groups)
 
