@@ -209,7 +209,14 @@ def _why_few(trial: Recording, chosen: MotionSamples, cutoff_hz: float) -> str:
     enough_s = MIN_SAMPLES / (signals.PER_LENGTH * signals.DEFAULT_CUTOFF_HZ)
     fastest = fastest_cutoff(trial)
     is_slow = fastest < signals.DEFAULT_CUTOFF_HZ and cutoff_hz >= 0.99 * fastest
-    if not is_slow or np.count_nonzero(moves) * trial.period < enough_s:
+    moved_s = np.count_nonzero(moves) * trial.period
+    if moved_s < enough_s and 2 * np.count_nonzero(moves) > len(moves):
+        return (
+            f"it moves, but for {moved_s:.3g} s only: {len(chosen.effort)} samples remain clear of "
+            f"its ends and reversals by the filter's length, and {MIN_SAMPLES} are needed; record "
+            "longer motion"
+        )
+    if not is_slow or moved_s < enough_s:
         return HARDLY_MOVES
     return (
         f"it moves, but is sampled too slowly: with {trial.stride * trial.period:.3g} s from one "
