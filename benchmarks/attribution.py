@@ -220,8 +220,9 @@ def is_named(truth: str, effect: dict[str, Any]) -> bool:
 
 
 def names_both(result: dict[str, Any]) -> bool:
-    """Whether both effects of a pair are among the first three."""
-    return set(true_names(result)) <= set(found_names(result)[:3])
+    """Whether both effects of a pair, or their classes, are among the first three."""
+    found = result["diagnosis"]["effects"][:3]
+    return all(any(is_named(name, effect) for effect in found) for name in true_names(result))
 
 
 def is_confidently_wrong(result: dict[str, Any]) -> bool:

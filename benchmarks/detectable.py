@@ -235,7 +235,10 @@ def smallest_scale(seen: Standard, seed: int, form: str) -> float:
     name, _, law = form.partition(":")
     injected = [e.content() for e in drawn_effects(seed, [(name, law, PROBE)])]
     base = seen.base
-    changed = base.frame.residual(base.model + true_effects(injected)[0]) - base.residual
+    changed = (
+        base.frame.residual(base.model + true_effects(injected, base.model.parameters)[0])
+        - base.residual
+    )
     missing = base.project(changed[:, None])[:, 0]
     squares = channel_squares(base, missing) / PROBE**2
     return seen.smallest(nearest_form(seen, name, missing), squares)
