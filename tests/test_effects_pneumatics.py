@@ -722,11 +722,34 @@ def test_a_full_chamber_follows_a_pulsating_supply() -> None:
     assert np.ptp(found.y[0]) > 2e4
 
 
-def test_one_silencer_couples_the_chambers() -> None:
+@pytest.mark.parametrize("beside", [1.01e5, 1.3e5, 2.9e5])
+def test_one_silencer_couples_the_chambers(beside: float) -> None:
+    """Into one that is below the silencer's pressure flows some of what the other one exhausts."""
     backed = supply.ExhaustBackPressure.typical()
     off = at_pressure(np.array([1.5e5, 2.5e5]), 0.0)
-    own = supply.ExhaustBackPressure.typical(common_share=0.0).exhaust_pressure(1e5, "a", off)
-    assert (backed.exhaust_pressure(1e5, "a", off) >= own).all()
+    both = dataclasses.replace(off, pressure_b=np.full(2, beside))
+    back = backed.exhaust_pressure(1e5, "a", both)
+
+    def flow(valve: base.ValveParameters, pressure: Any) -> Any:
+        unchoked = valve.c_dis * (pressure - back)
+        return np.where(pressure >= back / 0.53, valve.choked_dis, unchoked)
+
+    flows = flow(HELD.valve("a"), off.pressure_a), flow(HELD.valve("b"), both.pressure_b)
+    assert (flows[1] < 0.0).all() == (beside < 1.02e5)
+    risen = backed.back_pressure_pa_s_per_kg * sum(flows)
+    np.testing.assert_allclose(back - 1e5, risen, rtol=1e-3)
+
+
+def test_a_valve_is_choked_by_the_back_pressure_that_it_causes() -> None:
+    """Where neither flow goes with its own rise, the rise is at the boundary, and it is not."""
+    backed = supply.ExhaustBackPressure.typical(common_share=0.0)
+    jumps = HELD.replace(choked_dis_a=1.2 * HELD.c_dis_a * 1e5 * (1.0 / 0.53 - 1.0))
+    rise = backed.back_pressure_pa_s_per_kg * jumps.choked_dis_a
+    pressure = (1e5 + 0.95 * rise) / 0.53
+    point = dataclasses.replace(at_pressure([pressure], 0.0), parameters=jumps)
+    back = backed.exhaust_pressure(1e5, "a", point)
+    np.testing.assert_allclose(back, 0.53 * pressure, rtol=1e-9)
+    assert not base.is_exhaust_choked(pressure, back).any()
 
 
 def test_the_exhaust_backs_up_by_its_own_flow() -> None:
@@ -779,7 +802,7 @@ def test_the_laminar_form_is_the_older_law_to_the_last_bit() -> None:
     against = 1e5 + resistance * beside
     unchoked = valve_a.c_dis * (pressure - against) / (1.0 + resistance * valve_a.c_dis)
     choked = base.is_exhaust_choked(pressure, against + resistance * valve_a.choked_dis)
-    expected = np.maximum(np.where(choked, valve_a.choked_dis, unchoked), 0.0)
+    expected = np.maximum(np.where(choked, valve_a.choked_dis, unchoked), -beside)
     found = supply.ExhaustBackPressure(resistance)._flow("a", 1e5, beside, point)
     np.testing.assert_array_equal(found, expected)
 

@@ -3,7 +3,9 @@
 Droop and back pressure close a loop: the flow lowers the pressure difference that drives it.
 The loop of a chamber with its own flow is solved in closed form, by the thesis' law, or in a few
 steps by that of ISO 6358. A flow is choked where it would be at the pressure that choked flow
-leaves: so it is one or the other, never both or neither. Flows are kg/s.
+leaves: so it is one or the other, never both or neither. Where the thesis' law jumps, and the
+lesser flow leaves a pressure at which it would choke, the pressure is that of the jump. Flows are
+kg/s.
 """
 
 from __future__ import annotations
@@ -23,6 +25,10 @@ from sysid.plant.ports import Point
 _LEAST_STROKE = 1e-6
 # A resistance that grows with the flow is given at this one, kg/s.
 REFERENCE_FLOW_KG_PER_S = 3.5e-4
+# Pa s/kg: where there is none its root has a slope all the same.
+_LEAST_RESISTANCE = 1.0
+# By this factor the flow of a valve at its choked boundary is beyond it.
+_BEYOND = 1.0 + 1e-9
 # ISO 6358's flow over the root of its pressure difference changes little with the flow itself: each
 # step leaves about a tenth of the error.
 _ROOT_STEPS = 5
@@ -107,12 +113,15 @@ def backed_exhaust_flow(
     resistance: Array,
     curvature: Array = 0.0,
     temperature: Array = ANR_TEMPERATURE,
+    other_flow: Array = 0.0,
 ) -> Array:
-    """Flow f >= 0 out of a chamber by the valve's law against P0 + r f + q f^2, kg/s.
+    """Flow f out of a chamber by the valve's law against P0 + r f + q f^2, kg/s.
 
     Unchoked, by 3.6.10: f = c (P - P0 - r f - q f^2). Pressures in Pa, `resistance` r in Pa s/kg,
-    `curvature` q in Pa s2/kg2, `temperature` in K. No flow below the atmosphere, nor where the law
-    is not known (NaN).
+    `curvature` q in Pa s2/kg2, `temperature` in K. By 3.6.10 air enters a chamber below P0, as much
+    of it at most as the other chamber's flow through the same resistance (`other_flow`, whose rise
+    is part of P0). No flow where the law is not known (NaN). Where the law jumps, and neither of
+    its flows goes with the rise that it causes, the flow is the one whose rise is at the boundary.
     """
     if valve_laws.obeys_iso(valve, "dis"):
         losses = resistance, curvature
@@ -123,13 +132,26 @@ def backed_exhaust_flow(
     if base.is_zero(curvature):
         unchoked = free / slowed
     else:
-        bent = 4.0 * (curvature * valve.c_dis) * xp.maximum(free, 0.0)
-        unchoked = 2.0 * free / (slowed + xp.sqrt(slowed * slowed + bent))
+        bent = xp.maximum(slowed * slowed + 4.0 * (curvature * valve.c_dis) * free, 0.0)
+        unchoked = 2.0 * free / (slowed + xp.sqrt(bent))
     back = atmosphere + (resistance + curvature * valve.choked_dis) * valve.choked_dis
     boundary = valve_laws.exhaust_boundary(valve, back)
-    flow = xp.where(pressure >= boundary, valve.choked_dis, unchoked)
+    # Just beyond the boundary, so that the valve is not choked there.
+    at_boundary = _BEYOND * _flow_of(
+        pressure * (back / boundary) - atmosphere, resistance, curvature
+    )
+    flow = xp.where(pressure >= boundary, valve.choked_dis, xp.maximum(unchoked, at_boundary))
+    flow = xp.maximum(flow, -other_flow)
     # Any other number that is not known makes the unchoked flow unknown, too.
-    return xp.where((flow > 0.0) & (valve.choked_dis == valve.choked_dis), flow, 0.0)
+    return xp.where((flow == flow) & (valve.choked_dis == valve.choked_dis), flow, 0.0)
+
+
+def _flow_of(rise: Array, resistance: Array, curvature: Array) -> Array:
+    """Flow f with r f + q f^2 = `rise`, kg/s; far below 0 for a rise below 0."""
+    xp = array_namespace(rise, resistance, curvature)
+    risen = xp.maximum(rise, 0.0)
+    root = xp.sqrt(resistance * resistance + 4.0 * curvature * risen + _LEAST_RESISTANCE**2)
+    return xp.where(rise > 0.0, 2.0 * risen / (resistance + root), -1.0)
 
 
 def _adapted(
@@ -368,7 +390,13 @@ class ExhaustBackPressure(CatalogueEffect):
         slope = resistance + 2.0 * curvature * other_flow
         p = point.parameters
         return backed_exhaust_flow(
-            point.pressure(side), against, p.valve(side), slope, curvature, p.temperature
+            point.pressure(side),
+            against,
+            p.valve(side),
+            slope,
+            curvature,
+            p.temperature,
+            other_flow,
         )
 
 
