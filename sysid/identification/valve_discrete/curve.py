@@ -30,9 +30,6 @@ from sysid.parameters.valves import ISO6358, LAW_UNITS, SERIES, THESIS, VALVE_AL
 from sysid.plant.iso6358 import HIGHEST_RATIO
 from sysid.types import FloatArray
 
-# Rows by which a command's time stamp may be late, and the usual size of a delay.
-_LATE_ROWS, _DELAY_ROWS = 20, 2
-
 UNITS = {
     **LAW_UNITS,
     "on_delay_s": "s",
@@ -240,8 +237,7 @@ class CurveProblem:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        start = self.start
-        shared = [_shared_parameter(name, getattr(start, name), self.pieces) for name in self.free]
+        shared = [_shared_parameter(name, getattr(self.start, name)) for name in self.free]
         own = [p for i, piece in enumerate(self.pieces) for p in _own_parameters(i, piece)]
         return tuple(shared + own)
 
@@ -305,14 +301,12 @@ class CurveProblem:
         return total
 
 
-def _shared_parameter(name: str, value: float, pieces: Sequence[Piece]) -> Parameter:
+def _shared_parameter(name: str, value: float) -> Parameter:
     unit = UNITS[name]
     if name in DELAYS:
-        # A command's time stamp may be late by some rows; no valve takes as long as its test.
-        row = max(float(np.median(np.diff(piece.chamber.time))) for piece in pieces)
-        low, high = -_LATE_ROWS * row, max(float(np.ptp(p.chamber.time)) for p in pieces)
-        start = min(max(value, 0.9 * low), 0.9 * high)
-        return Parameter(name, start, unit, low, high, _DELAY_ROWS * row)
+        # A command's time stamp may be late; no valve takes as long as the upper bound. Seconds.
+        low, high = -0.02, 0.3
+        return Parameter(name, min(max(value, 0.9 * low), 0.9 * high), unit, low, high, 0.002)
     if name.startswith("critical_ratio"):
         return Parameter(name, value, unit, 0.0, HIGHEST_RATIO, 0.3)
     if name.startswith("subsonic_index"):
