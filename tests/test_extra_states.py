@@ -79,7 +79,7 @@ def plainly(traces: Traces, model: Model, low: int, stop: int) -> dict[str, Floa
     In two steps a row where one is too long for a contact.
     """
     step = float(traces.time[low + 1] - traces.time[low])
-    channels = {n: v for n, v in vars(traces).items() if n != "runs"}
+    channels = {f.name: getattr(traces, f.name) for f in fields(traces) if f.name != "runs"}
 
     parts = 2 if any(effect.fastest_rate for effect in model.effects) else 1
 

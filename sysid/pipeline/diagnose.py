@@ -248,7 +248,8 @@ def _searched(
         look = _look_at_part(kind, campaign, bundle, logs, catalogue, options)
     else:
         notices += [*bundle.other_rig(campaign.rig), *assumed_parameters(bundle, campaign.rig)]
-        held = bundle.friction is None and not _moves(logs, campaign.rig)
+        has_piston = campaign.rig.cylinder is not None
+        held = has_piston and bundle.friction is None and not _moves(logs, campaign.rig)
         if held:
             notices.append(_HELD)
             look = _look_at_chambers(campaign, bundle, logs, catalogue, options)
