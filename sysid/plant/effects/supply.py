@@ -25,8 +25,6 @@ from sysid.plant.ports import Point
 _LEAST_STROKE = 1e-6
 # A resistance that grows with the flow is given at this one, kg/s.
 REFERENCE_FLOW_KG_PER_S = 3.5e-4
-# Pa s/kg: where there is none its root has a slope all the same.
-_LEAST_RESISTANCE = 1.0
 # By this factor the flow of a valve at its choked boundary is beyond it.
 _BEYOND = 1.0 + 1e-9
 # ISO 6358's flow over the root of its pressure difference changes little with the flow itself: each
@@ -147,11 +145,11 @@ def backed_exhaust_flow(
 
 
 def _flow_of(rise: Array, resistance: Array, curvature: Array) -> Array:
-    """Flow f with r f + q f^2 = `rise`, kg/s; far below 0 for a rise below 0."""
+    """Flow f with r f + q f^2 = `rise`, kg/s; with r f of it for a rise below 0."""
     xp = array_namespace(rise, resistance, curvature)
-    risen = xp.maximum(rise, 0.0)
-    root = xp.sqrt(resistance * resistance + 4.0 * curvature * risen + _LEAST_RESISTANCE**2)
-    return xp.where(rise > 0.0, 2.0 * risen / (resistance + root), -1.0)
+    bent = resistance * resistance + 4.0 * curvature * xp.maximum(rise, 0.0)
+    # Its root has a slope where there is no resistance, too.
+    return 2.0 * rise / (resistance + xp.sqrt(bent + base.LEAST_DIVISOR))
 
 
 def _adapted(
