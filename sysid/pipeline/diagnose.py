@@ -50,7 +50,7 @@ from sysid.pipeline.request import Reported, takes
 from sysid.plant.effects.catalogue import EffectSource, catalogue_from
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.effects.linear import for_rig
-from sysid.plant.ports import has_law
+from sysid.plant.ports import Model, has_law
 from sysid.refinement.draws import drawn_models
 
 if TYPE_CHECKING:
@@ -252,7 +252,8 @@ def _searched(
         held = has_piston and bundle.friction is None and not _moves(logs, campaign.rig)
         if held:
             notices.append(_HELD)
-            look = _look_at_chambers(campaign, bundle, logs, catalogue, options)
+            model = _held_model(campaign, bundle, logs, catalogue)
+            look = _search_of(logs, campaign.rig, model, options)
         else:
             look = _look_at_actuator(campaign, bundle, logs, catalogue, options)
     found = without_contradicted(look, open_ones, options.tell)
@@ -316,14 +317,10 @@ def _look_at_part(
     return look
 
 
-def _look_at_chambers(
-    campaign: Campaign,
-    bundle: Bundle,
-    logs: Sequence[tuple[str, str, Log]],
-    catalogue: Catalogue,
-    options: DiagnoseOptions,
-) -> Look:
-    """Of an actuator whose piston is held in every test: its chambers and valves alone.
+def _held_model(
+    campaign: Campaign, bundle: Bundle, logs: Sequence[tuple[str, str, Log]], catalogue: Catalogue
+) -> Model:
+    """An actuator whose piston is held in every test: its chambers and valves alone.
 
     A valve that no law is known of passes nothing where no test commands it.
     """
@@ -333,11 +330,22 @@ def _look_at_chambers(
         acts = any(is_active(trial, *names) for _, _, log in logs for trial in log.trials)
         if not (acts or has_law(model.parameters, side)):
             model = replace(model, parameters=model.parameters.without_flow(side))
+    return model
+
+
+def _search_of(
+    logs: Sequence[tuple[str, str, Log]],
+    rig: Rig,
+    model: Model,
+    options: DiagnoseOptions,
+    drawn: Sequence[Model] = (),
+) -> Look:
+    """The search of an actuator's tests, whose looks share what they have computed."""
     memory = Memory()
 
     def look(effects: Catalogue) -> Diagnosis:
         return diagnose_actuator(
-            logs, campaign.rig, model, effects, seed=options.seed,
+            logs, rig, model, effects, drawn=drawn, seed=options.seed,
             quick=options.quick, memory=memory, progress=options.tell,
         )  # fmt: skip
 
@@ -353,16 +361,13 @@ def _look_at_actuator(
 ) -> Look:
     model = bundle.model(campaign.rig, catalogue)
     drawn = drawn_models(bundle, campaign.rig, model, _DRAWN, options.seed)
-    memory = Memory()
+    search = _search_of(logs, campaign.rig, model, options, drawn)
 
     def errors_of(other: Bundle) -> dict[str, float]:
         return open_loop_errors(logs, campaign.rig, other.model(campaign.rig, catalogue))
 
     def look(effects: Catalogue) -> Diagnosis:
-        found = diagnose_actuator(
-            logs, campaign.rig, model, effects, drawn=drawn, seed=options.seed,
-            quick=options.quick, memory=memory, progress=options.tell,
-        )  # fmt: skip
+        found = search(effects)
         if options.simulates:
             rivals = rivals_of(found, logs, campaign.rig, model)
             found = refined(found)
