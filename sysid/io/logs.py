@@ -592,7 +592,7 @@ def with_own_times(
     Rows that share the stamps of a coarse clock are spread evenly. Notices say both; what remains
     is for `check_time_column` to refuse.
     """
-    time = reading.columns["time_s"]
+    reading.columns["time_s"] = time = np.array(reading.columns["time_s"])
     others = {name: values for name, values in reading.columns.items() if name != "time_s"}
     twice, coarse, kept = list[int](), list[str](), list[tuple[str, Rows]]()
     for label, rows in groups:
@@ -612,7 +612,6 @@ def with_own_times(
                 f"{time[own][at]:.9g}: a clock that counts {np.median(np.diff(stamps)):.3g} s is "
                 f"too coarse for its rows; they are spread evenly, {even[1] - even[0]:.6g} s apart"
             )
-            reading.columns["time_s"] = time = np.array(time)
             time[own] = even
         kept.append((label, own))
     if twice:
