@@ -15,14 +15,13 @@ import numpy as np
 from sysid.blocks.drawing import thinned
 from sysid.blocks.figures import Dash, Role, Scale
 from sysid.blocks.interactive import (
-    LEGEND_LETTER,
-    LEGEND_SAMPLE,
     SCHEMES,
     TOOLBAR_STYLE,
     Scheme,
     add_zoom,
     bokeh,
     empty_plot,
+    legend_widths,
     style_legend,
 )
 from sysid.types import FloatArray
@@ -74,7 +73,7 @@ def overlay_role(number: int) -> Role:
 def _wrap_legend(plot: Any) -> None:
     """As many columns of the legend as its window has room for: one of a phone has one or two."""
     legend = plot.legend[0]
-    widest = max(LEGEND_LETTER * len(i.label["value"]) + LEGEND_SAMPLE for i in legend.items)
+    widest = max(legend_widths(legend))
     wrap = bokeh("models").CustomJS(
         args={"legend": legend, "widest": widest},
         code="legend.ncols = Math.max(1, Math.floor(cb_obj.inner_width / widest));",

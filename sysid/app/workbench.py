@@ -318,6 +318,11 @@ class Workbench:
             words += ["--component", self.component]
         return tuple(words)
 
+    def run_words(self, *, quick: bool = False) -> list[str]:
+        """The command that runs the whole campaign; what it says is all shown."""
+        words = ["run", self.campaign().path.name, "-o", self.named(self.results), "-v"]
+        return [*words, *(["--quick"] if quick else []), *self.own_words()]
+
     def effects_file(self) -> Path | None:
         """The file of further effects, once it may run. Raises InputError before."""
         if self.effects is not None:

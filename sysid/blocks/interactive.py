@@ -48,7 +48,7 @@ _PIXELS_PER_INCH = 96
 # the lowest panel in which an axis's name has room; from one tick to the next.
 _LEFT, _AXIS, _TITLE, _LEAST, _PER_TICK = 62, 46, 40, 92, 30
 # Pixels of a legend in the narrowest place of a figure; of a letter, and of a line's sample.
-_LEGEND, LEGEND_LETTER, LEGEND_SAMPLE = 300, 5.6, 30
+_LEGEND, _LETTER, _SAMPLE = 300, 5.6, 30
 # Between the tools: Bokeh's own is a light grey, the brightest thing of a dark page.
 TOOLBAR_STYLE = ".bk-divider { background-color: rgb(128 128 128 / 50%); }"
 # Values of a line in a figure: two a pixel of a wide page.
@@ -224,12 +224,17 @@ def _legend(plot: BokehModel, panel: Panel, scheme: Scheme) -> None:
         return
     style_legend(plot, scheme)
     columns = len(legend.items)
-    widths = [LEGEND_LETTER * len(item.label["value"]) + LEGEND_SAMPLE for item in legend.items]
+    widths = legend_widths(legend)
     if sum(widths) > _LEGEND:
         columns = max(int(_LEGEND / max(widths)), 1)
         legend.spacing = 8
         plot.height += 22 * (math.ceil(len(widths) / columns) - 1)
     legend.ncols = columns
+
+
+def legend_widths(legend: BokehModel) -> list[float]:
+    """How wide each entry of a legend is, pixels."""
+    return [_LETTER * len(item.label["value"]) + _SAMPLE for item in legend.items]
 
 
 def style_legend(plot: BokehModel, scheme: Scheme) -> None:
@@ -398,8 +403,6 @@ _DRAWN: Mapping[type, Callable[..., Any]] = {
 
 
 __all__ = [
-    "LEGEND_LETTER",
-    "LEGEND_SAMPLE",
     "SCHEMES",
     "TOOLBAR_STYLE",
     "BokehModel",
@@ -409,5 +412,6 @@ __all__ = [
     "bokeh",
     "draw",
     "empty_plot",
+    "legend_widths",
     "style_legend",
 ]

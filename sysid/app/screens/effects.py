@@ -326,9 +326,8 @@ class EffectsScreen(Screen):
 
     def _run(self) -> None:
         bench = self.bench
-        words = ["run", bench.campaign().path.name, "-o", bench.named(bench.results), "-v"]
         expected = expected_seconds(bench.results, RunOptions())
-        self.window.start("diagnosing", [*words, *bench.own_words()], expected)
+        self.window.start("diagnosing", bench.run_words(), expected)
 
 
 def _change(before: ExploredTest, after: ExploredTest, name: str) -> str:

@@ -169,12 +169,9 @@ class FitScreen(Screen):
         self.chosen = output
 
     def _run(self) -> None:
-        bench, campaign = self.bench, self.bench.campaign()
-        words = ["run", campaign.path.name, "-o", bench.named(bench.results), "-v"]
-        words += ["--quick"] if self.quick else []
-        options = RunOptions(quick=self.quick)
-        expected = expected_seconds(bench.results, options)
-        self.window.start("running everything", [*words, *bench.own_words()], expected)
+        bench = self.bench
+        expected = expected_seconds(bench.results, RunOptions(quick=self.quick))
+        self.window.start("running everything", bench.run_words(quick=self.quick), expected)
         self.chosen = bench.result("bundle.json")
 
 
