@@ -40,7 +40,7 @@ sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.history import commit  # noqa: E402
 from benchmarks.true_model import SAME_LAW, true_value  # noqa: E402
-from datasets.generator.effects import FORMS, OUT_OF_CATALOGUE, name_of  # noqa: E402
+from datasets.generator.effects import FORMS, OUT_OF_CATALOGUE, name_of, parsed  # noqa: E402
 from sysid.plant.effects import class_of  # noqa: E402
 
 KINDS = ("none", "one", "outside", "two")
@@ -196,7 +196,7 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
 
 
 def true_names(result: dict[str, Any]) -> list[str]:
-    return [name_of(*str(e).split("*")[0].split(":")) for e in result["effects"]]
+    return [name_of(*parsed(e)[:2]) for e in result["effects"]]
 
 
 def found_names(result: dict[str, Any]) -> list[str]:

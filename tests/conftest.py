@@ -134,31 +134,30 @@ def rig_text() -> str:
     return RIG_TEXT
 
 
+def shared_folder(name: str) -> Path:
+    """A folder beside the project; skips the test visibly where it is absent."""
+    folder = SHARED / name
+    if not folder.is_dir():
+        pytest.skip(f"../shared/{name} is absent")
+    return folder
+
+
 @pytest.fixture
 def shared_data() -> Path:
-    """The measured data beside the project; skips visibly where they are absent."""
-    folder = SHARED / "data"
-    if not folder.is_dir():
-        pytest.skip("../shared/data is absent")
-    return folder
+    """The measured data."""
+    return shared_folder("data")
 
 
 @pytest.fixture
 def shared_spec() -> Path:
-    """The contracts beside the project; skips visibly where they are absent."""
-    folder = SHARED / "spec"
-    if not folder.is_dir():
-        pytest.skip("../shared/spec is absent")
-    return folder
+    """The contracts."""
+    return shared_folder("spec")
 
 
 @pytest.fixture
 def shared_samples() -> Path:
-    """The sample campaigns beside the project; skips visibly where they are absent."""
-    folder = SHARED / "samples"
-    if not folder.is_dir():
-        pytest.skip("../shared/samples is absent")
-    return folder
+    """The sample campaigns."""
+    return shared_folder("samples")
 
 
 @pytest.fixture(scope="module")

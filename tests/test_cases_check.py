@@ -6,17 +6,14 @@ import json
 from pathlib import Path
 
 import pytest
-from conftest import SHARED
+from conftest import shared_folder
 
 from sysid.commands.app import main
 
 
 @pytest.fixture
 def cases() -> Path:
-    folder = SHARED / "cases"
-    if not folder.is_dir():
-        pytest.skip("../shared/cases is absent")
-    return folder
+    return shared_folder("cases")
 
 
 def test_a_pressure_alone_beside_a_tank(cases: Path, capsys: pytest.CaptureFixture[str]) -> None:
