@@ -92,6 +92,16 @@ def test_a_drooping_supply_and_a_silencer_balance_the_flow(index: float) -> None
     assert np.allclose(flow, again, rtol=2e-3, atol=0.0)
 
 
+@pytest.mark.parametrize("resistance", [-1e8, -3e7, 0.0, 3e7])
+@pytest.mark.parametrize("curvature", [0.0, 1e10])
+def test_a_resistance_that_a_search_probes_gives_flows(resistance: float, curvature: float) -> None:
+    valve = ValveParameters(1e-3, 4e-9, 1.5e-3, 5e-9)
+    pressure = np.linspace(0.9 * ATMOSPHERE, SUPPLY, 200)
+    losses = np.full(200, resistance), np.full(200, curvature)
+    flow = backed_exhaust_flow(pressure, np.full(200, ATMOSPHERE), valve, *losses)
+    assert np.isfinite(flow).all() and flow[-1] == valve.choked_dis
+
+
 def law_of(rig: Rig, **changes: Any) -> AveragedLaw:
     p = held(rig).replace(pwm_period=0.005, **changes)
     return AveragedLaw.of(p, "a")

@@ -148,8 +148,10 @@ def _flow_of(rise: Array, resistance: Array, curvature: Array) -> Array:
     """Flow f with r f + q f^2 = `rise`, kg/s; with r f of it for a rise below 0."""
     xp = array_namespace(rise, resistance, curvature)
     bent = resistance * resistance + 4.0 * curvature * xp.maximum(rise, 0.0)
-    # Its root has a slope where there is no resistance, too.
-    return 2.0 * rise / (resistance + xp.sqrt(bent + base.LEAST_DIVISOR))
+    # Its root has a slope where there is no resistance, too; one below 0, by which a search probes,
+    # may cancel it.
+    summed = resistance + xp.sqrt(bent + base.LEAST_DIVISOR)
+    return 2.0 * rise / xp.maximum(summed, base.LEAST_DIVISOR)
 
 
 def _adapted(
