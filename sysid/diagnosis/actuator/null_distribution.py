@@ -64,6 +64,11 @@ class Null:
             return self
         found = copy.copy(self)
         found._expected = _by_channel(_mean_square, twins), _by_channel(typical_square, twins)
+        for name in CHANNELS:
+            # With other friction a twin may break away where nothing can be read.
+            if not any(len(twin.frame.windows[name]) for twin in twins):
+                for own, given in zip(found._expected, self._expected, strict=True):
+                    own[name] = given[name]
         found._twins = tuple(twins)
         return found
 
