@@ -13,6 +13,7 @@ import pytest
 from scipy.signal import lfilter
 
 from datasets.generator.campaign import LAB, GeneratedCampaign, Size, drawn_effects, make_campaign
+from datasets.generator.one_chamber import scaled
 from sysid.diagnosis.actuator import equation_error as equation_errors
 from sysid.diagnosis.actuator import finder as finder_module
 from sysid.diagnosis.actuator import samples
@@ -26,8 +27,10 @@ from sysid.diagnosis.actuator.diagnose import (
 )
 from sysid.diagnosis.actuator.equation_error import (
     BALANCES,
+    BREAKAWAY,
     CHANNELS,
     EFFORT,
+    FLOW_PARAMETERS,
     _as_shown,
     channels_of,
     equation_error,
@@ -48,7 +51,7 @@ from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected, channel_squares, projected
 from sysid.diagnosis.actuator.refit import Refit, own_columns, refit, with_base_refitted
-from sysid.diagnosis.actuator.samples import Traces, prepare, window_width, windows
+from sysid.diagnosis.actuator.samples import Rows, Traces, prepare, window_width, windows
 from sysid.diagnosis.actuator.screened import Screening, screened
 from sysid.diagnosis.actuator.search import search
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
@@ -132,15 +135,23 @@ Tests = list[tuple[str, str, Trial]]
 
 @lru_cache(maxsize=2)
 def made(
-    *effects: tuple[str, str, float], scatter: float = 0.0, seed: int = SEED, size: Size = LAB
+    *effects: tuple[str, str, float],
+    scatter: float = 0.0,
+    seed: int = SEED,
+    size: Size = LAB,
+    stems: tuple[str, ...] = STEMS,
+    slower: float = 1.0,
 ) -> tuple[Tests, Rig, Model]:
     """Tests to fit on of a generated rig, the rig as declared, and its true base model.
 
-    Whoever calls it leaves them as they are: the next one has the same.
+    `slower`: everything takes so many times as long. Whoever calls it leaves them as they are: the
+    next one has the same.
     """
     campaign: GeneratedCampaign = make_campaign(
-        seed, size=size, stems=STEMS, scatter=scatter, effects=drawn_effects(seed, effects)
+        seed, size=size, stems=stems, scatter=scatter, effects=drawn_effects(seed, effects)
     )
+    if slower != 1.0:
+        campaign = scaled(campaign, time=slower)
     rig = rig_from_content(campaign.rig.content, "rig.toml")
     truth = campaign.truth
     valves = {
@@ -215,6 +226,55 @@ def test_windows_average_the_pulses_out_wherever_a_stretch_begins(moving: Traces
 def test_a_window_is_whole_periods_wide(period: float, width: float) -> None:
     assert window_width(period) == pytest.approx(width)
     assert window_width(0.016) == window_width(1.0) == 0.02
+    # Its halves are whole rows: two periods of seven, not three.
+    assert window_width(0.007, row=0.001) == pytest.approx(0.014)
+
+
+@pytest.mark.parametrize(("one", "other"), [(3.0, 30.0), (0.4, 0.04)])
+def test_balances_of_a_slow_rig_and_of_a_fast_one_are_alike(one: float, other: float) -> None:
+    """Windows of the same rows, and the same residuals in units of their noise."""
+    frames, residuals = [], []
+    for slower in (one, other):
+        tests, rig, model = made(scatter=0.02, size=TWO_EACH, slower=slower)
+        own = prepare(tests, rig, model)
+        frames.append(build_frame(own, model, noise_of(own, model), 0.02))
+        residuals.append(frames[-1].residual(model))
+    for name in CHANNELS:
+        # What is next to a threshold is rounded to either side of it.
+        centres = [frame.windows[name].centre for frame in frames]
+        shared, *places = np.intersect1d(*centres, return_indices=True)
+        assert len(shared) > 0.999 * max(map(len, centres)) > 0.0
+        white, like = (
+            residual[frame.rows(name)][place]
+            for frame, residual, place in zip(frames, residuals, places, strict=True)
+        )
+        assert np.corrcoef(white, like)[0, 1] > 0.999
+        assert np.mean(like**2) == pytest.approx(np.mean(white**2), rel=0.01)
+
+
+def test_twins_that_tell_nothing_of_a_channel_leave_what_is_expected_of_it(frame: Frame) -> None:
+    """Given an effect's friction a twin may break away where nothing can be read."""
+    none = np.zeros(0, dtype=np.intp)
+    view = frame.windows[BREAKAWAY]
+    unread = replace(
+        view, matrix=view.matrix[:0], run=none, stretch=none, centre=none, used=Rows(none)
+    )
+    bare = replace(frame, windows={**frame.windows, BREAKAWAY: unread})
+    rest = np.ones(sum(map(len, frame.windows.values())))
+    base, twin = (SimpleNamespace(frame=own, rest=rest[: len(own.tests)]) for own in (frame, bare))
+    null: Any = Null([base], {}, lambda of: [twin])  # type: ignore[list-item]
+    found = null.given(base).expected(base)
+    assert len(view) > 0 and (found[frame.rows(BREAKAWAY)] == 1.0).all()
+
+
+def test_a_fast_rigs_windows_hold_enough_rows() -> None:
+    """Valves that fill it so many times as fast do not make its encoder finer."""
+    tests, rig, model = made(scatter=0.02, size=TWO_EACH)
+    p = model.parameters
+    flows = [n for n in FLOW_PARAMETERS if getattr(p, n) is not None]
+    fast = Model(p.replace(**{name: 50.0 * getattr(p, name) for name in flows}))
+    usual, own = (prepare(tests, rig, one) for one in (model, fast))
+    np.testing.assert_allclose(own.velocity, usual.velocity, atol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -973,6 +1033,27 @@ def test_sensors_show_tests_end_to_end_as_one_by_one(
     one_by_one = _as_shown(traces, "a", traces.rate_a, (effect,))
     assert at_once.any()
     np.testing.assert_allclose(at_once, one_by_one, atol=1e-5 * np.abs(one_by_one).max())
+
+
+@pytest.mark.parametrize(
+    ("effect", "form", "slower", "expected"),
+    [
+        ("wall-heat-transfer", "mass-state", 10.0, {"wall_conductance_w_per_k": 0.4 / 10.0}),
+        # In so few tests its numbers make up for one another, at any speed.
+        ("stribeck-friction", "gaussian", 1.0 / 3.0, {}),
+    ],
+)
+def test_an_effect_of_a_slow_rig_or_a_fast_one_is_found(
+    effect: str, form: str, slower: float, expected: Mapping[str, float]
+) -> None:
+    """By its name, its numbers in the ratio of their units: with windows and filters of the
+    reference rig neither was."""
+    tests = made((effect, form, 1.0), scatter=0.02, size=TWO_EACH, slower=slower)
+    suspects = [catalogue()[name] for name in ("wall-heat-transfer", "stribeck-friction")]
+    (found,) = close_loop(*tests, suspects, simulated=lambda trial: 0.0).search.last.model.effects
+    assert isinstance(found, catalogue()[effect])
+    for name, value in expected.items():
+        assert float(getattr(found, name)) == pytest.approx(value, rel=0.1), name
 
 
 def test_nothing_is_found_where_nothing_is_missing(healthy: tuple[Tests, Rig, Model]) -> None:

@@ -15,7 +15,7 @@ from sysid.plant import plant
 from sysid.plant.ports import Model
 from sysid.types import BoolArray, FloatArray
 
-# At least so long at rest, and then in motion.
+# At least so long at rest, and then in motion, as it is on the reference rig.
 _REST_S, _MOTION_S = 0.03, 0.02
 # So much at either end of a rest is not counted as calm.
 _EDGE_S = 0.15 * _REST_S
@@ -81,13 +81,14 @@ def _reading(
     largest change just before, Nm or N.
     """
     (first, stop), (least_effort, most_change) = rest, limits
-    before, way = round(_BEFORE_S / run.period), round(_MOTION_S / run.period)
-    calm = round(_EDGE_S / run.period)
+    before, way = run.count(_BEFORE_S), run.count(_MOTION_S)
+    calm = run.count(_EDGE_S)
     last = stop - 1
     end = run.rows.stop - run.rows.start
     if first == 0 or stop == end:
         return None
-    if (last - first) * run.period < _REST_S or last + way >= end or first < before:
+    rested, least_rest = (last - first) * run.period, _REST_S * run.time_scale
+    if rested < least_rest or last + way >= end or first < before:
         return None
     own = slice(run.rows.start + first, run.rows.start + last + way + 1)
     if not usable[own].all():

@@ -20,7 +20,7 @@ from sysid.types import FloatArray
 # Of the mains, Hz; a fit of a resonance may end next to it.
 _MAINS_HZ = (50.0, 60.0)
 # Frequencies around these and an effect's own, Hz: as far as they may be off, as close as a test
-# of some seconds tells frequencies apart.
+# of some seconds tells frequencies apart. Of a rig slower than the reference rig closer.
 _OFFSETS_HZ = np.linspace(-1.0, 1.0, 41)
 
 
@@ -54,7 +54,8 @@ def steady_oscillation(
     if not own or EFFORT not in channels_of(effect):
         return None
     centres = (*own, *_MAINS_HZ)
-    tried = [_of_frequency(base, f) for centre in centres for f in centre + _OFFSETS_HZ]
+    offsets = _OFFSETS_HZ / max(run.time_scale for run in base.frame.traces.runs)
+    tried = [_of_frequency(base, f) for centre in centres for f in centre + offsets]
     best = max(tried, key=lambda one: one.reduction)
     left = float(np.sum(base.rest[base.frame.rows(EFFORT)] ** 2))
     # Schwarz's criterion: each number costs the log of how many rows tell of it, in squares of the

@@ -21,6 +21,7 @@ from sysid.io.channels import SIDES
 from sysid.io.logs import Trial
 from sysid.io.rig import NO_LOAD, Rig
 from sysid.io.trial_kind import is_held
+from sysid.plant.effects.rig_sizes import RigSizes
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs, Shared, open_intervals
 from sysid.plant.valve_timing import OpenIntervals
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
+# Times and frequencies are those of a rig like the reference rig: a test has them so many times as
+# long, and as low, as `TestRun.time_scale` says.
 # Smoothing of the channels before they enter the equations, Hz. The commands are not
 # smoothed: laws that are nonlinear in pressure or velocity need the true ones.
 PRESSURE_CUTOFF_HZ = 350.0
@@ -43,6 +46,8 @@ _REST_SPEED = 0.004
 _REVERSAL_S = 0.012
 # Time at a test's ends where smoothing is one-sided.
 _SEAM_S = 0.015
+# Rows in a window of the reference rig: a faster one's is no shorter than so many rows.
+_WINDOW_ROWS = 20
 # Between tests that are measured as one, s: long against a lag, short enough to count it in.
 _GAP_S = 1e4
 
@@ -60,7 +65,8 @@ class TestRun:
     """One test of the campaign: its log's kind, its rows in the arrays, and its commands.
 
     `moves`: the shaft is free (not held), so that its torque balance counts. `stamps` are the
-    times (m,) s of the log's own rows where they are not those of the arrays.
+    times (m,) s of the log's own rows where they are not those of the arrays. `time_scale`: how
+    many times as slow as the reference rig it is taken to be.
     """
 
     label: str
@@ -71,6 +77,11 @@ class TestRun:
     inputs: Inputs
     moves: bool
     stamps: FloatArray | None = None
+    time_scale: float = 1.0
+
+    def count(self, reference_s: float) -> int:
+        """The samples in a time, given in s as it is on the reference rig."""
+        return round(reference_s * self.time_scale / self.period)
 
     @cached_property
     def commanded(self) -> Shared:
@@ -204,8 +215,10 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
     runs: list[TestRun] = []
     parts: list[dict[str, FloatArray]] = []
     start = 0
+    slowness = RigSizes.of(model.parameters).slowness
     for file, kind, trial in tests:
-        if len(trial) * trial.period < 3.0 * WINDOW_S:
+        scale = _time_scale(slowness, trial.period)
+        if len(trial) * trial.period < 3.0 * WINDOW_S * scale:
             continue
         uniform = on_even_grid(trial, rig)
         on = starts_on_supply(uniform, rig) if kind == "valve-pwm" else (False, False)
@@ -215,7 +228,7 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
         period = float(uniform.time[1] - uniform.time[0])
         stamps = None if signals.is_even(trial.time, uniform.time) else trial.time
         rows = slice(start, stop)
-        runs.append(TestRun(trial.label, file, kind, rows, period, inputs, moves, stamps))
+        runs.append(TestRun(trial.label, file, kind, rows, period, inputs, moves, stamps, scale))
         parts.append(_channels(uniform, rig, inputs))
         start = stop
     if not runs:
@@ -232,6 +245,14 @@ def prepare(tests: Sequence[tuple[str, str, Trial]], rig: Rig, model: Model) -> 
         carried=_carried(runs),
         **_derived(tuple(runs), *(joined[n] for n in ("position", "pressure_a", "pressure_b"))),
     )
+
+
+def _time_scale(slowness: float, period: float) -> float:
+    """How many times as slow as the reference rig a test is taken to be, by how slow its rig is.
+
+    A fast rig's windows hold as many rows as the reference rig's, or last as long as those.
+    """
+    return max(slowness, min(1.0, _WINDOW_ROWS * period / WINDOW_S))
 
 
 def _carried(runs: Sequence[TestRun]) -> FloatArray:
@@ -280,7 +301,8 @@ def smooth(runs: Sequence[TestRun], values: FloatArray, cutoff_hz: float) -> Flo
 
     found = np.empty(len(values))
     for run in runs:
-        sigma = math.sqrt(2.0 * math.log(2.0)) / (2.0 * math.pi * cutoff_hz * run.period)
+        cutoff = cutoff_hz / run.time_scale
+        sigma = math.sqrt(2.0 * math.log(2.0)) / (2.0 * math.pi * cutoff * run.period)
         gaussian_filter1d(
             values[run.rows], sigma, mode="nearest", truncate=3.5, output=found[run.rows]
         )
@@ -343,7 +365,7 @@ def directions(runs: Sequence[TestRun], slow_velocity: FloatArray) -> FloatArray
     rests[1:] |= sign[1:] != sign[:-1]
     for run in runs:
         if run.moves:
-            guard = max(1, round(_REVERSAL_S / run.period))
+            guard = max(1, run.count(_REVERSAL_S))
             rests[run.rows] = binary_dilation(rests[run.rows], iterations=guard)
         else:
             rests[run.rows] = True
@@ -410,13 +432,20 @@ class Windows:
         return len(self.run)
 
 
-def window_width(pwm_period: float) -> float:
-    """Width of a window, s: the whole number of PWM periods (s) next to `WINDOW_S`, from two on.
+def window_width(pwm_period: float, wanted: float = WINDOW_S, row: float = 0.0) -> float:
+    """Width of a window, s: the whole number of PWM periods (s) next to the wanted, from two on.
 
-    `WINDOW_S` where a period is too long for that: one alone would not average its ripple.
+    An even one where an odd one is an odd number of rows (of `row` s): the two halves of a window
+    are whole rows. The wanted one where a period is too long for that: one alone would not average
+    its ripple.
     """
-    periods = round(WINDOW_S / pwm_period)
-    return periods * pwm_period if periods >= 2 else WINDOW_S
+    periods = round(wanted / pwm_period)
+    if periods < 2:
+        return wanted
+    rows = round(periods * pwm_period / row) if row > 0.0 else 0
+    if rows % 2 and abs(rows * row - periods * pwm_period) < 0.1 * row:
+        periods += 1 if wanted > periods * pwm_period else -1
+    return periods * pwm_period
 
 
 def windows(traces: Traces, usable: BoolArray, pwm_period: float | None = None) -> Windows:
@@ -431,8 +460,10 @@ def windows(traces: Traces, usable: BoolArray, pwm_period: float | None = None) 
 
     lengths, columns, weights, of_run, of_stretch, centres = [], [], [], [], [], []
     count = stretch = 0
-    width = WINDOW_S if pwm_period is None else window_width(pwm_period)
     for index, run in enumerate(traces.runs):
+        width = WINDOW_S * run.time_scale
+        if pwm_period is not None:
+            width = window_width(pwm_period, width, run.period)
         step = max(1, round(0.5 * width / run.period))
         # A Hann window of exactly this width is 0 at both ends: `half` is what lies between.
         half = step if pwm_period is None else max(1, step - 1)
@@ -440,7 +471,7 @@ def windows(traces: Traces, usable: BoolArray, pwm_period: float | None = None) 
         kernel /= kernel.sum()
         reach = np.arange(-half, half + 1)
         good = usable[run.rows].copy()
-        seam = max(2, round(_SEAM_S / run.period))
+        seam = max(2, run.count(_SEAM_S))
         good[:seam] = good[-seam:] = False
         edges = np.flatnonzero(np.diff(np.concatenate(([0], good.astype(int), [0]))))
         for first, last in zip(edges[::2], edges[1::2], strict=True):

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
+from itertools import groupby
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,6 +27,7 @@ from sysid.plant.steps import heun
 from sysid.recording.motion_tests import RUN_UP_S
 from sysid.types import BoolArray, FloatArray, IntArray
 
+# Times are those of a rig like the reference rig: see `TestRun.time_scale`.
 _PIECE_S = 0.25
 # A resonance takes longer to forget, and costs less: fewer tests, no flows. At 25 Hz and a damping
 # ratio of 0.02 a start at rest is forgotten to 0.2 % (0.35 s: to a third).
@@ -198,9 +200,11 @@ def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str
     with on_processor():
         signals = _signals(traces)
     fastest = max((effect.fastest_rate for effect in model.effects), default=0.0)
-    step = min(_STATE_STEP_S, _STEP_TIMES_RATE / fastest) if fastest else _STATE_STEP_S
 
     def histories(pieces: _Pieces) -> list[FloatArray]:
+        step = _STATE_STEP_S * pieces.time_scale
+        if fastest:
+            step = min(step, _STEP_TIMES_RATE / fastest)
         return _history_of(pieces, signals, inputs, structure, model.state_names, step)
 
     blocks = _all_pieces(traces.runs, needs_flow)
@@ -256,28 +260,32 @@ class _Pieces:
     rows: IntArray
     steps: int
     period: float
+    time_scale: float
 
 
 @lru_cache(maxsize=4)
 def _all_pieces(tests: tuple[TestRun, ...], needs_flow: bool) -> tuple[_Pieces, ...]:
-    """The pieces of all tests that are concerned, so many together of one sampling period."""
+    """The pieces of all tests that are concerned, so many together of one sampling period and time
+    scale."""
     runs = [run for run in tests if run.moves or needs_flow]
     mechanical = _MECHANICAL_PIECE_S, _MECHANICAL_RUN_UP_S
     seconds = (_PIECE_S, RUN_UP_S) if needs_flow else mechanical
     return tuple(
         pieces
-        for period in sorted({run.period for run in runs})
-        for pieces in _pieces([run.rows for run in runs if run.period == period], period, *seconds)
+        for _, alike in groupby(sorted(runs, key=_grid), key=_grid)
+        for pieces in _pieces(list(alike), *seconds)
     )
 
 
-def _pieces(
-    runs: Sequence[slice], period: float, piece_s: float, run_up_s: float
-) -> Iterator[_Pieces]:
-    count, run_up = round(piece_s / period), round(run_up_s / period)
+def _grid(run: TestRun) -> tuple[float, float]:
+    return run.period, run.time_scale
+
+
+def _pieces(runs: Sequence[TestRun], piece_s: float, run_up_s: float) -> Iterator[_Pieces]:
+    count, run_up = runs[0].count(piece_s), runs[0].count(run_up_s)
     cut = [
         (first, max(rows.start, first - run_up), rows.stop - 1)
-        for rows in runs
+        for rows in (run.rows for run in runs)
         for first in range(rows.start, rows.stop, count)
     ]
     # Idle pieces repeat the last one.
@@ -286,7 +294,7 @@ def _pieces(
         first, low, last = np.array(cut[begin : begin + _PIECES_A_CALL], dtype=np.intp).T
         place = low + np.arange(run_up + count)[:, None]
         counts = (place >= first) & (place < first + count) & (place <= last)
-        yield _Pieces(low, last, counts, place[counts], run_up + count, period)
+        yield _Pieces(low, last, counts, place[counts], run_up + count, *_grid(runs[0]))
 
 
 def _signals(traces: Traces) -> dict[str, Any]:

@@ -57,6 +57,11 @@ class RigSizes:
             time=filled / flow,
         )
 
+    @property
+    def slowness(self) -> float:
+        """How many times as slow as the reference rig it is; 1 where it is like that."""
+        return _unless_alike(self.time)
+
     def times(self, quantity: Quantity) -> float:
         """How many times as large a number is on the rig; 1 where the rig is like the reference.
 
@@ -65,8 +70,7 @@ class RigSizes:
         """
         if quantity.is_wave or quantity.is_choice or quantity.unit == PER_FLOW:
             return 1.0
-        found = self._times(quantity.unit)
-        return 1.0 if 1.0 / LIKE < found < LIKE or not 0.0 < found < math.inf else found
+        return _unless_alike(self._times(quantity.unit))
 
     def _times(self, unit: str) -> float:
         if unit in _INERTIA:
@@ -90,6 +94,10 @@ class RigSizes:
             for word, power in _FACTOR.findall(part):
                 found *= scales.get(word, 1.0) ** (sign * int(power or 1))
         return found
+
+
+def _unless_alike(times: float) -> float:
+    return 1.0 if 1.0 / LIKE < times < LIKE or not 0.0 < times < math.inf else times
 
 
 def of_size(
