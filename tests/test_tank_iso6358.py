@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import tomllib
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
 from benchmarks.tanks import Draw, drawn
 from sysid.commands.printing import print_json
@@ -16,6 +18,7 @@ from sysid.diagnosis.bench.tank_gas import Iso6358, grid, simulated
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.nonlinear import Parameter, minimise
 from sysid.io.logs import Trial
+from sysid.io.rig import Rig, rig_from_content
 from sysid.parameters import Bundle, DiscreteLaw
 from sysid.pipeline.fit_part import bench_fit
 from sysid.plant.effects.catalogue import catalogue
@@ -133,6 +136,73 @@ def test_a_relaxing_step_is_of_fourth_order_and_exact_where_only_it_relaxes() ->
         (np.ones(3),), (1.0 - stiff,), (stiff,), lambda _, s: (1.0 - stiff * s[0],), 0.5
     )
     assert after == pytest.approx(np.exp(-0.5 * stiff) + (1.0 - np.exp(-0.5 * stiff)) / stiff)
+
+
+def few_rows(period: float, seed: int) -> tuple[list[Trial], Rig]:
+    """A 5 l tank of gas as warm as the room from 8 bar, C = 2e-8, b = 0.3, every `period` s."""
+    text = """
+        [rig]
+        name = "tank"
+        orientation = "horizontal"
+        [air]
+        gas_constant_j_per_kg_k = 287.0
+        heat_capacity_ratio = 1.4
+        temperature_k = 293.15
+        atmospheric_pressure_pa = 101325.0
+        supply_pressure_pa = 8e5
+        [tank]
+        volume_m3 = 5e-3
+    """
+    rng, gain = np.random.default_rng(seed), 287.0 * 293.15 / 5e-3
+
+    def rate(_: float, p: NDArray[np.float64]) -> NDArray[np.float64]:
+        subsonic = np.clip((101325.0 / p - 0.3) / 0.7, 0.0, 1.0)
+        return np.asarray(-gain * 2e-8 * 1.185 * p * np.sqrt(1.0 - subsonic**2))
+
+    time = np.arange(-4.0, 14.0, period)
+    falls = time[time >= 0.0]
+    found = solve_ivp(rate, (0.0, 14.0), [8e5], t_eval=falls, rtol=1e-9, atol=1e-3).y[0]
+    pressure = np.concatenate([np.full(len(time) - len(falls), 8e5), found])
+    pressure += 100.0 * rng.standard_normal(len(time))
+    channels = {"pressure_a_pa": pressure, "valve_a": (time < 0.0) * 1.0}
+    return [Trial("1", time, channels, "few.csv")], rig_from_content(
+        tomllib.loads(text), "rig.toml"
+    )
+
+
+def test_a_law_with_as_many_numbers_as_rows_is_not_chosen_for_its_errors() -> None:
+    trials, rig = few_rows(1.5, 3)
+    part = bench_fit("tank", trials, rig).part()
+    assert part.valves is not None
+    law = part.valves.side("a").discrete
+    assert law is not None and law.law_of("dis") == "iso6358"
+    found = law.estimates()
+    assert not found["subsonic_index.exhaust"].has_error
+    assert law.quality["discharge"].rmse > 1.0
+    for key, true in (("sonic_conductance", 2e-8), ("critical_ratio", 0.3)):
+        low, high = found[f"{key}.exhaust"].interval
+        assert low < true < high and high - low > 1e-3 * true
+
+
+def test_gas_as_warm_as_the_wall_is_a_law_though_noise_wants_it_warmer() -> None:
+    # With one noise in forty: twice its error beyond a wall that conducts all.
+    trials, rig = few_rows(0.5, 3)
+    part = bench_fit("tank", trials, rig).part()
+    assert part.valves is not None
+    law = part.valves.side("a").discrete
+    assert law is not None and law.law_of("dis") == "iso6358"
+    assert "the room's temperature" in str(law.wall_conductance_w_per_k.reason)
+    assert law.estimates()["sonic_conductance.exhaust"].value == pytest.approx(2e-8, rel=0.01)
+
+
+def test_a_bound_that_there_is_is_a_value_though_the_data_want_it_beyond() -> None:
+    rng, x = np.random.default_rng(3), np.linspace(0.0, 1.0, 200)
+    y = 2.0 * x - 0.5 * x**2 + 0.05 * rng.standard_normal(len(x))
+    parameters = [Parameter("gain", 1.0, "-"), Parameter("share", 0.1, "-", 0.0)]
+    fit = minimise(lambda p: y - p[0] * x - p[1] * x**2, parameters)
+    bounded = fit.at_bound_by_noise(lambda one: one.correlated_covariance(), {"share"})
+    found = bounded.estimate("share", bounded.fit.correlated_covariance()).within(0.0, np.inf)
+    assert found.value == 0.0 and found.interval[0] == 0.0 < found.interval[1]
 
 
 def test_a_value_at_its_bound_is_a_value_unless_the_data_want_it_beyond() -> None:

@@ -31,11 +31,15 @@ _NEGLIGIBLE = 3e-3
 
 
 def error_model(
-    regressors: FloatArray, residuals: FloatArray, groups: NDArray[np.intp] | None = None
+    regressors: FloatArray,
+    residuals: FloatArray,
+    groups: NDArray[np.intp] | None = None,
+    taken_out: int = 0,
 ) -> Autoregression:
     """The errors (n,) of a fit on regressors (n, p), as the residuals (n,) show them.
 
     `groups` (n,) numbers the runs: runs are uncorrelated with each other and share one model.
+    `taken_out`: further numbers that were fitted, without a regressor.
     """
     count, columns = regressors.shape
     runs = runs_of(count, groups)
@@ -43,7 +47,7 @@ def error_model(
     # At least four samples for each order.
     most = min(int(10.0 * math.log10(max(count, 1))), (count - columns) // 4)
     model, variance = shown_by(residuals, runs, min(most, longest - 1))
-    scale = count / max(count - columns, 1)
+    scale = count / max(count - columns - taken_out, 1)
     cap = largest_reflection(count)
     if model is None or len(model.coefficients) == 0:
         return Autoregression.white(scale * variance)
@@ -61,6 +65,7 @@ def correlated_covariance(
     residuals: FloatArray,
     unscaled: FloatArray,
     groups: NDArray[np.intp] | None = None,
+    taken_out: int = 0,
 ) -> Covariance:
     """U X' Omega X U for regressors X (n, p), U = `unscaled` (p, p), the inverse of X' X.
 
@@ -71,11 +76,11 @@ def correlated_covariance(
     data alternates too, and does not cancel.
     """
     count, columns = regressors.shape
-    left = float(count - columns)
+    left = float(count - columns - taken_out)
     if left <= 0.0 or columns == 0 or not np.all(np.isfinite(unscaled)):
         matrix = np.full((columns, columns), math.inf)
         return Covariance(matrix, np.zeros(columns))
-    model = error_model(regressors, residuals, groups)
+    model = error_model(regressors, residuals, groups, taken_out)
     matrix = np.zeros((columns, columns))
     changes = np.zeros((len(model.coefficients), columns))
     influence = regressors @ unscaled

@@ -80,7 +80,8 @@ class LeastSquaresFit:
     """A minimum of the sum of squared residuals over p parameters.
 
     `values` (p,) in the parameters' units; `residuals` (n,) and `jacobian` (n, p) there;
-    `converged` is false where the evaluations ran out.
+    `converged` is false where the evaluations ran out; `taken_out` counts the further numbers that
+    were fitted within the residuals, as each test's own start.
     """
 
     parameters: tuple[Parameter, ...]
@@ -90,6 +91,7 @@ class LeastSquaresFit:
     converged: bool
     message: str
     evaluations: int
+    taken_out: int = 0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -114,7 +116,7 @@ class LeastSquaresFit:
 
     @property
     def dof(self) -> int:
-        return len(self.residuals) - int(np.count_nonzero(self._free))
+        return len(self.residuals) - int(np.count_nonzero(self._free)) - self.taken_out
 
     @property
     def residual_std(self) -> float:
@@ -134,11 +136,16 @@ class LeastSquaresFit:
         left = self.residuals + self.jacobian @ inside
         return 1.0 - float(left @ left) / total
 
-    def at_bound_by_noise(self, covariance: Callable[[LeastSquaresFit], Covariance]) -> Bounded:
+    def at_bound_by_noise(
+        self,
+        covariance: Callable[[LeastSquaresFit], Covariance],
+        attained: Collection[str] = (),
+    ) -> Bounded:
         """The parameters whose minimum without bounds lies beyond one by no more than its error.
 
         Their value is the bound: what cannot be negative is none. `covariance` of a fit without
-        these bounds; a parameter that the data drive farther out stays stuck.
+        these bounds; a parameter that the data drive farther out stays stuck, unless it is one of
+        `attained`: there are parts at its bounds, and of those one in forty lies farther out.
         """
         own = set(self.diagnosis.at_bound)
         if not own:
@@ -154,8 +161,10 @@ class LeastSquaresFit:
         steps, bounds = {}, {}
         for i, name in enumerate(self.names):
             reach = max(NORMAL * found.std(i), AT_BOUND * self.parameters[i].size)
-            if name in own - unsure and abs(moved[i]) <= reach < math.inf:
-                steps[name] = float(moved[i])
+            near = abs(moved[i]) <= reach
+            if name in own - unsure and reach < math.inf and (near or name in attained):
+                # From farther out the interval would not reach the bound: it begins there.
+                steps[name] = float(moved[i]) if near else 0.0
                 bounds[name] = self.parameters[i].nearest_bound(self.values[i])
         return Bounded(self._without_bounds(set(steps)), steps, bounds)
 
@@ -220,7 +229,7 @@ class LeastSquaresFit:
         free = self._free
         place = np.ix_(free, free)
         found = correlated_covariance(
-            self.jacobian[:, free], self.residuals, self._unscaled[place], groups
+            self.jacobian[:, free], self.residuals, self._unscaled[place], groups, self.taken_out
         )
         matrix, dof = np.zeros((len(free), len(free))), np.full(len(free), float(self.dof))
         matrix[place], dof[free] = found.matrix, found.dof

@@ -64,6 +64,8 @@ class Component(ABC):
     takes_laws_at_once = False
     """Whether `residuals_of` many laws cost little more than of one: a fit then has the slopes with
     every step that it tries."""
+    attained: frozenset[str] = frozenset()
+    """The parameters at whose bounds there are such parts."""
     refuses_misfit = False
     """Whether a fit that leaves more than it explains is refused, as no effect would mend it."""
 
@@ -72,6 +74,10 @@ class Component(ABC):
         """The channels whose samples follow one another in a test's signal, as many of each, with
         the unit of the signal in that of each channel."""
         return ((self.channel, 1.0),)
+
+    def taken_out(self, tests: Sequence[int]) -> int:
+        """How many numbers the residuals of `tests` have taken out, as each test's own start."""
+        return 0
 
     @property
     def law_name(self) -> str:

@@ -142,7 +142,7 @@ class FittedLaw:
 
     @cached_property
     def _bounded(self) -> Bounded:
-        return self.fit.at_bound_by_noise(self._covariance_of)
+        return self.fit.at_bound_by_noise(self._covariance_of, self.component.attained)
 
     @cached_property
     def _covariance(self) -> Covariance:
@@ -312,7 +312,13 @@ def _minimise(
     )
     values, slopes = start.copy(), np.zeros((len(here), len(everything)))
     values[free], slopes[:, free] = fit.values, fit.jacobian
-    return replace(fit, parameters=tuple(everything), values=values, jacobian=slopes)
+    return replace(
+        fit,
+        parameters=tuple(everything),
+        values=values,
+        jacobian=slopes,
+        taken_out=component.taken_out(tests),
+    )
 
 
 def cross_validated(

@@ -14,6 +14,9 @@ from sysid.estimation.law_evidence import ODDS
 from sysid.estimation.linear import Estimate
 from sysid.parameters.valves import AUTO
 
+# Rows beyond a law's numbers from which on its errors deny it: one alone is small by chance.
+_FEWEST_SPARE = 2
+
 
 @dataclass(frozen=True)
 class ChosenLaw:
@@ -41,16 +44,21 @@ def chosen_law(component: Component, law: str = AUTO) -> ChosenLaw:
 
     Schwarz's criterion of each law's fit, with as many samples as the best one's correlated
     residuals are worth. Where the tests do not decide, the simplest that they do not rule out. A
-    law of which they leave a number open (at a bound that no part of its kind has) is none of them.
+    law of which they leave a number open (at a bound that no part of its kind has) is none of them,
+    nor is one of so many numbers that too few rows are left to deny it.
     """
     forms = component.forms(law)
     if len(forms) == 1:
         return ChosenLaw(_fit(component.settled_as(forms[0])))
     every = [_fit(form) for form in forms]
-    whole = [fit for fit in every if all(e.identified for e in fit.base_estimates().values())]
-    fits = whole or every
+    spare = [fit for fit in every if _spare(fit) >= _FEWEST_SPARE] or every[:1]
+    whole = [fit for fit in spare if all(e.identified for e in fit.base_estimates().values())]
+    fits = whole or spare
     least = min(fits, key=lambda fit: fit.fit.sum_of_squares)
-    count = max(least.independent_samples, 2.0)
+    # The numbers of the largest law, and one more row, tell nothing of any (O'Hagan 1995,
+    # Fractional Bayes factors for model comparison): of few rows that is most.
+    said = (min(map(_spare, fits)) - 1.0) / len(least.fit.residuals)
+    count = max(said * least.independent_samples, 2.0)
     scores = [_criterion(fit, count) for fit in fits]
     best = min(scores)
     open_ones = [i for i, score in enumerate(scores) if score - best < ODDS]
@@ -84,6 +92,12 @@ def _covering(
 
 def _fit(component: Component) -> FittedLaw:
     return fit_law(component, (), range(len(component.tests)))
+
+
+def _spare(fitted: FittedLaw) -> int:
+    """The rows beyond a law's numbers and those of each test."""
+    fit = fitted.fit
+    return len(fit.residuals) - len(fit.values) - fit.taken_out
 
 
 def _kind(component: Component) -> tuple[str, bool]:

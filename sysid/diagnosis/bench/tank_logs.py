@@ -28,8 +28,8 @@ _START = 0.05
 _FEWEST_IN_START = 4
 # What lies later says nothing on how the tank empties.
 _LONGEST = 50.0
-# The pressure at the start, two numbers of a law, and two more that show how large its error is.
-_FEWEST_BINS = 5
+# The pressure at the start, three numbers of a law, and two more that show how large its error is.
+_FEWEST_BINS = 6
 # Of the time in which the pressure falls: within it rows have to lie.
 _FEWEST_IN_FALL = 2
 # Of the atmosphere's pressure, which is known to about as much.
