@@ -134,7 +134,10 @@ def _lost_before(trial: Trial, command: str, rises: bool) -> FloatArray:
 
 
 def _iso_reasons(curves: CurveFit, reasons: Mapping[str, str]) -> dict[str, str]:
-    """Why numbers of ISO 6358 are not identified: as those of the thesis' law would not be."""
+    """Why numbers of ISO 6358 are not identified: as those of the thesis' law would not be.
+
+    A ratio of the fit needs no reason: its boundary is not where the thesis' law has it.
+    """
     found = {}
     for way in WAYS:
         if curves.problem.law(way) == ISO6358:
@@ -142,7 +145,7 @@ def _iso_reasons(curves: CurveFit, reasons: Mapping[str, str]) -> dict[str, str]
             conductance, ratio, _ = iso_names(way)
             if choked and unchoked:
                 found[conductance] = choked
-            if unchoked:
+            if unchoked and ratio not in curves.problem.free:
                 found[ratio] = unchoked
     return found
 

@@ -258,7 +258,21 @@ def iso_fit(thesis: CurveFit, ways: Sequence[str]) -> CurveFit | None:
             continue
         if best is None or found.fit.sum_of_squares < best.fit.sum_of_squares:
             best = found
-    return best
+    return best if best is None else _with_ratios(best, ways)
+
+
+def _with_ratios(iso: CurveFit, ways: Sequence[str]) -> CurveFit:
+    """The fit with each critical ratio that its tests show, though by the thesis' law, whose
+    boundary is at 0.53, all of their flow in that direction would be choked."""
+    for way in ways:
+        _, ratio, _ = iso_names(way)
+        if ratio in iso.problem.free:
+            continue
+        found = fit_curves(iso.problem.pieces, fitted_valve(iso), [*iso.problem.free, ratio])
+        own, _ = found.estimate(ratio)
+        if found.fit.converged and own.identified and own.std <= MOST_STD:
+            iso = found
+    return iso
 
 
 def _with_indices(iso: CurveFit, ways: Sequence[str]) -> CurveFit:
