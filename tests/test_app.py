@@ -43,6 +43,7 @@ from sysid.app.traces import BUCKETS, Curve, TracePanel, TraceView
 from sysid.app.workbench import StepMissingError, Workbench
 from sysid.blocks.figures import ColourMap, Figure, Panel, Scale
 from sysid.blocks.interactive import draw
+from sysid.blocks.sections import Section
 from sysid.errors import InputError
 from sysid.io.campaign import read_campaign
 from sysid.io.listing import channels_of
@@ -385,6 +386,18 @@ def test_a_list_of_effects_has_no_empty_columns(tmp_path: Path) -> None:
         assert text.count('scope="col"') == heads
         # Next to the name: a column at the end is off the edge of a phone.
         assert ("Stribeck friction <b>(found)</b>" in text) == (diagnosis is found)
+
+
+def test_the_verdict_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Workbench(tmp_path, tmp_path / "campaign.toml", tmp_path / "results")
+    screen = EffectsScreen(SimpleNamespace(bench=bench, scheme="light"))
+    placed: list[Section] = []
+    monkeypatch.setattr(screen, "section_place", placed.append)
+    section = Section("diagnosis", "Diagnosis", ("One effect is missing.",), ())
+    common = {"tests": (), "known": {}, "diagnosis": None, "why": ""}
+    screen.draw(SimpleNamespace(section=section, **common))
+    assert "One effect is missing." in screen.head.object
+    assert [(s.id, s.intro) for s in placed] == [("diagnosis", ())]
 
 
 def test_evidence_is_that_next_to_what_was_found() -> None:

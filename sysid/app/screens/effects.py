@@ -100,7 +100,8 @@ class EffectsScreen(Screen):
         self._draw_choice()
         panes = [self.head, parts.beside([self.list], inner)]
         if content.section is not None:
-            panes.append(self.section_place(content.section))
+            # Its sentence stands at the top.
+            panes.append(self.section_place(dataclasses.replace(content.section, intro=())))
         return panes
 
     def _head(self, content: EffectsContent) -> str:
