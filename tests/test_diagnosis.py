@@ -83,6 +83,7 @@ from sysid.diagnosis.actuator.whitening import (
 from sysid.diagnosis.evidence import residual
 from sysid.diagnosis.result import Diagnosis
 from sysid.diagnosis.search_record import Recorder
+from sysid.estimation.linear import chi_squared_quantile
 from sysid.io.channels import VALVE_COMMANDS
 from sysid.io.logs import Trial
 from sysid.io.rig import Rig, rig_from_content
@@ -1088,6 +1089,26 @@ def test_numbers_of_another_size_explain_nothing_of_the_balances() -> None:
     assert evidence.unseen([seal]) == []
     strong = replace(seal, seal_torque_nm_per_pa=2.5 * float(seal.seal_torque_nm_per_pa))
     assert evidence.unseen([strong]) == [0]
+
+
+def test_bench_tests_say_friction_next_to_the_effects_found() -> None:
+    """Their balance holds the true friction with the true effect, and no friction that is off."""
+    seals = made(SEALS, scatter=0.02, size=TWO_EACH)
+    evidence = TwinEvidence(looped(SEALS), seals[1], ())
+    rows = evidence.bench_rows()
+    assert rows is not None
+    assert rows.directions[:2] == ((0, "coulomb_effort"), (0, "viscous"))
+    assert {direction[0] for direction in rows.directions} == {0, 1}
+    assert rows.left.shape == (2,)
+    true = np.array([getattr(seals[2].parameters, name) for _, name in rows.directions[:2]])
+
+    def squares(friction: FloatArray) -> float:
+        return float(np.sum((rows.left + rows.slopes[:, :2] @ (friction - rows.values[:2])) ** 2))
+
+    assert squares(true) < chi_squared_quantile(2, 0.999)
+    assert squares(1.2 * true) > 100.0
+    # With other effects the same tests say another friction.
+    assert rows.slopes[:, 2:].any()
 
 
 def test_effects_that_leave_every_channel_far_off_do_not_explain() -> None:

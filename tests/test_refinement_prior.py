@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -19,9 +19,10 @@ from sysid.estimation.autoregression import Autoregression
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle, FittedValves, Friction, Parts
 from sysid.parameters.refinement import Refinement
+from sysid.plant.ports import Model
 from sysid.refinement.draws import drawn_models
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
-from sysid.refinement.prior import prior_factor
+from sysid.refinement.prior import BenchRows, prior_factor
 from sysid.refinement.problem import Problem
 from sysid.refinement.unknowns import Unknown, model_at, unknowns_of
 from sysid.types import FloatArray
@@ -80,6 +81,48 @@ def test_without_a_correlation_every_prior_stands_alone() -> None:
     unknowns = [dataclasses.replace(u, correlations=()) for u in tied(MATRIX)]
     expected = [1.0 / u.prior_std if u.has_prior else 0.0 for u in unknowns]
     assert (prior_factor(unknowns) == np.diag(expected)).all()
+
+
+BENCH = BenchRows(
+    ((0, "bounded"), (0, "not there"), (0, "log")),
+    np.array([0.35, 2.0, 0.22]),
+    np.array([[3.0, 1.0, -2.0], [0.5, 4.0, 60.0], [1.0, -1.0, 5.0]]),
+    np.array([0.2, -1.0, 0.4]),
+)
+
+
+def test_the_benchs_rows_are_over_the_unknowns_coordinates() -> None:
+    unknowns = tied(MATRIX)
+    shared = np.array([u.start for u in unknowns]) + np.array([0.1, 0.03, 0.0, 0.2])
+    rows = BENCH.over(unknowns, shared)
+    bounded, log = (unknowns[i].at(float(shared[i])) for i in (1, 0))
+    # What is no unknown stays as it is.
+    there = BENCH.left + BENCH.slopes @ np.array([bounded - 0.35, 0.0, log - 0.22])
+    assert rows[:, -1] == pytest.approx(there)
+    assert not rows[:, 2:4].any()
+    for i in (0, 1):
+        moved = shared + 1e-6 * (np.arange(4) == i)
+        slope = (BENCH.over(unknowns, moved)[:, -1] - rows[:, -1]) / 1e-6
+        assert rows[:, i] == pytest.approx(slope, rel=1e-4)
+
+
+def test_the_benchs_rows_add_their_squares_to_the_priors() -> None:
+    model = Model(cast(Any, None), ())
+    problem = Problem((), tuple(tied(MATRIX)), model, "", (), (0.02, 0.02), 0)
+    both = dataclasses.replace(problem, bench=BENCH)
+    start = problem.first_point()
+    other = dataclasses.replace(start, shared=start.shared + np.array([0.02, -0.1, 0.05, 0.3]))
+
+    own = [BENCH.over(problem.unknowns, at)[:, -1] for at in (start.shared, other.shared)]
+    fall = [p.prior_cost(start) - p.prior_cost(other) for p in (problem, both)]
+    assert fall[1] == pytest.approx(fall[0] + own[0] @ own[0] - own[1] @ own[1])
+    before, after = (p.prior(start.shared) for p in (problem, both))
+    bench = BENCH.over(problem.unknowns, start.shared)
+    assert (after[: len(before)] == before).all()
+    squares = after[:, :-1].T @ after[:, :-1]
+    assert squares == pytest.approx(
+        before[:, :-1].T @ before[:, :-1] + bench[:, :-1].T @ bench[:, :-1]
+    )
 
 
 def test_an_unknown_that_is_held_leaves_the_others_conditional_on_it() -> None:

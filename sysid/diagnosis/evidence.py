@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from sysid.diagnosis.search_record import SearchRecord
 from sysid.estimation.linear import Estimate
 from sysid.parameters import Bundle
 from sysid.plant.effects.entry import CatalogueEffect
+
+if TYPE_CHECKING:
+    from sysid.refinement.prior import BenchRows
 
 
 class ComponentEvidence(ABC):
@@ -72,6 +75,10 @@ class ComponentEvidence(ABC):
     @abstractmethod
     def with_base(self, bundle: Bundle) -> Bundle:
         """A bundle with the base model's parameters as they were fitted with the effects."""
+
+    def bench_rows(self) -> BenchRows | None:
+        """What bench tests say of the base parameters and the effects together; None: nothing."""
+        return None
 
     def to_json(self) -> dict[str, Any]:
         """What `sysid diagnose --json` prints of this kind of evidence only."""

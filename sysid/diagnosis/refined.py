@@ -16,6 +16,7 @@ import numpy as np
 
 from sysid.blocks.numbers import number
 from sysid.diagnosis.actuator.evidence import TwinEvidence
+from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
 from sysid.diagnosis.search_record import Recorder, SearchStage
 from sysid.errors import Failure, InputError, NotIdentifiedError
@@ -220,7 +221,8 @@ def with_refined_numbers(
     """
     if not diagnosis.effects:
         return diagnosis
-    result = attempt(lambda: _numbers(campaign, extended, catalogue, progress))
+    evidence = diagnosis.evidence
+    result = attempt(lambda: _numbers(campaign, extended, catalogue, evidence, progress))
     if isinstance(result, Failure):
         if result.out_of_budget:
             return _cut_short(diagnosis)
@@ -291,14 +293,23 @@ def simulating_best(
 
 
 def _numbers(
-    campaign: Campaign, extended: Bundle, catalogue: Catalogue, progress: Progress
+    campaign: Campaign,
+    extended: Bundle,
+    catalogue: Catalogue,
+    evidence: ComponentEvidence,
+    progress: Progress,
 ) -> RefineResult | Failure:
     """The refinement; why it failed where it did."""
     from sysid.refinement.refine import refine  # loads jax
 
     try:
         return refine(
-            campaign, extended, catalogue=catalogue, progress=progress, by_differences=True
+            campaign,
+            extended,
+            catalogue=catalogue,
+            progress=progress,
+            by_differences=True,
+            bench=evidence.bench_rows(),
         )
     except (InputError, NotIdentifiedError, RuntimeError) as error:
         return Failure(str(error))

@@ -76,7 +76,8 @@ def prior_information(problem: Problem, columns: int) -> FloatArray:
     """Information (columns, columns) of the bench tests, by the bundle's standard errors."""
     rows = problem.prior(problem.first_point().shared)[:, :-1]
     found = np.zeros((columns, columns))
-    found[: len(rows), : len(rows)] = rows.T @ rows
+    known = rows.shape[1]
+    found[:known, :known] = rows.T @ rows
     return found
 
 

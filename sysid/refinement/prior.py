@@ -8,14 +8,45 @@ with each part.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.refinement.unknowns import Unknown
+from sysid.refinement.unknowns import Direction, Unknown
 from sysid.types import FloatArray
 
 # Where rounding makes numbers exactly collinear, this share of their variance is left independent.
 _LEAST_EIGENVALUE = 1e-6
+
+
+@dataclass(frozen=True)
+class BenchRows:
+    """What bench tests say of several numbers of a model together: their whitened errors, linear.
+
+    `left` (n,) are the errors at the `values` (k,) of the numbers `directions`, `slopes` (n, k)
+    their change with these.
+    """
+
+    directions: tuple[Direction, ...]
+    values: FloatArray
+    slopes: FloatArray
+    left: FloatArray
+
+    def over(self, unknowns: Sequence[Unknown], shared: FloatArray) -> FloatArray:
+        """Rows (n, p + 1): slopes over the unknowns' coordinates, and the errors at `shared` (p,).
+
+        A number that is no unknown stays as it is.
+        """
+        places = {direction: i for i, direction in enumerate(self.directions)}
+        rows = np.zeros((len(self.left), len(unknowns) + 1))
+        rows[:, -1] = self.left
+        for i, (unknown, at) in enumerate(zip(unknowns, shared.tolist(), strict=True)):
+            place = places.get(unknown.direction)
+            if place is not None:
+                own = self.slopes[:, place]
+                rows[:, i] = own * unknown.model_slope(at)
+                rows[:, -1] += own * (unknown.number(at) - self.values[place])
+        return rows
 
 
 def prior_factor(unknowns: Sequence[Unknown]) -> FloatArray:
@@ -48,4 +79,4 @@ def _correlation(unknowns: Sequence[Unknown]) -> FloatArray:
     return np.asarray(matrix)
 
 
-__all__ = ["prior_factor"]
+__all__ = ["BenchRows", "prior_factor"]

@@ -23,7 +23,7 @@ from sysid.plant.static_reading import static_ratio
 from sysid.plant.tangents import Direction, Tangents, number_of, simulate_tangents
 from sysid.recording.simulation import after_run_ups
 from sysid.refinement.factors import triangular_of_squares
-from sysid.refinement.prior import prior_factor
+from sysid.refinement.prior import BenchRows, prior_factor
 from sysid.refinement.runs import STATES, Run
 from sysid.refinement.unknowns import Unknown, model_at
 from sysid.types import BoolArray, FloatArray, IntArray
@@ -113,7 +113,8 @@ class Problem:
     static friction about the model's, relative. `robust`: each channel of a run has errors of a
     size of its own, at least the whitening's. `max_step` of the simulation, s; with `fine_step` it
     has the slopes alone, and the states are those of smaller steps. `by_differences`: slopes are
-    differences of neighbouring simulations; else derivatives, by forward mode.
+    differences of neighbouring simulations; else derivatives, by forward mode. `bench`: what the
+    bench tests say of unknowns without a prior of their own.
     """
 
     runs: tuple[Run, ...]
@@ -127,6 +128,7 @@ class Problem:
     max_step: float = MAX_STEP
     fine_step: float | None = None
     by_differences: bool = False
+    bench: BenchRows | None = None
 
     def first_point(self) -> Iterate:
         """The initial point: the bundle's values, the model's friction, the estimated starts."""
@@ -454,7 +456,8 @@ class Problem:
         return float(deviation @ deviation + np.sum(self.friction_residual(point) ** 2))
 
     def prior(self, shared: FloatArray) -> FloatArray:
-        """Rows (p, p + 1) of the unknowns' joint prior and their residuals; zero without one."""
+        """Rows (p + n, p + 1) of the unknowns' joint prior and their residuals, zero without one;
+        then those of the `bench` (n)."""
         centre, slopes = self._prior_centre(shared)
         factor = self._prior_factor
         rows = np.column_stack(
@@ -465,7 +468,9 @@ class Problem:
                 rows[i] = 0.0
                 rows[i, i] = 1.0 / _HELD
                 rows[i, -1] = (shared[i] - unknown.held_at) / _HELD
-        return rows
+        if self.bench is None:
+            return rows
+        return np.vstack([rows, self.bench.over(self.unknowns, shared)])
 
     def prior_residual(self, shared: FloatArray, number: int) -> float:
         """One unknown's distance from its marginal prior, in the prior's standard errors."""

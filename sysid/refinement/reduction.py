@@ -262,21 +262,23 @@ def _damped(factor: FloatArray, damping: float) -> FloatArray:
 
 
 def _prior_rows(problem: Problem, point: Iterate, held: BoolArray) -> FloatArray:
-    """Rows (2 m, m + 1); a test's static friction that is held has no step."""
+    """Rows (k, m + 1); a test's static friction that is held has no step."""
     p, m = len(problem.unknowns), len(problem.unknowns) + 2 * problem.tests
-    rows = np.zeros((m + 1 + problem.tests, m + 1))
-    own = problem.prior(point.shared)
-    rows[:p, :p], rows[:p, -1] = own[:, :p], own[:, -1]
-    rows[p:m, p:m], rows[p:m, -1] = np.eye(m - p), problem.friction_residual(point).ravel()
-    static = p + 1 + 2 * np.arange(problem.tests)
+    prior = problem.prior(point.shared)
+    shared = np.zeros((len(prior), m + 1))
+    shared[:, :p], shared[:, -1] = prior[:, :p], prior[:, -1]
+    own, still = np.zeros((m - p, m + 1)), np.zeros((problem.tests, m + 1))
+    own[:, p:m], own[:, -1] = np.eye(m - p), problem.friction_residual(point).ravel()
+    tests = np.arange(problem.tests)
+    static = 2 * tests + 1
     # A test whose static friction has no slope and was not found by a scan carries no information.
     silent = held & (point.friction[:, 1] == 0.0)
     if problem.static_number is not None:
-        rows[static, problem.static_number] = -1.0 / problem.scatter[1]
-        rows[static[silent], :] = 0.0
-    rows[static[held], static[held]] = 0.0
-    rows[m + np.flatnonzero(held), static[held]] = 1.0
-    return rows
+        own[static, problem.static_number] = -1.0 / problem.scatter[1]
+        own[static[silent], :] = 0.0
+    own[static[held], p + static[held]] = 0.0
+    still[tests[held], p + static[held]] = 1.0
+    return np.vstack([shared, own, still])
 
 
 __all__ = ["ReducedEquations", "reduced"]

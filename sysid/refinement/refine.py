@@ -53,6 +53,7 @@ from sysid.refinement.estimation import (
     with_slopes,
 )
 from sysid.refinement.lengthening import lengthened
+from sysid.refinement.prior import BenchRows
 from sysid.refinement.problem import Problem
 from sysid.refinement.profiles import Profile
 from sysid.refinement.profiles import profile as profile_of
@@ -94,6 +95,7 @@ def refine(
     catalogue: Catalogue | None = None,
     progress: Progress = no_progress,
     by_differences: bool = False,
+    bench: BenchRows | None = None,
 ) -> RefineResult:
     """Estimate a bundle's parameters, and its effects', on a campaign's training motion logs.
 
@@ -101,7 +103,8 @@ def refine(
     stay; without `prior` the bench tests count for the start only; `robust`: each
     segment's errors count by their own size; `profile`: parameters with a profile;
     `by_differences`: standard errors are of differences of neighbouring simulations (to some 1e-5
-    the same), for which nothing is compiled, not of derivatives by forward mode. Raises
+    the same), for which nothing is compiled, not of derivatives by forward mode; `bench`: what the
+    bench tests say of the numbers together, where the bundle's are not theirs alone. Raises
     InputError for an unknown parameter or a campaign without such logs, NotIdentifiedError where
     the bundle does not hold the on/off law of both valves, or nothing can be simulated.
     """
@@ -127,6 +130,7 @@ def refine(
     tests = motion_tests_of(campaign, entries, bundle, notices)
     scatter = FrictionScatter(*bench_scatter(bundle.friction))
     problem = _problem(campaign, tests, unknowns, model, scatter)
+    problem = dataclasses.replace(problem, bench=bench)
     progress(f"estimating {len(unknowns)} parameters on {len(problem.runs)} segments")
     found = _estimated(problem, scatter, tests, robust, progress, by_differences)
     if found.left_out:

@@ -97,6 +97,10 @@ class Unknown:
         """Change of the value with the coordinate."""
         return self.at(coordinate) if self._is_logarithm else self.scale
 
+    def number(self, coordinate: float) -> float:
+        """The model's number at a coordinate."""
+        return self.sign * self.at(coordinate) + self.added
+
     def model_slope(self, coordinate: float) -> float:
         """Change of the model's number with the coordinate."""
         return self.sign * self.slope(coordinate)

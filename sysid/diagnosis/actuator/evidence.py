@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.diagnosis.actuator.equation_error import EFFORT
 from sysid.diagnosis.actuator.figures import influences, residual_curves, rounds_shown, shown_curve
 from sysid.diagnosis.actuator.loop import Loop
+from sysid.diagnosis.actuator.refit import numbers_of_effects, own_columns
 from sysid.diagnosis.actuator.search import RefittedStep
+from sysid.diagnosis.actuator.signatures import base_jacobian, base_parameters, channel_of
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, log_channel
 from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.search import Round
@@ -18,11 +22,17 @@ from sysid.diagnosis.search_record import SearchRecord
 from sysid.diagnosis.wording import ACTUATOR
 from sysid.estimation.law_evidence import ODDS
 from sysid.estimation.linear import Estimate
+from sysid.io.campaign import SIMULATED_KINDS
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 from sysid.parameters.valves import ISO_KEYS, LAW_KEYS
 from sysid.plant.effects.entry import CatalogueEffect
 
+if TYPE_CHECKING:
+    from sysid.refinement.prior import BenchRows
+
+# Share of a column's length that columns before it leave where it is no more than they are.
+_DEPENDENT = 1e-6
 _REFITTED = ("coulomb", "viscous", *LAW_KEYS, *ISO_KEYS)
 
 
@@ -125,6 +135,35 @@ class TwinEvidence(ComponentEvidence):
                 # As the bench read it, with the motor's effects.
                 found[row.alias] = old.times(now / was)
         return bundle.with_estimates(found)
+
+    def bench_rows(self) -> BenchRows | None:
+        """What the effort balance of the bench tests says of friction, given the effects.
+
+        Whitened, linear, and no more certain than what is left of it. Of the effects themselves
+        motion says more, without the bias of the balances.
+        """
+        from sysid.refinement.prior import BenchRows
+
+        model, frame = self.loop.search.model, self.loop.search.last.frame
+        frame = replace(frame, scatter=self.loop.scatter_after.sliding)
+        is_bench = np.array([run.kind not in SIMULATED_KINDS for run in frame.traces.runs])
+        rows = is_bench[frame.tests] & frame.belongs((EFFORT,))
+        names = [n for n in base_parameters(model) if channel_of(n) == EFFORT]
+        if not (rows.any() and names):
+            return None
+        left = frame.residual(model)
+        friction = {(0, name): float(getattr(model.parameters, name)) for name in names}
+        numbers = friction | numbers_of_effects(model)
+        slopes = base_jacobian(frame, model, left, names) / list(friction.values())
+        columns = np.column_stack([slopes, own_columns(frame, model), left])[rows]
+        # The first rows of the factor hold all that depends on friction: one each, but for what
+        # these tests do not tell apart.
+        factor = np.asarray(np.linalg.qr(columns, mode="r"))[: len(names)]
+        own = factor[:, : len(factor)]
+        factor = factor[abs(np.diag(own)) > _DEPENDENT * np.linalg.norm(own, axis=0)]
+        factor /= math.sqrt(max(float(np.mean(left[rows] ** 2)), 1.0))
+        values = np.array(list(numbers.values()))
+        return BenchRows(tuple(numbers), values, factor[:, :-1], factor[:, -1])
 
     def to_json(self) -> dict[str, Any]:
         """Friction's scatter from test to test, one relative standard deviation."""

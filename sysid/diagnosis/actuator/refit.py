@@ -383,3 +383,15 @@ def own_columns(frame: Frame, model: Model) -> FloatArray:
             other = frame.residual(Model(model.parameters, tuple(changed)))
             columns.append((other - residual) / move)
     return np.column_stack(columns)
+
+
+def numbers_of_effects(model: Model) -> dict[tuple[int, str], float]:
+    """The numbers of a model's effects in the order of `own_columns`, by the effect's place (from
+    1) and field; NaN of a choice.
+    """
+    found = {}
+    for place, effect in enumerate(model.effects, start=1):
+        assert isinstance(effect, CatalogueEffect)
+        for q in type(effect).quantities:
+            found[place, q.name] = math.nan if q.is_choice else float(getattr(effect, q.name))
+    return found
