@@ -630,12 +630,11 @@ def test_droop_couples_the_chambers_and_their_flows_agree() -> None:
     beside = dataclasses.replace(filling, open_b=np.ones(3), pressure_b=np.full(3, 2.2e5))
     both = droop.supply_pressure(3e5, "a", beside)
     assert (both < alone - 1e3).all()
-    # Two sweeps leave little between what the flows take and what they were driven by.
     flows = [
         base.filling_flow(beside.pressure(s), both, v.choked_fill, v.c_fill, 3e5)
         for s, v in ((s, HELD.valve(s)) for s in "ab")
     ]
-    np.testing.assert_allclose(both, 3e5 - droop.droop_pa_s_per_kg * sum(flows), atol=100.0)
+    np.testing.assert_allclose(both, 3e5 - droop.droop_pa_s_per_kg * sum(flows), atol=0.1)
 
 
 def test_a_chamber_behind_a_droop_still_reaches_the_supply() -> None:
@@ -785,14 +784,15 @@ def test_a_silencer_backs_up_by_the_flow_and_its_square(share: float, pressure: 
     np.testing.assert_allclose(back, 1e5 + rise(_flow_against(pressure, rise)), rtol=1e-11)
 
 
-def test_one_turbulent_silencer_sees_both_flows() -> None:
-    """What it holds back is the square of the sum of the flows against it, after two sweeps."""
+@pytest.mark.parametrize(("strength", "beside"), [(5e6, 1.5e5), (3e7, 1.5e5), (3e7, 1.75e5)])
+def test_one_turbulent_silencer_sees_both_flows(strength: float, beside: float) -> None:
+    """What it holds back is the square of the sum of the flows against it."""
     off = at_pressure([1.3e5], 0.0)
-    both = dataclasses.replace(off, pressure_b=np.array([1.5e5]))
-    back = supply.ExhaustBackPressure(5e6, 1.0, 0.0).exhaust_pressure(1e5, "a", both)
-    flow = HELD.c_dis_a * (1.3e5 - back) + HELD.c_dis_b * (1.5e5 - back)
+    both = dataclasses.replace(off, pressure_b=np.array([beside]))
+    back = supply.ExhaustBackPressure(strength, 1.0, 0.0).exhaust_pressure(1e5, "a", both)
+    flow = HELD.c_dis_a * (1.3e5 - back) + HELD.c_dis_b * (beside - back)
     assert back > 1.01e5
-    np.testing.assert_allclose(back, 1e5 + 5e6 * flow**2 / 3.5e-4, rtol=1e-4)
+    np.testing.assert_allclose(back, 1e5 + strength * flow**2 / 3.5e-4, atol=1.0)
 
 
 def test_the_laminar_form_is_the_older_law_to_the_last_bit() -> None:

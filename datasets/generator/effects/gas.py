@@ -137,6 +137,9 @@ def _backed(x: FloatArray, a: bool, b: bool, p: Any, k: Any) -> float:
     low, high = 0.0, _total_exhaust(x, p.atmosphere, a, b, p, k)
     if high <= 0.0:
         return float(p.atmosphere)
+    # A valve that its own rise unchokes may pass more than when it is choked.
+    while _total_exhaust(x, p.atmosphere + _silencer_rise(high, k), a, b, p, k) > high:
+        high *= 2.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         if _total_exhaust(x, p.atmosphere + _silencer_rise(middle, k), a, b, p, k) > middle:
