@@ -127,10 +127,11 @@ def test_the_effect_is_the_one_that_was_put_in(ran: Ran) -> None:
     (effect,) = ran.printed["effects"]
     assert effect["id"] == "stribeck-friction"
     found = effect["parameters"]["stribeck_torque_nm"]["value"]
-    assert found == pytest.approx(ran.truth["stribeck_torque_nm"], rel=0.2)
+    assert found == pytest.approx(ran.truth["stribeck_torque_nm"], rel=0.01)
     assert effect["p_value"] < 1e-6
+    # The one test held out has friction 1.5 % below the others': the true model leaves 4 mrad.
     position = ran.printed["residual"]["theta_rad"]
-    assert position["after"] < 0.7 * position["before"]
+    assert position["after"] < 1.5 * position["noise_floor"]
 
 
 def test_the_numbers_are_those_of_simulation(ran: Ran, tmp_path: Path) -> None:
@@ -414,7 +415,8 @@ def test_the_search_is_made_again_without_an_effect_at_its_limit_that_makes_erro
     errors = replace(
         given.refinement.fits["fit"], before=np.array([0.01, 200.0, np.nan]), after=after
     )
-    refinement = replace(given.refinement, fits={**given.refinement.fits, "fit": errors})
+    fits = {**given.refinement.fits, "fit": errors}
+    refinement = replace(given.refinement, fits=fits, with_own_friction=None)
     other = {n: replace(e, after=held_out * e.before) for n, e in given.residual.items()}
     look = _Looks(replace(given, effects=(one,), refinement=refinement, residual=other))
     found = without_contradicted(look, catalogue())

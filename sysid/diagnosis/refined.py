@@ -104,7 +104,7 @@ def _absent(found: Diagnosis) -> tuple[FoundEffect, str] | None:
 
 def _beyond_its_range(found: Diagnosis) -> tuple[FoundEffect, str] | None:
     """An effect that a refinement takes to a limit other than 0, where an error of the training
-    tests rises; and what motion does with it.
+    tests rises, friction's scatter aside; and what motion does with it.
 
     As friction after rest grows without bound where it only has to be gone.
     """
@@ -112,8 +112,7 @@ def _beyond_its_range(found: Diagnosis) -> tuple[FoundEffect, str] | None:
         return None
     for one in found.effects:
         if limits := ", ".join(_limits(one.effect)):
-            errors = found.refinement.fits["fit"]
-            if not np.any(errors.after > errors.before):
+            if not found.refinement.rises:
                 return None
             worse = "and training tests are simulated worse"
             return one, f"takes it to the limit of its range ({limits}) {worse}"

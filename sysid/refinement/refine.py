@@ -209,8 +209,11 @@ def _result(
             if campaign.rig.is_motor_alone
         },
     )
-    if result.worse:
-        left = _without_own_friction(found, tests, result.fits["fit"].after)
+    if result.rises:
+        own = _with_own_friction(found, tests)
+        result = dataclasses.replace(result, with_own_friction=own)
+    if result.worse and result.with_own_friction is not None:
+        left = _beyond_noise(result.with_own_friction, tests) / result.fits["fit"].after
         result = dataclasses.replace(result, unexplained=left)
     if result.worse:
         notices.append(_worse_notice(result.worse))
@@ -219,19 +222,21 @@ def _result(
     return result
 
 
-def _without_own_friction(
-    found: Estimated, tests: Sequence[MotionTest], after: FloatArray
-) -> FloatArray:
-    """What each test's own friction, as it was estimated, does not explain of the errors `after`
-    (3,) of whole tests: RMSE beyond their noise, over these; NaN where not logged."""
+def _with_own_friction(found: Estimated, tests: Sequence[MotionTest]) -> FloatArray:
+    """RMSE (3,) of whole tests, each with its own friction as it was estimated; NaN where not
+    logged."""
     problem, point = found.problem, found.solution.point
     residuals = [
         own
         for i, test in enumerate(tests)
         for own in whole_residuals([test], problem.model_for(point, i), problem.position)
     ]
+    return rmse(residuals)
+
+
+def _beyond_noise(errors: FloatArray, tests: Sequence[MotionTest]) -> FloatArray:
     noise = np.median([test.noise.total for test in tests], axis=0)
-    return np.asarray(np.sqrt(np.maximum(rmse(residuals) ** 2 - noise**2, 0.0)) / after)
+    return np.asarray(np.sqrt(np.maximum(errors**2 - noise**2, 0.0)))
 
 
 def _model_after(found: Estimated, parameters: Sequence[RefinedParameter]) -> Model:

@@ -87,9 +87,10 @@ class RefineResult(Shown):
     to test; `longest` segment, s; `evaluations` of the simulation with its derivatives;
     `profiles` by parameter, as asked. `effort`: where a motor alone drives, RMSE of the equation
     of motion along the measured motion before and after, by use and channel (Nm or N).
-    `cut_short`: the budget in force ended before the estimation did. `unexplained`: where training
-    tests are simulated much worse, RMSE (3,) beyond noise, over that after, of what the friction
-    that each test has of its own does not explain.
+    `cut_short`: the budget in force ended before the estimation did. `with_own_friction`: where an
+    error of the training tests rises, RMSE (3,) of these, each with the friction of its own;
+    `unexplained`: where they are simulated much worse, how much of it is beyond noise, over that
+    after.
     """
 
     parameters: tuple[RefinedParameter, ...]
@@ -107,7 +108,15 @@ class RefineResult(Shown):
     notices: tuple[str, ...] = ()
     cut_short: bool = False
     effort: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
+    with_own_friction: FloatArray | None = None
     unexplained: FloatArray | None = None
+
+    @property
+    def rises(self) -> bool:
+        """Whether an error of the training tests rises, not only as friction differs from test to
+        test."""
+        errors, own = self.fits["fit"], self.with_own_friction
+        return bool(np.any((errors.after if own is None else own) > errors.before))
 
     @property
     def worse(self) -> str:
