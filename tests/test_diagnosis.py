@@ -268,6 +268,16 @@ def test_twins_that_tell_nothing_of_a_channel_leave_what_is_expected_of_it(frame
     assert len(view) > 0 and (found[frame.rows(BREAKAWAY)] == 1.0).all()
 
 
+def test_a_lag_shorter_than_a_slow_rigs_rows_is_followed() -> None:
+    """Its states are integrated in steps that the lag allows, however slow the rig."""
+    tests, rig, model = made(scatter=0.02, size=TWO_EACH, slower=10.0)
+    own = prepare([test for test in tests if test[1] == "motion-discrete"], rig, model)
+    assert own.runs[0].period == pytest.approx(0.01) and own.runs[0].time_scale > 5.0
+    without = equation_error(own, model, ("rate_a",)).rate_a
+    change = equation_error(own, model + TubeLag(1e-3), ("rate_a",)).rate_a - without
+    assert 0.0 < np.std(change) < 0.2 * np.std(own.rate_a)
+
+
 def test_a_fast_rigs_windows_hold_enough_rows() -> None:
     """Valves that fill it so many times as fast do not make its encoder finer."""
     tests, rig, model = made(scatter=0.02, size=TWO_EACH)

@@ -27,13 +27,13 @@ from sysid.plant.steps import heun
 from sysid.recording.motion_tests import RUN_UP_S
 from sysid.types import BoolArray, FloatArray, IntArray
 
-# Times are those of a rig like the reference rig: see `TestRun.time_scale`.
+# As they are on a rig like the reference rig: see `TestRun.time_scale`.
 _PIECE_S = 0.25
 # A resonance takes longer to forget, and costs less: fewer tests, no flows. At 25 Hz and a damping
 # ratio of 0.02 a start at rest is forgotten to 0.2 % (0.35 s: to a third).
 _MECHANICAL_PIECE_S, _MECHANICAL_RUN_UP_S = 0.5, 2.0
-# Steps of the states, s, and of what is faster, by its rate: at 0.2 a contact gives its force to
-# 1 % (0.4: 4 %).
+# Steps of the states, s, on any rig, whose lags may be this short (`entry.state_lag`); and of what
+# is faster, by its rate: at 0.2 a contact gives its force to 1 % (0.4: 4 %).
 _STATE_STEP_S, _STEP_TIMES_RATE = 1e-3, 0.2
 # Rows are padded to whole multiples, and so many pieces integrated at a time: few shapes are ever
 # compiled.
@@ -200,11 +200,9 @@ def integrate_states(traces: Traces, model: Model, needs_flow: bool) -> dict[str
     with on_processor():
         signals = _signals(traces)
     fastest = max((effect.fastest_rate for effect in model.effects), default=0.0)
+    step = min(_STATE_STEP_S, _STEP_TIMES_RATE / fastest) if fastest else _STATE_STEP_S
 
     def histories(pieces: _Pieces) -> list[FloatArray]:
-        step = _STATE_STEP_S * pieces.time_scale
-        if fastest:
-            step = min(step, _STEP_TIMES_RATE / fastest)
         return _history_of(pieces, signals, inputs, structure, model.state_names, step)
 
     blocks = _all_pieces(traces.runs, needs_flow)
@@ -260,7 +258,6 @@ class _Pieces:
     rows: IntArray
     steps: int
     period: float
-    time_scale: float
 
 
 @lru_cache(maxsize=4)
@@ -294,7 +291,7 @@ def _pieces(runs: Sequence[TestRun], piece_s: float, run_up_s: float) -> Iterato
         first, low, last = np.array(cut[begin : begin + _PIECES_A_CALL], dtype=np.intp).T
         place = low + np.arange(run_up + count)[:, None]
         counts = (place >= first) & (place < first + count) & (place <= last)
-        yield _Pieces(low, last, counts, place[counts], run_up + count, *_grid(runs[0]))
+        yield _Pieces(low, last, counts, place[counts], run_up + count, runs[0].period)
 
 
 def _signals(traces: Traces) -> dict[str, Any]:
