@@ -74,6 +74,18 @@ def test_a_faster_rig_has_no_faster_sensors() -> None:
     assert droop.unit == PER_FLOW and RigSizes(flow=100.0).times(droop) == 1.0
 
 
+def test_frequencies_of_a_slow_rig_are_low_ones_too() -> None:
+    """A fast rig's are those of the reference rig, which a simulation follows."""
+    link = catalogue()["link-flexibility"]
+    assert of_size([link], RigSizes(time=0.1)) == [link]
+    (slow,) = of_size([link], RigSizes(time=10.0))
+    usual, own = (
+        next(q for q in kind.quantities if q.name == "link_frequency_hz") for kind in (link, slow)
+    )
+    assert own.lower == pytest.approx(usual.lower / 10.0) and own.upper == usual.upper
+    assert set(own.grid) == {*usual.grid, *(0.1 * value for value in usual.grid)}
+
+
 def test_an_effect_of_another_size_is_the_effect_to_other_processes() -> None:
     (kind,) = of_size([QuadraticDrag], RigSizes(time=10.0))
     assert of_size([QuadraticDrag], RigSizes(time=10.0)) == [kind]

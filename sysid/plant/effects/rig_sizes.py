@@ -78,6 +78,8 @@ class RigSizes:
         # A sensor, a tube or an amplifier is as slow as it is, however fast the rig.
         if unit == "s":
             return max(1.0, self.time)
+        if unit == "Hz":
+            return min(1.0, 1.0 / self.time)
         scales = {
             "N": self.effort,
             "Nm": self.effort,
@@ -136,15 +138,19 @@ def _sized(effect: type[CatalogueEffect], sizes: RigSizes) -> type[CatalogueEffe
 
 def _scaled(quantity: Quantity, times: float) -> Quantity:
     """A number with its usual size, range and grid so many times as large. A range holds what it
-    did: the reference rig's sizes are not ruled out."""
+    did: the reference rig's sizes are not ruled out. Of frequencies those are tried as well: one
+    is found only from nearby, and what swings on a slow rig need not be slow."""
     if times == 1.0:
         return quantity
+    grid = tuple(times * value for value in quantity.grid)
+    if quantity.unit == "Hz":
+        grid = tuple(sorted({*quantity.grid, *grid}))
     return replace(
         quantity,
         typical=times * quantity.typical,
         lower=min(quantity.lower, times * quantity.lower),
         upper=max(quantity.upper, times * quantity.upper),
-        grid=tuple(times * value for value in quantity.grid),
+        grid=grid,
     )
 
 
