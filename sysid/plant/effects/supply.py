@@ -171,8 +171,8 @@ def _adapted(
     share = common_share * acts(other)
     own: Array = 0.0
     other_flow: Array = 0.0
-    # Of a turbulent silencer's 50 kPa two leave 440 Pa in one state of ten, four 3 Pa.
-    for _ in range(4):
+    # Of a turbulent silencer's 50 kPa two leave 440 Pa in one state of ten, three 30 Pa.
+    for _ in range(3):
         other_flow = share * flow(other, own)
         own = flow(side, other_flow)
     return own + other_flow
@@ -183,7 +183,7 @@ class SupplyDroop(CatalogueEffect):
     """The supply pressure droops with the flow of both chambers: Ps - d (flow A + flow B).
 
     At a common share of 1; at 0 each valve has a line of its own. Each chamber's flow is
-    solved with its own droop and with the other's flow, in turn, four times; the other counts for
+    solved with its own droop and with the other's flow, in turn, three times; the other counts for
     the share of the time that its valve is open. Behind a resistance the line may have a
     volume: what passes the resistance then follows the flow with a time constant, dx/dt =
     (flow - x) / T, T = max(tau, 1 ms), and the loss is d (flow + (tau/T) (x - flow)). Surfaces of
@@ -308,7 +308,7 @@ class ExhaustBackPressure(CatalogueEffect):
     Laminar and turbulent losses add: at a linear share s the rise is
     d flow (s + (1 - s) flow / 3.5e-4 kg/s), linear at 1 and a square at 0. The flow is the valve's
     own and, at a common share of 1, that of the other valve through the same silencer. Each
-    chamber's flow is solved with its own rise and with the other's flow, in turn, four times. A
+    chamber's flow is solved with its own rise and with the other's flow, in turn, three times. A
     rise by the own flow alone is much like a smaller coefficient of the base law. Surfaces of mean
     flow have no exhaust pressure, and so no back pressure; the averaged law has one.
     """
