@@ -45,7 +45,9 @@ class Draw:
 
 
 @dataclass(frozen=True)
-class _Tank:
+class Tank:
+    """Volume (m3), pressure outside (Pa), and temperature of the room (K)."""
+
     volume: float
     atmosphere: float
     temperature: float
@@ -111,7 +113,9 @@ class _Tank:
         return np.asarray(run.y[0] * R * room / volume)
 
 
-def _iso(conductance: float, ratio: float, index: float, outside: float) -> Flow:
+def iso_flow(conductance: float, ratio: float, index: float, outside: float) -> Flow:
+    """Flow out by ISO 6358, kg/s, of the pressure (Pa) and the temperature (K) of the gas."""
+
     def flow(pressure: float, gas: float) -> float:
         if pressure <= outside:
             return 0.0
@@ -138,7 +142,7 @@ def _thesis(rng: np.random.Generator, kind: str) -> Draw:
     volume = 10 ** {"short": rng.uniform(-5.3, -3.4), "slow": rng.uniform(-1.7, -0.3)}.get(
         kind, rng.uniform(-4.0, -1.5)
     )
-    tank = _Tank(volume, rng.uniform(9.6e4, 1.03e5), rng.uniform(285.0, 303.0))
+    tank = Tank(volume, rng.uniform(9.6e4, 1.03e5), rng.uniform(285.0, 303.0))
     scale = 10 ** {"short": rng.uniform(-1.3, -0.1), "slow": rng.uniform(1.2, 2.3)}.get(
         kind, rng.uniform(-0.5, 1.3)
     )
@@ -168,7 +172,7 @@ def _thesis(rng: np.random.Generator, kind: str) -> Draw:
 
 def _cooled(rng: np.random.Generator, kind: str) -> Draw:
     """The thesis' flow out of gas with a temperature."""
-    tank = _Tank(10 ** rng.uniform(-4.3, -0.7), rng.uniform(9.6e4, 1.03e5), rng.uniform(285, 303))
+    tank = Tank(10 ** rng.uniform(-4.3, -0.7), rng.uniform(9.6e4, 1.03e5), rng.uniform(285, 303))
     scale = 10 ** rng.uniform(-0.3, 2.0)
     c_dis = tank.volume / (K * R * tank.temperature * scale)
     reach = tank.atmosphere / 0.53 - tank.atmosphere
@@ -197,12 +201,12 @@ def _cooled(rng: np.random.Generator, kind: str) -> Draw:
 
 
 def _real(rng: np.random.Generator, kind: str) -> Draw:
-    tank = _Tank(10 ** rng.uniform(-3.3, -1.5), rng.uniform(9.6e4, 1.03e5), rng.uniform(285, 303))
+    tank = Tank(10 ** rng.uniform(-3.3, -1.5), rng.uniform(9.6e4, 1.03e5), rng.uniform(285, 303))
     scale, ratio = 10 ** rng.uniform(-0.3, 1.2), rng.uniform(0.15, 0.55)
     conductance = tank.volume / (R * tank.temperature * ANR_DENSITY * scale)
     surface = 6.0 * tank.volume ** (2.0 / 3.0)
     wall = np.inf if kind == "iso" else surface * 10 ** rng.uniform(0.3, 1.7)
-    flow = _iso(conductance, ratio, 0.5, tank.atmosphere)
+    flow = iso_flow(conductance, ratio, 0.5, tank.atmosphere)
     count = int(rng.integers(2, 5)) if kind == "iso" else 1
     noise, rows = 10 ** rng.uniform(0.8, 2.4), int(rng.uniform(100, 800))
     times = np.linspace(0.0, scale * rng.uniform(3.0, 7.0), rows)

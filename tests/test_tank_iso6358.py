@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import tomllib
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
-from benchmarks.tanks import Draw, drawn
+from benchmarks.tanks import Draw, Tank, drawn, iso_flow
 from sysid.commands.printing import print_json
 from sysid.diagnosis.bench.diagnose import diagnose_component
 from sysid.diagnosis.bench.tank import tank
@@ -18,7 +16,7 @@ from sysid.diagnosis.bench.tank_gas import Iso6358, grid, simulated
 from sysid.errors import NotIdentifiedError
 from sysid.estimation.nonlinear import Parameter, minimise
 from sysid.io.logs import Trial
-from sysid.io.rig import Rig, rig_from_content
+from sysid.io.rig import Rig
 from sysid.parameters import Bundle, DiscreteLaw
 from sysid.pipeline.fit_part import bench_fit
 from sysid.plant.effects.catalogue import catalogue
@@ -140,34 +138,14 @@ def test_a_relaxing_step_is_of_fourth_order_and_exact_where_only_it_relaxes() ->
 
 def few_rows(period: float, seed: int) -> tuple[list[Trial], Rig]:
     """A 5 l tank of gas as warm as the room from 8 bar, C = 2e-8, b = 0.3, every `period` s."""
-    text = """
-        [rig]
-        name = "tank"
-        orientation = "horizontal"
-        [air]
-        gas_constant_j_per_kg_k = 287.0
-        heat_capacity_ratio = 1.4
-        temperature_k = 293.15
-        atmospheric_pressure_pa = 101325.0
-        supply_pressure_pa = 8e5
-        [tank]
-        volume_m3 = 5e-3
-    """
-    rng, gain = np.random.default_rng(seed), 287.0 * 293.15 / 5e-3
-
-    def rate(_: float, p: NDArray[np.float64]) -> NDArray[np.float64]:
-        subsonic = np.clip((101325.0 / p - 0.3) / 0.7, 0.0, 1.0)
-        return np.asarray(-gain * 2e-8 * 1.185 * p * np.sqrt(1.0 - subsonic**2))
-
+    tank, rng = Tank(5e-3, 101325.0, 293.15), np.random.default_rng(seed)
     time = np.arange(-4.0, 14.0, period)
-    falls = time[time >= 0.0]
-    found = solve_ivp(rate, (0.0, 14.0), [8e5], t_eval=falls, rtol=1e-9, atol=1e-3).y[0]
-    pressure = np.concatenate([np.full(len(time) - len(falls), 8e5), found])
+    pressure = np.full(len(time), 8e5)
+    flow = iso_flow(2e-8, 0.3, 0.5, tank.atmosphere)
+    pressure[time >= 0.0] = tank.real(flow, np.inf, 8e5, time[time >= 0.0])
     pressure += 100.0 * rng.standard_normal(len(time))
     channels = {"pressure_a_pa": pressure, "valve_a": (time < 0.0) * 1.0}
-    return [Trial("1", time, channels, "few.csv")], rig_from_content(
-        tomllib.loads(text), "rig.toml"
-    )
+    return [Trial("1", time, channels, "few.csv")], tank.rig()
 
 
 def test_a_law_with_as_many_numbers_as_rows_is_not_chosen_for_its_errors() -> None:
