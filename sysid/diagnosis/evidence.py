@@ -77,7 +77,7 @@ class ComponentEvidence(ABC):
         """A bundle with the base model's parameters as they were fitted with the effects."""
 
     def bench_rows(self) -> BenchRows | None:
-        """What bench tests say of the base parameters and the effects together; None: nothing."""
+        """What bench tests say of friction next to the effects; None: nothing."""
         return None
 
     def to_json(self) -> dict[str, Any]:

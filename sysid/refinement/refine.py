@@ -129,8 +129,7 @@ def refine(
     progress("reading motion logs")
     tests = motion_tests_of(campaign, entries, bundle, notices)
     scatter = FrictionScatter(*bench_scatter(bundle.friction))
-    problem = _problem(campaign, tests, unknowns, model, scatter)
-    problem = dataclasses.replace(problem, bench=bench)
+    problem = _problem(campaign, tests, unknowns, model, scatter, bench)
     progress(f"estimating {len(unknowns)} parameters on {len(problem.runs)} segments")
     found = _estimated(problem, scatter, tests, robust, progress, by_differences)
     if found.left_out:
@@ -152,6 +151,7 @@ def _problem(
     unknowns: tuple[Unknown, ...],
     model: Model,
     scatter: FrictionScatter,
+    bench: BenchRows | None,
 ) -> Problem:
     """The segments of these tests with the unknowns; raises NotIdentifiedError without any."""
     position = campaign.rig.position_channel
@@ -162,7 +162,8 @@ def _problem(
             "than a second, away from the end stops"
         )
     white = tuple(tuple(Autoregression.white(float(n) ** 2) for n in run.noise) for run in runs)
-    return Problem(tuple(runs), unknowns, model, position, white, scatter.pair, len(tests))
+    pair = scatter.pair
+    return Problem(tuple(runs), unknowns, model, position, white, pair, len(tests), bench=bench)
 
 
 def _result(

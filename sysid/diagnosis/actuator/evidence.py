@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -12,9 +11,9 @@ import numpy as np
 from sysid.diagnosis.actuator.equation_error import EFFORT
 from sysid.diagnosis.actuator.figures import influences, residual_curves, rounds_shown, shown_curve
 from sysid.diagnosis.actuator.loop import Loop
-from sysid.diagnosis.actuator.refit import numbers_of_effects, own_columns
+from sysid.diagnosis.actuator.refit import friction_given_effects
 from sysid.diagnosis.actuator.search import RefittedStep
-from sysid.diagnosis.actuator.signatures import base_jacobian, base_parameters, channel_of
+from sysid.diagnosis.actuator.signatures import base_parameters, channel_of
 from sysid.diagnosis.actuator.unexplained import ResidualCurve, log_channel
 from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.search import Round
@@ -31,8 +30,6 @@ from sysid.plant.effects.entry import CatalogueEffect
 if TYPE_CHECKING:
     from sysid.refinement.prior import BenchRows
 
-# Share of a column's length that columns before it leave where it is no more than they are.
-_DEPENDENT = 1e-6
 _REFITTED = ("coulomb", "viscous", *LAW_KEYS, *ISO_KEYS)
 
 
@@ -139,8 +136,7 @@ class TwinEvidence(ComponentEvidence):
     def bench_rows(self) -> BenchRows | None:
         """What the effort balance of the bench tests says of friction, given the effects.
 
-        Whitened, linear, and no more certain than what is left of it. Of the effects themselves
-        motion says more, without the bias of the balances.
+        Of the effects themselves motion says more, without the bias of the balances.
         """
         from sysid.refinement.prior import BenchRows
 
@@ -151,19 +147,7 @@ class TwinEvidence(ComponentEvidence):
         names = [n for n in base_parameters(model) if channel_of(n) == EFFORT]
         if not (rows.any() and names):
             return None
-        left = frame.residual(model)
-        friction = {(0, name): float(getattr(model.parameters, name)) for name in names}
-        numbers = friction | numbers_of_effects(model)
-        slopes = base_jacobian(frame, model, left, names) / list(friction.values())
-        columns = np.column_stack([slopes, own_columns(frame, model), left])[rows]
-        # The first rows of the factor hold all that depends on friction: one each, but for what
-        # these tests do not tell apart.
-        factor = np.asarray(np.linalg.qr(columns, mode="r"))[: len(names)]
-        own = factor[:, : len(factor)]
-        factor = factor[abs(np.diag(own)) > _DEPENDENT * np.linalg.norm(own, axis=0)]
-        factor /= math.sqrt(max(float(np.mean(left[rows] ** 2)), 1.0))
-        values = np.array(list(numbers.values()))
-        return BenchRows(tuple(numbers), values, factor[:, :-1], factor[:, -1])
+        return BenchRows(*friction_given_effects(frame, model, names, rows))
 
     def to_json(self) -> dict[str, Any]:
         """Friction's scatter from test to test, one relative standard deviation."""

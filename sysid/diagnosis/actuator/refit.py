@@ -19,7 +19,7 @@ from sysid.estimation.nonlinear import LeastSquaresFit, Parameter, minimise
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, with_values
 from sysid.plant.ports import Model
 from sysid.plant.static_reading import as_read
-from sysid.types import FloatArray
+from sysid.types import BoolArray, FloatArray
 
 _EVALUATIONS = 20
 # Slopes predict to within this share of what changes.
@@ -385,13 +385,30 @@ def own_columns(frame: Frame, model: Model) -> FloatArray:
     return np.column_stack(columns)
 
 
-def numbers_of_effects(model: Model) -> dict[tuple[int, str], float]:
-    """The numbers of a model's effects in the order of `own_columns`, by the effect's place (from
-    1) and field; NaN of a choice.
+def friction_given_effects(
+    frame: Frame, model: Model, names: Sequence[str], rows: BoolArray
+) -> tuple[tuple[tuple[int, str], ...], FloatArray, FloatArray, FloatArray]:
+    """What some rows (rows,) of a frame say of friction's parameters, by these names, next to the
+    effects of a model: as many equations at most as there are parameters, linear about it.
+
+    The numbers (0 and a parameter's name, or an effect's place from 1 and a field), their values
+    (k,), and the equations' slopes (n, k) and errors (n,), which are white and no more certain than
+    what is left in the rows.
     """
-    found = {}
+    left = frame.residual(model)
+    numbers = {(0, name): float(getattr(model.parameters, name)) for name in names}
+    slopes = base_jacobian(frame, model, left, names) / list(numbers.values())
     for place, effect in enumerate(model.effects, start=1):
         assert isinstance(effect, CatalogueEffect)
         for q in type(effect).quantities:
-            found[place, q.name] = math.nan if q.is_choice else float(getattr(effect, q.name))
-    return found
+            numbers[place, q.name] = math.nan if q.is_choice else float(getattr(effect, q.name))
+    columns = np.column_stack([slopes, own_columns(frame, model), left])[rows]
+    # The first rows of the factor hold all that depends on friction: one each, but for parameters
+    # that the rows tell apart by rounding alone.
+    factor = np.asarray(np.linalg.qr(columns, mode="r"))[: len(names)]
+    own = factor[:, : len(factor)]
+    rounding = math.sqrt(np.finfo(float).eps) * np.linalg.norm(own, axis=0)
+    factor = factor[abs(np.diag(own)) > rounding]
+    factor /= math.sqrt(max(float(np.mean(left[rows] ** 2)), 1.0))
+    values = np.array(list(numbers.values()))
+    return tuple(numbers), values, factor[:, :-1], factor[:, -1]
