@@ -37,7 +37,7 @@ from sysid.parameters.valves import DIRECTIONS  # noqa: E402
 from sysid.pipeline.fit import fit_campaign  # noqa: E402
 from sysid.surfaces.averaged import AveragedLaw  # noqa: E402
 from sysid.types import FloatArray  # noqa: E402
-from sysid.validation import validate  # noqa: E402
+from sysid.validation.open_loop import validate  # noqa: E402
 
 KINDS = ("friction-static", "friction-sliding", "valve-discrete", "valve-pwm", "motion-pwm")
 SURFACES = ("bipolynomial", "ann")

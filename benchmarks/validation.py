@@ -38,7 +38,7 @@ from sysid.io.campaign import FRICTION_KINDS, Campaign, read_campaign  # noqa: E
 from sysid.io.logs import Trial  # noqa: E402
 from sysid.io.source import Source  # noqa: E402
 from sysid.parameters import Bundle, FittedValves, Friction, Parts  # noqa: E402
-from sysid.validation import validate  # noqa: E402
+from sysid.validation.open_loop import validate  # noqa: E402
 from sysid.validation.residual_tests import cross_correlation_test, whiteness_test  # noqa: E402
 from sysid.validation.results import ValidationResult  # noqa: E402
 from sysid.valve_discrete import fit_valve_discrete  # noqa: E402

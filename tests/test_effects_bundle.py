@@ -45,7 +45,7 @@ from sysid.plant.trials import simulate_trials
 from sysid.recording.motion_tests import MotionTest, Segment
 from sysid.recording.simulation import simulate_segments
 from sysid.recording.start_states import ChannelNoise
-from sysid.validation import validate
+from sysid.validation.open_loop import validate
 
 
 class Described(CatalogueEffect):

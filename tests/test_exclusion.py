@@ -35,7 +35,7 @@ from sysid.parameters import read_bundle
 from sysid.pipeline.pages.report import render_report
 from sysid.plant.trials import inputs_from_trial
 from sysid.recording.motion_tests import prepare, prepare_all
-from sysid.validation import validate
+from sysid.validation.open_loop import validate
 from sysid.valve_discrete import fit_valve_discrete
 from sysid.valve_pwm import fit_valve_pwm
 

@@ -11,6 +11,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,19 +26,30 @@ HEAVY = (
 FRICTION, PWM = "friction_static.parquet", "valve_pwm_a.parquet"
 # Each command, what it is the first to load, and the most modules of ours loaded by then.
 COMMANDS: tuple[tuple[str, set[str], int], ...] = (
-    ("--help", set(), 30),
+    ("--help", set(), 20),
     ("effects", set(), 75),
     ("export bundle.json --format json -o gains.json", set(), 160),
     ("export bundle.json --format mat -o gains.mat", set(), 160),
     ("compare bundle.json bundle.json", set(), 180),
     ("convert motion.csv -o converted.csv", {"pandas"}, 190),
-    (f"check {FRICTION}", set(), 260),
-    (f"fit friction {FRICTION} -o none --no-report", set(), 270),
-    (f"fit friction {FRICTION} -o part.json --report part.html", {"matplotlib"}, 330),
-    (f"fit valve-pwm {PWM} --surface bipolynomial -o none --no-report", {"scipy.optimize"}, 340),
+    (f"check {FRICTION}", set(), 250),
+    (f"fit friction {FRICTION} -o none --no-report", set(), 255),
+    (f"fit friction {FRICTION} -o part.json --report part.html", {"matplotlib"}, 290),
+    (f"fit valve-pwm {PWM} --surface bipolynomial -o none --no-report", {"scipy.optimize"}, 310),
     # The replayed controllers filter what they measure; scipy.signal loads scipy.stats.
-    ("export bundle.json --format c -o c.h", {"scipy.signal", "scipy.stats", "sympy"}, 380),
+    ("export bundle.json --format c -o c.h", {"scipy.signal", "scipy.stats", "sympy"}, 365),
 )  # fmt: skip
+# Fits of one part in a process of their own: packages of ours that they have no use for.
+ALONE = {
+    f"fit friction {FRICTION} -o part.json --report part.html": (
+        "sysid.components", "sysid.identification.valve_pwm", "sysid.parameters.assembled_model",
+        "sysid.plant.effects", "sysid.plant.ports",
+    ),
+    f"fit valve-pwm {PWM} --surface bipolynomial -o part.json --no-report": (
+        "sysid.checks", "sysid.components", "sysid.friction", "sysid.parameters.assembled_model",
+        "sysid.pipeline.report", "sysid.plant.effects", "sysid.plant.ports", "sysid.validation",
+    ),
+}  # fmt: skip
 SCRIPT = """\
 import contextlib, io, json, sys
 class Without:
@@ -57,18 +69,29 @@ for words in commands:
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
-    """For each command: its status, the heavy modules and the number of ours loaded by its end."""
-    folder = Folder(tmp_path_factory.mktemp("imports"))
-    folder.bundled(FRICTION, PWM)
-    folder.bundle("diagnosed")
-    asked = json.dumps([HEAVY, [words for words, _, _ in COMMANDS]])
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Logs of a rig, and a bundle."""
+    made = Folder(tmp_path_factory.mktemp("imports"))
+    made.bundled(FRICTION, PWM)
+    made.bundle("diagnosed")
+    return made.path
+
+
+def loaded_by(commands: Sequence[str], names: Sequence[str], folder: Path) -> list[dict[str, Any]]:
+    """What one process holds after each command: its status, which of `names`, how many of ours."""
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, asked], cwd=folder.path, capture_output=True, text=True,
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)}, timeout=300, check=True,
+        [sys.executable, "-c", SCRIPT, json.dumps([names, commands])], cwd=folder,
+        capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        timeout=300, check=True,
     )  # fmt: skip
-    lines = [json.loads(line) for line in done.stdout.splitlines()]
-    return {words: line for (words, _, _), line in zip(COMMANDS, lines, strict=True)}
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+@pytest.fixture(scope="module")
+def found(folder: Path) -> dict[str, dict[str, Any]]:
+    """For each command: its status, the heavy modules and the number of ours loaded by its end."""
+    commands = [words for words, _, _ in COMMANDS]
+    return dict(zip(commands, loaded_by(commands, HEAVY, folder), strict=True))
 
 
 @pytest.mark.parametrize("number", range(len(COMMANDS)))
@@ -80,6 +103,13 @@ def test_a_command_loads_what_it_computes_with(
     assert found[words]["status"] == 0
     assert set(found[words]["loaded"]) == allowed
     assert found[words]["ours"] <= most
+
+
+@pytest.mark.parametrize("words", ALONE)
+def test_a_fit_of_one_part_loads_no_other_parts(words: str, folder: Path) -> None:
+    (found,) = loaded_by([words], ALONE[words], folder)
+    assert found["status"] == 0
+    assert found["loaded"] == []
 
 
 def test_torch_is_imported_where_a_network_is_trained_and_nowhere_else() -> None:

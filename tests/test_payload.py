@@ -28,7 +28,7 @@ from sysid.plant.tangents import simulate_tangents
 from sysid.plant.trials import inputs_from_trial, simulate_trials
 from sysid.recording.even import recorded
 from sysid.recording.motion_tests import prepare_all
-from sysid.validation import validate
+from sysid.validation.open_loop import validate
 
 PAYLOAD = 0.6
 STEMS = ("friction_static", "friction_sliding", "motion_motor_2", "motion_pwm_2")

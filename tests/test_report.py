@@ -178,7 +178,7 @@ class Made:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     """The bundled campaign, fitted, validated and reported."""
-    from sysid.validation import validate
+    from sysid.validation.open_loop import validate
 
     campaign = read_campaign(BUNDLED)
     fitted = bundled_fit(tmp_path_factory).bundle

@@ -44,7 +44,8 @@ from sysid.pipeline.pages.report import render_report
 from sysid.pipeline.report import PageOptions, write_page
 from sysid.pipeline.run import RunReport, run_campaign
 from sysid.surfaces.comparison import SurfaceComparison
-from sysid.validation import open_loop, validate
+from sysid.validation import open_loop
+from sysid.validation.open_loop import validate
 from sysid.valve_pwm import fit_valve_pwm
 
 

@@ -53,7 +53,8 @@ from sysid.recording.simulation import simulate_segments
 from sysid.recording.start_states import ChannelNoise, state_at_rest, valve_edges
 from sysid.surfaces import Bipolynomial
 from sysid.types import FloatArray
-from sysid.validation import shown_tests, validate
+from sysid.validation import shown_tests
+from sysid.validation.open_loop import validate
 from sysid.validation.residual_tests import fit_percentage
 from sysid.validation.results import Errors, LogResult, ValidationResult
 

@@ -43,7 +43,6 @@ from sysid.pipeline.fit_part import (
     ValvePwmOptions,
 )
 from sysid.pipeline.fit_tables import campaign_tables, friction_tables, valve_tables
-from sysid.pipeline.report import PageOptions, write_results
 
 Tables = Callable[[Fitted], Iterable[Table]]
 
@@ -204,6 +203,7 @@ def _campaign(
 ) -> None:
     """Everything that a campaign's training logs identify, in one bundle."""
     from sysid.pipeline.fit import contradictions_in, fit_campaign
+    from sysid.pipeline.report import PageOptions, write_results
 
     read = read_with(campaign, component, progress(), exclude)
     found = fit_campaign(read, law=law, load=load, progress=progress("fitting "))

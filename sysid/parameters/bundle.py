@@ -16,7 +16,6 @@ from sysid.estimation.linear import Estimate
 from sysid.io.channels import SIDES
 from sysid.io.rig import Rig, differing_sections
 from sysid.io.source import Source
-from sysid.parameters.assembled_model import fitted_inertia, model_from_bundle
 from sysid.parameters.base import Part
 from sysid.parameters.content import SCHEMA, BundleContent, Parts
 from sysid.parameters.correlation import CorrelatedPart, Correlation
@@ -131,6 +130,8 @@ class Bundle(Shown, BundleContent):
         (None: the project's own); `held`: the shaft is fixed, which needs no friction. Raises
         InputError for contradictory content, NotIdentifiedError where the bundle has no friction.
         """
+        from sysid.parameters.assembled_model import model_from_bundle
+
         return model_from_bundle(self, rig or self.rig, catalogue, held)
 
     def with_effects(self, effects: Iterable[EffectEntry]) -> Bundle:
@@ -201,6 +202,8 @@ class Bundle(Shown, BundleContent):
         other = self.other_sections(rig)
         if not other:
             return []
+        from sysid.parameters.assembled_model import fitted_inertia
+
         payload = (
             ", but for the fitted inertia, to which what the payloads differ by is added"
             if "inertia" in other and fitted_inertia(self) is not None

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, WithJsonSchema
 
 from sysid.errors import input_error
 from sysid.estimation.linear import Estimate
 from sysid.parameters.base import Absent, Number, Part
-from sysid.plant.effects.entry import Catalogue, CatalogueEffect, Quantity
+
+if TYPE_CHECKING:
+    from sysid.plant.effects.entry import Catalogue, CatalogueEffect, Quantity
 
 SIDE = "side"
 # Times the catalogue's largest strength, which is that of a rig like the reference rig.

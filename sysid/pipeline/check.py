@@ -10,7 +10,6 @@ from sysid.checks.campaign_check import Answer, CampaignCheck, check_whole
 from sysid.checks.identifiability import readable
 from sysid.checks.log_check import CheckedLog, LogCheck, check_entry, check_log, listed
 from sysid.checks.log_check import check_campaign as check_logs
-from sysid.components.loading import component_in
 from sysid.io.bare_rig import read_bare_logs
 from sysid.io.campaign import Campaign
 from sysid.io.exclusion import Exclusion
@@ -75,7 +74,7 @@ def check_campaign(
     `logs` are the campaign's, `checked` what `check_entry` gave for them, where these were read and
     checked before. Raises InputError for a log that cannot be read.
     """
-    if component_in(campaign) is None:
+    if not _is_own(campaign):
         return check_whole(campaign, logs, checked)
     from sysid.components.log_check import check_own
 
@@ -87,9 +86,18 @@ def checks_of(campaign: Campaign, *, by_content: bool = False) -> Sequence[LogCh
 
     `by_content`: a log that no campaign declares may hold tests of several kinds.
     """
-    if component_in(campaign) is None:
+    if not _is_own(campaign):
         return check_logs(campaign, by_content=by_content)
     return check_campaign(campaign).logs
+
+
+def _is_own(campaign: Campaign) -> bool:
+    """Whether a campaign was read with a component of the user's own."""
+    if campaign.own is None:
+        return False
+    from sysid.components.loading import component_in
+
+    return component_in(campaign) is not None
 
 
 __all__ = [

@@ -22,7 +22,6 @@ from sysid.io.units import parse_map
 from sysid.parameters import Bundle, assumptions, read_bundle, shown_by_logs, write_bundle
 from sysid.parameters.assumptions import FROM_LOG
 from sysid.pipeline.fit_part import PartOptions, ValvePwmOptions, are_readings
-from sysid.pipeline.report import PageOptions, write_page
 from sysid.pipeline.request import Reported
 
 _NOWHERE = Path("none")
@@ -144,6 +143,8 @@ def fit_logs(options: PartOptions, files: FitFiles) -> Fitted:
         write_bundle(bundle, target)
     unseen: tuple[str, ...] = ()
     if page is not None:
+        from sysid.pipeline.report import PageOptions, write_page
+
         campaign = _as_campaign(given, files, options)
         told = tuple(map(given.said, dict.fromkeys(result.notices)))
         shown = PageOptions(

@@ -5,7 +5,6 @@
 its blocks.
 """
 
-from sysid.validation.open_loop import VALVE_MODELS, validate
 from sysid.validation.results import (
     HORIZONS_S,
     ChannelResult,
@@ -18,12 +17,10 @@ from sysid.validation.results import (
 
 __all__ = [
     "HORIZONS_S",
-    "VALVE_MODELS",
     "ChannelResult",
     "Errors",
     "HorizonError",
     "LogResult",
     "TestResult",
     "ValidationResult",
-    "validate",
 ]

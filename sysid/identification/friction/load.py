@@ -24,7 +24,6 @@ from sysid.estimation.quality import FEWEST_REPEATS
 from sysid.identification.friction.motion import MotionFriction, fit_motion, separation
 from sysid.io.motion import LOADS, MotionUnits
 from sysid.parameters.effects import EffectEntry, entry_of
-from sysid.plant.effects.friction import LoadDependentFriction
 from sysid.types import FloatArray
 
 _WANTED = (
@@ -64,6 +63,8 @@ class LoadFriction:
 
     def entry(self) -> EffectEntry:
         """The effect as listed in a bundle."""
+        from sysid.plant.effects.friction import LoadDependentFriction
+
         effect = LoadDependentFriction(self.share.value, float(LOADS.index(self.of)))
         return entry_of(effect, {"load_friction": self.share})
 

@@ -9,7 +9,6 @@ from typing import Any
 from sysid.blocks.quality import quality_name
 from sysid.blocks.titles import within
 from sysid.diagnosis.wording import above_noise, joined, own_of
-from sysid.identification.valve_pwm.choice import not_recommended
 from sysid.io.own_channels import channel_in
 from sysid.parameters import Bundle
 from sysid.parameters.titles import title_of
@@ -42,7 +41,11 @@ def worst(levels: Iterable[str]) -> str:
 
 def advised_against(bundle: Bundle) -> set[str]:
     """The places in a bundle of laws that the page advises against: no model to trust uses them."""
-    sides = {} if bundle.valves is None else bundle.valves.sides()
+    if bundle.valves is None:
+        return set()
+    from sysid.identification.valve_pwm.choice import not_recommended
+
+    sides = bundle.valves.sides()
     return {place for side, valve in sides.items() for place in not_recommended(valve, side)}
 
 

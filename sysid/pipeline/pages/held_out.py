@@ -14,7 +14,6 @@ from sysid.blocks.sections import FigureGroup
 from sysid.diagnosis.wording import own_friction
 from sysid.io.channels import Channel, channel_of
 from sysid.types import FloatArray
-from sysid.validation.shown_tests import ShownTest, tests_of
 
 if TYPE_CHECKING:
     from sysid.validation import ValidationResult
@@ -62,6 +61,8 @@ def _of_trace(trace: Content, is_extended: bool) -> FigureGroup:
 
 
 def _of_validation(validation: ValidationResult) -> FigureGroup | None:
+    from sysid.validation.shown_tests import ShownTest, tests_of
+
     tests = tests_of(validation)
     held = [test for test in tests if test.use == "holdout"] or tests
     moving = [test for test in held if test.channels()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sysid.blocks.numbers import MISSING, number, span
 from sysid.blocks.sections import Block, Fold, Lines, Said, Section
@@ -19,9 +19,9 @@ from sysid.parameters.table import effect_names, in_words
 from sysid.parameters.titles import named as named_number
 from sysid.parameters.titles import title_of
 from sysid.pipeline.pages.opening import unidentified
-from sysid.plant.effects.catalogue import catalogue
-from sysid.plant.effects.entry import Quantity
-from sysid.plant.effects.linear import for_rig
+
+if TYPE_CHECKING:
+    from sysid.plant.effects.entry import Quantity
 
 Content = Mapping[str, Any]
 Moves = Callable[[], Mapping[str, float]]
@@ -436,8 +436,13 @@ def _positive(bundle: Bundle) -> dict[str, float]:
     An effect's quantity has its typical one, or its whole range; others have 0: their own value.
     For a user's own effect it is unknown.
     """
-    known = for_rig(catalogue(), bundle.is_linear)
     found = {f"friction.{bundle.units.key(name)}": 0.0 for name in FRICTION}
+    if not bundle.effects:
+        return found
+    from sysid.plant.effects.catalogue import catalogue
+    from sysid.plant.effects.linear import for_rig
+
+    known = for_rig(catalogue(), bundle.is_linear)
     for name, entry in zip(effect_names(bundle.effects), bundle.effects, strict=True):
         if entry.id in known:
             sizes = known[entry.id].quantities

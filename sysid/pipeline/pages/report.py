@@ -27,8 +27,6 @@ from sysid.pipeline.pages.notices import (
     with_notices,
 )
 from sysid.pipeline.pages.opening import ReportVerdict, position_rmse, verdict
-from sysid.plant.effects.catalogue import catalogue
-from sysid.plant.effects.linear import for_rig
 from sysid.types import Progress
 
 if TYPE_CHECKING:
@@ -237,6 +235,8 @@ def report_parts(
         return surfaces_section(bundle.valves, logs, campaign.rig)
 
     def frequencies() -> Section | None:
+        if not campaign.select(("valve-pwm",)):
+            return None
         from sysid.pipeline.pwm_frequency import campaign_section
 
         return campaign_section(pwm_tests(), campaign.rig)
@@ -376,13 +376,12 @@ def _fill(
 def held_parts(bundle: Bundle) -> str:
     """What the model is made of, and from how many logs it was fitted."""
     sides = {} if bundle.valves is None else dict(sorted(bundle.valves.sides().items()))
-    titles = {id: one.title for id, one in for_rig(catalogue(), bundle.is_linear).items()}
     parts = [
         *(["friction"] if bundle.friction is not None else []),
         *(f"valve {s.upper()} on/off" for s, v in sides.items() if v.discrete is not None),
         *(f"valve {s.upper()} under PWM" for s, v in sides.items() if v.pwm is not None),
         *([] if bundle.component is None else [bundle.component.name]),
-        *(effect_name(e.id, titles) for e in bundle.effects),
+        *_effects(bundle),
     ]
     logs = bundle.provenance.logs
     training = sum(log.use != "holdout" for log in logs)
@@ -390,6 +389,16 @@ def held_parts(bundle: Bundle) -> str:
     held = len(logs) - training
     judged = f"{held} more {'is' if held == 1 else 'are'} held out" if held else "none is held out"
     return f"{', '.join(parts) or 'none'}; {of}, {judged}"
+
+
+def _effects(bundle: Bundle) -> list[str]:
+    if not bundle.effects:
+        return []
+    from sysid.plant.effects.catalogue import catalogue
+    from sysid.plant.effects.linear import for_rig
+
+    titles = {id: one.title for id, one in for_rig(catalogue(), bundle.is_linear).items()}
+    return [effect_name(one.id, titles) for one in bundle.effects]
 
 
 def _assumed(bundle: Bundle) -> Table | None:
