@@ -231,6 +231,15 @@ def test_names_amid_a_header_of_settings(tmp_path: Path) -> None:
         read(tmp_path, YOKOGAWA + spoilt, *BY_NAME)
 
 
+def test_settings_of_numbers_right_above_the_rows(tmp_path: Path) -> None:
+    """Yokogawa: they have a cell for each column, as rows have, but no row has a word there."""
+    above = YOKOGAWA.rstrip() + '\n"HResolution",1E-03,1E-03,1E-03\n"BlockSize",40,40,40\n\n'
+    body = "".join(f",{line}\n" for line in rows().splitlines())
+    for maps in (BY_NAME, ("time_s=#2", "position_m=#3:mm", "motor_force_n=#4")):
+        read(tmp_path, above + body, *maps)
+        expect(tmp_path)
+
+
 def test_settings_beside_the_rows(tmp_path: Path) -> None:
     """Tektronix: the first rows have a setting and its value in columns of their own."""
     lines = rows().splitlines()

@@ -230,6 +230,42 @@ def test_the_tests_of_a_counter_that_wraps_are_on_one_side(tmp_path: Path) -> No
         np.testing.assert_allclose(trial["position_m"], part["position_m"], atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("whole", "count", "name"),
+    [
+        (2**14 * 3e-6, 3e-6, "2^14 counts"),  # more wraps than jumps that are joined on
+        (6000 * 1e-5, 1e-5, "0.06 m"),  # a lead of 60 mm
+        (0.8, 1e-9, "0.8 m"),  # steps of so many counts that none shows the count
+    ],
+)
+def test_a_counter_of_any_range_is_followed(
+    whole: float, count: float, name: str, tmp_path: Path
+) -> None:
+    """From the range's end at the start, so that the first rows wrap."""
+    frame = axis_frame(count=count)
+    start = float(frame["position_m"].iloc[0])
+    wrapped = np.mod(frame["position_m"] - start - 3.0 * count, whole)
+    log, result = bare(frame.assign(position_m=wrapped), tmp_path)
+    (line,) = (n for n in log.notices if "wraps around" in n)
+    assert f"wraps around at {name} " in line
+    assert not any("jumps" in n for n in log.notices)
+    apart = log.trials[0]["position_m"] - frame["position_m"]
+    assert np.ptp(apart) < 2e-3 * whole
+    is_near(result)
+
+
+def test_a_slip_from_end_to_end_is_no_wrap(tmp_path: Path) -> None:
+    """A piston that rests at its ends, with noise, and is slower than a row in none of its ways."""
+    rng = np.random.default_rng(3)
+    time = 1e-2 * np.arange(1200)
+    ends = np.where(time % 1.0 < 0.5, 0.0, 0.2)
+    position = ends + 1e-5 * rng.standard_normal(len(time))
+    frame = pd.DataFrame({"time_s": time, "position_m": position, "motor_force_n": 1.0})
+    frame.to_csv(tmp_path / "log.csv", index=False)
+    log = read_bare_logs([tmp_path / "log.csv"], {}).logs[0]
+    assert not any("wraps" in n for n in log.notices)
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_stop_that_a_motion_runs_into_is_no_jump(way: float, tmp_path: Path) -> None:
     """Two fast rows and a rest at the end of the travel: an impact, not lost counts."""

@@ -130,18 +130,34 @@ class _HeadingSearch:
         """The first line below settings, some of which resemble rows: "BlockSize",241,241.
 
         Each begins with its name, in a column in which the rows have nothing; some hold words.
+        Those of numbers alone below these are rows only where further rows have such a word.
         """
-        below, has_words = index, False
+        first, below, end, has_words = index, index, index, False
+        while first and self._is_labelled(self.cells(index)) and self._is_setting(first - 1):
+            first -= 1
+        # One of these has the columns' names: the word in it may be that of a column of remarks.
+        words = sum(
+            not self.has_numbers(self._over_numbers(self.cells(at))) for at in range(first, index)
+        )
         for at in range(index, len(self.lines)):
             cells = self.cells(at)
             if not self._is_labelled(cells):
                 break
+            end = at + 1
             over = self._over_numbers(cells)
             if over and not self.has_numbers(over):
                 below = at + 1
                 # A damaged number has digits.
                 has_words |= not any(map(str.isdigit, "".join(over)))
-        return below if has_words else index
+        if not has_words and words < 2:
+            return index
+        later = (self.cells(at) for at in range(end, len(self.lines)))
+        return below if any(map(self._is_labelled, later)) else end
+
+    def _is_setting(self, index: int) -> bool:
+        """Whether a line has a word where the rows have nothing, and a cell for each column."""
+        cells = self.cells(index)
+        return self._is_labelled(cells) and self.layout.fits(cells)
 
     def _is_labelled(self, cells: Sequence[str]) -> bool:
         """Whether a line has a word where the rows have nothing."""

@@ -26,7 +26,7 @@ from sysid.io.trust.jumps import (
 )
 from sysid.io.trust.slow import RESOLVED_STEP, WANTED_ROWS, largest_step, rows_per_reversal
 from sysid.io.trust.stale import Staleness, fresh_readings, staleness
-from sysid.io.trust.wraps import counter_ranges, without_wraps
+from sysid.io.trust.wraps import counter_ranges, shown_range, without_wraps
 from sysid.types import FloatArray
 
 Rows = NDArray[np.int64] | slice
@@ -122,8 +122,12 @@ def repair(file: RepairedFile) -> None:
 def _follow(file: RepairedFile) -> None:
     """A position over the wraps of its counter."""
     name = file.position
-    ranges = counter_ranges(_counts(file), is_angle=name == "theta_rad")
-    parts, wraps = without_wraps(file.parts(name), ranges)
+    counts, before = _counts(file), file.parts(name)
+    ranges = counter_ranges(counts, is_angle=name == "theta_rad")
+    parts, wraps = without_wraps(before, ranges)
+    if wraps is None:
+        ranges = shown_range(before, counts, units_of(name == LINEAR.position_channel).position)
+        parts, wraps = without_wraps(before, ranges)
     if wraps is None:
         return
     times = len(wraps.rows)

@@ -1,4 +1,5 @@
-"""A position whose counter wraps around: at a power of two of its counts, or at a full turn.
+"""A position whose counter wraps around: at a power of two of its counts, at a full turn, or at a
+range that the wraps themselves show.
 
 After a wrap the motion goes on, a whole range of the counter away: with that range added its step
 is as small as all others.
@@ -22,6 +23,8 @@ _ORDINARY = 0.25
 LARGER = 2.0
 _ROUNDING = 2e-3
 _FULL_TURN = 2.0 * math.pi
+# Steps to either side that show which way the motion leads: noise leads one way once in 2^6.
+_ASIDE = 3
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,46 @@ def counter_ranges(counts: Iterable[float], *, is_angle: bool) -> dict[float, st
     what one count may be."""
     ranges = {count * 2.0**bits: f"2^{bits} counts" for count in counts for bits in COUNTER_BITS}
     return ranges | ({_FULL_TURN: "2 pi"} if is_angle else {})
+
+
+def shown_range(
+    parts: Sequence[FloatArray], counts: Iterable[float], unit: str
+) -> dict[float, str]:
+    """The range by which a file's tests (n,) wrap, in the position's `unit`, and its name.
+
+    Of a counter whose range is none of `counter_ranges`, or whose one count no step shows. Empty
+    unless the motion leads, before and after most of the steps over a test's range, against them,
+    as it does on both sides of a counter's end, but not of a slip from end to end; and where it
+    goes along with one. One wrap alone shows no range.
+    """
+    sizes: list[float] = []
+    found = 0
+    for part in parts:
+        steps = np.diff(part)
+        wraps = np.abs(steps) > (1.0 - _ORDINARY) * np.ptp(part)
+        moving = np.flatnonzero((steps != 0.0) & ~wraps)
+        rows = np.flatnonzero(wraps)
+        after = np.searchsorted(moving, rows)
+        inner = (after >= _ASIDE) & (after + _ASIDE <= len(moving))
+        rows, after = rows[inner], after[inner]
+        places = after[:, None] + np.arange(-_ASIDE, _ASIDE)
+        around = steps[moving[places]] * np.sign(steps[rows])[:, None]
+        next_to = around[:, _ASIDE - 1 : _ASIDE + 1]
+        if np.any(np.all(next_to > 0.0, axis=1)):
+            return {}
+        found += len(rows)
+        against = np.all(around < 0.0, axis=1)
+        sizes += (np.abs(steps[rows]) - next_to.mean(axis=1))[against].tolist()
+    if len(sizes) < 2 or 2 * len(sizes) <= found:
+        return {}
+    whole = float(np.median(sizes))
+    apart = float(np.max(np.abs(np.array(sizes) - whole)))
+    for count in counts:
+        bits = round(math.log2(whole / count))
+        if abs(count * 2.0**bits - whole) <= apart:
+            return {count * 2.0**bits: f"2^{bits} counts"}
+        whole = count * round(whole / count)
+    return {whole: f"{whole:.4g} {unit}"}
 
 
 def without_wraps(
@@ -99,4 +142,4 @@ def _largest_after_wraps(parts: Sequence[FloatArray], whole: float) -> float:
     return largest if largest >= 0.0 else math.inf
 
 
-__all__ = ["COUNTER_BITS", "LARGER", "Wraps", "counter_ranges", "without_wraps"]
+__all__ = ["COUNTER_BITS", "LARGER", "Wraps", "counter_ranges", "shown_range", "without_wraps"]
