@@ -70,6 +70,11 @@ def many_records(path: Path) -> None:
         file.create_dataset("compound", (MANY,), dtype=sample, chunks=(1 << 10,))
 
 
+def many_chunks(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file.create_dataset("p", (2_000_000,), dtype="f8", chunks=(1,))
+
+
 HDF5_BOMBS: dict[str, Maker] = {
     "never-written": never_written,
     "never-written-by-parts": never_written_by_parts,
@@ -78,6 +83,7 @@ HDF5_BOMBS: dict[str, Maker] = {
     "deflated": deflated_beyond_its_chunk,
     "many-objects": many_objects,
     "many-records": many_records,
+    "many-chunks": many_chunks,
 }
 
 

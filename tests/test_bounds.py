@@ -23,6 +23,7 @@ from scipy.io import savemat
 from sysid.errors import InputError
 from sysid.io.bounds import MOST_CELLS, VARIABLE, most_cells
 from sysid.io.conversion import convert
+from sysid.io.foreign import hdf5
 from sysid.io.tables import read_bytes, read_table
 
 MOST_MB, MOST_S = 500, 10
@@ -112,6 +113,33 @@ def test_bombs_are_refused(
     tmp_path: Path, makers: dict[str, bombs.Maker], suffix: str, what: str
 ) -> None:
     expect_refused("convert", made(tmp_path, makers, suffix), what)
+
+
+def test_a_chunk_for_each_value_takes_no_memory_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Read in parts, along either axis and of records, the values are those written."""
+    monkeypatch.setattr(hdf5, "_MOST_CHUNKS", 100)
+    values = np.arange(1200.0)
+    records = np.zeros(1200, dtype=[("a", "f8"), ("b", "i4")])
+    records["a"] = 5.0 * values
+    with h5py.File(tmp_path / "rec.h5", "w") as file:
+        file.create_dataset("t", data=values, chunks=(1,))
+        file.create_dataset("m", data=np.stack([values, 2.0 * values]), chunks=(1, 1))
+        file.create_dataset("n", data=np.stack([values, 3.0 * values]).T, chunks=(7, 1))
+        file.create_dataset("r", data=records, chunks=(1,), compression="gzip")
+    maps = ["time_s=t", "position_m=m#2", "motor_force_n=n#2", "velocity_m_per_s=r.a"]
+    convert(tmp_path / "rec.h5", tmp_path / "log.csv", maps=maps)
+    log = pd.read_csv(tmp_path / "log.csv", comment="#")
+    assert log["time_s"].tolist() == values.tolist()
+    assert log["position_m"].tolist() == (2.0 * values).tolist()
+    assert log["motor_force_n"].tolist() == (3.0 * values).tolist()
+    assert log["velocity_m_per_s"].tolist() == (5.0 * values).tolist()
+    # 190 kB of chunks for each of these, in one request 3.8 GB for a million.
+    with h5py.File(tmp_path / "large.h5", "w") as file:
+        file.create_dataset("p", (300_000,), dtype="f8", chunks=(1,))
+    (found,) = read_all("convert", [tmp_path / "large.h5"])
+    assert found["mb"] < MOST_MB
 
 
 def test_logs_are_held_to_the_same_bound(tmp_path: Path) -> None:

@@ -589,12 +589,21 @@ def test_matlab_objects_say_how_to_export_them(tmp_path: Path, kind: str, line: 
     savemat(path, {"t": TIME})
     path.write_bytes(path.read_bytes() + whole[128:])
     refused(path, out, rf"run3 \(mapped to time_s\) .* a MATLAB {kind}", maps=["time_s=run3.t"])
+    said = rf"no column 'x' \(mapped to theta_rad\), but run3 is a MATLAB {kind}.* map one of t$"
+    refused(path, out, said, maps=["time_s=t", "theta_rad=x"])
     with h5py.File(path, "w", userblock_size=512) as file:
         data = file.create_dataset("run3", data=np.zeros((1, 6), dtype=np.uint32))
         data.attrs["MATLAB_class"], data.attrs["MATLAB_object_decode"] = np.bytes_(kind), 3
     with path.open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file".ljust(508) + b"\x00\x02IM")
     refused(path, out, rf"holds one MATLAB {kind} \(run3\).*{line}")
+
+
+def test_a_cell_of_texts_is_no_column(tmp_path: Path) -> None:
+    path = tmp_path / "rec.mat"
+    savemat(path, {"t": np.array([["0.0"], ["0.1"]], dtype=object), "q": [1.0, 2.0]})
+    refused(path, tmp_path / "log.csv", r"t\{1\} \(mapped to time_s\) is not a column: text",
+            maps=["time_s=t", "theta_rad=q"])  # fmt: skip
 
 
 def test_a_table_within_a_struct_says_how_to_export_it(tmp_path: Path) -> None:

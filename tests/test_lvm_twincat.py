@@ -149,6 +149,24 @@ def test_lvm_whose_comment_is_a_number_and_one_that_is_cut_off(tmp_path: Path) -
         read(tmp_path, text.rstrip("\n")[:-3])
 
 
+def test_lvm_over_another_dimension_than_time(tmp_path: Path) -> None:
+    text = lvm_head("One") + lvm_segment("One", lvm_rows("One"))
+    with pytest.raises(InputError, match="X_Value is over Frequency, not over time"):
+        read(tmp_path, text.replace("X_Dimension\tTime\tTime", "X_Dimension\tFrequency\tFrequency"))
+    read(tmp_path, text.replace("X_Dimension\tTime\tTime", "X_Dimension\tZeit\tZeit"))
+    expect(tmp_path)
+
+
+def test_another_period_than_the_file_s_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "rec.lvm"
+    path.write_text(lvm_head("No") + lvm_segment("No", lvm_rows("No")), encoding="utf-8")
+    for period, is_said in ((0.001, True), (0.002, False)):
+        report = convert(path, tmp_path / "log.csv", maps=MAPS, period_s=period)
+        expect(tmp_path, period)
+        said = f"0.002 s apart by the file; --period {period:g} is used"
+        assert any(said in notice for notice in report.notices) is is_said
+
+
 def test_lvm_segments_are_tests(tmp_path: Path) -> None:
     segment = lvm_segment("No", lvm_rows("No"))
     report = read(tmp_path, lvm_head("No", headings="Yes") + f"{segment}\t\n{segment}\n")

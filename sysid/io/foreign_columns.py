@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -10,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.errors import InputError, input_error
+from sysid.errors import InputError, input_error, some_of
 from sysid.io.alignment import has_value, rows_held, values_at
 from sysid.io.channels import TEST_COLUMN
 from sysid.io.foreign import ForeignTable, SampleTimes
+from sysid.io.foreign.matlab_objects import named_objects
 from sysid.io.foreign.recipe import Recipe, kept_rows
 from sysid.io.foreign_clocks import (
     SlowerColumns,
@@ -41,6 +43,7 @@ from sysid.io.units import (
     ColumnMap,
     check_size,
     find_column,
+    has_column,
     in_stated_unit,
     to_si,
 )
@@ -108,7 +111,7 @@ def _sources(table: ForeignTable, recipe: Recipe) -> dict[str, tuple[str, Column
                 f"{entry.column} (mapped to {target}) holds several signals",
                 f"choose one: {matrix}, {entry.column}#2 ...",
             )
-        found[target] = names[find_column(names, entry, str(table.path))], entry
+        found[target] = _named(table, entry), entry
     used = {column for column, _ in found.values()}
     for name in names:
         spoken_for = name in found or name in used or name in recipe.constants
@@ -119,12 +122,26 @@ def _sources(table: ForeignTable, recipe: Recipe) -> dict[str, tuple[str, Column
     return found
 
 
+def _named(table: ForeignTable, entry: ColumnMap) -> str:
+    """The mapped column's name. InputError without it, which names objects that may hold it."""
+    names = list(table.columns)
+    objects = named_objects(table.skipped)
+    if objects and not has_column(names, entry):
+        raise input_error(
+            table.path,
+            f"has no column {entry.column!r} (mapped to {entry.target}), but {objects}",
+            f"export that, or map one of {some_of(names, 20, counted=False)}",
+        )
+    return names[find_column(names, entry, str(table.path))]
+
+
 def _unread(table: ForeignTable, column: str) -> str | None:
     """The unread item of the file that a mapped column is, or is part of; None: neither."""
     if column in table.columns or column in table.skipped:
         return None if column in table.columns else column
     wholes = (column[:end] for end, sign in enumerate(column) if sign == ".")
-    return next((whole for whole in wholes if whole in table.skipped), None)
+    elements = (name for name in table.skipped if name.startswith((f"{column}{{", f"{column}(")))
+    return next((whole for whole in wholes if whole in table.skipped), next(elements, None))
 
 
 def _nothing_mapped(table: ForeignTable, recipe: Recipe) -> InputError:
@@ -405,6 +422,7 @@ def _rows_to_keep(table: ForeignTable, recipe: Recipe, rows: int) -> IntArray:
 def _time(table: ForeignTable, recipe: Recipe, names: Sequence[str], rows: int) -> FloatArray:
     """Time of each sample, s, where no column holds it: declared, or the file's own base."""
     if recipe.period_s is not None:
+        _tell_other_period(table, names[0], recipe.period_s)
         return SampleTimes(recipe.period_s).ticks(rows)
     if (clock := table.clocks.get(names[0])) is not None:
         period = median_period(clock)
@@ -430,6 +448,19 @@ def _time(table: ForeignTable, recipe: Recipe, names: Sequence[str], rows: int) 
         f"{table.path}: time follows from the file's own period, {base.period_s:g} s"
     )
     return base.ticks(rows)
+
+
+def _tell_other_period(table: ForeignTable, name: str, period_s: float) -> None:
+    """The notice where a period that was given is not the file's own."""
+    clock, base = table.clocks.get(name), table.sampling.get(name)
+    own = None if base is None else base.period_s
+    if clock is not None and len(clock) > 1:
+        own = median_period(clock)
+    if own is not None and not math.isclose(own, period_s, rel_tol=1e-3):
+        table.notices.append(
+            f"{table.path}: its samples are {own:.6g} s apart by the file; --period {period_s:g} "
+            "is used: omit it unless the file is wrong"
+        )
 
 
 def _listing(table: ForeignTable) -> str:

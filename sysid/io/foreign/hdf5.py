@@ -20,7 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sysid.errors import input_error, shortened
-from sysid.io.bounds import MOST_COLUMNS, MOST_DEPTH, Cells, check_columns
+from sysid.io.bounds import (
+    MOST_COLUMNS,
+    MOST_DEPTH,
+    VARIABLE,
+    Cells,
+    check_columns,
+    most_cells,
+)
 from sysid.io.file_kinds import read_as
 from sysid.io.foreign.elements import gather_elements
 from sysid.io.foreign.matlab_objects import only_objects, reason
@@ -31,6 +38,10 @@ _OUTSIDE = "save the data in one file (in MATLAB: load, then save)"
 _NO_VALUE, _PACKED = (b"_FillValue", b"missing_value"), (b"scale_factor", b"add_offset")
 # Bytes of MATLAB's attributes, of its names, and of what filters add to a chunk, are fewer.
 _LONGEST_ATTRIBUTE = 1024
+# Chunks that are read at once, some 40 MB of what the library keeps for them.
+_MOST_CHUNKS = 10_000
+# A chunk takes about as long to read as so many cells do.
+_CELLS_A_CHUNK = 100
 
 
 def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
@@ -50,11 +61,11 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
         for name, node in found.wanted:
             _check_packed(path, name, node)
             if fields := _fields_of_numbers(node.dtype):
-                _add_fields(table, name, node.fields(fields)[()])
+                _add_fields(table, name, _values(node, fields))
                 if fields == ["real", "imag"]:
                     table.skip_complex(name)
             else:
-                table.add(name, _unpacked(table, name, node, np.asarray(node[()])).T)
+                table.add(name, _unpacked(table, name, node, np.asarray(_values(node))).T)
             unit = _attribute(node, b"units") or _attribute(node, b"unit")
             if isinstance(unit, str) and unit.strip():
                 _set_unit(table, name, unit.strip())
@@ -62,6 +73,34 @@ def read(path: Path, file: BinaryIO, options: ReadOptions) -> ForeignTable:
     if found.objects and not table.columns:
         raise only_objects(path, found.objects)
     return table
+
+
+def _chunks(node: Any) -> list[int]:
+    """How many chunks a data set has along each axis; none where it is in one piece."""
+    if not node.chunks:
+        return []
+    return [-(-length // chunk) for length, chunk in zip(node.shape, node.chunks, strict=True)]
+
+
+def _values(node: Any, fields: list[str] | None = None) -> Any:
+    """A data set's values, of `fields` where it holds records.
+
+    In parts along the axis of most chunks: the library keeps kilobytes for each chunk that one
+    request touches, and a data set may have a chunk for each value.
+    """
+    content = node if fields is None else node.fields(fields)
+    if not node.chunks or not node.size:
+        return content[()]
+    counts = _chunks(node)
+    axis = int(np.argmax(counts))
+    at_once = max(1, _MOST_CHUNKS * counts[axis] // math.prod(counts)) * node.chunks[axis]
+    if at_once >= node.shape[axis]:
+        return content[()]
+    whole = (slice(None),) * axis
+    parts = [
+        content[(*whole, slice(at, at + at_once))] for at in range(0, node.shape[axis], at_once)
+    ]
+    return np.concatenate(parts, axis=axis)
 
 
 def _unpacked(table: ForeignTable, name: str, node: Any, values: NDArray[Any]) -> NDArray[Any]:
@@ -127,7 +166,7 @@ class _Objects:
     _later: deque[Callable[[], None]] = field(default_factory=deque)
 
     def __post_init__(self) -> None:
-        self.cells, self._names = Cells(self.table.path), 0
+        self.cells, self._names, self._chunks = Cells(self.table.path), 0, 0
 
     def look_through(self) -> None:
         """All that the root's groups, links and references lead to."""
@@ -276,7 +315,19 @@ class _Objects:
         """InputError where a data set, or one of its chunks, is beyond the bound of cells."""
         if node.chunks is not None:  # a chunk is read whole, and may be larger than its data set
             Cells(self.table.path).add(math.prod(node.chunks), f"a chunk of data set {full}")
+            self._count_chunks(full, node)
         self.cells.add(node.size, f"data set {full}")
+
+    def _count_chunks(self, full: str, node: Any) -> None:
+        """InputError where chunks, each of which takes its time however small, are too many."""
+        self._chunks += math.prod(_chunks(node))
+        if self._chunks > (most := most_cells() // _CELLS_A_CHUNK):
+            raise input_error(
+                self.table.path,
+                f"has {self._chunks:,} chunks up to data set {full}, more than the {most:,} that "
+                "are read",
+                f"save it with larger chunks (h5py: chunks=True), or raise {VARIABLE}",
+            )
 
     def _count_records(self, full: str, node: Any, fields: list[str]) -> None:
         """InputError where the fields of a compound data set are beyond the bound of cells."""
@@ -284,6 +335,7 @@ class _Objects:
         if node.chunks is not None:
             width = _eighths(node.dtype.itemsize)
             Cells(self.table.path).add(math.prod(node.chunks) * width, f"a chunk of {full}")
+            self._count_chunks(full, node)
         width = sum(_eighths(node.dtype.fields[name][0].itemsize) for name in fields)
         self.cells.add(node.size * width, f"data set {full}")
 

@@ -32,6 +32,8 @@ _FIRST = "LabVIEW Measurement"
 _END = "***End_of_Header***"
 _TIME = "X_Value"
 _COMMENT = "Comment"
+# What X_Dimension calls time in the languages of LabVIEW.
+_OF_TIME = {"", "time", "zeit", "temps", "\u6642\u9593", "\u65f6\u95f4", "\uc2dc\uac04"}
 _SEPARATORS = {"Tab": "\t", "Comma": ",", "Semicolon": ";"}
 
 
@@ -53,6 +55,10 @@ class _Segment:
         is_time = self.names[column] == _TIME and column > 0
         stated = self.stated("Samples", column + is_time)
         return int(stated) if stated.isdecimal() else None
+
+    def dimension(self, column: int) -> str:
+        """What a column's X values are, as stated; those of a column of X its channel's."""
+        return self.stated("X_Dimension", column + (self.names[column] == _TIME))
 
     def ends_before_others(self, column: int) -> bool:
         """Whether the header states fewer samples of a column than of another."""
@@ -211,6 +217,13 @@ def _take_channels(
         columns[0] = _counted(segments, bases, 1)
     take_names(table, _called(first.names)[: len(columns)], columns)
     names = list(table.columns)
+    for index, name in enumerate(names):
+        if index != remarks and (over := first.dimension(index)).casefold() not in _OF_TIME:
+            raise input_error(
+                table.path,
+                f"{name} is over {over}, not over time (X_Dimension)",
+                "save the signal itself",
+            )
     time = 0
     for index in range(len(names)):
         ends = index > 0 and first.ends_before_others(index)

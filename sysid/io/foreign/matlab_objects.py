@@ -14,6 +14,7 @@ from sysid.errors import InputError, input_error, some_of
 # A variable, or a field of one, of a struct's or a cell's element: rec(2).T
 _PART = r"[A-Za-z]\w{0,62}(?:[({]\d{1,9}[)}])?"
 _NAME = re.compile(rf"{_PART}(?:\.{_PART})*", re.ASCII)
+_OBJECT = "a MATLAB "
 # Lines of MATLAB that save an object `{x}` as plain variables in `{file}`.
 _LINES = {
     "table": 's = table2struct({x}, "ToScalar", true); save("{file}", "-struct", "s")',
@@ -40,7 +41,13 @@ def export_lines(name: str, kind: str, path: Path) -> str:
 
 def reason(name: str, kind: str, path: Path) -> str:
     """Why such an object is no column, and how it becomes one."""
-    return f"a MATLAB {kind or 'object'} (in MATLAB: {export_lines(name, kind, path)})"
+    return f"{_OBJECT}{kind or 'object'} (in MATLAB: {export_lines(name, kind, path)})"
+
+
+def named_objects(skipped: Mapping[str, str]) -> str:
+    """The objects among what is no column, by name, and why; empty without any."""
+    found = [f"{name} is {why}" for name, why in skipped.items() if why.startswith(_OBJECT)]
+    return some_of(found, 1)
 
 
 def only_objects(path: Path, objects: Mapping[str, str]) -> InputError:
@@ -57,4 +64,4 @@ def only_objects(path: Path, objects: Mapping[str, str]) -> InputError:
     )
 
 
-__all__ = ["export_lines", "only_objects", "reason"]
+__all__ = ["export_lines", "named_objects", "only_objects", "reason"]
