@@ -180,6 +180,8 @@ def fit_friction(
         raise NotIdentifiedError(f"friction: {line}") from None
     if found.is_negative or found.impossible or against_motion(found.trials):
         line = _reversed(trials, rig, kind, estimate_inertia, cutoff_hz, found)
+        if not line and found.impossible:
+            line = _reversed_in_one(trials, rig, kind, estimate_inertia, cutoff_hz)
         found = replace(found, reversed_sign=line)
     moving = found.quality.get(MOTION)
     if moving is not None and moving.verdict != "good" and not found.reversed_sign:
@@ -249,6 +251,35 @@ def _reversed(
         f"the sign of {' or of '.join(likely)} is reversed{or_swapped}: with the other sign the "
         f'fit is good{shown}; give --map "{fix}"{or_swap}'
     )
+
+
+def _reversed_in_one(
+    trials: Sequence[Trial],
+    rig: Rig,
+    kind: str | Sequence[str | None] | None,
+    estimate_inertia: bool,
+    cutoff_hz: float | None,
+) -> str:
+    """Which channel's sign is reversed in one of several logs, if with the other sign there the fit
+    of them all is good; empty where none is."""
+    files = [t.source.removesuffix(f", test {t.label}") for t in trials]
+    if len(set(files)) < 2:
+        return ""
+    for channel in (rig.effort_channel, rig.position_channel):
+        for file in dict.fromkeys(files):
+            own = [t for t, of in zip(trials, files, strict=True) if of == file and channel in t]
+            turned = [
+                with_channels(t, **{channel: -t[channel]}) if any(t is o for o in own) else t
+                for t in trials
+            ]
+            fit = on_its_own(partial(_whole, turned, rig, kind, estimate_inertia, cutoff_hz))
+            if own and not isinstance(fit, Failure) and fit.is_beyond_doubt:
+                return (
+                    f"the sign of {rig.effort_channel} or of {rig.position_channel} is reversed in "
+                    f"{Path(file).name}: with the other sign there the fit of all logs is good; "
+                    f'convert that log with --map "{own[0].reversed_map(channel)}"'
+                )
+    return ""
 
 
 def _alike(one: FrictionResult, best: FrictionResult) -> bool:

@@ -389,7 +389,7 @@ def test_a_test_without_a_discharge_is_left_out() -> None:
 @pytest.mark.parametrize(
     ("columns", "missing"),
     [
-        ({"pressure_b_pa": 3e5}, "column pressure_a_pa is missing"),
+        ({"pressure_b_pa": 3e5}, '--map "pressure_a_pa=pressure_b_pa"'),
         ({"pressure_a_pa": 3e5, "valve_b": 0.0}, "column pump_volts is missing"),
     ],
 )
@@ -402,6 +402,24 @@ def test_a_tank_on_the_other_sides_columns_is_a_tank(
     assert bench_kind(trial, rig()) == "tank"
     (row,) = bench_identified("tank", [trial], rig())
     assert row.reason.startswith("this is a tank's discharge") and missing in row.reason
+
+
+@pytest.mark.parametrize(
+    ("columns", "of"),
+    [
+        ({"pressure_a_pa": 1e5, "theta_rad": 0.0}, "filling (a rig file with a [tank] alone)"),
+        ({"pressure_a_pa": -1e5, "pressure_b_pa": -1.0}, "discharge (a rig file with a [tank] al"),
+        ({"pressure_a_pa": 1e5}, "filling (one pressure, and a rig file with [tank])"),
+    ],
+)
+def test_of_a_tank_alone_every_log_is_a_tanks(columns: dict[str, float], of: str) -> None:
+    """By how much each of its columns rises: one that falls is of a discharge."""
+    time = np.arange(0.0, 5.0, 0.01)
+    channels = {name: 3e5 + rise * time / time[-1] for name, rise in columns.items()}
+    log = Log(Path("tank.csv"), "", (Trial("", time, channels, "tank.csv"),), (), rig())
+    assert check_log(log, rig()).answer.startswith(
+        f"tank.csv identifies nothing: this is a tank's {of}"
+    )
 
 
 @pytest.mark.parametrize("command", ["valve_a", "pump_volts"])

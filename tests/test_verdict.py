@@ -344,6 +344,17 @@ def test_a_reversed_sign_is_named_first(tests: list[Trial], rig: Rig) -> None:
     fit_friction(tests, rig).require_possible()
 
 
+def test_a_log_whose_sign_alone_is_reversed_is_named() -> None:
+    """Of three: together they show no friction, and no test says which is the odd one."""
+    tests = [dataclasses.replace(swing(phase=p), source=f"run{p}.csv") for p in (0, 1, 2)]
+    tests[1] = dataclasses.replace(
+        tests[1], channels={**tests[1].channels, "theta_rad": -tests[1]["theta_rad"]}
+    )
+    said = r"^friction: the sign of motor_torque_nm or of theta_rad is reversed in run1.csv: with"
+    with pytest.raises(NotIdentifiedError, match=said):
+        fit_friction(tests, BARE).require_possible()
+
+
 def test_the_line_that_names_a_sign_turns_it_round(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

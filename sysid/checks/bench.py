@@ -47,7 +47,7 @@ def bench_identified(kind: str, trials: Sequence[Trial], rig: Rig) -> Iterator[I
     try:
         fitted, recordings = bench_fit(kind, trials, rig)
     except (InputError, NotIdentifiedError) as error:
-        yield Identification(f"the law of {kind} tests", False, _why(kind, trials, error))
+        yield Identification(f"the law of {kind} tests", False, _why(kind, trials, rig, error))
         return
     tests = f"{len(set(recordings))} of {len(trials)} {kind} test{'s' * (len(trials) > 1)}"
     for name, estimate in fitted.items():
@@ -61,12 +61,17 @@ def filling_of_tank(valve: Iterable[Identification]) -> Iterator[Identification]
             yield replace(one, reason=f"{one.reason} (by sysid fit valve-discrete)")
 
 
-def _why(kind: str, trials: Sequence[Trial], error: Exception) -> str:
+def _why(kind: str, trials: Sequence[Trial], rig: Rig, error: Exception) -> str:
     """Why tests give no law; of a tank without a command also what the log is."""
     commands = {"pump_volts", _VALVE}
     if kind != TANK or any(commands & {*t.channels, *t.unusable} for t in trials):
         return str(error)
-    return f"this is a tank's discharge (one pressure, and a rig file with [tank]): {error}"
+    logged = [t[name] for t in trials for name in CHAMBER_PRESSURES if name in t]
+    is_filled = bool(logged) and all(pressure[-1] > pressure[0] for pressure in logged)
+    of = "one pressure, and a rig file with [tank]"
+    if not all(is_of_one_pressure(t, rig) for t in trials):
+        of = "a rig file with a [tank] alone"
+    return f"this is a tank's {'filling' if is_filled else 'discharge'} ({of}): {error}"
 
 
 __all__ = [

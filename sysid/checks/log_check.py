@@ -378,7 +378,9 @@ def _kind_in(trial: Trial, rig: Rig, declared: str | None, header: PlayedHeader 
         return declared
     if declared == VALVE_TESTS and rig.is_tank_alone:  # by its columns the same as a discharge
         return declared
-    found = bench_kind(trial, rig) or kind_of(trial, rig) or "nothing commanded"
+    # Of a tank alone no other test is made, whatever else the log holds.
+    nothing = TANK if rig.is_tank_alone else "nothing commanded"
+    found = bench_kind(trial, rig) or kind_of(trial, rig) or nothing
     by_motor = header is not None and header.kind == BY_MOTOR and found in FRICTION_TRIALS
     return BY_MOTOR if by_motor else found
 

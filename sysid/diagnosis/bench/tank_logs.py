@@ -177,6 +177,12 @@ def _earlier(trial: Trial, command: str, first: int) -> int:
 def _command(trial: Trial) -> str:
     """The channel that is 0 from the start of the discharge on. Raises InputError without one."""
     used = [name for name in _PUMPS if name in trial.unusable]
+    if "pressure_a_pa" not in {*trial.channels, *trial.unusable} and "pressure_b_pa" in trial:
+        raise input_error(
+            trial.source,
+            "column pressure_a_pa is missing, which a tank test needs; the log has pressure_b_pa",
+            'map that: --map "pressure_a_pa=pressure_b_pa"',
+        )
     trial.require(("pressure_a_pa", *used), "which a tank test needs")
     command = next((name for name in _PUMPS if name in trial), None)
     if command is None:

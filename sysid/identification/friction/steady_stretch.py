@@ -301,8 +301,8 @@ def _use(trial: Recording, inertia: float | None) -> TrialUse:
     use.values = balance
     if balance["friction"] * balance["speed"] <= 0.0:
         use.exclude(
-            "its effort does not drive its motion: a pressure or the effort is wrong, or a load is "
-            "missing from the rig file"
+            "its effort does not drive its motion: the sign of the effort or of the position is "
+            "reversed, a pressure or the effort is wrong, or a load is missing from the rig file"
         )
         return use
     if not stretch.steady and inertia is not None:
