@@ -164,6 +164,19 @@ def test_unknown_columns_are_named(frame: pd.DataFrame, rig: Rig, tmp_path: Path
     assert any("humidity" in n for n in log.notices)
 
 
+def test_a_slower_column_and_a_row_of_units_are_said(
+    frame: pd.DataFrame, rig: Rig, tmp_path: Path
+) -> None:
+    slower = frame.assign(motor_torque_nm=frame["motor_torque_nm"].where(frame.index % 5 == 0))
+    for name, place in (("run.csv", "line 3"), ("run.parquet", "row 2")):
+        said = rf"{name}, {place}: motor_torque_nm .* in 320 of 400 rows.*`sysid convert` fills in"
+        with pytest.raises(InputError, match=said):
+            read(slower, rig, tmp_path, name=name)
+    units = dict(zip(frame, ["s", "Pa", "Pa", "rad", "Nm"], strict=True))
+    with pytest.raises(InputError, match=r"line 2: .* = 's' is not a number; delete this row of"):
+        read(pd.concat([pd.DataFrame([units]), frame]), rig, tmp_path)
+
+
 def test_a_lost_sample_is_a_gap_not_mixed_sampling(
     frame: pd.DataFrame, rig: Rig, tmp_path: Path
 ) -> None:

@@ -240,6 +240,14 @@ def test_settings_of_numbers_right_above_the_rows(tmp_path: Path) -> None:
         expect(tmp_path)
 
 
+def test_short_tests_each_under_names_and_units(tmp_path: Path) -> None:
+    """As many lines of words as rows: the rows, not the majority, show what is a number."""
+    lines = rows().splitlines()
+    parts = ["\n".join(lines[at : at + 2]) for at in (0, 2, 4)]
+    report = read(tmp_path, "".join(f"t,pos,u\ns,mm,N\n{part}\n\n" for part in parts), *BY_NAME)
+    assert report.tests == ("1", "2", "3") and report.rows == 6
+
+
 def test_settings_beside_the_rows(tmp_path: Path) -> None:
     """Tektronix: the first rows have a setting and its value in columns of their own."""
     lines = rows().splitlines()

@@ -129,10 +129,17 @@ class LogTable:
             bad = np.flatnonzero(converted.isna().to_numpy() & values.notna().to_numpy())
             if bad.size:
                 text = str(values.iloc[bad[0]])
+                fix = "fix the cell (decimal point, no units, no thousands separator)"
+                first = pd.to_numeric(self.frame.iloc[0], errors="coerce")
+                if bad[0] == 0 and len(values) > 1 and first.isna().all():
+                    fix = (
+                        "delete this row of units, if they are those of the columns' names; else "
+                        "import the file with `sysid convert`"
+                    )
                 raise input_error(
                     f"{self.path}, {self.place(int(bad[0]))}",
                     f"{column} = {text[:40]!r} is not a number",
-                    "fix the cell (decimal point, no units, no thousands separator)",
+                    fix,
                 )
             values = converted
         array = np.asarray(values.to_numpy(dtype=np.float64, na_value=np.nan))
@@ -176,8 +183,16 @@ class LogTable:
                 )
         if array is not None and np.isinf(array[row]):
             return input_error(where, f"{column} is infinite", "delete the row or fix the value")
+        what, count = f"{column} is empty or not a number (NaN)", 0
+        if array is not None and (count := int(np.count_nonzero(np.isnan(array)))) > 1:
+            what += f" in {count} of {len(array)} rows, the first of them here"
+        if not 1 < count < len(self.frame) - 1:
+            return input_error(where, what, "delete the row or fill in the value")
         return input_error(
-            where, f"{column} is empty or not a number (NaN)", "delete the row or fill in the value"
+            where,
+            what,
+            "delete the rows or fill in the values; those of a channel that is slower than the "
+            "others `sysid convert` fills in",
         )
 
 

@@ -149,10 +149,13 @@ def _scored(lines: Sequence[str], layout: Layout) -> tuple[tuple[float, bool], L
     last = sum(bool(row[-1]) for row, _ in usual)
     ends_empty = width > 1 and last <= (len(usual) >= 20)
     fields = width - ends_empty
+    # Of short tests, headings and rows of units may be as many lines as rows are.
+    counted = [one for one in usual if any(one[1])]
     numeric = frozenset(
         column
         for column in range(fields)
-        if 2 * sum(is_n[column] for _, is_n in usual) > sum(bool(row[column]) for row, _ in usual)
+        if 2 * sum(is_n[column] for _, is_n in counted)
+        > sum(bool(row[column]) for row, _ in counted)
     )
     blank = frozenset(
         c for c in range(fields) if 2 * sum(bool(r[c]) for r, _ in usual) < len(usual)
