@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from pwm_campaign import ATMOSPHERE, KRT, VALVE_A, VALVE_B, VOLUME, Valve, campaign
 
 from sysid.errors import NotIdentifiedError
-from sysid.surfaces.averaged import AveragedLaw, sampled_period
+from sysid.surfaces.averaged import AveragedLaw, PulseFlows, sampled_period
 from sysid.surfaces.averaged_fit import AveragedFit, Conditions, MeanFlows, fit_averaged
 from sysid.surfaces.domain import Domain
 from sysid.types import FloatArray
@@ -119,6 +121,44 @@ def test_without_ripple_a_pulse_passes_the_flow() -> None:
             flows.mean(share), law().flow(duty, pressure), rtol=1e-7, atol=1e-13
         )
         assert (flows.open >= 0.0).all() and (flows.closed <= 0.0).all()
+
+
+@pytest.mark.parametrize("kind", ["thesis", "series", "iso6358"])
+def test_the_flow_between_lines_is_the_law_s(kind: str) -> None:
+    """With what does not depend on the pressure found ahead, to the last digit."""
+    known = (4e-6, 8e-9) if kind == "series" else None
+    conditions = Conditions(3.0e5, 1.0e5, 5e-3, by_iso=kind == "iso6358", valve_alone=known)
+    numbers = [3e-9, 2e-9, 0.3, 0.4] if kind == "iso6358" else [7.8e-4, 3.5e-4, 1.5e-6, 3.7e-9]
+    one = conditions.law(np.array([*numbers, 3e-4]))
+    pressure, share = np.linspace(0.9e5, 3.1e5, 111), np.linspace(0.0, 1.0, 111)
+    found = one.between((np.full(111, 3.0e5), 1.0e5))(share, pressure)
+    wanted = share * one.open_flow(pressure) + (1.0 - share) * one.closed_flow(pressure)
+    np.testing.assert_array_equal(found, wanted)
+
+
+def test_samples_within_a_period_are_placed_once_for_all_flows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Eight of the ten points of a Jacobian move the flows alone."""
+    few = flows(VALVE_A, 0.16)
+    size = len(few.flow)
+    few = replace(few, centre=np.full(size, 0.3), phases=np.full(size, 5, dtype=np.intp))
+    counts = {"placed": 0, "evaluated": 0}
+
+    def placed(*given: Any) -> tuple[FloatArray, FloatArray]:
+        counts["placed"] += 1
+        return sampled_period(*given)
+
+    pulse = AveragedLaw.mean_pulse
+
+    def evaluated(*given: Any) -> PulseFlows:
+        counts["evaluated"] += 1
+        return pulse(*given)
+
+    monkeypatch.setattr("sysid.surfaces.averaged_fit.sampled_period", placed)
+    monkeypatch.setattr(AveragedLaw, "mean_pulse", evaluated)
+    fit_averaged(few, Conditions(VALVE_A.supply, ATMOSPHERE, VALVE_A.period))
+    assert counts["placed"] <= 0.45 * counts["evaluated"]
 
 
 def stepped(share: float, start: float, per_flow: float, steps: int = 20_000) -> FloatArray:

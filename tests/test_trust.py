@@ -136,6 +136,14 @@ def test_stick_slip_is_no_jump(period: float, count: float) -> None:
     assert over_two_steps(t, position, Resolution(count, True)) == []
 
 
+def test_a_held_position_is_not_searched_for_jumps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As every test of a valve is: hundreds in a log."""
+    monkeypatch.setattr("sysid.io.trust.jumps._around", None)
+    t, position = 1e-3 * np.arange(500), np.full(500, 0.3)
+    assert without_jumps(t, position, Resolution(COUNT, True))[1] == []
+    assert over_two_steps(t, position, Resolution(COUNT, True)) == []
+
+
 @pytest.mark.parametrize("first", [0.5, 0.2])
 def test_a_jump_over_two_rows_is_named_and_nothing_is_changed(first: float, tmp_path: Path) -> None:
     frame = jumped(jumped(axis_frame(), 5000, first * 0.0137), 5001, (1 - first) * 0.0137)

@@ -7,6 +7,8 @@ Kinds and units as in `base`. Which law a direction obeys is part of a model's s
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from sysid.plant import base
 from sysid.plant.base import LEAST_DIVISOR, Array, ValveParameters, array_namespace
 from sysid.plant.flow_control import series_exhaust_boundary, series_filling_boundary
@@ -85,6 +87,44 @@ def exhaust_flow(
     return base.exhaust_flow(pressure, atmosphere, valve.choked_dis, valve.c_dis, choked)
 
 
+def filling_from(
+    valve: ValveParameters,
+    supply: Array,
+    supply_reference: Array,
+    temperature: Array = ANR_TEMPERATURE,
+) -> Callable[[Array], Array]:
+    """`filling_flow` from a supply that stays, of the pressure alone."""
+    if obeys_iso(valve, "fill"):
+        numbers = iso_numbers(valve, "fill")
+        return lambda pressure: iso6358_flow(supply, pressure, *numbers, temperature)
+    xp = array_namespace(supply, valve.choked_fill)
+    boundary = filling_boundary(valve, supply)
+    choked = valve.choked_fill * (supply / supply_reference)
+
+    def flow(pressure: Array) -> Array:
+        free = base.unchoked_filling_flow(pressure, supply, valve.c_fill)
+        return xp.where(pressure <= boundary, choked, free)
+
+    return flow
+
+
+def exhaust_to(
+    valve: ValveParameters, atmosphere: Array, temperature: Array = ANR_TEMPERATURE
+) -> Callable[[Array], Array]:
+    """`exhaust_flow` to a line whose pressure stays, of the chamber's pressure alone."""
+    if obeys_iso(valve, "dis"):
+        numbers = iso_numbers(valve, "dis")
+        return lambda pressure: iso6358_flow(atmosphere, pressure, *numbers, temperature)
+    xp = array_namespace(atmosphere, valve.choked_dis)
+    boundary, choked = exhaust_boundary(valve, atmosphere), -valve.choked_dis
+
+    def flow(pressure: Array) -> Array:
+        free = base.unchoked_exhaust_flow(pressure, atmosphere, valve.c_dis)
+        return xp.where(pressure >= boundary, choked, free)
+
+    return flow
+
+
 def root_coefficient(
     valve: ValveParameters,
     way: str,
@@ -111,8 +151,10 @@ def root_coefficient(
 __all__ = [
     "exhaust_boundary",
     "exhaust_flow",
+    "exhaust_to",
     "filling_boundary",
     "filling_flow",
+    "filling_from",
     "iso_numbers",
     "obeys_iso",
     "root_coefficient",

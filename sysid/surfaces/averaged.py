@@ -170,14 +170,21 @@ class AveragedLaw:
         share = self.open_share(duty)
         return share * self.open_flow(pressure) + (1.0 - share) * self.closed_flow(pressure)
 
-    def flow_of_share(self, share: Array, pressure: Array, lines: tuple[Array, Array]) -> Array:
-        """Flow, kg/s, of a valve open for that share of a time in which the pressure stays.
+    def between(self, lines: tuple[Array, Array]) -> Callable[[Array, Array], Array]:
+        """Flow, kg/s, by the share of a time that the valve is open in and the pressure then, Pa.
 
-        `lines`: the supply's and the exhaust's pressure, Pa.
+        `lines`: the supply's and the exhaust's pressure, Pa, which stay.
         """
         supply, exhaust = lines
-        opened, closed = self._filling(pressure, supply), self._exhausting(pressure, exhaust)
-        return share * opened + (1.0 - share) * closed
+        filling = valve_laws.filling_from(
+            self.valve, supply, self.supply_reference, temperature=self.temperature
+        )
+        exhausting = valve_laws.exhaust_to(self.valve, exhaust, temperature=self.temperature)
+
+        def flow(share: Array, pressure: Array) -> Array:
+            return share * filling(pressure) + (1.0 - share) * exhausting(pressure)
+
+        return flow
 
     fill = flow
     discharge = flow
@@ -196,7 +203,7 @@ class AveragedLaw:
         found = self._at_once(share, pressure, lines)
         for _ in range(_RIPPLE_STEPS):
             drift = per_flow * self.period * found.mean(share) + swept
-            ripple = self._ripple(found, share, per_flow)
+            ripple = _ripple(found, per_flow * self.period * share * (1.0 - share))
             found = self._over_ripple(_drifted(pressure, drift, share), ripple, lines)
         return found
 
@@ -220,9 +227,10 @@ class AveragedLaw:
         # By how much the closed valve's part of the period lags.
         lag = lead * share / xp.maximum(1.0 - share, LEAST_DIVISOR)
         found = self._at_once(share, pressure, lines)
+        pace = per_flow * self.period
+        swing = pace * share * (1.0 - share)
         for _ in range(_RIPPLE_STEPS):
-            drift = per_flow * self.period * found.mean(share)
-            ripple = self._ripple(found, share, per_flow)
+            drift, ripple = pace * found.mean(share), _ripple(found, swing)
             trough = pressure - ripple * (found.middle(share) + high)
             found = self._over_ripple((trough + lead * drift, trough - lag * drift), ripple, lines)
         return found
@@ -253,13 +261,6 @@ class AveragedLaw:
             (none, none),
             (none, none),
         )
-
-    def _ripple(self, flows: PulseFlows, share: Array, per_flow: Array) -> Array:
-        """Peak to peak, Pa."""
-        xp = array_namespace(share, per_flow)
-        ripple = per_flow * self.period * share * (1.0 - share) * (flows.open - flows.closed)
-        # Pa: a smaller ripple is neglected.
-        return xp.maximum(ripple, 1e-6)
 
     def _over_ripple(
         self, troughs: tuple[Array, Array], ripple: Array, lines: tuple[Array, Array]
@@ -310,6 +311,12 @@ class AveragedLaw:
         closed = self.closed_flow(pressure)
         span = xp.maximum(self.open_flow(pressure) - closed, LEAST_DIVISOR)
         return self.duty_of_share(xp.clip((flow - closed) / span, 0.0, 1.0))
+
+
+def _ripple(flows: PulseFlows, swing: Array) -> Array:
+    """Peak to peak, Pa; `swing`: that of a difference of 1 kg/s between the two flows."""
+    # Pa: a smaller ripple is neglected.
+    return array_namespace(swing).maximum(swing * (flows.open - flows.closed), 1e-6)
 
 
 def _drifted(trough: Array, drift: Array, share: Array) -> tuple[Array, Array]:
@@ -365,9 +372,10 @@ def _over_boundary(part: Array, choked: Array, free: Array) -> tuple[Array, Arra
     The ramp is the steeper the larger the flow: the mean in time is the harmonic one in pressure.
     """
     xp = array_namespace(part, choked)
-    weighted = part * free + (1.0 - part) * choked
+    own = part * free
+    weighted = own + (1.0 - part) * choked
     weighted = xp.where(weighted == 0.0, 1.0, weighted)
-    return choked * free / weighted, part * free / weighted
+    return choked * free / weighted, own / weighted
 
 
 __all__ = ["AveragedLaw", "PulseFlows", "sampled_period"]

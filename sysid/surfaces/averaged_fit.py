@@ -287,10 +287,10 @@ def law_without(fit: AveragedFit, flows: MeanFlows, left_out: NDArray[np.bool_])
 
 def _residuals(flows: MeanFlows, conditions: Conditions, bend: Bend) -> Residuals:
     """Weighted residuals (n,) of the samples by the law of parameter values (5,)."""
-    error = _errors(flows, bend)
+    error, pulses = _errors(flows, bend), _Pulses(flows)
 
     def residuals(values: FloatArray) -> FloatArray:
-        found = _mean_flow(values, flows, conditions) + bend.level
+        found = _mean_flow(values, flows, conditions, pulses) + bend.level
         return np.asarray((found - flows.flow) / error)
 
     return residuals
@@ -303,12 +303,38 @@ def _errors(flows: MeanFlows, bend: Bend) -> FloatArray:
     return np.asarray(np.sqrt(known**2 + least**2 + bend.error**2))
 
 
-def _mean_flow(values: FloatArray, flows: MeanFlows, conditions: Conditions) -> FloatArray:
-    """Flow (n,) by the law of parameter values (5,), over each sample's ripple."""
+class _Pulses:
+    """The samples' open shares, and what their few places in a period make of these.
+
+    Only the delays' difference moves them: those of the last one are kept, since most of a Jacobian
+    is of the flows.
+    """
+
+    def __init__(self, flows: MeanFlows) -> None:
+        self._flows = flows
+        self._difference = math.nan
+        self._share = np.empty(0)
+        self._sampled = self._share, self._share
+
+    def under(self, law: AveragedLaw) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+        """Share (n,) of the period in which a law's valve is open; `MeanFlows.sampled` of it."""
+        if law.off_delay != self._difference:
+            self._difference = law.off_delay
+            self._share = law.open_share(self._flows.duty)
+            self._sampled = self._flows.sampled(self._share)
+        return self._share, self._sampled
+
+
+def _mean_flow(
+    values: FloatArray, flows: MeanFlows, conditions: Conditions, pulses: _Pulses | None = None
+) -> FloatArray:
+    """Flow (n,) by the law of parameter values (5,), over each sample's ripple.
+
+    `pulses`: of samples of these duties, as from call to call.
+    """
     law = conditions.law(values)
-    share = law.open_share(flows.duty)
+    share, sampled = (pulses or _Pulses(flows)).under(law)
     lines = flows.supply, conditions.atmosphere
-    sampled = flows.sampled(share)
     pulse = law.mean_pulse(share, flows.pressure, lines, flows.per_flow, sampled)
     return np.asarray(pulse.mean(share))
 
@@ -321,11 +347,11 @@ def _bend(values: FloatArray, flows: MeanFlows, conditions: Conditions, before: 
     they would settle beyond it otherwise.
     """
     assert flows.windows is not None
-    law = conditions.law(values)
-    share = law.open_share(flows.duty)
+    law, pulses = conditions.law(values), _Pulses(flows)
+    share, _ = pulses.under(law)
 
     def by_law(pressure: FloatArray) -> FloatArray:
-        return _mean_flow(values, replace(flows, pressure=pressure), conditions)
+        return _mean_flow(values, replace(flows, pressure=pressure), conditions, pulses)
 
     missed = flows.flow - by_law(flows.pressure) - before.level
     chamber = flows.supply, flows.per_flow, missed

@@ -7,7 +7,7 @@ come out: the chamber is simulated over the window, pulse by pulse, and what its
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 
@@ -119,16 +119,22 @@ def _course(
     step = period / parts
     course = np.zeros((int(windows.rows[0]), len(share)))
     course[0] = pressure = windows.start
-    begun = _opened(windows.row * period / pwm, share, centre)
+    before, opens = windows.row.astype(float), centre - 0.5 * share
+    begun = _opened(before * period / pwm, share, opens)
+    # How many windows, the longest first, have each row.
+    counts = np.searchsorted(-windows.rows, -np.arange(len(course)), side="left").tolist()
+    n = -1
     for row in range(1, len(course)):
-        n = int(np.count_nonzero(windows.rows > row))
-        pressure, begun = pressure[:n], begun[:n]
-        own = tuple(column[:n] for column in chamber)
+        if n != counts[row]:
+            n = counts[row]
+            pressure, begun, before = pressure[:n], begun[:n], before[:n]
+            share, opens = share[:n], opens[:n]
+            supply, per_flow, added = (column[:n] for column in chamber)
+            flow_between = law.between((supply, law.atmosphere))
         for part in range(1, parts + 1):
-            at = (windows.row[:n] + row - 1) * period + part * step
-            until = _opened(at / pwm, share[:n], centre[:n])
+            until = _opened(((before + (row - 1)) * period + part * step) / pwm, share, opens)
             # The valve moves within a step: it is open for a part of it.
-            rates = partial(_rates, law, (until - begun) * pwm / step, own)
+            rates = partial(_rates, flow_between, (until - begun) * pwm / step, per_flow, added)
             (pressure,) = heun([pressure], rates([pressure]), rates, step)
             begun = until
         course[row, :n] = pressure
@@ -136,16 +142,22 @@ def _course(
 
 
 def _rates(
-    law: AveragedLaw, share: FloatArray, chamber: Chamber, state: Sequence[Array]
+    flow_between: Callable[[Array, Array], Array],
+    share: FloatArray,
+    per_flow: FloatArray,
+    added: FloatArray,
+    state: Sequence[Array],
 ) -> list[Array]:
     """dP/dt (n,), Pa/s, of held chambers at the pressures in `state`."""
-    supply, per_flow, added = chamber
-    return [per_flow * (law.flow_of_share(share, state[0], (supply, law.atmosphere)) + added)]
+    return [per_flow * (flow_between(share, state[0]) + added)]
 
 
-def _opened(turns: Array, share: FloatArray, centre: FloatArray) -> FloatArray:
-    """For how many PWM periods, of so many turns since a test's first row, the valve was open."""
-    since = turns - (centre - 0.5 * share)
+def _opened(turns: Array, share: FloatArray, opens: FloatArray) -> FloatArray:
+    """For how many PWM periods, of so many turns since a test's first row, the valve was open.
+
+    `opens`: after how many turns it first does.
+    """
+    since = turns - opens
     whole = np.floor(since)
     return np.asarray(whole * share + np.minimum(since - whole, share))
 

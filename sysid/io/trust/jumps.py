@@ -151,6 +151,8 @@ def over_two_steps(time: FloatArray, position: FloatArray, resolution: Resolutio
     `without_jumps` leaves them, for a slip may take as long; none where there are more than a few.
     """
     found: list[Jump] = []
+    if np.all(position == position[:1]):  # held
+        return found
     joined = position.copy()
     while len(found) <= _MOST_JUMPS:
         around = _around(time, joined, 1, spread=True)
