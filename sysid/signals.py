@@ -159,7 +159,10 @@ def is_even(time: FloatArray, grid: FloatArray) -> bool:
 def pauses(time: FloatArray) -> NDArray[np.intp]:
     """Rows (k,) of times (n,) s after which the recording pauses: no sample for three periods."""
     steps = np.diff(time)
-    return np.flatnonzero(steps > PAUSE * np.median(steps)) if len(steps) else np.zeros(0, int)
+    # Most recordings have none, which needs no median.
+    if not len(steps) or steps.max() <= PAUSE * steps.min():
+        return np.zeros(0, np.intp)
+    return np.flatnonzero(steps > PAUSE * np.median(steps))
 
 
 def in_pauses(time: FloatArray, grid: FloatArray) -> NDArray[np.bool_]:

@@ -237,3 +237,17 @@ def test_a_slow_stretch_is_longer_than_a_reversal() -> None:
     speed[10:13] = speed[30:40] = 0.0
     found = np.flatnonzero(signals.slow_stretches(speed, 0.1, 5))
     np.testing.assert_array_equal(found, np.arange(30, 40))
+
+
+def test_pauses_are_three_periods_and_need_no_median_without_any(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    random = np.random.default_rng(3)
+    for spread, gap in ((0.0, 2.9), (0.3, 3.5), (2.0, 0.0), (0.0, 4.0)):
+        steps = 1.0 + spread * (random.random(200) - 0.5)
+        steps[70] += gap
+        time = np.concatenate(([0.0], np.cumsum(steps)))
+        wanted = np.flatnonzero(np.diff(time) > signals.PAUSE * np.median(np.diff(time)))
+        np.testing.assert_array_equal(signals.pauses(time), wanted)
+    monkeypatch.setattr(np, "median", None)
+    assert signals.pauses(1e-3 * np.arange(1000)).size == 0

@@ -644,7 +644,7 @@ def check_time_column(reading: LogReading, groups: list[tuple[str, Rows]]) -> No
             raise _time_error(reading, rows, int(bad[0]), name)
         periods.append(float(np.median(steps)))
         every.append(steps)
-        _check_mixed(reading, rows, steps, name)
+        _check_mixed(reading, rows, steps, periods[-1], name)
     period, column = float(np.median(periods)), reading.origin["time_s"]
     mean = float(np.median([steps.mean() for steps in every]))
     wrong = plausibility.check_sampling(reading.where, column, period, reading.rig, mean)
@@ -705,9 +705,10 @@ def _time_error(reading: LogReading, rows: Rows, index: int, name: str) -> Input
     return input_error(where, f"{what}: rows are out of order", fix)
 
 
-def _check_mixed(reading: LogReading, rows: Rows, steps: FloatArray, name: str) -> None:
+def _check_mixed(
+    reading: LogReading, rows: Rows, steps: FloatArray, median: float, name: str
+) -> None:
     """Two sampling periods in one test (single lost samples are gaps, not this)."""
-    median = float(np.median(steps))
     other = (steps >= _DRIFT * median) | (steps <= median / _DRIFT)
     if np.count_nonzero(other) < _MIXED_RUN:
         return
@@ -823,8 +824,9 @@ def trial_of(reading: LogReading, label: str, rows: Rows, starts: Mapping[str, f
     channels = {n: v for n, v in channels.items() if not np.isnan(v).all()}
     time = reading.columns["time_s"][rows]
     said = measured_period(reading.table.comments)
-    period = float(np.median(np.diff(time)))
-    slow = {n: stride * period for n, stride in reading.strides.items() if n in channels}
+    strides = {n: stride for n, stride in reading.strides.items() if n in channels}
+    period = float(np.median(np.diff(time))) if strides else 0.0
+    slow = {n: stride * period for n, stride in strides.items()}
     position = reading.rig.position_channel
     return Trial(
         label,

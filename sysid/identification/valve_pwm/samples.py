@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -263,6 +263,8 @@ def _line_while_open(
     Over all of its rows where the place of the pulses (`centre`, as in `FlowSamples.sampling`) is
     not known, or where no row is at one.
     """
+    if not test.line.any():  # no supply was logged
+        return np.zeros(len(row))
     opened = np.ones(len(test.line))
     if math.isfinite(centre):
         turns = np.arange(len(opened)) * (test.period / rig.require("pwm", "pulses").period_s)
@@ -339,6 +341,7 @@ class _PulseMean:
             return math.nan
         return float(-np.angle(1j * found) / (2.0 * np.pi)) % 1.0
 
+    @cached_property
     def rates(self) -> FloatArray:
         """dP/dt, (m,) Pa/s, over two blocks around each mean."""
         n, b = len(self.values), self.block
@@ -350,7 +353,7 @@ class _PulseMean:
         """Highest |dP/dt|, Pa/s."""
         if len(self.values) < 2 or not self.usable.any():
             return 0.0
-        return float(np.max(np.abs(self.rates()[self.usable])))
+        return float(np.max(np.abs(self.rates[self.usable])))
 
 
 def _sampling(
@@ -415,7 +418,7 @@ def _windows(
     longest = max(round(_LONGEST_WINDOW * pwm_period / test.period), shortest)
     travel = TRAVEL_SHARE * abs(test.supply - air.atmospheric_pressure_pa)
     with np.errstate(divide="ignore"):
-        wanted = travel / (np.abs(mean.rates()) * test.period)
+        wanted = travel / (np.abs(mean.rates) * test.period)
     passed = np.cumsum(1.0 / np.clip(wanted, shortest, longest))
     begins, ends = [], []
     for start, stop in _stretches(test, mean, air):
