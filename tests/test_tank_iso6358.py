@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -118,6 +119,22 @@ def test_a_wall_of_any_conductance_needs_no_short_steps() -> None:
         ends.append(np.array([np.interp(float(scale), times, own) for own in pressure.T]))
     assert np.abs(ends[0] / ends[1] - 1.0).max() < 2e-4
     assert np.all(np.diff(ends[1]) > 0.0)  # the colder gas has the lower pressure
+
+
+def test_a_law_that_no_vessel_has_warns_of_nothing() -> None:
+    """A search tries any: of a flow of tons a second exponentials overflow."""
+    from sysid.plant.ports import Model
+
+    part = tank(drawn("iso", 205).trials, drawn("iso", 205).rig)
+    one = np.ones(2)
+    law = Iso6358(1e8 * one, 0.3 * one, 0.5 * one, np.array([1.0, 0.0]))
+    vast = part.base_parameters.replace(c_dis_a=1e5, choked_dis_a=1e5)
+    times = grid(5.0, 0.01, 0.05, 1.06)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for tried in (law, None):
+            course = simulated(6e5 * one, times, Model(vast), tried)
+            assert np.all(course.pressures < 61e5)
 
 
 def test_a_relaxing_step_is_of_fourth_order_and_exact_where_only_it_relaxes() -> None:
