@@ -177,6 +177,18 @@ def test_a_slower_column_and_a_row_of_units_are_said(
         read(pd.concat([pd.DataFrame([units]), frame]), rig, tmp_path)
 
 
+def test_lines_above_the_columns_are_said(frame: pd.DataFrame, rig: Rig, tmp_path: Path) -> None:
+    """As many cells as the table has, or fewer: a scope's."""
+    path = tmp_path / "run.csv"
+    table = frame.to_csv(index=False)
+    path.write_text(f"Operator,Meier,,,\nDate,2024-05-06,,,\n{table}")
+    with pytest.raises(InputError, match="line 3: the columns' names are below other lines"):
+        read_log(path, rig)
+    path.write_text("Model,MSO24\nVersion,2.0.3\nUnits,V,V\nTIME,CH1,CH2\n0,1,2\n")
+    with pytest.raises(InputError, match=r"line 3: 3 fields under 2 .*with `sysid convert`"):
+        read_log(path, rig)
+
+
 def test_a_lost_sample_is_a_gap_not_mixed_sampling(
     frame: pd.DataFrame, rig: Rig, tmp_path: Path
 ) -> None:

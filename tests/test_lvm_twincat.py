@@ -214,6 +214,8 @@ def test_lvm_damaged(tmp_path: Path, row: int, cells: list[str], what: str) -> N
 def test_lvm_without_rows(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has a header but no rows"):
         read(tmp_path, lvm_head("No") + lvm_segment("No", []))
+    with pytest.raises(InputError, match="has a header but no rows"):
+        read(tmp_path, lvm_head("No"))
     with pytest.raises(InputError, match="names are missing below the header"):
         text = lvm_head("No") + lvm_segment("No", []).replace("X_Value\tpos\tforce\tComment\n", "")
         read(tmp_path, text)

@@ -406,8 +406,10 @@ def _read_csv(path: Path, raw: bytes, wanted: Collection[str], text: Collection[
     header = _distinguished(header)
     used = _chosen(header, wanted)
     text = _chosen(header, text)
+    if not used:
+        _reject_preamble(path, body, wanted)
     check_rectangle(path, max(body.count(b"\n"), body.count(b"\r")), len(header))
-    _check_first_row(path, body, header)
+    _check_first_row(path, body, header, is_log=bool(used))
     try:
         frame = pd.read_csv(
             io.BytesIO(body),
@@ -429,7 +431,7 @@ def _read_csv(path: Path, raw: bytes, wanted: Collection[str], text: Collection[
     above = body.split(b"\n", header_line - 1)[: header_line - 1]
     comments = tuple(line.decode("utf-8").strip("# \r") for line in above)
     table = LogTable(path, digest, header, frame, body, header_line, comments)
-    _reject_surplus(table)
+    _reject_surplus(table, is_log=bool(used))
     _reject_cut_off(table)
     return table
 
@@ -494,7 +496,23 @@ def _reject_doubled(
         )
 
 
-def _check_first_row(path: Path, body: bytes, header: tuple[str, ...]) -> None:
+# Where the first line names no column of a log, the file is no damaged log.
+_IMPORT = "import the file with `sysid convert`, which passes over lines above a table"
+
+
+def _reject_preamble(path: Path, body: bytes, wanted: Collection[str]) -> None:
+    """InputError where columns that are wanted are named below the first line."""
+    for number, line in _data_lines(body[:200_000])[:1000]:
+        cells = {cell.strip() for cell in next(csv.reader([line]), [])}
+        if "time_s" in cells and len(cells.intersection(wanted)) > 1:
+            raise input_error(
+                f"{path}, line {number}",
+                "the columns' names are below other lines",
+                "delete the lines above, or begin them with #",
+            )
+
+
+def _check_first_row(path: Path, body: bytes, header: tuple[str, ...], *, is_log: bool) -> None:
     rows = _data_lines(body[:200_000]) or _data_lines(body)
     if not rows:
         raise input_error(path, "has a header but no samples", "record the log again")
@@ -505,11 +523,13 @@ def _check_first_row(path: Path, body: bytes, header: tuple[str, ...]) -> None:
         raise input_error(
             f"{path}, line {number}",
             f"{fields} fields under {len(header)} column names",
-            "make header and rows agree (a comma too many at the end of the lines?)",
+            "make header and rows agree (a comma too many at the end of the lines?)"
+            if is_log
+            else _IMPORT,
         )
 
 
-def _reject_surplus(table: LogTable) -> None:
+def _reject_surplus(table: LogTable, *, is_log: bool) -> None:
     """Fields beyond the header's, which pandas drops silently."""
     body, header = table.body or b"", table.header
     # Counting commas is quick and decides every file that quotes nothing.
@@ -523,7 +543,9 @@ def _reject_surplus(table: LogTable) -> None:
             raise input_error(
                 f"{table.path}, line {number}",
                 f"{fields} fields under {len(header)} column names",
-                "delete the surplus fields (a decimal comma, or two lines run together?)",
+                "delete the surplus fields (a decimal comma, or two lines run together?)"
+                if is_log
+                else _IMPORT,
             )
 
 

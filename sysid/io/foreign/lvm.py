@@ -68,10 +68,12 @@ class _Segment:
 
 
 def is_format(lines: Sequence[str]) -> bool:
-    """Whether the lines are those of such a file, with both headers."""
+    """Whether the lines are those of such a file, with both headers, or nothing below the first."""
     if not lines or not lines[0].startswith(_FIRST):
         return False
     ends = [index for index, line in enumerate(lines) if line.startswith(_END)]
+    if len(ends) == 1 and not any(map(str.strip, lines[ends[0] + 1 :])):
+        return True
     return len(ends) > 1 and any(line.startswith("Channels") for line in lines[: ends[1]])
 
 
