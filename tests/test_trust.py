@@ -262,6 +262,32 @@ def test_a_counter_of_any_range_is_followed(
     is_near(result)
 
 
+@pytest.mark.parametrize("row", [1, 2, 3])
+def test_a_jump_in_the_first_rows_is_joined_on(row: int, tmp_path: Path) -> None:
+    """Of a counter that begins at its range's end and wraps once: friction had been 20 N."""
+    frame = axis_frame(length_s=4.0)
+    log, result = bare(jumped(frame, row, -3.1), tmp_path)
+    (line,) = (n for n in log.notices if "position_m" in n)
+    assert "jumps by -3100 mm" in line or "single samples far outside" in line
+    assert np.ptp(log.trials[0]["position_m"] - frame["position_m"]) < 5.0 * COUNT
+    is_near(result)
+
+
+def test_a_fast_start_or_end_is_no_jump(tmp_path: Path) -> None:
+    """A piston that runs to its end in the first rows and settles, a brake, a breakaway at the
+    end, a rest of one count."""
+    time = 1e-3 * np.arange(400)
+    runs = np.where(time > 1e-3, 5000.0 + 40.0 * (1.0 - np.exp(-time / 5e-3)), 0.0)
+    slowing = 2000.0 * (1.0 - np.exp(-time / 1e-3)) + 500.0 * np.sin(9.0 * time)
+    breaking = 400.0 * np.maximum(0.0, time - time[-3]) ** 2 / 1e-6
+    for counts in (runs, slowing, breaking, (time > 1e-3).astype(float)):
+        position = COUNT * np.round(counts)
+        frame = pd.DataFrame({"time_s": time, "position_m": position, "motor_force_n": 1.0})
+        frame.to_csv(tmp_path / "log.csv", index=False)
+        log = read_bare_logs([tmp_path / "log.csv"], {}).logs[0]
+        assert not any("jumps" in n for n in log.notices), counts
+
+
 def test_a_slip_from_end_to_end_is_no_wrap(tmp_path: Path) -> None:
     """A piston that rests at its ends, with noise, and is slower than a row in none of its ways."""
     rng = np.random.default_rng(3)

@@ -24,6 +24,8 @@ from sysid.types import FloatArray
 _ASIDE = 3
 # Multiple of the range of the surrounding steps about their line: less is a slip of a few rows.
 _IRREGULAR = 3.0
+# Share of what a test covers that a jump in its first or last rows takes.
+_MOST_OF_IT = 0.75
 # A reading in whole counts is within half a count of the truth, and a step within one:
 # two steps differ by at most two counts.
 _COUNTS = 2.5
@@ -100,6 +102,10 @@ def without_jumps(
     if np.all(position == position[:1]):  # held
         return position, found
     joined = position
+    for jump in _at_start(time, position, resolution):
+        joined = joined.copy()
+        joined[jump.row :] -= jump.size
+        found.append(jump)
     # Jumps in a test; a recording with more of them is no recording of a motion.
     for _ in range(50):
         jumps = _largest(time, joined, resolution)
@@ -112,6 +118,30 @@ def without_jumps(
     if _is_the_motion(joined, found):
         return position, []
     return joined, sorted(found, key=lambda jump: jump.row)
+
+
+def _at_start(time: FloatArray, position: FloatArray, resolution: Resolution) -> list[Jump]:
+    """The jump in a test's first rows, which have too few steps before them; none without one.
+
+    Only a step over most of what the test covers, against the motion that follows, and clearly
+    longer than all later steps is one: as of a counter that begins at 0 and wraps at once. What
+    moves along with such a step may be a slip or a piston that runs to its end.
+    """
+    steps, periods = np.diff(position), np.diff(time)
+    if len(steps) < 2 * _ASIDE + 2 or not math.isfinite(resolution.step):
+        return []
+    count = _COUNTS * resolution.step
+    later = float(np.max(np.abs(steps[_ASIDE:])))
+    least = max(_MOST_OF_IT * float(np.ptp(position)), _IRREGULAR * later) + count
+    at = int(np.argmax(np.abs(steps[:_ASIDE])))
+    after = steps[at + 1 : at + 1 + _ASIDE]
+    if not (abs(steps[at]) > least and later > count and np.all(after * steps[at] < 0.0)):
+        return []
+    usual = float(after[0] / periods[at + 1])
+    size = float(steps[at] - usual * periods[at])
+    if resolution.is_whole:
+        size = resolution.step * round(size / resolution.step)
+    return [Jump(at + 1, size, abs(float(steps[at] / periods[at])), abs(usual))]
 
 
 def _is_the_motion(joined: FloatArray, found: list[Jump]) -> bool:
