@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -206,7 +207,8 @@ def estimate_row(estimate: Estimate) -> tuple[str, str, str, str]:
     """Value, standard error, 95 % interval and unit: readable on a page, in SI in a terminal."""
     value, std, interval, unit = estimate_cells(estimate)
     plain, between, symbol = si_cells(estimate)
-    error = f"{estimate.std:.2g}" if estimate.identified else ""
+    has_error = estimate.identified and not math.isnan(estimate.std)  # a choice has none
+    error = f"{estimate.std:.2g}" if has_error else MISSING if estimate.identified else ""
     return (
         NotedCell(value, plain=plain),
         NotedCell(std, plain=error),

@@ -131,7 +131,8 @@ def parameters_table(content: Content) -> Table:
             shown = NotedCell(capital(meaning), name) if meaning else name
             if name == "side":  # a chamber or its valve, as everywhere by its capital letter
                 shown = NotedCell("Side", name)
-                cells = (NotedCell(cells[0].upper(), plain=cells[0]), *cells[1:])
+                side = cells[0] if cells[0] == "both" else cells[0].upper()
+                cells = (NotedCell(side, plain=cells[0]), *cells[1:])
             rows.append((named(content, effect["id"]), shown, *cells))
     columns = ("Effect", "Parameter", "Value", "Standard error", "95 % interval", "Unit")
     return table(f"Their parameters; standard errors {how}", columns, rows, text=(1, 5))
