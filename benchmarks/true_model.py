@@ -68,6 +68,11 @@ SAME_LAW: dict[str, dict[str, str | float | tuple[str, float] | Callable[[Values
     },
     "asymmetric-coulomb-friction:constant": {"asymmetry_nm": "asymmetry_nm"},
     "seal-friction:sum": {"seal_torque_nm_per_pa": "seal_sum_nm_per_pa", "difference_share": 0.0},
+    "seal-friction:breakaway": {
+        "seal_torque_nm_per_pa": "seal_sum_nm_per_pa",
+        "difference_share": 0.0,
+        "breakaway_share": 1.0,
+    },
     "stroke-dependent-seals:linear": {
         "seal_slope_nm_per_pa_rad": "seal_slope_nm_per_pa_rad",
         "seal_bend_nm_per_pa_rad": 0.0,
@@ -159,6 +164,7 @@ SAME_LAW: dict[str, dict[str, str | float | tuple[str, float] | Callable[[Values
     "pressure-offset:constant": {"pressure_offset_pa": "pressure_offset_pa"},
     "pressure-gain:absolute": {"pressure_gain_error": "pressure_gain", "gain_zero_pa": 0.0},
     "pressure-lag:first-order": {"pressure_lag_s": "pressure_lag_s"},
+    "pressure-lag:second-order": {"pressure_lag_s": "pressure_lag_s", "second_order_share": 1.0},
     "time-skew:delay": {"time_skew_s": "skew_s"},
     "lost-counts:beyond": {
         "lost_share": "lost_share",

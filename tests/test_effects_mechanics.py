@@ -248,6 +248,12 @@ def _second_of_mesh() -> float:
             -0.208 * 0.3 * 1.6,
         ),
         (friction.SealFriction(2e-7), "friction_effort", 0.03, -0.03),
+        (
+            friction.SealFriction(2e-7, 0.0, 0.85),
+            "friction_effort",
+            0.02 * (1.0 + 0.5**0.85),
+            -0.02 * (1.0 + 0.5**0.85),
+        ),
         # Of 0.5 Nm, and of that with 20.1 N of the cylinder at 37.5 mm.
         (friction.LoadDependentFriction(0.04), "friction_effort", 0.02, -0.02),
         (
@@ -327,6 +333,38 @@ def test_a_soft_saturation_bends_towards_the_same_limit() -> None:
     np.testing.assert_allclose(like_tanh, 0.55 * np.tanh(efforts / 0.55), atol=0.03 * 0.55)
     absent = motor.TorqueSaturation(0.0, 0.4).motor_effort(efforts, moving())
     np.testing.assert_array_equal(absent, efforts)
+
+
+def test_lips_press_no_less_below_the_atmosphere_where_that_does_not_lift_them() -> None:
+    atmosphere = float(REFERENCE.atmosphere)
+    point = moving(pressure_a=atmosphere - 4e4, pressure_b=atmosphere + 9e4, direction=1.0)
+    for only_above, pressed in ((0.0, 9e4 - 4e4), (1.0, 9e4)):
+        effect = friction.SealFriction(2e-7, only_above_atmosphere=only_above)
+        assert effect.friction_effort(0.5, point) == pytest.approx(0.5 + 2e-7 * pressed)
+
+
+def test_seals_in_proportion_are_so_through_the_atmosphere() -> None:
+    """Where a chamber is vented its pressure has the slope that it has elsewhere."""
+    from sysid.plant.jax_setup import jax
+
+    effect = friction.SealFriction(2e-7)
+
+    def torque(pressure: Any) -> Any:
+        point = moving(pressure_a=pressure, pressure_b=3e5, direction=1.0)
+        return effect.friction_effort(0.5, point)
+
+    for pressure in (float(REFERENCE.atmosphere), 2e5, 5e4):
+        assert float(jax.grad(torque)(pressure)) == pytest.approx(2e-7)
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0, 1.6])
+def test_pressed_seals_hold_a_shaft_at_rest(share: float) -> None:
+    """By the friction that they add while it slides, times the share that acts at rest."""
+    model = Model(REFERENCE) + friction.SealFriction(2e-7, 0.0, 0.85, 0.0, share)
+    point = moving(velocity=0.0, direction=0.0)
+    level = float(plant.breakaway_effort(np.array(1.0), point, model))
+    added = 0.02 * (1.0 + 0.5**0.85)
+    assert level == pytest.approx(float(REFERENCE.static_effort) + share * added)
 
 
 def test_seals_of_one_end_do_not_act_beyond_the_middle() -> None:

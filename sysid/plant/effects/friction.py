@@ -17,6 +17,8 @@ _FASTEST_RATE = 1.2 / MAX_STEP
 _FASTEST_RESONANCE = 0.5 / MAX_STEP
 # Speed within one step of standstill, rad/s: bristles stiffer than a step resolves fade there.
 _LEAST_SPEED = 1e-2
+# Pressures are raised to a power in bars, Pa.
+_BAR = 1e5
 # Square of a wave's height that is none: of no wave the height has no slope.
 _NO_HEIGHT = 1e-24
 
@@ -162,17 +164,25 @@ class SealFriction(CatalogueEffect):
     """Seals press harder under pressure: + d (gauge Pa + Pb) sign w.
 
     Rod and piston seals feel the gauge pressures, a piston's lip seal their difference: a
-    blend of (gauge Pa + Pb) and |Pa - Pb| by `difference_share`.
+    blend of (gauge Pa + Pb) and |Pa - Pb| by `difference_share`. Each pressure p counts as
+    (p / 1 bar)^n bars: rubber slips the more easily the harder it is pressed, n below 1. A lip
+    presses no less below the atmosphere (`only_above_atmosphere`: the share of such). Static
+    friction grows by `breakaway_share` of it.
     """
 
     seal_torque_nm_per_pa: Array = 0.0
     difference_share: Array = 0.0
+    pressure_exponent: Array = 1.0
+    only_above_atmosphere: Array = 0.0
+    breakaway_share: Array = 0.0
 
     id = "seal-friction"
     title = "Seal friction that grows with pressure"
     subsystem = "friction"
     quantities = (
-        Quantity("seal_torque_nm_per_pa", "Nm/Pa", 2e-7, 0.0, 2e-5, "per pressure on the seals"),
+        Quantity(
+            "seal_torque_nm_per_pa", "Nm/Pa", 2e-7, 0.0, 2e-5, "per pressure on the seals, at 1 bar"
+        ),
         Quantity(
             "difference_share",
             "-",
@@ -185,18 +195,84 @@ class SealFriction(CatalogueEffect):
             forms=((0.0, "the sum of the gauge pressures alone"), (1.0, "their difference alone")),
             grid=(0.0, 0.5, 1.0),
         ),
+        Quantity(
+            "pressure_exponent",
+            "-",
+            1.0,
+            0.5,
+            1.5,
+            "power of the pressure, in bars: 1 in proportion",
+            is_strength=False,
+            caption="power of the pressure that it grows with",
+            forms=((1.0, "in proportion"),),
+            # A fit bends it from there, and the two below.
+            grid=(1.0,),
+            absent=1.0,
+        ),
+        Quantity(
+            "only_above_atmosphere",
+            "-",
+            0.0,
+            0.0,
+            1.0,
+            "0: a pressure below the atmosphere relieves the seals, 1: it does not",
+            is_strength=False,
+            caption="share of the seals that no pressure below the atmosphere relieves",
+            forms=((0.0, "none"), (1.0, "all")),
+            grid=(0.0,),
+            absent=0.0,
+        ),
+        Quantity(
+            "breakaway_share",
+            "-",
+            0.0,
+            0.0,
+            3.0,
+            "of it that static friction grows by: 0 none, 1 as while sliding",
+            is_strength=False,
+            caption="share of it that static friction grows by",
+            forms=((0.0, "none"), (1.0, "as while sliding")),
+            # Sliding does not show it: the refinement moves it from there.
+            grid=(0.0,),
+            absent=0.0,
+        ),
     )
     signature = "torque against the sum of the pressures, against the motion"
     rivals = ("torque-constant-error", "inertia-mismatch")
     tie_breaker = "motion at several common-mode pressures"
-    source = "Andrighetto, Valdiero, Carlotto, Study of the friction behaviour, COBEM 2005"
+    source = (
+        "Andrighetto, Valdiero, Carlotto, Study of the friction behaviour, COBEM 2005; "
+        "Schallamach, Proc. Phys. Soc. B 65, 1952 (rubber and load)"
+    )
 
     def friction_effort(self, effort: Array, point: Point) -> Array:
-        xp = array_namespace(point.pressure_a, self.difference_share)
-        gauge = point.pressure_a + point.pressure_b - 2.0 * point.parameters.atmosphere
-        difference = xp.abs(point.pressure_a - point.pressure_b)
+        return effort + self._on_seals(point) * point.direction
+
+    def static_effort(self, effort: Array, point: Point) -> Array:
+        return effort + self.breakaway_share * self._on_seals(point)
+
+    def _on_seals(self, point: Point) -> Array:
+        """Friction of the seals by pressure alone, Nm or N."""
+        p, a, b = point.parameters.atmosphere, point.pressure_a, point.pressure_b
+        xp = array_namespace(a, self.difference_share)
+        if base.is_zero(self.pressure_exponent - 1.0) and base.is_zero(self.only_above_atmosphere):
+            gauge, difference = a + b - 2.0 * p, xp.abs(a - b)
+        else:
+            gauge = self._pressed(xp, a - p) + self._pressed(xp, b - p)
+            difference = self._raised(xp, a - b)
         pressure = gauge + self.difference_share * (difference - gauge)
-        return effort + self.seal_torque_nm_per_pa * pressure * point.direction
+        return self.seal_torque_nm_per_pa * pressure
+
+    def _pressed(self, xp: Any, gauge: Array) -> Array:
+        """What presses on the seals at a gauge pressure, Pa."""
+        below = self.only_above_atmosphere - 1.0
+        return self._raised(xp, gauge) * xp.where(gauge < 0.0, below, 1.0)
+
+    def _raised(self, xp: Any, pressure: Array) -> Array:
+        """The size of a pressure to the power, Pa."""
+        # Never zero: a power of zero has no derivative.
+        size = xp.maximum(xp.abs(pressure), LEAST_DIVISOR)
+        return size * (size / _BAR) ** (self.pressure_exponent - 1.0)
 
 
 @dataclass(frozen=True)
