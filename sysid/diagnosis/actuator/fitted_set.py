@@ -150,10 +150,26 @@ def _is_absent(effect: CatalogueEffect) -> bool:
 
 def _log_volume(found: Refit, slopes: FloatArray) -> float:
     """Log determinant of the effects' information in units of their priors, by their `slopes`
-    (rows, k) with the base parameters at their best: how much of the prior the data rule out."""
-    numbers = [q for e in found.effects for q in type(e).quantities]
-    own = slopes * [_prior(q) for q in numbers]
-    return float(np.linalg.slogdet(np.eye(len(numbers)) + own.T @ own)[1])
+    (rows, k) with the base parameters at their best: how much of the prior the data rule out.
+
+    Shapes without which an effect has its plain form count where they explain more than they rule
+    out (Savage-Dickey density ratio; Dickey, Annals of Mathematical Statistics 42, 1971).
+    """
+    numbers = [(e, q) for e in found.effects for q in type(e).quantities]
+    priors = np.array([_prior(q) for _, q in numbers])
+    own = slopes * priors
+    information = np.eye(len(numbers)) + own.T @ own
+    covariance = np.linalg.inv(information)
+    bent = [i for i, (_, q) in enumerate(numbers) if q.grid and q.grid == (q.absent,)]
+    off = np.array([float(getattr(e, q.name)) - (q.absent or 0.0) for e, q in numbers])
+    off /= np.where(priors > 0.0, priors, 1.0)
+    spared = [0.0]
+    for count in range(1, len(bent) + 1):
+        for some in map(list, itertools.combinations(bent, count)):
+            part = covariance[np.ix_(some, some)]
+            lost = float(off[some] @ np.linalg.solve(part, off[some]))
+            spared.append(-float(np.linalg.slogdet(part)[1]) - lost)
+    return float(np.linalg.slogdet(information)[1]) - max(spared)
 
 
 def _prior(quantity: Quantity) -> float:

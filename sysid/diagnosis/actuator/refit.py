@@ -129,13 +129,14 @@ class _Equations:
         self.parameters[: self._count] = [_held(p) if p.name in self._held else p for p in own]
 
     def _inert(self) -> frozenset[str]:
-        """The strengths that show nothing, as gravity on a level rig: a solver would take them
-        anywhere. One that acts alone was proposed because it shows."""
+        """The numbers that show nothing, as gravity on a level rig or a share at rest: a solver
+        would take them anywhere. A strength that acts alone was proposed because it shows."""
         asked = {
             f"{e.id}/{q.name}"
             for e in self._starts
-            for q in type(e).strengths()
-            if len(type(e).strengths()) > 1 and not q.is_threshold
+            for q in type(e).quantities
+            if (len(type(e).strengths()) > 1 if q.is_strength else len(q.grid) == 1)
+            and not q.is_threshold
         }
         places = [i for i, p in enumerate(self.parameters[: self._count]) if p.name in asked]
         if not places:
