@@ -175,7 +175,13 @@ def test_the_law_of_a_partial_opening_is_that_of_its_pulses_and_inverts(pause: f
 
 @pytest.mark.parametrize(
     "effect",
-    [PressureLag(2e-3, "a"), PressureLag(0.0), TimeSkew(2.3e-3), TimeSkew(0.0, "b")],
+    [
+        PressureLag(2e-3, "a"),
+        PressureLag(4e-3, "both", 1.0),
+        PressureLag(0.0),
+        TimeSkew(2.3e-3),
+        TimeSkew(0.0, "b"),
+    ],
     ids=lambda effect: f"{effect.id} {effect}",
 )
 def test_a_sample_at_a_time_is_the_whole_log(effect: Effect) -> None:
@@ -188,7 +194,26 @@ def test_a_sample_at_a_time_is_the_whole_log(effect: Effect) -> None:
         now = {k: v[i : i + 1] for k, v in channels.items()}
         shown, memory = effect.sense(now, memory, time[i : i + 1], PERIOD_S)
         for name, value in shown.items():
-            assert value[0] == pytest.approx(whole[name][i], abs=1e-6)
+            assert value[0] == pytest.approx(whole[name][i], abs=1e-4)
+
+
+@pytest.mark.parametrize("bound", [0.0, 1.0])
+def test_a_lag_has_a_slope_at_the_bounds_of_its_order(bound: float) -> None:
+    """Where one of its two stages has no lag, or both have the same."""
+    from sysid.plant.jax_setup import jax
+
+    pressure = np.array([1.0e5, 2.0e5, 1.5e5, 1.0e5, 3.0e5])
+
+    def shown(share: Array) -> Array:
+        effect = PressureLag(4e-3, "a", share)
+        memory = effect.start_sensing({"pressure_a_pa": pressure[0]}, PERIOD_S)
+        for row in pressure:
+            now, memory = effect.sense({"pressure_a_pa": row}, memory, 0.0, PERIOD_S)
+        return now["pressure_a_pa"]
+
+    near = abs(bound - 1e-5)
+    slope = (shown(near) - shown(bound)) / (near - bound)
+    assert float(jax.grad(shown)(bound)) == pytest.approx(float(slope), rel=1e-3)
 
 
 @pytest.mark.parametrize("of_all", [0.0, 1.0])

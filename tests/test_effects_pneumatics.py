@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from scipy.signal import lsim
 
 from benchmarks.rigs import REFERENCE, random_runs
 from sysid.plant import base
@@ -868,6 +869,41 @@ def test_a_lag_is_the_recursion_of_its_equation(even: bool) -> None:
         behind = kept * behind + change * (lag / step) * (1.0 - kept)
         expected.append(value - behind)
     np.testing.assert_allclose(sensor.lagged(values, time, lag), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("order", [0.0, 0.6, 1.0])
+def test_a_sensor_lags_by_a_second_order_of_its_time_constant(order: float) -> None:
+    time = 1e-3 * np.arange(400)
+    true = 2e5 + 3e4 * np.sin(2.0 * np.pi * 15.0 * time) * (time > 0.05)
+    effect = sensor.PressureLag(4e-3, "a", order)
+    shown = effect.measure({"pressure_a_pa": true, "pressure_b_pa": true}, time)
+    law = ([1.0], [order * 4e-3**2 / 4.0, 4e-3, 1.0] if order else [4e-3, 1.0])
+    _, expected, _ = lsim(law, true - true[0], time)
+    np.testing.assert_allclose(shown["pressure_a_pa"] - true[0], expected, atol=1.0)
+    assert shown["pressure_b_pa"] is true
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        sensor.PressureLag(5e-3, "both", 1.0),
+        sensor.PressureLag(5e-3),
+        sensor.TimeSkew(4.5e-3),
+    ],
+)
+def test_slow_sensors_have_an_inverse(effect: Any) -> None:
+    """Of a motion at 10 Hz: iterating, which multiplies what is wrong by 0.3, would not do."""
+    time = 1e-3 * np.arange(600)
+    true = {"pressure_a_pa": 2e5 + 3e4 * np.sin(2.0 * np.pi * 10.0 * time)}
+    shown = effect.measure(true, time)
+    found = effect.unmeasured(shown, time)
+    middle = slice(100, -100)
+    gap = {
+        name: row["pressure_a_pa"][middle] - true["pressure_a_pa"][middle]
+        for name, row in (("shown", shown), ("found", found))
+    }
+    assert np.max(np.abs(gap["shown"])) > 5e3
+    assert np.max(np.abs(gap["found"])) < 1e2
 
 
 def test_a_lag_does_not_depend_on_how_lines_are_sampled() -> None:

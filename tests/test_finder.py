@@ -371,9 +371,10 @@ def test_a_relative_gives_its_place_up_to_what_does_better_in_it(
     base = lacking(rig, drag, late)
     finder = finder_of(base, null, (QuadraticDrag, TimeSkew, PressureLag))
     assert finder.run() == {drag.id, late.id}
+    left = finder.sets[finder.best()].squares
     finder.sets.clear()
     for starts in ([late], [lag], [drag, lag]):
-        own = fit_set(base, finder.channels, starts, finder.none)
+        own = fit_set(base, finder.channels, starts, left)
         finder.sets[own.names] = own
     relative = frozenset({drag.id, lag.id})
     assert finder.best() == relative

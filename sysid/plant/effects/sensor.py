@@ -20,11 +20,18 @@ from sysid.plant.base import LEAST_DIVISOR, Array, Parameters, array_namespace
 from sysid.plant.effects.entry import CatalogueEffect, Quantity, either, of_side
 from sysid.types import FloatArray
 
+# Times in units of one another that are the same to rounding.
+_EQUAL = 1e-9
+# What a critically damped lag lacks of its second order: its stages are never equal, as the root of
+# zero has no derivative.
+_APART = 1e-8
 
-def lagged(values: Array, time: Array, lag: float) -> FloatArray:
-    """Exact first-order lag of a signal that is linear between its samples; starts at rest.
 
-    `values` (n,), `time` (n,) s increasing, evenly or not, `lag` s, 0 for none.
+def lagged(values: Array, time: Array, lag: float, second: float = 0.0) -> FloatArray:
+    """Exact lag of a signal that is linear between its samples; starts at rest.
+
+    `values` (n,), `time` (n,) s increasing, evenly or not, `lag` s, 0 for none, and that of a
+    `second` stage, no longer.
     """
     shown = np.array(values, dtype=float)
     if lag <= 0.0 or len(shown) < 2 or not np.any(shown != shown[0]):
@@ -33,8 +40,27 @@ def lagged(values: Array, time: Array, lag: float) -> FloatArray:
     forgets = -np.expm1(-step / lag)
     # How far the lagged signal is behind: it decays, and the slope feeds it.
     fed = np.diff(shown) * (lag / step) * forgets
-    shown[1:] -= signals.recursion(1.0 - forgets, fed)
+    behind = signals.recursion(1.0 - forgets, fed)
+    if second > 0.0:
+        before = np.concatenate([[0.0], behind[:-1]])
+        fed = _fed_second(before, np.diff(shown) / step, step, lag, second)
+        behind = signals.recursion(np.exp(-step / second), fed)
+    shown[1:] -= behind
     return shown
+
+
+def _fed_second(first: Array, slope: Array, step: Array, lag: Array, second: Array) -> Array:
+    """What a step adds to how far a second stage is behind what the first one is fed.
+
+    `first`: how far the first stage was behind before the step. It nears slope times `lag` as
+    exp(-t/lag), which the second stage sees through its own exp(-t/second).
+    """
+    xp = array_namespace(first, lag, second)
+    apart = step / second - step / lag
+    # (1 - exp(-x)) / x, as it is at 0 too.
+    mean = xp.where(apart > _EQUAL, -xp.expm1(-apart) / xp.maximum(apart, _EQUAL), 1.0)
+    carried = (step / second) * xp.exp(-step / lag) * mean
+    return (first - slope * lag) * carried - slope * (lag + second) * xp.expm1(-step / second)
 
 
 def delayed(values: Array, time: Array, delay: float) -> FloatArray:
@@ -130,44 +156,81 @@ class PressureGain(CatalogueEffect):
 
 @dataclass(frozen=True)
 class PressureLag(CatalogueEffect):
-    """A pressure sensor follows as a first-order lag; it is at rest at the first sample."""
+    """A pressure sensor lags, by first or second order; it is at rest at the first sample.
+
+    1 + T s + q (T s)^2 / 4 in its denominator: of first order with q = 0, critically damped with
+    q = 1 (a sensor and its filter, or a sensor on a tube). Two stages one after the other.
+    """
 
     pressure_lag_s: Array = 0.0
     side: str = "both"
+    second_order_share: Array = 0.0
 
     id = "pressure-lag"
     forgets_in_gaps = True
     title = "Lag of a pressure sensor"
     subsystem = "sensor"
-    quantities = (Quantity("pressure_lag_s", "s", 2e-3, 0.0, 0.05, "time constant of the sensor"),)
+    quantities = (
+        Quantity("pressure_lag_s", "s", 2e-3, 0.0, 0.05, "time constant of the sensor"),
+        Quantity(
+            "second_order_share",
+            "-",
+            0.0,
+            0.0,
+            1.0,
+            "0: of first order, 1: of second order, critically damped",
+            is_strength=False,
+            caption="share of second order in the lag",
+            forms=((0.0, "of first order"), (1.0, "of second order, critically damped")),
+            # A fit bends it from there.
+            grid=(0.0,),
+            absent=0.0,
+        ),
+    )
     signature = "timing of a pressure at valve edges"
     rivals = ("time-skew", "tube-lag", "valve-delay")
     tie_breaker = "a second, faster sensor at the same chamber"
-    source = "textbook: first-order sensor"
+    source = "textbook: first-order sensor, two in series"
+
+    def _stages(self) -> tuple[Array, Array]:
+        """The time constants, s."""
+        xp = array_namespace(self.pressure_lag_s, self.second_order_share)
+        apart = xp.sqrt(1.0 - (1.0 - _APART) * self.second_order_share)
+        return 0.5 * self.pressure_lag_s * (1.0 + apart), 0.5 * self.pressure_lag_s * (1.0 - apart)
 
     def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
-        lag = float(self.pressure_lag_s)
-        return _changed_pressures(channels, self.side, lambda p: lagged(p, time, lag))
+        first, second = map(float, self._stages())
+        return _changed_pressures(channels, self.side, lambda p: lagged(p, time, first, second))
+
+    def unmeasured(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        """See `Effect`: a lag is behind by its time constant times the slope of what it shows."""
+
+        def before(shown: Array) -> Array:
+            for lag in map(float, self._stages()):
+                shown = shown + lag * np.gradient(shown, time)
+            return shown
+
+        return _changed_pressures(channels, self.side, before)
 
     def start_sensing(self, channels: Mapping[str, Array], step: float) -> tuple[Array, ...]:
-        """See `Effect`: of each pressure its last value and how far the sensor is behind."""
-        return tuple(row for p in _pressures(channels, self.side) for row in (p, 0.0 * p))
+        """See `Effect`: of each pressure its last value and how far either stage is behind."""
+        return tuple(row for p in _pressures(channels, self.side) for row in (p, 0.0 * p, 0.0 * p))
 
     def sense(
         self, channels: Mapping[str, Array], memory: tuple[Array, ...], time: Array, step: float
     ) -> tuple[dict[str, Array], tuple[Array, ...]]:
         """See `Effect`: the recursion of `lagged`."""
-        xp = array_namespace(time, self.pressure_lag_s)
-        lag = xp.maximum(self.pressure_lag_s, LEAST_DIVISOR)
-        forgets = xp.where(self.pressure_lag_s > 0.0, -xp.expm1(-step / lag), 1.0)
+        xp = array_namespace(time, self.pressure_lag_s, self.second_order_share)
+        lag, second = (stage + LEAST_DIVISOR for stage in self._stages())
         shown, kept = [], []
-        for p, last, behind in zip(
-            _pressures(channels, self.side), memory[::2], memory[1::2], strict=True
-        ):
-            fed = (p - last) * (self.pressure_lag_s / step) * forgets
-            behind = (1.0 - forgets) * behind + fed
+        rows = zip(memory[::3], memory[1::3], memory[2::3], strict=True)
+        for p, (last, first, behind) in zip(_pressures(channels, self.side), rows, strict=True):
+            slope = (p - last) / step
+            fed = _fed_second(first, slope, step, lag, second)
+            behind = xp.exp(-step / second) * behind + fed
+            first = xp.exp(-step / lag) * first - slope * lag * xp.expm1(-step / lag)
             shown.append(p - behind)
-            kept += [p, behind]
+            kept += [p, first, behind]
         rest = iter(shown)
         return _changed_pressures(channels, self.side, lambda _: next(rest)), tuple(kept)
 
@@ -192,6 +255,11 @@ class TimeSkew(CatalogueEffect):
     def measure(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
         skew = float(self.time_skew_s)
         return _changed_pressures(channels, self.side, lambda p: delayed(p, time, skew))
+
+    def unmeasured(self, channels: Mapping[str, Array], time: Array) -> dict[str, Array]:
+        """See `Effect`: as much earlier."""
+        skew = float(self.time_skew_s)
+        return _changed_pressures(channels, self.side, lambda p: delayed(p, time, -skew))
 
     def start_sensing(self, channels: Mapping[str, Array], step: float) -> tuple[Array, ...]:
         """See `Effect`: each pressure's last values, newest first, (rows, lanes)."""
