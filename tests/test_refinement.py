@@ -10,6 +10,7 @@ from scipy.linalg import toeplitz
 from scipy.optimize import least_squares
 
 from benchmarks.refinement import rig_runs, unknown
+from benchmarks.rigs import REFERENCE
 from sysid.errors import InputError, OutOfBudgetError
 from sysid.estimation.autoregression import (
     Autoregression,
@@ -27,7 +28,7 @@ from sysid.recording.start_states import InitialState
 from sysid.refinement import lengthening
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.lengthening import _neighbours, _Piece
-from sysid.refinement.problem import Iterate, Problem, RunErrors
+from sysid.refinement.problem import Iterate, Problem, RunErrors, _sensor_moved
 from sysid.refinement.profiles import profile
 from sysid.refinement.reduction import ReducedEquations, reduced
 from sysid.refinement.runs import Run
@@ -506,6 +507,14 @@ def test_runs_remember_what_goes_before_them_as_the_unknowns_have_it(
     twice = once.after_run_ups(point)
     assert once.runs[1].inputs.pressure_a != after.inputs.pressure_a
     assert twice.runs[1].inputs.pressure_a == once.runs[1].inputs.pressure_a
+
+
+def test_a_sensor_at_its_bound_is_moved_away_from_it() -> None:
+    """Beyond, its law need not hold: a lag is of second order at most."""
+    model = Model(REFERENCE) + PressureLag(4e-3, "both", 1.0)
+    step, moved = _sensor_moved(model, (1, "second_order_share"), 1.0)
+    assert step < 0.0 and moved.effects[0].second_order_share == 1.0 + step
+    assert _sensor_moved(model, (1, "pressure_lag_s"), 1.0)[0] > 0.0
 
 
 def test_a_segment_that_was_left_out_is_not_joined_in() -> None:

@@ -15,6 +15,7 @@ from sysid.estimation.autoregression import Autoregression
 from sysid.io.channels import simulated_channels
 from sysid.parallel import spend
 from sysid.plant.differences import simulate_differences
+from sysid.plant.effects.entry import CatalogueEffect
 from sysid.plant.ports import Model, overrides
 from sysid.plant.preparation import Inputs
 from sysid.plant.sensors import measured_channels, state_channels
@@ -530,10 +531,15 @@ def _without_slopes(run: Run, shown: FloatArray) -> RunErrors:
 def _sensor_moved(model: Model, direction: Direction, step: float) -> tuple[float, Model]:
     """The step for an effect's number, and the model with it moved."""
     part, name = direction
-    value = float(getattr(model.effects[part - 1], name))
-    step = min(step, _SENSOR_STEP * max(abs(value), _SENSOR_STEP))
     effects = list(model.effects)
-    effects[part - 1] = dataclasses.replace(effects[part - 1], **{name: value + step})  # type: ignore[type-var]
+    moved = effects[part - 1]
+    value = float(getattr(moved, name))
+    step = min(step, _SENSOR_STEP * max(abs(value), _SENSOR_STEP))
+    if isinstance(moved, CatalogueEffect):
+        own = next(q for q in type(moved).quantities if q.name == name)
+        # No law need hold beyond a bound.
+        step = -step if value + step > own.around(value)[1] else step
+    effects[part - 1] = dataclasses.replace(moved, **{name: value + step})  # type: ignore[type-var]
     return step, Model(model.parameters, tuple(effects))
 
 
