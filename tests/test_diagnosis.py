@@ -308,9 +308,13 @@ def plain(moving: Traces, healthy: tuple[Tests, Rig, Model]) -> Traces:
     "effect",
     [
         SealFriction(2e-7),
+        SealFriction(2e-7, 0.0, 0.85, 1.0, 1.0),
         TorqueConstantError(0.05),
         AmplifierLag(0.003),
         PressureLag(0.002),
+        # Slower than an inverse by iteration would follow.
+        PressureLag(0.0045, "both", 1.0),
+        TimeSkew(0.0045),
         PressureOffset(1500.0, side="a"),
         TubeLag(0.002, side="b"),
         WallHeatTransfer(0.4, side="b"),
@@ -866,6 +870,21 @@ def test_of_effects_that_explain_as_much_one_of_usual_size_is_likeliest(
     assert of_size(10.0) > of_size(1.0) + 50.0
     own = float(getattr(effect, strength.name)) / abs(strength.typical)
     assert of_size(own) == pytest.approx(leak.complexity, rel=1e-6)
+
+
+@pytest.mark.parametrize(("exponent", "is_bent"), [(1.0, False), (0.7, True)])
+def test_a_shape_counts_where_the_data_bend_it(
+    exponent: float, is_bent: bool, moving: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """An effect in its plain form is as likely as one that has no such shapes."""
+    _, rig, model = healthy
+    first = seen_in(moving, model + SealFriction(4e-7, 0.0, exponent), model, rig)
+    found = refit(first, [SealFriction(3e-7)])
+    assert found.effects[0].breakaway_share == 0.0  # no balance shows it: nothing moves it
+    strength, difference = type(found.effects[0]).quantities[:2]
+    own = found.own_slopes()[:, :2] * [strength.usual_size, 0.5 * difference.upper]
+    plain = float(np.linalg.slogdet(np.eye(2) + own.T @ own)[1])
+    assert (_log_volume(found, found.own_slopes()) > plain + 2.0) == is_bent
 
 
 def test_a_threshold_is_found_between_the_sizes_that_were_screened(

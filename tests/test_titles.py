@@ -136,6 +136,16 @@ def test_channels_of_a_users_own_are_shown_as_those_of_logs() -> None:
     assert channel_in("angle_rad", {}).title == "angle_rad"
 
 
+@pytest.mark.parametrize(("side", "said"), [("a", "A"), ("both", "both")])
+def test_a_side_has_the_capital_letter_of_its_chamber(side: str, said: str) -> None:
+    lag = catalogue()["pressure-lag"]
+    content = {
+        "effects": [{"id": lag.id, "parameters": {"side": side}}],
+        "figures": {"titles": {lag.id: lag.title}, "meanings": {}},
+    }
+    assert f">{said}<" in block_html(parameters_table(content))
+
+
 def test_what_a_number_stands_for_is_said_in_words() -> None:
     """Pages name the form that was chosen, and no caption is a key to numbers."""
     for effect in catalogue().values():
@@ -156,12 +166,12 @@ def test_what_a_number_stands_for_is_said_in_words() -> None:
     }
     shown = block_html(parameters_table(content))
     assert "the sum of the gauge pressures alone" in shown and "their difference alone" not in shown
-    first, other = (f"{seal.id}/{q.label}" for q in seal.quantities)
+    first, other = (f"{seal.id}/{q.label}" for q in seal.quantities[:2])
     reasons = (
         f"{first} is stuck at its bound, 0",
         f"the data cannot distinguish {other} from {first}",
     )
-    for quantity, reason in zip(seal.quantities, reasons, strict=True):
+    for quantity, reason in zip(seal.quantities[:2], reasons, strict=True):
         estimates[quantity.label] = Estimate.unidentified(quantity.unit, reason).to_json()
     shown = block_html(parameters_table(content))
     assert f"{seal.id}/" not in shown and ">stuck at its bound, 0<" in shown
