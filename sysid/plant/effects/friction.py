@@ -251,6 +251,10 @@ class SealFriction(CatalogueEffect):
     def static_effort(self, effort: Array, point: Point) -> Array:
         return effort + self.breakaway_share * self._on_seals(point)
 
+    def is_idle(self, port: str) -> bool:
+        """See `Effect`."""
+        return port == "static_effort" and base.is_zero(self.breakaway_share)
+
     def _on_seals(self, point: Point) -> Array:
         """Friction of the seals by pressure alone, Nm or N."""
         p, a, b = point.parameters.atmosphere, point.pressure_a, point.pressure_b
