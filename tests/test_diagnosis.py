@@ -873,18 +873,24 @@ def test_of_effects_that_explain_as_much_one_of_usual_size_is_likeliest(
 
 
 @pytest.mark.parametrize(("exponent", "is_bent"), [(1.0, False), (0.7, True)])
-def test_a_shape_counts_where_the_data_bend_it(
+def test_a_shape_is_bent_where_the_data_ask_for_it(
     exponent: float, is_bent: bool, moving: Traces, healthy: tuple[Tests, Rig, Model]
 ) -> None:
     """An effect in its plain form is as likely as one that has no such shapes."""
     _, rig, model = healthy
     first = seen_in(moving, model + SealFriction(4e-7, 0.0, exponent), model, rig)
-    found = refit(first, [SealFriction(3e-7)])
-    assert found.effects[0].breakaway_share == 0.0  # no balance shows it: nothing moves it
-    strength, difference = type(found.effects[0]).quantities[:2]
-    own = found.own_slopes()[:, :2] * [strength.usual_size, 0.5 * difference.upper]
+    finder = finder_of(first, null_of(moving, model, rig), [SealFriction])
+    found = fit_set(first, finder.channels, [SealFriction(3e-7)], finder.none)
+    (seal,) = found.effects
+    free = dict(zip((q.name for q in type(seal).quantities), found.refit.free, strict=True))
+    assert not free["breakaway_share"]  # no balance shows it: nothing moves it
+    assert free["pressure_exponent"] == is_bent
+    assert seal.pressure_exponent == pytest.approx(exponent, abs=0.05 * is_bent)
+    strength, difference = type(seal).quantities[:2]
+    own = found.refit.own_slopes()[:, :2] * [strength.usual_size, 0.5 * difference.upper]
     plain = float(np.linalg.slogdet(np.eye(2) + own.T @ own)[1])
-    assert (_log_volume(found, found.own_slopes()) > plain + 2.0) == is_bent
+    volume = _log_volume(found.refit, found.refit.own_slopes())
+    assert (volume > plain + 2.0) == is_bent
 
 
 def test_a_threshold_is_found_between_the_sizes_that_were_screened(

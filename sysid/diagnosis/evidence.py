@@ -64,6 +64,10 @@ class ComponentEvidence(ABC):
     def estimates(self, place: int) -> dict[str, Estimate]:
         """An effect's numbers by field."""
 
+    def plain(self, place: int) -> tuple[str, ...]:
+        """The shapes of an effect, by field, that are known to be those of its plain form."""
+        return ()
+
     @abstractmethod
     def rounds_shown(self) -> list[dict[str, Any]]:
         """Each round for a report: `added`, and `suspects` with their `fate`, in JSON types."""

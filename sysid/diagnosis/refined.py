@@ -26,6 +26,7 @@ from sysid.io.campaign import Campaign
 from sysid.parallel import LATE, attempt, limited
 from sysid.parameters import Bundle, EffectEntry
 from sysid.parameters.assembled_model import effects_from_bundle
+from sysid.parameters.table import effect_names
 from sysid.plant.effects.entry import Catalogue, CatalogueEffect
 from sysid.types import Progress, no_progress
 
@@ -301,10 +302,19 @@ def _numbers(
     """The refinement; why it failed where it did."""
     from sysid.refinement.refine import refine  # loads jax
 
+    first = len(extended.effects) - len(evidence.effects)
+    names = effect_names(extended.effects)[first:]
+    plain = [
+        f"{name}.{q.label}"
+        for place, (name, effect) in enumerate(zip(names, evidence.effects, strict=True))
+        for q in type(effect).shapes()
+        if q.name in evidence.plain(place)
+    ]
     try:
         return refine(
             campaign,
             extended,
+            fix=plain,
             catalogue=catalogue,
             progress=progress,
             by_differences=True,

@@ -67,6 +67,9 @@ class TwinEvidence(ComponentEvidence):
     def estimates(self, place: int) -> dict[str, Estimate]:
         return self.loop.search.estimates(place)
 
+    def plain(self, place: int) -> tuple[str, ...]:
+        return self.loop.search.plain(place)
+
     def unseen(self, effects: Sequence[CatalogueEffect]) -> list[int]:
         """The places of effects that, with these numbers, explain nothing of the balances that they
         were found in, the least first: too little for odds of 20 to 1."""

@@ -97,10 +97,11 @@ def fit_set(
             others += _other_starts(first, found.effects, channels, left)
         ends = [refit(base, start) for start in others]
         found = min([found, *ends], key=lambda end: end.fit.sum_of_squares)
-        left = channel_squares(first, found.rest) / weights
-        slopes = found.own_slopes()
-        complexity = _prior_cost(found.effects) + _log_volume(found, slopes)
-        own = FittedSet(found, left, complexity, supports(base, found, slopes, weights))
+        own = _fitted(first, base, found, weights)
+        if plain := _plain_shapes(found):
+            again = _fitted(first, base, _refitted_plain(base, found, plain), weights)
+            own = max(again, own, key=lambda one: one.evidence(channels, squares))
+        found, left = own.refit, own.squares
         if best is not None and own.evidence(channels, left) < best.evidence(channels, left):
             break
         best, effects = own, found.effects
@@ -109,6 +110,22 @@ def fit_set(
             break
     assert best is not None
     return best
+
+
+def _fitted(first: Projected, base: Projected, found: Refit, weights: FloatArray) -> FittedSet:
+    """The set of what was fitted to the residual `base`, `first` by its channels' `weights`."""
+    left, slopes = channel_squares(first, found.rest) / weights, found.own_slopes()
+    complexity = _prior_cost(found.effects) + _log_volume(found, slopes)
+    return FittedSet(found, left, complexity, supports(base, found, slopes, weights))
+
+
+def _refitted_plain(base: Projected, found: Refit, plain: Sequence[tuple[int, str]]) -> Refit:
+    """Fitted effects with these shapes of theirs, by place and name, at their plain form."""
+    effects = list(found.effects)
+    for place, name in plain:
+        absent = next(q.absent for q in type(effects[place]).quantities if q.name == name)
+        effects[place] = replace(effects[place], **{name: absent})  # type: ignore[type-var]
+    return refit(base, effects, [f"{effects[place].id}/{name}" for place, name in plain])
 
 
 def fall_on_twin(
@@ -150,26 +167,41 @@ def _is_absent(effect: CatalogueEffect) -> bool:
 
 def _log_volume(found: Refit, slopes: FloatArray) -> float:
     """Log determinant of the effects' information in units of their priors, by their `slopes`
-    (rows, k) with the base parameters at their best: how much of the prior the data rule out.
+    (rows, k) with the base parameters at their best: how much of the prior the data rule out."""
+    own = slopes * _priors(found)
+    return float(np.linalg.slogdet(np.eye(own.shape[1]) + own.T @ own)[1])
 
-    Shapes without which an effect has its plain form count where they explain more than they rule
-    out (Savage-Dickey density ratio; Dickey, Annals of Mathematical Statistics 42, 1971).
+
+def _priors(found: Refit) -> FloatArray:
+    """Standard deviations of the numbers' priors, (k,): 0 of one that was not fitted."""
+    numbers = [q for e in found.effects for q in type(e).quantities]
+    return np.where(found.free, [_prior(q) for q in numbers], 0.0)
+
+
+def _plain_shapes(found: Refit) -> list[tuple[int, str]]:
+    """The shapes, by effect's place and name, that are likelier at their effect's plain form.
+
+    Of those that a fit bends from there; by the density at it, after the data over before (the
+    ratio of Savage and Dickey: Verdinelli and Wasserman, JASA 90, 1995).
     """
-    numbers = [(e, q) for e in found.effects for q in type(e).quantities]
-    priors = np.array([_prior(q) for _, q in numbers])
+    numbers = [(i, q) for i, e in enumerate(found.effects) for q in type(e).quantities]
+    priors, slopes = _priors(found), found.own_slopes()
+    values = np.array([getattr(found.effects[i], q.name) for i, q in numbers], dtype=float)
+    plain = np.array([q.grid[0] if q.grid == (q.absent,) else math.nan for _, q in numbers])
+    bent = np.flatnonzero((priors > 0.0) & ~np.isnan(plain) & slopes.any(axis=0)).tolist()
+    if not bent:
+        return []
     own = slopes * priors
-    information = np.eye(len(numbers)) + own.T @ own
-    covariance = np.linalg.inv(information)
-    bent = [i for i, (_, q) in enumerate(numbers) if q.grid and q.grid == (q.absent,)]
-    off = np.array([float(getattr(e, q.name)) - (q.absent or 0.0) for e, q in numbers])
-    off /= np.where(priors > 0.0, priors, 1.0)
-    spared = [0.0]
-    for count in range(1, len(bent) + 1):
-        for some in map(list, itertools.combinations(bent, count)):
-            part = covariance[np.ix_(some, some)]
-            lost = float(off[some] @ np.linalg.solve(part, off[some]))
-            spared.append(-float(np.linalg.slogdet(part)[1]) - lost)
-    return float(np.linalg.slogdet(information)[1]) - max(spared)
+    covariance = np.linalg.inv(np.eye(len(numbers)) + own.T @ own)
+    off = (values - plain) / np.where(priors > 0.0, priors, 1.0)
+
+    def gained(some: Sequence[int]) -> float:
+        part, away = covariance[np.ix_(some, some)], off[list(some)]
+        return float(-np.linalg.slogdet(part)[1] - away @ np.linalg.solve(part, away))
+
+    every = (s for count in range(1, len(bent) + 1) for s in itertools.combinations(bent, count))
+    best = max(every, key=gained)
+    return [(numbers[k][0], numbers[k][1].name) for k in best] if gained(best) > 0.0 else []
 
 
 def _prior(quantity: Quantity) -> float:

@@ -6,7 +6,7 @@ The base parameters are fitted along, each in the balance that it belongs to.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,6 +52,12 @@ class Refit:
     fit: LeastSquaresFit
     chords: FloatArray
 
+    @property
+    def free(self) -> BoolArray:
+        """Which of the effects' numbers were fitted, (k,)."""
+        count = sum(len(type(e).quantities) for e in self.effects)
+        return np.array([p.lower < p.upper for p in self.fit.parameters[:count]])
+
     def own_slopes(self) -> FloatArray:
         """The slopes (rows, k) of the effects' numbers, the base parameters at their best."""
         return self._own(self.fit.jacobian)
@@ -70,13 +76,13 @@ class Refit:
         return np.asarray(own)
 
 
-def refit(base: Projected, starts: Sequence[CatalogueEffect]) -> Refit:
+def refit(base: Projected, starts: Sequence[CatalogueEffect], held: Collection[str] = ()) -> Refit:
     """Fit the effects' strengths and shapes from a start, in addition to the model's effects.
 
     The base parameters of the balances that the effects reach are fitted along: an effect that
-    replaces a law changes their role.
+    replaces a law changes their role. Numbers `held` ("id/name") stay.
     """
-    equations = _Equations(base, starts)
+    equations = _Equations(base, starts, held)
     parameters, left = equations.from_best_base(), _EVALUATIONS
     while True:
         fit = minimise(
@@ -104,12 +110,14 @@ class _Equations:
     `parameters` (k + p): the effects' numbers, then factors of the base parameters.
     """
 
-    def __init__(self, base: Projected, starts: Sequence[CatalogueEffect]) -> None:
+    def __init__(
+        self, base: Projected, starts: Sequence[CatalogueEffect], held: Collection[str]
+    ) -> None:
         others = (*base.model.effects, *starts)
         self._base, self._starts = base, starts
-        self._held = frozenset(
+        self._held = frozenset(held) | {
             f"{e.id}/{q.name}" for e in starts for q in type(e).quantities if q.is_choice
-        )
+        }
         self._channels = tuple(
             c for c in CHANNELS if any(c in channels_of(e, others) for e in starts)
         )

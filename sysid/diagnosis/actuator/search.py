@@ -98,14 +98,14 @@ class Search:
     def estimates(self, place: int) -> dict[str, Estimate]:
         """An effect's numbers by name, with intervals from leaving out one test at a time.
 
-        Without those that show nothing, as gravity on a level rig.
+        Without those that show nothing, as gravity on a level rig, and shapes held as `plain`.
         """
         assert self.joint is not None
         fit = self.joint.fit
         effect = self.joint.effects[place]
         covariance = fit.jackknife_covariance(self.first.frame.tests)
         slopes = zip(fit.parameters, fit.jacobian.T, strict=True)
-        shown = {p.name for p, slope in slopes if slope.any()}
+        shown = {p.name for p, slope in slopes if slope.any() and p.lower < p.upper}
         found = {
             q.name: fit.estimate(f"{effect.id}/{q.name}", covariance).within(q.lower, q.upper)
             for q in type(effect).quantities
@@ -115,6 +115,18 @@ class Search:
         for q in (q for q in type(effect).strengths() if q.is_threshold):
             found[q.name] = with_steps(found[q.name], q, base, self.model, self.joint, place)
         return found
+
+    def plain(self, place: int) -> tuple[str, ...]:
+        """The shapes of an effect, by name, that the balances show to be of its plain form."""
+        assert self.joint is not None
+        effect, columns = self.joint.effects[place], self.joint.fit.jacobian.T
+        held = {
+            p.name
+            for p, slope in zip(self.joint.fit.parameters, columns, strict=True)
+            if slope.any() and not p.lower < p.upper
+        }
+        names = (q.name for q in type(effect).shapes() if not q.is_choice)
+        return tuple(name for name in names if f"{effect.id}/{name}" in held)
 
     def gains(self, effects: Sequence[CatalogueEffect]) -> FloatArray:
         """By how much each of some effects, with its numbers, lowers the balances' squares next to
