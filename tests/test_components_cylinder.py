@@ -5,6 +5,7 @@ The 7 bar of the set are held out (datasets/measured/cylinder): no file of their
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -106,4 +107,5 @@ def test_an_effect_that_is_needed_is_so_in_any_order(x_ring: Axis) -> None:
     last = fit_law(x_ring, [SEAL, AREA], every).p_value(alone)
     first = fit_law(x_ring, [AREA, SEAL], every).p_value(alone)
     assert last < 1e-3
-    assert first == pytest.approx(last, rel=0.1)
+    # Of either order's own minimum: tens of powers of ten, of which a fit's end changes a part.
+    assert math.log(first) == pytest.approx(math.log(last), rel=0.05)
