@@ -890,7 +890,7 @@ def test_a_shape_is_bent_where_the_data_ask_for_it(
     own = found.refit.own_slopes()[:, :2] * [strength.usual_size, 0.5 * difference.upper]
     plain = float(np.linalg.slogdet(np.eye(2) + own.T @ own)[1])
     volume = _log_volume(found.refit, found.refit.own_slopes())
-    assert (volume > plain + 2.0) == is_bent
+    assert volume > plain + 0.1 if is_bent else volume == pytest.approx(plain)
 
 
 def test_a_threshold_is_found_between_the_sizes_that_were_screened(
