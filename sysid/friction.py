@@ -273,7 +273,10 @@ def _reversed_in_one(
                 for t in trials
             ]
             fit = on_its_own(partial(_whole, turned, rig, kind, estimate_inertia, cutoff_hz))
-            if own and not isinstance(fit, Failure) and fit.is_beyond_doubt:
+            if not own or isinstance(fit, Failure) or not fit.is_beyond_doubt:
+                continue
+            # A fit that leaves the turned log out says nothing of its sign.
+            if any(use.used and use.source in {t.source for t in own} for use in fit.trials):
                 return (
                     f"the sign of {rig.effort_channel} or of {rig.position_channel} is reversed in "
                     f"{Path(file).name}: with the other sign there the fit of all logs is good; "
