@@ -26,7 +26,7 @@ IDS = [effect.id for effect in EFFECTS]
 STATES = ("position", "velocity", "pressure_a", "pressure_b")
 STEPPING_PA = 0.1
 # Shapes that are screened at their usual value alone: a fit bends them from there.
-BENT_BY_FITS = {"stroke_share"}
+BENT_BY_FITS = {"stroke_share", "second_order_share"}
 PER_FLOW = 1.4 * 287.0 * 293.15 / (REFERENCE.offset_a * REFERENCE.area_a)
 HELD = REFERENCE.replace(static_effort=1e6)  # nothing can move the piston
 NO_VALVES = {
