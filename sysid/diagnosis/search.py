@@ -159,14 +159,16 @@ def run(
 def shapes_at_limits(effect: CatalogueEffect, at_bound: Collection[str]) -> tuple[str, ...]:
     """An effect's shapes that ended at a limit of their range, of the numbers ("id/name") that did.
 
-    A limit that is the plain form, as no damping, is a value, and so is one of the forms that are
-    tried, as a line that is wholly shared, or that has words of its own.
+    What is held at the plain form is at none. A limit that is that form, as no damping, is a value,
+    and so is one of the forms that are tried, as a line that is wholly shared, or that has words of
+    its own.
     """
     found = []
     for q in type(effect).shapes():
         value = float(getattr(effect, q.name))
         limit = q.lower if value - q.lower < q.upper - value else q.upper
-        is_value = q.is_choice or limit in (q.absent, *q.grid, *dict(q.forms))
+        is_value = q.is_choice or value == q.absent
+        is_value |= limit in (q.absent, *q.grid, *dict(q.forms))
         if f"{effect.id}/{q.name}" in at_bound and not is_value:
             found.append(q.label)
     return tuple(found)

@@ -51,7 +51,7 @@ from sysid.parameters.assembled_model import require_moving_inertia
 from sysid.parameters.quality import quality_field
 from sysid.plant.base import Parameters, bare_parameters
 from sysid.plant.effects.entry import CatalogueEffect, Quantity
-from sysid.plant.effects.friction import LoadDependentFriction
+from sysid.plant.effects.friction import LoadDependentFriction, SealFriction
 from sysid.plant.effects.linear import ROTARY_ONLY, linear_form
 from sysid.plant.effects.linkage import LEAST_INERTIA, CableSpring, InertiaMismatch, SpringAtZero
 from sysid.plant.effects.motor import TorqueSaturation
@@ -115,8 +115,14 @@ class Axis(Component):
         """A speed that shapes an effect lies among those of this axis, whatever its size.
 
         A change of the inertia ends where nothing is left of it, or a fit would stay beyond.
+        Seals keep their plain form: tests of an axis alone hold a few pressures, one each.
         """
         found = tuple(q.at_speeds(self.fastest) for q in super().quantities_of(kind))
+        if kind.id == SealFriction.id:
+            found = tuple(
+                dataclasses.replace(q, is_choice=q.is_choice or q.grid == (q.absent,))
+                for q in found
+            )
         declared = self.rig.total_inertia()
         if kind.id != InertiaMismatch.id or declared is None:
             return found

@@ -64,7 +64,7 @@ class FittedLaw:
 
         Intervals allow for correlated residuals, and for numbers that differ from test to test.
         """
-        fitted = [q for q in type(effect).quantities if not q.is_choice]
+        fitted = [q for q in self.component.quantities_of(type(effect)) if not q.is_choice]
         return {q.name: self._estimate(_key(type(effect), q)) for q in fitted}
 
     def base_estimates(self) -> dict[str, Estimate]:
