@@ -94,16 +94,11 @@ def filling_from(
     temperature: Array = ANR_TEMPERATURE,
 ) -> Callable[[Array], Array]:
     """`filling_flow` from a supply that stays, of the pressure alone."""
-    if obeys_iso(valve, "fill"):
-        numbers = iso_numbers(valve, "fill")
-        return lambda pressure: iso6358_flow(supply, pressure, *numbers, temperature)
-    xp = array_namespace(supply, valve.choked_fill)
     boundary = filling_boundary(valve, supply)
-    choked = valve.choked_fill * (supply / supply_reference)
 
     def flow(pressure: Array) -> Array:
-        free = base.unchoked_filling_flow(pressure, supply, valve.c_fill)
-        return xp.where(pressure <= boundary, choked, free)
+        choked = pressure <= boundary
+        return filling_flow(valve, pressure, supply, supply_reference, choked, temperature)
 
     return flow
 
@@ -112,15 +107,10 @@ def exhaust_to(
     valve: ValveParameters, atmosphere: Array, temperature: Array = ANR_TEMPERATURE
 ) -> Callable[[Array], Array]:
     """`exhaust_flow` to a line whose pressure stays, of the chamber's pressure alone."""
-    if obeys_iso(valve, "dis"):
-        numbers = iso_numbers(valve, "dis")
-        return lambda pressure: iso6358_flow(atmosphere, pressure, *numbers, temperature)
-    xp = array_namespace(atmosphere, valve.choked_dis)
-    boundary, choked = exhaust_boundary(valve, atmosphere), -valve.choked_dis
+    boundary = exhaust_boundary(valve, atmosphere)
 
     def flow(pressure: Array) -> Array:
-        free = base.unchoked_exhaust_flow(pressure, atmosphere, valve.c_dis)
-        return xp.where(pressure >= boundary, choked, free)
+        return exhaust_flow(valve, pressure, atmosphere, pressure >= boundary, temperature)
 
     return flow
 
