@@ -17,11 +17,9 @@ import numpy as np
 from sysid import signals
 from sysid.io.channels import SIDES, VELOCITY_CHANNELS
 from sysid.plant.base import LEAST_DIVISOR, Array, Parameters, array_namespace
-from sysid.plant.effects.entry import CatalogueEffect, Quantity, either, of_side
+from sysid.plant.effects.entry import CatalogueEffect, Quantity, bent, either, of_side
 from sysid.types import FloatArray
 
-# Times in units of one another that are the same to rounding.
-_EQUAL = 1e-9
 # What a critically damped lag lacks of its second order: its stages are never equal, as the root of
 # zero has no derivative.
 _APART = 1e-8
@@ -56,10 +54,8 @@ def _fed_second(first: Array, slope: Array, step: Array, lag: Array, second: Arr
     exp(-t/lag), which the second stage sees through its own exp(-t/second).
     """
     xp = array_namespace(first, lag, second)
-    apart = step / second - step / lag
-    # (1 - exp(-x)) / x, as it is at 0 too.
-    mean = xp.where(apart > _EQUAL, -xp.expm1(-apart) / xp.maximum(apart, _EQUAL), 1.0)
-    carried = (step / second) * xp.exp(-step / lag) * mean
+    apart = xp.maximum(step / second - step / lag, LEAST_DIVISOR)
+    carried = (step / second) * xp.exp(-step / lag) * -xp.expm1(-apart) / apart
     return (first - slope * lag) * carried - slope * (lag + second) * xp.expm1(-step / second)
 
 
@@ -172,19 +168,14 @@ class PressureLag(CatalogueEffect):
     subsystem = "sensor"
     quantities = (
         Quantity("pressure_lag_s", "s", 2e-3, 0.0, 0.05, "time constant of the sensor"),
-        Quantity(
+        bent(
             "second_order_share",
-            "-",
             0.0,
             0.0,
             1.0,
             "0: of first order, 1: of second order, critically damped",
-            is_strength=False,
-            caption="share of second order in the lag",
-            forms=((0.0, "of first order"), (1.0, "of second order, critically damped")),
-            # A fit bends it from there.
-            grid=(0.0,),
-            absent=0.0,
+            "share of second order in the lag",
+            ((0.0, "of first order"), (1.0, "of second order, critically damped")),
         ),
     )
     signature = "timing of a pressure at valve edges"
