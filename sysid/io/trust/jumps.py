@@ -18,14 +18,11 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from sysid import signals
+from sysid.io.trust.wraps import ASIDE, ORDINARY
 from sysid.types import FloatArray
 
-# Steps to either side that show how the motion goes on.
-_ASIDE = 3
 # Multiple of the range of the surrounding steps about their line: less is a slip of a few rows.
 _IRREGULAR = 3.0
-# Share of what a test covers that a jump in its first or last rows takes.
-_MOST_OF_IT = 0.75
 # A reading in whole counts is within half a count of the truth, and a step within one:
 # two steps differ by at most two counts.
 _COUNTS = 2.5
@@ -46,13 +43,13 @@ _MOST_JUMPS = 3
 def _line(back: int) -> FloatArray:
     """(s, s): the least-squares line through the steps around a jump, at these steps; it may go
     `back` by a step so many later (0: it does not)."""
-    places = np.delete(np.arange(2 * _ASIDE + 1.0 + back), [_ASIDE, _ASIDE + back])
+    places = np.delete(np.arange(2 * ASIDE + 1.0 + back), [ASIDE, ASIDE + back])
     places -= places.mean()
     return np.asarray(np.outer(places, places) / (places @ places) + 1.0 / len(places))
 
 
 # Indexed by the number of steps after which a jump goes back (0: not within those around it).
-_LINES = tuple(_line(back) for back in range(_ASIDE + 1))
+_LINES = tuple(_line(back) for back in range(ASIDE + 1))
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,7 @@ class Jump:
 
 @dataclass(frozen=True)
 class _Around:
-    """The steps of a test that have `_ASIDE` others on both sides, (m,) each.
+    """The steps of a test that have `ASIDE` others on both sides, (m,) each.
 
     `back`: after how many steps the position would go back, 0: not at all. `outside`: how far a
     step, and that back in the other direction, lie outside the others; `range`: the others' about
@@ -128,13 +125,13 @@ def _at_start(time: FloatArray, position: FloatArray, resolution: Resolution) ->
     moves along with such a step may be a slip or a piston that runs to its end.
     """
     steps, periods = np.diff(position), np.diff(time)
-    if len(steps) < 2 * _ASIDE + 2 or not math.isfinite(resolution.step):
+    if len(steps) < 2 * ASIDE + 2 or not math.isfinite(resolution.step):
         return []
     count = _COUNTS * resolution.step
-    later = float(np.max(np.abs(steps[_ASIDE:])))
-    least = max(_MOST_OF_IT * float(np.ptp(position)), _IRREGULAR * later) + count
-    at = int(np.argmax(np.abs(steps[:_ASIDE])))
-    after = steps[at + 1 : at + 1 + _ASIDE]
+    later = float(np.max(np.abs(steps[ASIDE:])))
+    least = max((1.0 - ORDINARY) * float(np.ptp(position)), _IRREGULAR * later) + count
+    at = int(np.argmax(np.abs(steps[:ASIDE])))
+    after = steps[at + 1 : at + 1 + ASIDE]
     if not (abs(steps[at]) > least and later > count and np.all(after * steps[at] < 0.0)):
         return []
     usual = float(after[0] / periods[at + 1])
@@ -170,7 +167,7 @@ def resolution_of(positions: FloatArray, declared: float | None = None) -> Resol
 
 def _largest(time: FloatArray, position: FloatArray, resolution: Resolution) -> list[Jump]:
     """The clearest jump of a test, with that back where it goes back; none without any."""
-    looks = [around for back in range(_ASIDE + 1) if (around := _around(time, position, back))]
+    looks = [around for back in range(ASIDE + 1) if (around := _around(time, position, back))]
     best = _clearest(position, resolution, looks)
     return [] if best is None else _jumps_at(time, position, resolution, *best)
 
@@ -190,7 +187,7 @@ def over_two_steps(time: FloatArray, position: FloatArray, resolution: Resolutio
         if best is None:
             return found
         around, step = best
-        row, size = step + _ASIDE + 1, 0.0
+        row, size = step + ASIDE + 1, 0.0
         for part in (row, row + 1):
             period = time[part] - time[part - 1]
             own = joined[part] - joined[part - 1] - around.mean[step] * period
@@ -209,7 +206,7 @@ def runs_into_stop(
     """Whether a jump over two steps of a position (n,) is a motion that runs into a stop: it rests
     right after, at the end of the `ends` between which all positions of its file lie.
     """
-    later = position[jump.row + 1 : jump.row + 2 + _ASIDE]
+    later = position[jump.row + 1 : jump.row + 2 + ASIDE]
     reached = ends[1] if jump.size > 0.0 else ends[0]
     return bool(np.ptp(later[-2:]) <= count and abs(later[-1] - reached) <= count)
 
@@ -243,19 +240,19 @@ def _jumps_at(
     time: FloatArray, position: FloatArray, resolution: Resolution, around: _Around, step: int
 ) -> list[Jump]:
     """The jump of a step (index into `around`), and that back by as much where it goes back."""
-    period, moved = (np.diff(values)[step + _ASIDE] for values in (time, position))
+    period, moved = (np.diff(values)[step + ASIDE] for values in (time, position))
     size = float(moved - around.mean[step] * period)
     if resolution.is_whole:
         size = resolution.step * round(size / resolution.step)
     jumps: list[Jump] = []
-    for row in sorted({step + _ASIDE + 1, step + _ASIDE + 1 + around.back}):
+    for row in sorted({step + ASIDE + 1, step + ASIDE + 1 + around.back}):
         speed = abs(float(position[row] - position[row - 1])) / float(time[row] - time[row - 1])
         jumps.append(Jump(row, -size if jumps else size, speed, float(around.fastest[step])))
     return jumps
 
 
 def _largest_noise(position: FloatArray, count: float) -> FloatArray:
-    """The most that noise, without the rounding to counts, adds to each step (m,) with `_ASIDE`
+    """The most that noise, without the rounding to counts, adds to each step (m,) with `ASIDE`
     others on both sides, in a test's length.
 
     By third differences over all rows, and over the blocks around a step: the noise of a clock
@@ -274,7 +271,7 @@ def _largest_noise(position: FloatArray, count: float) -> FloatArray:
     )
     around = np.max(sliding_window_view(np.pad(blocks, 1, mode="edge"), 3), axis=1)
     # Step k + 3 is in third differences k + 1 to k + 3.
-    local = np.repeat(around, sizes)[2 : 2 + len(position) - 1 - 2 * _ASIDE]
+    local = np.repeat(around, sizes)[2 : 2 + len(position) - 1 - 2 * ASIDE]
     noise = np.maximum(everywhere, local / (_UPPER_QUARTILE * math.sqrt(_THIRD)))
     free = np.sqrt(np.maximum(0.0, noise**2 - count**2 / 12.0))
     return math.sqrt(2.0) * -NormalDist().inv_cdf(0.5 * _FALSE_ALARM / len(position)) * free
@@ -294,11 +291,11 @@ def _around(
 ) -> _Around | None:
     """The steps with those around them; `spread`: the one after is the rest of the jump."""
     periods, steps = np.diff(time), np.diff(position)
-    window = 2 * _ASIDE + 1 + back
+    window = 2 * ASIDE + 1 + back
     if len(steps) < window + 2:
         return None
     count = len(steps) - window + 1
-    speeds, pair = steps / periods, (_ASIDE, _ASIDE + back)
+    speeds, pair = steps / periods, (ASIDE, ASIDE + back)
     others = np.stack([speeds[k : k + count] for k in range(window) if k not in pair])
     lengths = np.stack([periods[k : k + count] for k in range(window)])
     # A row's time stamp may be late: its step may have taken any of the periods around it.

@@ -18,13 +18,13 @@ from sysid.types import FloatArray
 
 COUNTER_BITS = (16, 24, 32)
 # Share of the counter's range that exceeds any step of the motion.
-_ORDINARY = 0.25
+ORDINARY = 0.25
 # Ratio of a step across a wrap to the others; and share of the range, for rounding in the file.
 LARGER = 2.0
 _ROUNDING = 2e-3
 _FULL_TURN = 2.0 * math.pi
-# Steps to either side that show which way the motion leads: noise leads one way once in 2^6.
-_ASIDE = 3
+# Steps to either side that show how the motion goes on: noise leads one way once in 2^6.
+ASIDE = 3
 
 
 @dataclass(frozen=True)
@@ -56,15 +56,15 @@ def shown_range(
     found = 0
     for part in parts:
         steps = np.diff(part)
-        wraps = np.abs(steps) > (1.0 - _ORDINARY) * np.ptp(part)
+        wraps = np.abs(steps) > (1.0 - ORDINARY) * np.ptp(part)
         moving = np.flatnonzero((steps != 0.0) & ~wraps)
         rows = np.flatnonzero(wraps)
         after = np.searchsorted(moving, rows)
-        inner = (after >= _ASIDE) & (after + _ASIDE <= len(moving))
+        inner = (after >= ASIDE) & (after + ASIDE <= len(moving))
         rows, after = rows[inner], after[inner]
-        places = after[:, None] + np.arange(-_ASIDE, _ASIDE)
+        places = after[:, None] + np.arange(-ASIDE, ASIDE)
         around = steps[moving[places]] * np.sign(steps[rows])[:, None]
-        next_to = around[:, _ASIDE - 1 : _ASIDE + 1]
+        next_to = around[:, ASIDE - 1 : ASIDE + 1]
         if np.any(np.all(next_to > 0.0, axis=1)):
             return {}
         found += len(rows)
@@ -92,7 +92,7 @@ def without_wraps(
     """
     # Most logs hold no step that a wrap would need, which one look at their steps shows.
     step = max((float(np.max(np.abs(np.diff(part)), initial=0.0)) for part in parts), default=0.0)
-    wrapping = [whole for whole in ranges if step > (1.0 - _ORDINARY) * whole]
+    wrapping = [whole for whole in ranges if step > (1.0 - ORDINARY) * whole]
     possible = [whole for whole in wrapping if all(_is_ordinary(part, whole) for part in parts)]
     apart = [_largest_after_wraps(parts, whole) for whole in possible]
     if not any(map(math.isfinite, apart)):
@@ -107,7 +107,7 @@ def without_wraps(
 
 def _wraps(values: FloatArray, whole: float) -> NDArray[np.intp]:
     """Rows of a test's (n,) values before which the counter has wrapped."""
-    return np.flatnonzero(np.abs(np.diff(values)) > (1.0 - _ORDINARY) * whole) + 1
+    return np.flatnonzero(np.abs(np.diff(values)) > (1.0 - ORDINARY) * whole) + 1
 
 
 def _followed(values: FloatArray, whole: float) -> FloatArray:
@@ -123,7 +123,7 @@ def _is_ordinary(values: FloatArray, whole: float) -> bool:
     """Whether a test (n,) is one of a counter of this range: once followed, its steps are small."""
     steps = np.abs(np.diff(_followed(values, whole)))
     within = np.ptp(values) <= (1.0 + _ROUNDING) * whole
-    return bool(within and np.max(steps, initial=0.0) < _ORDINARY * whole)
+    return bool(within and np.max(steps, initial=0.0) < ORDINARY * whole)
 
 
 def _largest_after_wraps(parts: Sequence[FloatArray], whole: float) -> float:
@@ -142,4 +142,13 @@ def _largest_after_wraps(parts: Sequence[FloatArray], whole: float) -> float:
     return largest if largest >= 0.0 else math.inf
 
 
-__all__ = ["COUNTER_BITS", "LARGER", "Wraps", "counter_ranges", "shown_range", "without_wraps"]
+__all__ = [
+    "ASIDE",
+    "COUNTER_BITS",
+    "LARGER",
+    "ORDINARY",
+    "Wraps",
+    "counter_ranges",
+    "shown_range",
+    "without_wraps",
+]
