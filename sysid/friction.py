@@ -218,8 +218,7 @@ def _reversed(
     """
 
     def good(turned: Sequence[Trial]) -> FrictionResult | None:
-        fit = on_its_own(partial(_whole, turned, rig, kind, estimate_inertia, cutoff_hz))
-        return None if isinstance(fit, Failure) or not fit.is_beyond_doubt else fit
+        return _good(turned, rig, kind, estimate_inertia, cutoff_hz)
 
     found: dict[str, FrictionResult] = {}
     for channel in (rig.effort_channel, rig.position_channel):
@@ -262,27 +261,39 @@ def _reversed_in_one(
 ) -> str:
     """Which channel's sign is reversed in one of several logs, if with the other sign there the fit
     of them all is good; empty where none is."""
-    files = [t.source.removesuffix(f", test {t.label}") for t in trials]
-    if len(set(files)) < 2:
+    files: dict[str, list[Trial]] = {}
+    for trial in trials:
+        files.setdefault(trial.source.removesuffix(f", test {trial.label}"), []).append(trial)
+    if len(files) < 2:
         return ""
     for channel in (rig.effort_channel, rig.position_channel):
-        for file in dict.fromkeys(files):
-            own = [t for t, of in zip(trials, files, strict=True) if of == file and channel in t]
+        for file, log in files.items():
+            own = {t.source for t in log if channel in t}
             turned = [
-                with_channels(t, **{channel: -t[channel]}) if any(t is o for o in own) else t
-                for t in trials
+                with_channels(t, **{channel: -t[channel]}) if t.source in own else t for t in trials
             ]
-            fit = on_its_own(partial(_whole, turned, rig, kind, estimate_inertia, cutoff_hz))
-            if not own or isinstance(fit, Failure) or not fit.is_beyond_doubt:
-                continue
+            fit = _good(turned, rig, kind, estimate_inertia, cutoff_hz) if own else None
             # A fit that leaves the turned log out says nothing of its sign.
-            if any(use.used and use.source in {t.source for t in own} for use in fit.trials):
+            if fit is not None and any(use.used and use.source in own for use in fit.trials):
+                first = next(t for t in log if channel in t)
                 return (
                     f"the sign of {rig.effort_channel} or of {rig.position_channel} is reversed in "
                     f"{Path(file).name}: with the other sign there the fit of all logs is good; "
-                    f'convert that log with --map "{own[0].reversed_map(channel)}"'
+                    f'convert that log with --map "{first.reversed_map(channel)}"'
                 )
     return ""
+
+
+def _good(
+    trials: Sequence[Trial],
+    rig: Rig,
+    kind: str | Sequence[str | None] | None,
+    estimate_inertia: bool,
+    cutoff_hz: float | None,
+) -> FrictionResult | None:
+    """The fit of trials as they are, if there is one that is beyond doubt."""
+    fit = on_its_own(partial(_whole, trials, rig, kind, estimate_inertia, cutoff_hz))
+    return None if isinstance(fit, Failure) or not fit.is_beyond_doubt else fit
 
 
 def _alike(one: FrictionResult, best: FrictionResult) -> bool:
