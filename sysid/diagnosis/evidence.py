@@ -13,7 +13,7 @@ from sysid.diagnosis.search import Round, Step
 from sysid.diagnosis.search_record import SearchRecord
 from sysid.estimation.linear import Estimate
 from sysid.parameters import Bundle
-from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
 
 if TYPE_CHECKING:
     from sysid.refinement.prior import BenchRows
@@ -64,8 +64,8 @@ class ComponentEvidence(ABC):
     def estimates(self, place: int) -> dict[str, Estimate]:
         """An effect's numbers by field."""
 
-    def plain(self, place: int) -> tuple[str, ...]:
-        """The shapes of an effect, by field, that are known to be those of its plain form."""
+    def plain(self, place: int) -> tuple[Quantity, ...]:
+        """The shapes of an effect that are known to be those of its plain form."""
         return ()
 
     @abstractmethod

@@ -304,12 +304,7 @@ def _numbers(
 
     first = len(extended.effects) - len(evidence.effects)
     names = effect_names(extended.effects)[first:]
-    plain = [
-        f"{name}.{q.label}"
-        for place, (name, effect) in enumerate(zip(names, evidence.effects, strict=True))
-        for q in type(effect).shapes()
-        if q.name in evidence.plain(place)
-    ]
+    plain = [f"{name}.{q.label}" for i, name in enumerate(names) for q in evidence.plain(i)]
     try:
         return refine(
             campaign,

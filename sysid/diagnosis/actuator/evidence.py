@@ -25,7 +25,7 @@ from sysid.io.campaign import SIMULATED_KINDS
 from sysid.io.rig import Rig
 from sysid.parameters import Bundle
 from sysid.parameters.valves import ISO_KEYS, LAW_KEYS
-from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
 
 if TYPE_CHECKING:
     from sysid.refinement.prior import BenchRows
@@ -67,7 +67,7 @@ class TwinEvidence(ComponentEvidence):
     def estimates(self, place: int) -> dict[str, Estimate]:
         return self.loop.search.estimates(place)
 
-    def plain(self, place: int) -> tuple[str, ...]:
+    def plain(self, place: int) -> tuple[Quantity, ...]:
         return self.loop.search.plain(place)
 
     def unseen(self, effects: Sequence[CatalogueEffect]) -> list[int]:

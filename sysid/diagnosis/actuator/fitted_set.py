@@ -97,9 +97,11 @@ def fit_set(
             others += _other_starts(first, found.effects, channels, left)
         ends = [refit(base, start) for start in others]
         found = min([found, *ends], key=lambda end: end.fit.sum_of_squares)
-        own = _fitted(first, base, found, weights)
-        if plain := _plain_shapes(found):
-            again = _fitted(first, base, _refitted_plain(base, found, plain), weights)
+        slopes = found.own_slopes()
+        own = _fitted(first, base, found, slopes, weights)
+        if plain := _plain_shapes(found, slopes):
+            found = _refitted_plain(base, found, plain)
+            again = _fitted(first, base, found, found.own_slopes(), weights)
             own = max(again, own, key=lambda one: one.evidence(channels, squares))
         found, left = own.refit, own.squares
         if best is not None and own.evidence(channels, left) < best.evidence(channels, left):
@@ -112,20 +114,22 @@ def fit_set(
     return best
 
 
-def _fitted(first: Projected, base: Projected, found: Refit, weights: FloatArray) -> FittedSet:
-    """The set of what was fitted to the residual `base`, `first` by its channels' `weights`."""
-    left, slopes = channel_squares(first, found.rest) / weights, found.own_slopes()
+def _fitted(
+    first: Projected, base: Projected, found: Refit, slopes: FloatArray, weights: FloatArray
+) -> FittedSet:
+    """The set of what was fitted to the residual `base`, `first` by its channels' `weights`;
+    `slopes` as in `_log_volume`."""
+    left = channel_squares(first, found.rest) / weights
     complexity = _prior_cost(found.effects) + _log_volume(found, slopes)
     return FittedSet(found, left, complexity, supports(base, found, slopes, weights))
 
 
-def _refitted_plain(base: Projected, found: Refit, plain: Sequence[tuple[int, str]]) -> Refit:
-    """Fitted effects with these shapes of theirs, by place and name, at their plain form."""
+def _refitted_plain(base: Projected, found: Refit, plain: Sequence[tuple[int, Quantity]]) -> Refit:
+    """Fitted effects with these shapes of theirs, by the effect's place, at their plain form."""
     effects = list(found.effects)
-    for place, name in plain:
-        absent = next(q.absent for q in type(effects[place]).quantities if q.name == name)
-        effects[place] = replace(effects[place], **{name: absent})  # type: ignore[type-var]
-    return refit(base, effects, [f"{effects[place].id}/{name}" for place, name in plain])
+    for place, q in plain:
+        effects[place] = replace(effects[place], **{q.name: q.absent})  # type: ignore[type-var]
+    return refit(base, effects, [f"{effects[place].id}/{q.name}" for place, q in plain])
 
 
 def fall_on_twin(
@@ -178,30 +182,33 @@ def _priors(found: Refit) -> FloatArray:
     return np.where(found.free, [_prior(q) for q in numbers], 0.0)
 
 
-def _plain_shapes(found: Refit) -> list[tuple[int, str]]:
-    """The shapes, by effect's place and name, that are likelier at their effect's plain form.
+def _plain_shapes(found: Refit, slopes: FloatArray) -> list[tuple[int, Quantity]]:
+    """The shapes, by their effect's place, that are likelier at its plain form.
 
     Of those that a fit bends from there; by the density at it, after the data over before (the
     ratio of Savage and Dickey: Verdinelli and Wasserman, JASA 90, 1995).
     """
     numbers = [(i, q) for i, e in enumerate(found.effects) for q in type(e).quantities]
-    priors, slopes = _priors(found), found.own_slopes()
-    values = np.array([getattr(found.effects[i], q.name) for i, q in numbers], dtype=float)
-    plain = np.array([q.grid[0] if q.grid == (q.absent,) else math.nan for _, q in numbers])
-    bent = np.flatnonzero((priors > 0.0) & ~np.isnan(plain) & slopes.any(axis=0)).tolist()
+    priors = _priors(found)
+    begin = np.array([q.begins_plain for _, q in numbers])
+    bent = np.flatnonzero(begin & (priors > 0.0) & slopes.any(axis=0)).tolist()
     if not bent:
         return []
     own = slopes * priors
     covariance = np.linalg.inv(np.eye(len(numbers)) + own.T @ own)
-    off = (values - plain) / np.where(priors > 0.0, priors, 1.0)
+    off = {
+        k: (float(getattr(found.effects[i], q.name)) - q.grid[0]) / priors[k]
+        for k, (i, q) in enumerate(numbers)
+        if k in bent
+    }
 
     def gained(some: Sequence[int]) -> float:
-        part, away = covariance[np.ix_(some, some)], off[list(some)]
+        part, away = covariance[np.ix_(some, some)], np.array([off[k] for k in some])
         return float(-np.linalg.slogdet(part)[1] - away @ np.linalg.solve(part, away))
 
     every = (s for count in range(1, len(bent) + 1) for s in itertools.combinations(bent, count))
     best = max(every, key=gained)
-    return [(numbers[k][0], numbers[k][1].name) for k in best] if gained(best) > 0.0 else []
+    return [numbers[k] for k in best] if gained(best) > 0.0 else []
 
 
 def _prior(quantity: Quantity) -> float:

@@ -31,7 +31,7 @@ from sysid.errors import Failure, SimulationError
 from sysid.estimation.law_evidence import ODDS
 from sysid.estimation.linear import Estimate
 from sysid.parallel import attempt, limited
-from sysid.plant.effects.entry import CatalogueEffect
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
 from sysid.plant.ports import Model
 from sysid.types import FloatArray
 
@@ -104,29 +104,33 @@ class Search:
         fit = self.joint.fit
         effect = self.joint.effects[place]
         covariance = fit.jackknife_covariance(self.first.frame.tests)
-        slopes = zip(fit.parameters, fit.jacobian.T, strict=True)
-        shown = {p.name for p, slope in slopes if slope.any() and p.lower < p.upper}
+        plain = self.plain(place)
         found = {
             q.name: fit.estimate(f"{effect.id}/{q.name}", covariance).within(q.lower, q.upper)
-            for q in type(effect).quantities
-            if not q.is_choice and (q.is_threshold or f"{effect.id}/{q.name}" in shown)
+            for q, shows in self._numbers(place)
+            if q.is_threshold or (shows and q not in plain)
         }
         base = weighed(self.first, self.weights)
         for q in (q for q in type(effect).strengths() if q.is_threshold):
             found[q.name] = with_steps(found[q.name], q, base, self.model, self.joint, place)
         return found
 
-    def plain(self, place: int) -> tuple[str, ...]:
-        """The shapes of an effect, by name, that the balances show to be of its plain form."""
+    def plain(self, place: int) -> tuple[Quantity, ...]:
+        """The shapes of an effect that the balances show to be of its plain form: held there."""
         assert self.joint is not None
-        effect, columns = self.joint.effects[place], self.joint.fit.jacobian.T
-        held = {
-            p.name
-            for p, slope in zip(self.joint.fit.parameters, columns, strict=True)
-            if slope.any() and not p.lower < p.upper
-        }
-        names = (q.name for q in type(effect).shapes() if not q.is_choice)
-        return tuple(name for name in names if f"{effect.id}/{name}" in held)
+        fitted = {p.name for p in self.joint.fit.parameters if p.lower < p.upper}
+        own = self.joint.effects[place].id
+        numbers = self._numbers(place)
+        return tuple(q for q, shows in numbers if shows and f"{own}/{q.name}" not in fitted)
+
+    def _numbers(self, place: int) -> list[tuple[Quantity, bool]]:
+        """An effect's numbers, save for choices, and whether the balances show them."""
+        assert self.joint is not None
+        effect, fit = self.joint.effects[place], self.joint.fit
+        slopes = zip(fit.parameters, fit.jacobian.T, strict=True)
+        shown = {p.name for p, slope in slopes if slope.any()}
+        own = (q for q in type(effect).quantities if not q.is_choice)
+        return [(q, f"{effect.id}/{q.name}" in shown) for q in own]
 
     def gains(self, effects: Sequence[CatalogueEffect]) -> FloatArray:
         """By how much each of some effects, with its numbers, lowers the balances' squares next to

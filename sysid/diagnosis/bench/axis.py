@@ -119,10 +119,8 @@ class Axis(Component):
         """
         found = tuple(q.at_speeds(self.fastest) for q in super().quantities_of(kind))
         if kind.id == SealFriction.id:
-            found = tuple(
-                dataclasses.replace(q, is_choice=q.is_choice or q.grid == (q.absent,))
-                for q in found
-            )
+            held = [dataclasses.replace(q, is_choice=True) if q.begins_plain else q for q in found]
+            found = tuple(held)
         declared = self.rig.total_inertia()
         if kind.id != InertiaMismatch.id or declared is None:
             return found

@@ -58,6 +58,7 @@ class Quantity:
     `least`: what no value is below on the rig at hand, whatever its size.
     `jumps`: a shape at which the effect jumps, as at a limit beyond which all is lost: its slope
     shows over a wide step alone.
+    `begins_plain`: a shape that fits bend from the effect's plain form (see `bent`).
     `forms`: what some of its values stand for, in words, and `caption` what these are forms of:
     pages say so in place of the `meaning`, which files and terminals have.
     """
@@ -78,6 +79,7 @@ class Quantity:
     radius_power: float | None = None
     least: float = -math.inf
     jumps: bool = False
+    begins_plain: bool = False
     forms: tuple[tuple[float, str], ...] = ()
     caption: str = ""
 
@@ -205,6 +207,35 @@ def either(
         is_choice=True,
         forms=((0.0, forms[0]), (1.0, forms[1])),
         caption=caption,
+    )
+
+
+def bent(
+    name: str,
+    plain: float,
+    lower: float,
+    upper: float,
+    meaning: str,
+    caption: str = "",
+    forms: tuple[tuple[float, str], ...] = (),
+    is_smooth: bool = True,
+) -> Quantity:
+    """A shape without unit that a fit bends from its value in the effect's `plain` form, which is
+    also what files mean that do not give it; the others as in `Quantity`."""
+    return Quantity(
+        name,
+        "-",
+        plain,
+        lower,
+        upper,
+        meaning,
+        is_strength=False,
+        grid=(plain,),
+        absent=plain,
+        is_smooth=is_smooth,
+        begins_plain=True,
+        caption=caption,
+        forms=forms,
     )
 
 

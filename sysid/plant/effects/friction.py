@@ -8,7 +8,7 @@ from typing import Any
 
 from sysid.plant import base, plant
 from sysid.plant.base import LEAST_DIVISOR, MAX_STEP, Array, array_namespace
-from sysid.plant.effects.entry import CatalogueEffect, Quantity, either
+from sysid.plant.effects.entry import CatalogueEffect, Quantity, bent, either
 from sysid.plant.ports import Model, Point
 
 # The presliding state relaxes no faster than the simulator's explicit steps can follow, 1/s.
@@ -121,19 +121,16 @@ class PositionDependentFriction(CatalogueEffect):
             is_strength=False,
             grid=(0.6, 1.2, 2.0, 3.0, 4.5, 7.0, 10.0),
         ),
-        Quantity(
+        # A sine shows where a peak is.
+        bent(
             "friction_peakedness",
-            "-",
             0.0,
             -0.95,
             0.95,
             "0: a sine; towards 1: crests are peaks, towards -1: troughs are dips",
-            is_strength=False,
-            caption="how sharp its crests are, below 0 its troughs",
-            forms=((0.0, "a sine"),),
-            # A sine shows where a peak is; a fit bends it then.
-            grid=(0.0,),
-            absent=0.0,
+            "how sharp its crests are, below 0 its troughs",
+            ((0.0, "a sine"),),
+            is_smooth=False,
         ),
     )
     signature = "torque against angle, with the sign of the velocity"
@@ -195,46 +192,33 @@ class SealFriction(CatalogueEffect):
             forms=((0.0, "the sum of the gauge pressures alone"), (1.0, "their difference alone")),
             grid=(0.0, 0.5, 1.0),
         ),
-        Quantity(
+        bent(
             "pressure_exponent",
-            "-",
             1.0,
             0.5,
             1.5,
             "power of the pressure, in bars: 1 in proportion",
-            is_strength=False,
-            caption="power of the pressure that it grows with",
-            forms=((1.0, "in proportion"),),
-            # A fit bends it from there, and the two below.
-            grid=(1.0,),
-            absent=1.0,
+            "power of the pressure that it grows with",
+            ((1.0, "in proportion"),),
         ),
-        Quantity(
+        bent(
             "only_above_atmosphere",
-            "-",
             0.0,
             0.0,
             1.0,
             "0: a pressure below the atmosphere relieves the seals, 1: it does not",
-            is_strength=False,
-            caption="share of the seals that no pressure below the atmosphere relieves",
-            forms=((0.0, "none"), (1.0, "all")),
-            grid=(0.0,),
-            absent=0.0,
+            "share of the seals that no pressure below the atmosphere relieves",
+            ((0.0, "none"), (1.0, "all")),
         ),
-        Quantity(
+        # Sliding does not show it: the refinement alone moves it.
+        bent(
             "breakaway_share",
-            "-",
             0.0,
             0.0,
             3.0,
             "of it that static friction grows by: 0 none, 1 as while sliding",
-            is_strength=False,
-            caption="share of it that static friction grows by",
-            forms=((0.0, "none"), (1.0, "as while sliding")),
-            # Sliding does not show it: the refinement moves it from there.
-            grid=(0.0,),
-            absent=0.0,
+            "share of it that static friction grows by",
+            ((0.0, "none"), (1.0, "as while sliding")),
         ),
     )
     signature = "torque against the sum of the pressures, against the motion"

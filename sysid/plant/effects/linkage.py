@@ -22,7 +22,7 @@ from sysid.plant.base import (
     is_zero,
     limit_effort,
 )
-from sysid.plant.effects.entry import CatalogueEffect, Quantity, either
+from sysid.plant.effects.entry import CatalogueEffect, Quantity, bent, either
 from sysid.plant.effects.sensor import lagged, position_channels
 from sysid.plant.ports import Point
 
@@ -178,18 +178,7 @@ class Backlash(CatalogueEffect):
 
 
 def _second_harmonic(name: str, phase: str) -> Quantity:
-    return Quantity(
-        name,
-        "-",
-        0.0,
-        -1.0,
-        1.0,
-        f"second harmonic over the wave, {phase}",
-        is_strength=False,
-        grid=(0.0,),
-        absent=0.0,
-        is_smooth=True,
-    )
+    return bent(name, 0.0, -1.0, 1.0, f"second harmonic over the wave, {phase}")
 
 
 @dataclass(frozen=True)

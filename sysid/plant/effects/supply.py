@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from sysid.io.channels import SIDES
 from sysid.plant import base, valve_laws
 from sysid.plant.base import Array, array_namespace
-from sysid.plant.effects.entry import CatalogueEffect, Quantity, state_lag
+from sysid.plant.effects.entry import CatalogueEffect, Quantity, bent, state_lag
 from sysid.plant.iso6358 import ANR_TEMPERATURE, choked_flow
 from sysid.plant.ports import Point
 
@@ -434,17 +434,14 @@ class SupplyPulsation(CatalogueEffect):
             # As close as a test of some seconds distinguishes frequencies.
             grid=tuple(0.125 * n for n in range(2, 41)),
         ),
-        Quantity(
+        # A sine shows most of a sawtooth, at any of many frequencies.
+        bent(
             "stroke_share",
-            "-",
             0.0,
             -0.98,
             0.98,
             "0 a sine, towards 1 strokes that jump up and fall evenly",
-            is_strength=False,
-            # A sine shows most of a sawtooth, at any of many frequencies; a fit bends it then.
-            grid=(0.0,),
-            absent=0.0,
+            is_smooth=False,
         ),
     )
     signature = "filling flow of both chambers, periodic in time whatever they do"
