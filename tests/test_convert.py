@@ -185,6 +185,24 @@ def test_recipes_that_are_refused(tmp_path: Path, text: str, what: str) -> None:
 
 # --- what is refused ------------------------------------------------------------------
 
+
+@pytest.mark.parametrize(
+    ("heading", "maps"),
+    [
+        ("Torque,Angle (deg),Time (ms)", r"time_s=Time \(ms\):ms.*motor_torque_nm=Torque:Nm"),
+        ("Time,Duty,Pressure1 [bar]", 'time_s=Time:s.*duty_a=Duty"'),
+        ("tick,Chamber_P1 [bar],y", r"time_s=tick:s.*pressure_a_pa=Chamber_P1 \[bar\]:bar\(g\)"),
+        ("no,MotorVoltage,y", "time_s=no:s.*motor_volts=MotorVoltage:V"),
+        ("a,b,c", r"time_s=a:s.*pressure_a_pa=b:kPa\(g\)"),
+    ],
+)
+def test_the_example_of_a_map_follows_the_names(tmp_path: Path, heading: str, maps: str) -> None:
+    foreign = tmp_path / "rec.csv"
+    foreign.write_text(f"{heading}\n" + "".join(f"{k},{k + 1},{k + 2}\n" for k in range(9)))
+    with pytest.raises(InputError, match=maps):
+        convert(foreign, tmp_path / "log.csv")
+
+
 BAD_REQUESTS: dict[str, tuple[dict[str, Any], str]] = {
     "no map": ({}, r"rec.csv: no column is mapped.*t \(50 values, first 0\), q .*--map"),
     "only time": ({"maps": ["time_s=t"]}, "no column is mapped"),

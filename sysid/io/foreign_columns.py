@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -41,6 +42,7 @@ from sysid.io.time_breaks import wraps_of_seconds
 from sysid.io.units import (
     LARGEST,
     ColumnMap,
+    bare_name,
     check_size,
     find_column,
     has_column,
@@ -51,6 +53,20 @@ from sysid.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     import pandas as pd
+
+# Words by which recorders call the channels.
+_CALLED = {
+    "time_s": {"t", "time", "timestamp"},
+    "theta_rad": {"theta", "angle", "phi", "position", "pos"},
+    "position_m": {"x", "position", "pos", "stroke", "displacement"},
+    "encoder_counts": {"encoder", "enc", "counts"},
+    "pressure_a_pa": {"p", "pressure", "press"},
+    "duty_a": {"duty", "pwm"},
+    "valve_a": {"valve"},
+    "motor_torque_nm": {"torque", "tau"},
+    "motor_force_n": {"f", "force"},
+    "motor_volts": {"voltage", "volts", "volt"},
+}
 
 
 def of_nearest_rig(recipe: Recipe, paths: Sequence[Path]) -> Recipe:
@@ -147,22 +163,36 @@ def _unread(table: ForeignTable, column: str) -> str | None:
 def _nothing_mapped(table: ForeignTable, recipe: Recipe) -> InputError:
     longest = max(len(values) for values in table.columns.values())
     signals = [name for name, values in table.columns.items() if len(values) == longest]
-    time = next((name for name in signals if name.lower().startswith("t")), signals[0])
-    other = next((name for name in signals if name != time), "COLUMN")
+    likely = {name: _likely_channel(name, recipe) for name in signals}
+    time = next((name for name, channel in likely.items() if channel == "time_s"), signals[0])
+    others = [name for name in signals if name != time]
+    other = next((name for name in others if likely[name]), next(iter(others), "COLUMN"))
+    entry = _example(other, likely.get(other, ""), table.units.get(other), recipe)
     return input_error(
         table.path,
         f"no column is mapped to the log format; it has {table.describe()}",
-        f'map its columns: --map "time_s={time}:s" --map "{_example(other, recipe)}" '
+        f'map its columns: --map "time_s={time}:{table.units.get(time, "s")}" --map "{entry}" '
         f"({_listing(table)})",
     )
 
 
-def _example(column: str, recipe: Recipe) -> str:
-    """A map entry of this column to one that the log may have."""
-    if "pressure_a_pa" in recipe.units:
-        return f"pressure_a_pa={column}:kPa(g)"
-    target = next((t for t in recipe.units if t not in ("time_s", TEST_COLUMN)), "COLUMN")
-    return f"{target}={column}:{recipe.units.get(target) or 'percent'}"
+def _likely_channel(column: str, recipe: Recipe) -> str:
+    """The channel that a foreign name says it is, of those that the log may have; else empty."""
+    words = re.findall(r"[a-z]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", bare_name(column)).lower())
+    said = (target for target, own in _CALLED.items() if not own.isdisjoint(words))
+    return next((target for target in said if target in recipe.units), "")
+
+
+def _example(column: str, channel: str, unit: str | None, recipe: Recipe) -> str:
+    """A map entry of this column, in its unit if that is known, to the channel that it may be."""
+    if not channel and "pressure_a_pa" in recipe.units:
+        channel = "pressure_a_pa"
+    elif not channel:
+        channel = next((t for t in recipe.units if t not in ("time_s", TEST_COLUMN)), "COLUMN")
+    usual = "kPa" if channel == "pressure_a_pa" else recipe.units.get(channel) or "percent"
+    unit = (unit or usual).replace("*", "")
+    gauge = "(g)" if channel == "pressure_a_pa" and not unit.endswith(")") else ""
+    return f"{channel}={column}" + (f":{unit}{gauge}" if unit != "dimensionless" else "")
 
 
 def unused_columns(table: ForeignTable, recipe: Recipe) -> list[str]:
