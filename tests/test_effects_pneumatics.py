@@ -183,6 +183,17 @@ def whole(parameters: base.Parameters, *acting: CatalogueEffect) -> Model:
     return model
 
 
+def whole_by_sides(parameters: base.Parameters, acting: CatalogueEffect) -> Model:
+    """As `whole`, but what has a side is there twice: acting on either, it is one compilation."""
+    model = Model(parameters)
+    for effect in EFFECTS:
+        for side in "ab" if effect.has_side() else ("",):
+            own = isinstance(acting, effect) and getattr(acting, "side", "") == side
+            given = {"side": side} if side else {}
+            model = model + (acting if own else effect.neutral(**given))
+    return model
+
+
 def one(inputs: Inputs, model: Model) -> Trajectory:
     return simulate([inputs], [model])[0]
 
@@ -236,7 +247,7 @@ def test_at_typical_size_it_shows_and_on_its_own_side_only(
     effect: type[CatalogueEffect], side: str
 ) -> None:
     acting = effect.typical(**({"side": side} if effect.has_side() else {}))
-    model = whole(HELD, acting)
+    model = whole_by_sides(HELD, acting)
     run = one(switched(), model)
     channels, bare = shown(run, model), bare_run()
     assert np.isfinite([*channels.values()]).all()
