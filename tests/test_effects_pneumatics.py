@@ -188,7 +188,7 @@ def whole_by_sides(parameters: base.Parameters, acting: CatalogueEffect) -> Mode
     model = Model(parameters)
     for effect in EFFECTS:
         for side in "ab" if effect.has_side() else ("",):
-            own = isinstance(acting, effect) and getattr(acting, "side", "") == side
+            own = type(acting) is effect and getattr(acting, "side", "") == side
             given = {"side": side} if side else {}
             model = model + (acting if own else effect.neutral(**given))
     return model
@@ -298,7 +298,7 @@ def test_exponent_and_dead_volume_scale_the_choked_rise() -> None:
         (chamber.DeadVolumeError(0.003, "a"), 0.075 / 0.078),
         (chamber.DeadVolumeError(0.003, "b"), 1.0),
     ):
-        run = one(pulse(0.4), whole(HELD, effect))
+        run = one(pulse(0.4), whole_by_sides(HELD, effect))
         expected = 1e5 + factor * PER_FLOW * HELD.choked_fill_a * since
         np.testing.assert_allclose(run.pressure_a[early], expected[early], rtol=1e-9)
 
@@ -399,7 +399,7 @@ def test_a_closed_chamber_leaks_by_its_closed_form() -> None:
     closed = HELD.replace(**NO_VALVES)
     leak = 7e-15
     start = switched(pressure_a=3e5, pressure_b=1e5)
-    run = one(start, whole(closed, chamber.AtmosphereLeakage(leak, "a")))
+    run = one(start, whole_by_sides(closed, chamber.AtmosphereLeakage(leak, "a")))
     ratio = 0.5 * np.exp(-2.0 * 1e5 * PER_FLOW * leak * TIME)  # (P - P0) / (P + P0)
     expected = 1e5 * (1 + ratio) / (1 - ratio)
     np.testing.assert_allclose(run.pressure_a, expected, rtol=1e-6)
@@ -433,7 +433,7 @@ def test_what_leaks_in_proportion_to_the_pressure() -> None:
     """Between the chambers, or out of one: each decays exponentially while all is shut."""
     closed, leak = HELD.replace(**NO_VALVES), 2e-9
     start = switched(pressure_a=3e5, pressure_b=1.5e5)
-    one_side = one(start, whole(closed, chamber.LaminarLeakage(leak, "a")))
+    one_side = one(start, whole_by_sides(closed, chamber.LaminarLeakage(leak, "a")))
     left = 2e5 * np.exp(-PER_FLOW * leak * TIME)
     np.testing.assert_allclose(one_side.pressure_a, 1e5 + left, rtol=1e-6)
     np.testing.assert_array_equal(one_side.pressure_b, 1.5e5)
