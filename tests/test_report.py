@@ -20,7 +20,7 @@ import pytest
 from golden_folder import golden_bundle
 from page_boxes import box_faults
 from part_reports import PART_NAMES, write_part_report
-from shared_results import bundled_fit
+from shared_results import bundled_fit, made_once
 
 from sysid.blocks import numbers, standing, svg
 from sysid.blocks.html import block_html
@@ -177,7 +177,11 @@ class Made:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    """The bundled campaign, fitted, validated and reported."""
+    """The bundled campaign, fitted, validated and reported, once for all workers."""
+    return made_once(tmp_path_factory, "report", lambda: make(tmp_path_factory))
+
+
+def make(tmp_path_factory: pytest.TempPathFactory) -> Made:
     from sysid.validation.open_loop import validate
 
     campaign = read_campaign(BUNDLED)
