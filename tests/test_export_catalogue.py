@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from export_bundles import RISING, upright, whole_bundle
 from export_compiler import STRICT, Compiled, compiler, header, macros
+from shared_results import made_once
 
 from sysid.exporters import export_bundle
 from sysid.exporters.c_constants import own_constants
@@ -123,9 +124,8 @@ def write_headers(folder: Path, seed: int | None) -> Headers:
 class Library:
     """The functions of one header an effect, all in one shared library."""
 
-    def __init__(self, headers: Headers, real: str = "double", command: str = "gcc") -> None:
+    def __init__(self, headers: Headers, output: Path, real: str, command: str) -> None:
         self.signatures, self.effects = headers.signatures, headers.effects
-        output = f"all-{command}-{real}.so"
         options = [*STRICT, f"-DSYSID_REAL={real}", "-shared", "-fPIC", "all.c", "-lm"]
         made = subprocess.run(
             [compiler(command), *options, "-o", output],
@@ -135,7 +135,7 @@ class Library:
             check=False,
         )
         assert made.returncode == 0, made.stderr[:3000]
-        self._library = ctypes.CDLL(str(headers.folder / output))
+        self._library = ctypes.CDLL(str(output))
 
     def __call__(self, effect: str, function: str, values: dict[str, FloatArray]) -> FloatArray:
         k, out = STATELESS.index(effect), np.empty(N)
@@ -158,15 +158,16 @@ Built = Callable[[int | None, str, str], Library]
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
-    """Libraries by seed, precision and compiler: each is exported and compiled once."""
+    """Libraries by seed, precision and compiler: each is exported once, for all workers."""
 
-    @cache
     def headers(seed: int | None) -> Headers:
-        return write_headers(tmp_path_factory.mktemp("headers"), seed)
+        folder = tmp_path_factory.mktemp("headers")
+        return made_once(tmp_path_factory, f"headers_{seed}", lambda: write_headers(folder, seed))
 
     @cache
     def library(seed: int | None, real: str, command: str) -> Library:
-        return Library(headers(seed), real, command)
+        output = tmp_path_factory.mktemp("library") / "all.so"
+        return Library(headers(seed), output, real, command)
 
     return library
 
