@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import pickle
 from collections.abc import Callable, Sequence
@@ -639,6 +640,14 @@ def campaign(tmp_path: Path) -> Path:
     return tmp_path / "campaign.toml"
 
 
+@pytest.fixture
+def few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of friction and a motor: how many are tried decides nothing here."""
+    some = SimpleNamespace(EFFECTS=[catalogue()[name] for name in SHORT])
+    module = importlib.import_module("sysid.plant.effects.catalogue")
+    monkeypatch.setattr(module, "_MODULES", (some,))
+
+
 def test_the_commands(
     campaign: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -675,6 +684,7 @@ def test_the_commands(
     assert "Effects found: asymmetric-viscous-friction" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_a_whole_run_that_was_cut_short_is_done_again_with_more_time(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -708,6 +718,7 @@ def test_a_whole_run_that_was_cut_short_is_done_again_with_more_time(
     assert stage["why"] is None and stage["complete"] and not said
 
 
+@pytest.mark.usefixtures("few_effects")
 def test_without_a_held_out_log_tests_are_left_out_in_turn(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
