@@ -15,7 +15,8 @@ from datasets.generator.files import write_campaign
 from datasets.generator.one_chamber import make_one_chamber_campaign
 from sysid.errors import NotIdentifiedError
 
-SIZE = dataclasses.replace(SMALL, discrete_trials=3)
+# Duties in coarser steps show the law and what acts on it as well.
+SIZE = dataclasses.replace(SMALL, discrete_trials=3, duty_step=0.08)
 DROOP = Injected("supply-droop", "coupled", "", {"droop_pa_s_per_kg": 1.28e7, "use_droop": 1.0})
 
 
