@@ -21,6 +21,7 @@ from datasets.generator.campaign import (
     make_campaign,
 )
 from datasets.generator.files import write_log
+from datasets.generator.one_chamber import scaled
 from datasets.generator.rigs import rig_toml
 from datasets.generator.runs import Commands, GeneratedTest, at_atmosphere, simulated
 from sysid.errors import InputError, NotIdentifiedError
@@ -48,9 +49,11 @@ from sysid.pipeline.verdict import verdict_lines
 from sysid.plant.arrays import put_together, take_apart
 from sysid.plant.base import Array, array_namespace, filling_flow
 from sysid.plant.effects.chamber import TubeLag
+from sysid.plant.effects.entry import LIKE
 from sysid.recording.motion_tests import MotionTest, channel_noise, prepare, prepare_all
 from sysid.recording.simulation import simulate_segments
 from sysid.recording.start_states import ChannelNoise, state_at_rest, valve_edges
+from sysid.refinement.refine import motion_tests_of
 from sysid.surfaces import Bipolynomial
 from sysid.types import FloatArray
 from sysid.validation import shown_tests
@@ -127,6 +130,31 @@ def result(campaign: Campaign, bundle: Bundle) -> ValidationResult:
 def trial_of(test: GeneratedTest) -> Trial:
     channels = {k: v for k, v in test.columns.items() if k != "time_s"}
     return Trial(test.label, test.columns["time_s"], channels, f"log.csv, test {test.label}")
+
+
+@pytest.mark.parametrize(("slower", "times"), [(10.0, 10.0), (0.2, 1.0)])
+def test_segments_of_a_slow_rig_last_as_many_times_as_long(
+    made: GeneratedCampaign,
+    campaign: Campaign,
+    bundle: Bundle,
+    slower: float,
+    times: float,
+    tmp_path: Path,
+) -> None:
+    """They, and the run-ups before them, hold as much of the flows; a fast rig's start states need
+    as many rows as any."""
+    other = scaled(made, time=slower)
+    slow = written(other, tmp_path)
+    lengths, run_ups = [], []
+    for logs, own in ((campaign, bundle), (slow, true_bundle(other, slow.rig))):
+        tests = motion_tests_of(logs, logs.logs, own, [])
+        segments = [(s, t.period) for t in tests for s in t.segments]
+        lengths.append(np.median([(s.stop - s.start) * period for s, period in segments]))
+        run_ups.append(np.median([t.run_up_rows * t.period for t in tests]))
+    # What is like the reference rig is taken to be as slow as that.
+    assert times / LIKE < lengths[1] / lengths[0] < times * LIKE
+    assert run_ups[1] / run_ups[0] == pytest.approx(lengths[1] / lengths[0], rel=0.01)
+    assert slower > 1.0 or lengths[1] == pytest.approx(lengths[0], rel=0.01)
 
 
 # --- the true parameters leave nothing but noise -----------------------------------------

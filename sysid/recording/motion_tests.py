@@ -74,7 +74,8 @@ class MotionTest(Recording):
 
     `pulsed`: its valves are commanded by duties, else by 0 or 1. `noise` is that of position and
     pressures. `whole` starts at the first row, `segments` within the test; of a test whose start is
-    excluded `whole` starts as segments do, after what a start state and a run-up need.
+    excluded `whole` starts as segments do, after what a start state and a run-up need. Run-ups last
+    `slowness` times as long as on the reference rig.
     """
 
     pulsed: bool
@@ -82,6 +83,12 @@ class MotionTest(Recording):
     whole: Segment
     segments: tuple[Segment, ...] = ()
     notices: tuple[str, ...] = ()
+    slowness: float = 1.0
+
+    @property
+    def run_up_rows(self) -> int:
+        """How many rows a run-up has."""
+        return round(RUN_UP_S * self.slowness / self.period)
 
     @cached_property
     def commands(self) -> Commands:
@@ -117,11 +124,17 @@ class MotionTest(Recording):
 
 
 def prepare(
-    trial: Trial, kind: str, rig: Rig, horizon: float, inertia: float | None = None
+    trial: Trial,
+    kind: str,
+    rig: Rig,
+    horizon: float,
+    inertia: float | None = None,
+    slowness: float = 1.0,
 ) -> MotionTest:
     """A test of a motion log, its noise, and its start states about every `horizon` s.
 
-    `inertia` (kg m2 or kg) is the bundle's, for a rig file that declares none.
+    `inertia` (kg m2 or kg) is the bundle's, for a rig file that declares none. On a rig that takes
+    `slowness` times as long as the reference rig to fill, start states are as many times as rare.
     Raises InputError, which names the test, for missing channels, gaps, a sampling that
     cannot follow the PWM grid, or a test that does not start at rest (with a motor alone it may:
     its first samples show the velocity).
@@ -145,11 +158,12 @@ def prepare(
         pulsed=pulsed,
         noise=noise,
         whole=Segment(0, len(trial), state_at_rest(trial.time, measured, noise, edges)),
+        slowness=slowness,
     )
     test = replace(test, whole=_whole(test, edges, inertia, stride, notices))
     if test.near_stop.any() and test.counted(test.whole) < test.whole.stop - test.whole.start:
         notices.append(_stop_notice(test))
-    segments = _segments(test, edges, horizon, rig, stride)
+    segments = _segments(test, edges, horizon * slowness, rig, stride)
     return replace(test, segments=segments, notices=tuple(notices))
 
 
@@ -176,7 +190,12 @@ def _whole(
 
 
 def prepare_all(
-    trials: Sequence[Trial], kind: str, rig: Rig, horizon: float, inertia: float | None = None
+    trials: Sequence[Trial],
+    kind: str,
+    rig: Rig,
+    horizon: float,
+    inertia: float | None = None,
+    slowness: float = 1.0,
 ) -> tuple[list[MotionTest], list[str]]:
     """`prepare` of each test of a log; one that cannot be simulated is skipped with a notice.
 
@@ -186,7 +205,7 @@ def prepare_all(
     found: list[MotionTest] = []
     left_out: list[Failure] = []
     for trial in trials:
-        test = on_its_own(partial(prepare, trial, kind, rig, horizon, inertia))
+        test = on_its_own(partial(prepare, trial, kind, rig, horizon, inertia, slowness))
         if isinstance(test, Failure):
             left_out.append(test)
         else:
@@ -224,7 +243,7 @@ def _whole_of_part(
     delays = (rig.valves.on_delay_s, rig.valves.off_delay_s) if rig.valves else (0.0,)
     half = half_window(test.period, stride)
     first = half + math.ceil(max(delays) / test.period)
-    run_up = round(RUN_UP_S / test.period)
+    run_up = test.run_up_rows
     allowed = _allowed_starts(test, rig)
     allowed = allowed[(allowed >= first) & (allowed < len(test) - half)]
     last = first + run_up + round(_SLACK * run_up)
@@ -234,7 +253,7 @@ def _whole_of_part(
         raise input_error(
             test.source,
             f"is the remainder of a test after exclusion, too short to be simulated ({len(test)} "
-            f"rows; its first {RUN_UP_S:g} s only give its start)",
+            f"rows; its first {run_up * test.period:g} s only give its start)",
             "exclude less of it, or the test as a whole",
         )
     whole = _segment(test, edges, slice(row, len(test)), stride)
@@ -373,7 +392,7 @@ def _run_up(
 ) -> Segment | None:
     """The rows before a segment up to its first, or from the test's start on."""
     half = half_window(test.period, stride)
-    first = start - round(RUN_UP_S / test.period)
+    first = start - test.run_up_rows
     if first < half:
         return replace(test.whole, stop=start + 1) if test.trial.begun_s == 0.0 else None
     near = allowed[(allowed >= max(first - half, half)) & (allowed <= first)]
