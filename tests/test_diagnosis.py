@@ -1074,7 +1074,13 @@ def test_sensors_show_tests_end_to_end_as_one_by_one(
 @pytest.mark.parametrize(
     ("effect", "form", "slower", "expected"),
     [
-        ("wall-heat-transfer", "mass-state", 10.0, {"wall_conductance_w_per_k": 0.4 / 10.0}),
+        pytest.param(
+            "wall-heat-transfer",
+            "mass-state",
+            10.0,
+            {"wall_conductance_w_per_k": 0.4 / 10.0},
+            marks=pytest.mark.slow,
+        ),
         # In so few tests its numbers make up for one another, at any speed.
         ("stribeck-friction", "gaussian", 1.0 / 3.0, {}),
     ],
@@ -1443,6 +1449,7 @@ def test_friction_that_the_bench_has_far_off_is_begun_with_as_motion_shows_it(
     assert float(more.parameters.viscous) == pytest.approx(2.0 * float(begun.parameters.viscous))
 
 
+@pytest.mark.slow
 def test_an_effect_that_imitates_two_gives_way_to_them() -> None:
     """Valves that close sooner and do not follow short pulses: one that sticks explains more than
     either alone."""
