@@ -62,7 +62,7 @@ def from_rest(test: MotionTest) -> Segment:
 def errors(campaign: Campaign, bundle: Any, model: Model, use: str) -> dict[str, float]:
     """RMSE of a file: position in mm by how it is simulated, force in N."""
     entries = campaign.select([KIND], use=use)
-    (test,) = motion_tests_of(campaign, entries, bundle, [])
+    (test,) = motion_tests_of(campaign, entries, bundle, model, [])
     found = {}
     for name, parts in (
         ("whole", [test.whole]),

@@ -24,11 +24,21 @@ from datasets.generator.rigs import rig_toml
 from sysid.commands.app import main
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
-from sysid.parameters import Bundle, FittedValves, Friction, Parts, read_bundle, write_bundle
+from sysid.parameters import (
+    Bundle,
+    EffectEntry,
+    FittedValves,
+    Friction,
+    Parts,
+    read_bundle,
+    write_bundle,
+)
 from sysid.parameters.valves import LAW_KEYS
 from sysid.pipeline import run as stages
 from sysid.pipeline.run import RunReport, run_campaign
-from sysid.refinement.refine import refine
+from sysid.plant.effects import catalogue
+from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.refinement.refine import motion_tests_of, refine
 from sysid.refinement.result import Fit, RefineResult
 from sysid.refinement.unknowns import unknowns_of, without_own_data
 
@@ -130,6 +140,27 @@ def refined(made: Made) -> tuple[Outcome, Path]:
     output = made.campaign.parent / "refined.json"
     free = ["--free", "rig.inertia", "--fix", "valves.a", "--fix", "valves.b"]
     return run_command(made.arguments(*free, "--json", "-o", str(output))), output
+
+
+@dataclass(frozen=True)
+class Wind(CatalogueEffect):
+    """A torque that blows: an effect of the user's own."""
+
+    wind_nm: float = 0.0
+    id = "wind"
+    title = "Wind"
+    subsystem = "mechanics"
+    quantities = (Quantity("wind_nm", "Nm", 0.1, -2.0, 2.0, "torque"),)
+    signature = "torque"
+    source = "none"
+
+
+def test_motion_is_read_for_a_bundle_with_an_effect_of_the_users_own(made: Made) -> None:
+    campaign = read_campaign(made.campaign)
+    entry = EffectEntry(id="wind", parameters={"wind_nm": known("static_nm", 0.1)})
+    bundle = read_bundle(made.bundle).with_effects([entry])
+    model = bundle.model(campaign.rig, {**catalogue(), "wind": Wind})
+    assert motion_tests_of(campaign, campaign.logs, bundle, model, [])
 
 
 @pytest.fixture(scope="module")

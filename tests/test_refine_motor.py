@@ -349,7 +349,9 @@ def emps(shared_data: Path, tmp_path: Path) -> Campaign:
 def test_the_measured_axis_is_refined(emps: Campaign) -> None:
     bundle = fit(emps)
     notices: list[str] = []
-    (test,) = motion_tests_of(emps, emps.select(["friction-motion"]), bundle, notices)
+    (test,) = motion_tests_of(
+        emps, emps.select(["friction-motion"]), bundle, bundle.model(), notices
+    )
     # The file begins some 7 ms after the axis does.
     assert test.whole.state.values[1] == pytest.approx(6.6e-3, abs=0.5e-3)
     assert len(test.segments) == 24

@@ -147,7 +147,7 @@ def test_segments_of_a_slow_rig_last_as_many_times_as_long(
     slow = written(other, tmp_path)
     lengths, run_ups = [], []
     for logs, own in ((campaign, bundle), (slow, true_bundle(other, slow.rig))):
-        tests = motion_tests_of(logs, logs.logs, own, [])
+        tests = motion_tests_of(logs, logs.logs, own, own.model(logs.rig), [])
         segments = [(s, t.period) for t in tests for s in t.segments]
         lengths.append(np.median([(s.stop - s.start) * period for s, period in segments]))
         run_ups.append(np.median([t.run_up_rows * t.period for t in tests]))

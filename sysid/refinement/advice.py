@@ -91,7 +91,7 @@ def begin(
     notices: list[str] = []
     progress("reading motion logs")
     entries = campaign.select(SIMULATED_KINDS, use="fit")
-    logged = motion_tests_of(campaign, entries, bundle, notices, needed=False)
+    logged = motion_tests_of(campaign, entries, bundle, model, notices, needed=False)
     unknowns = tuple(_known_without(bundle, chosen(unknowns_of(bundle, rig, model))))
     scatter = FrictionScatter(*bench_scatter(bundle.friction))
     drives = rig.motor is not None or any(rig.effort_channel in t.trial for t in logged)

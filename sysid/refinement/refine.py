@@ -128,7 +128,7 @@ def refine(
         raise input_error("--fix", "leaves nothing to estimate", "fix fewer parameters")
     numbers_of(unknowns, profile)  # a name that is none is refused before anything is computed
     progress("reading motion logs")
-    tests = motion_tests_of(campaign, entries, bundle, notices)
+    tests = motion_tests_of(campaign, entries, bundle, model, notices)
     scatter = FrictionScatter(*bench_scatter(bundle.friction))
     problem = _problem(campaign, tests, unknowns, model, scatter, bench)
     progress(f"estimating {len(unknowns)} parameters on {len(problem.runs)} segments")
@@ -183,9 +183,8 @@ def _result(
     model, position = found.problem.model, found.problem.position
     parameters, matrix = _parameters(found)
     progress("simulating whole tests")
-    held_out = motion_tests_of(
-        campaign, campaign.select(SIMULATED_KINDS, use="holdout"), bundle, notices, needed=False
-    )
+    entries = campaign.select(SIMULATED_KINDS, use="holdout")
+    held_out = motion_tests_of(campaign, entries, bundle, model, notices, needed=False)
     after = _model_after(found, parameters)
     freed = [u.name for u in found.problem.unknowns if u.origin == "rig"]
     if freed:
@@ -290,18 +289,20 @@ def motion_tests_of(
     campaign: Campaign,
     entries: Sequence[CampaignLog],
     bundle: Bundle,
+    model: Model,
     notices: list[str],
     *,
     needed: bool = True,
 ) -> list[MotionTest]:
-    """The tests of these logs with their segments; the logs' notices are appended.
+    """The tests of these logs with their segments, by the bundle's model; the logs' notices are
+    appended.
 
     A log that cannot be simulated is skipped with a notice. Raises the error of the logs where
     tests are `needed` and none can be, InputError for a log that has changed.
     """
     found: list[MotionTest] = []
     failed: list[Failure] = []
-    slowness = _slowness(campaign.rig, bundle)
+    slowness = _slowness(campaign.rig, model)
     for entry in entries:
         log = campaign.read(entry)
         check_log(bundle, log, entry.kind, entry.use)
@@ -321,7 +322,7 @@ def motion_tests_of(
     return [t for t in found if t.counted(t.whole) >= LEAST_ROWS]
 
 
-def _slowness(rig: Rig, bundle: Bundle) -> float:
+def _slowness(rig: Rig, model: Model) -> float:
     """How many times as slow as the reference rig its chambers fill, 1 where they are no slower.
 
     Within a segment flows must show: of a slow rig's pressures a second holds a fraction of the
@@ -329,7 +330,7 @@ def _slowness(rig: Rig, bundle: Bundle) -> float:
     """
     if rig.is_motor_alone:
         return 1.0
-    return max(1.0, RigSizes.of(bundle.model(rig).parameters).slowness)
+    return max(1.0, RigSizes.of(model.parameters).slowness)
 
 
 def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatArray]:
