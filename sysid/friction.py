@@ -217,18 +217,18 @@ def _reversed(
     Pressures that are swapped show in what a fit misses, where there is one of the log `as_it_is`.
     """
 
-    def good(turned: Sequence[Trial]) -> FrictionResult | None:
-        return _good(turned, rig, kind, estimate_inertia, cutoff_hz)
-
+    fitting = (rig, kind, estimate_inertia, cutoff_hz)
     found: dict[str, FrictionResult] = {}
     for channel in (rig.effort_channel, rig.position_channel):
         turned = [with_channels(t, **{channel: -t[channel]}) for t in trials if channel in t]
-        if (fit := good(turned)) is not None:
+        if (fit := _good(turned, *fitting)) is not None:
             found[channel] = fit
     a, b = CHAMBER_PRESSURES
     swap = f'--map "{a}={b}" --map "{b}={a}"'
-    both = all(a in t and b in t for t in trials)
-    swapped = good([with_channels(t, **{a: t[b], b: t[a]}) for t in trials]) if both else None
+    swapped = None
+    if all(a in t and b in t for t in trials):
+        crossed = [with_channels(t, **{a: t[b], b: t[a]}) for t in trials]
+        swapped = _good(crossed, *fitting)
     if swapped is not None and as_it_is is not None:
         swapped = swapped if SCATTER_TIMES * swapped.misses < as_it_is.misses else None
     if not found:

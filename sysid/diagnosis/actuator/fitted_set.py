@@ -196,14 +196,13 @@ def _plain_shapes(found: Refit, slopes: FloatArray) -> list[tuple[int, Quantity]
         return []
     own = slopes * priors
     covariance = np.linalg.inv(np.eye(len(numbers)) + own.T @ own)
-    off = {
-        k: (float(getattr(found.effects[i], q.name)) - q.grid[0]) / priors[k]
-        for k, (i, q) in enumerate(numbers)
-        if k in bent
-    }
+    off = np.zeros(len(numbers))
+    for k in bent:
+        place, q = numbers[k]
+        off[k] = (float(getattr(found.effects[place], q.name)) - q.grid[0]) / priors[k]
 
     def gained(some: Sequence[int]) -> float:
-        part, away = covariance[np.ix_(some, some)], np.array([off[k] for k in some])
+        part, away = covariance[np.ix_(some, some)], off[list(some)]
         return float(-np.linalg.slogdet(part)[1] - away @ np.linalg.solve(part, away))
 
     every = (s for count in range(1, len(bent) + 1) for s in itertools.combinations(bent, count))
