@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import pickle
 from collections.abc import Callable, Sequence
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from other_catalogues import only
 
 import sysid.commands.diagnose
 from sysid.commands.app import main
@@ -643,9 +643,7 @@ def campaign(tmp_path: Path) -> Path:
 @pytest.fixture
 def few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     """Those of friction and a motor: how many are tried decides nothing here."""
-    some = SimpleNamespace(EFFECTS=[catalogue()[name] for name in SHORT])
-    module = importlib.import_module("sysid.plant.effects.catalogue")
-    monkeypatch.setattr(module, "_MODULES", (some,))
+    only(SHORT, monkeypatch)
 
 
 def test_the_commands(

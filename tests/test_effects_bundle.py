@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from export_bundles import RISING, whole_bundle
+from other_catalogues import USER_EFFECT
 from test_validation import true_bundle, written
 
 from datasets.generator.campaign import SMALL, make_campaign
@@ -459,28 +460,6 @@ def test_an_undeclared_offset_is_mended_by_its_effect(tmp_path: Path) -> None:
 
 
 # --- the command line ---------------------------------------------------------------------
-
-USER_EFFECT = '''
-from dataclasses import dataclass
-from sysid.plant.effects.catalogue import catalogue
-from sysid.plant.effects.entry import CatalogueEffect, Quantity
-
-
-@dataclass(frozen=True)
-class Wind(CatalogueEffect):
-    """A torque that blows."""
-
-    wind_nm: float = 0.0
-    id = "wind"
-    title = "Wind"
-    subsystem = "mechanics"
-    quantities = (Quantity("wind_nm", "Nm", 0.1, -2.0, 2.0, "torque"),)
-    signature = "torque"
-    source = "none"
-
-    def external_effort(self, effort, point):
-        return effort + self.wind_nm
-'''
 
 
 def test_a_user_s_effect_is_given_by_its_file(

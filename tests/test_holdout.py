@@ -7,19 +7,18 @@ the validation, and the list of logs and the verdict in the provenance.
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import json
 import shutil
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from other_catalogues import only
 from own_components import CYLINDER, MOTOR, done
 from test_components_valves import BENCH, sweep
 
@@ -38,7 +37,6 @@ from sysid.io.bundled import bundled_campaign
 from sysid.io.campaign import read_campaign
 from sysid.io.logs import Trial
 from sysid.parameters import Bundle, Parts
-from sysid.plant.effects import chamber, friction, motor
 from sysid.plant.effects.catalogue import catalogue
 
 SEED = 41
@@ -71,10 +69,7 @@ _TRIED = (
 @pytest.fixture
 def few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     """Some of three subsystems: how many effects are tried decides nothing here."""
-    module = importlib.import_module("sysid.plant.effects.catalogue")
-    some = [e for part in (chamber, friction, motor) for e in part.EFFECTS if e.id in _TRIED]
-    assert len(some) == len(_TRIED)
-    monkeypatch.setattr(module, "_MODULES", (SimpleNamespace(EFFECTS=some),))
+    only(_TRIED, monkeypatch)
 
 
 def _distorted(frame: pd.DataFrame) -> pd.DataFrame:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from other_catalogues import USER_EFFECT
 
 from datasets.generator.campaign import GeneratedCampaign, Size, make_campaign
 from datasets.generator.files import write_log
@@ -36,8 +37,7 @@ from sysid.parameters import (
 from sysid.parameters.valves import LAW_KEYS
 from sysid.pipeline import run as stages
 from sysid.pipeline.run import RunReport, run_campaign
-from sysid.plant.effects import catalogue
-from sysid.plant.effects.entry import CatalogueEffect, Quantity
+from sysid.plant.effects import catalogue, load_user_effects
 from sysid.refinement.refine import motion_tests_of, refine
 from sysid.refinement.result import Fit, RefineResult
 from sysid.refinement.unknowns import unknowns_of, without_own_data
@@ -142,24 +142,15 @@ def refined(made: Made) -> tuple[Outcome, Path]:
     return run_command(made.arguments(*free, "--json", "-o", str(output))), output
 
 
-@dataclass(frozen=True)
-class Wind(CatalogueEffect):
-    """A torque that blows: an effect of the user's own."""
-
-    wind_nm: float = 0.0
-    id = "wind"
-    title = "Wind"
-    subsystem = "mechanics"
-    quantities = (Quantity("wind_nm", "Nm", 0.1, -2.0, 2.0, "torque"),)
-    signature = "torque"
-    source = "none"
-
-
-def test_motion_is_read_for_a_bundle_with_an_effect_of_the_users_own(made: Made) -> None:
+def test_motion_is_read_for_a_bundle_with_an_effect_of_the_users_own(
+    made: Made, tmp_path: Path
+) -> None:
+    own = tmp_path / "own.py"
+    own.write_text(USER_EFFECT)
     campaign = read_campaign(made.campaign)
     entry = EffectEntry(id="wind", parameters={"wind_nm": known("static_nm", 0.1)})
     bundle = read_bundle(made.bundle).with_effects([entry])
-    model = bundle.model(campaign.rig, {**catalogue(), "wind": Wind})
+    model = bundle.model(campaign.rig, {**catalogue(), **load_user_effects(own)})
     assert motion_tests_of(campaign, campaign.logs, bundle, model, [])
 
 
