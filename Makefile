@@ -26,7 +26,7 @@ types: $(STAMP)
 suite: $(STAMP) browser
 	MAKEFLAGS= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal
 
-# Tests of minutes each, on real recordings, which `make test` leaves out.
+# Long searches and real recordings, which `make test` leaves out where a quicker test has the same.
 slow: $(STAMP)
 	MAKEFLAGS= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 -m slow
 

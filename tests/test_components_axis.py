@@ -316,6 +316,7 @@ def test_one_speed_each_way_tells_no_law_over_speed() -> None:
     assert part.law_of(bundle).values == held
 
 
+@pytest.mark.slow
 def test_seal_friction_and_a_wrong_area_are_told_apart() -> None:
     found = select(screw(1e-5), CATALOGUE)
     assert found.additions[0].id == "seal-friction"
@@ -682,6 +683,7 @@ def test_the_commands(
     assert "Effects found: asymmetric-viscous-friction" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few_effects")
 def test_a_whole_run_that_was_cut_short_is_done_again_with_more_time(
     campaign: Path, capsys: pytest.CaptureFixture[str]

@@ -893,6 +893,7 @@ def test_a_shape_is_bent_where_the_data_ask_for_it(
     assert volume > plain + 0.1 if is_bent else volume == pytest.approx(plain)
 
 
+@pytest.mark.slow
 def test_a_threshold_is_found_between_the_sizes_that_were_screened(
     traces: Traces, healthy: tuple[Tests, Rig, Model]
 ) -> None:
@@ -912,6 +913,7 @@ def test_a_threshold_is_found_between_the_sizes_that_were_screened(
     assert found.whole_ratio == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_pulses_are_lost_on_both_sides_where_a_fit_began_with_one_and_shortened_them(
     traces: Traces, healthy: tuple[Tests, Rig, Model]
 ) -> None:
@@ -1297,6 +1299,7 @@ def test_an_effect_is_found_and_named(
     assert leftover(found) == ()
 
 
+@pytest.mark.slow
 def test_the_log_of_the_supply_tells_what_acts_on_it_from_its_rivals() -> None:
     tests, rig, model = made(("supply-droop", "coupled", 1.0), size=TWO_EACH)
     tried = [catalogue()[name] for name in ("supply-droop", "choked-exhaust-scaling")]
@@ -1385,7 +1388,9 @@ def test_effects_that_imitate_a_law_of_one_quantity_explain_nothing() -> None:
         (("mains-hum", "sine", 1.0), []),
         # A misfit of which hum explains nearly all counts as few draws.
         (("mains-hum", "sine", 4.0), []),
-        (("link-flexibility", "arm", 1.0), ["link-flexibility"]),
+        pytest.param(
+            ("link-flexibility", "arm", 1.0), ["link-flexibility"], marks=pytest.mark.slow
+        ),
     ],
 )
 def test_hum_is_no_resonance(effect: tuple[str, str, float], named: list[str]) -> None:

@@ -28,6 +28,7 @@ def diagnosed(
     return si.diagnose(campaign, si.fit(campaign))
 
 
+@pytest.mark.slow
 def test_pwm_tests_alone_show_what_the_supply_lacks(tmp_path: Path) -> None:
     found = diagnosed(tmp_path, ("valve_pwm_a", "valve_pwm_b"), (DROOP,))
     (effect,) = found.effects

@@ -260,6 +260,7 @@ def _mean_pressure(
     return {"c_dis": Estimate.symmetric(means[0], 1.0, "Pa", 9.0)}, [t.source for t in trials]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few_effects")
 def test_of_a_tank(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_checks, "bench_fit", _mean_pressure)
@@ -277,6 +278,7 @@ def _own(folder: Path, which: Path) -> Path:
     return given / "campaign.toml"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few_effects")
 def test_of_a_component_of_the_users_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(component_logs, "_SERVO_S", 2.0)

@@ -123,6 +123,7 @@ def test_a_set_is_converted_fitted_and_diagnosed(
         assert str(tmp_path) not in text and "stribeck-friction" in text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("in_this_process")
 def test_a_set_through_the_ordinary_commands(tmp_path: Path) -> None:
     """Nothing canned: the friction that the test put in is found, and predicts what is held out."""

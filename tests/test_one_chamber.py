@@ -1021,6 +1021,7 @@ def test_no_motor_is_proposed_where_there_is_none(
         assert len(motion.valve_columns(rig)) == 1
 
 
+@pytest.mark.slow
 def test_a_test_to_play_of_two_valves(
     shut: tuple[GeneratedCampaign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -293,6 +293,7 @@ def test_a_check_says_what_is_missing_or_implausible(cylinder: Path, tmp_path: P
     assert "command does not change: it excites nothing" in told.out
 
 
+@pytest.mark.slow
 def test_an_axis_of_the_emps_benchmark(shared_data: Path, tmp_path: Path) -> None:
     """The public servo's mass and friction, by the second file of the worked motor."""
     source = shared_data / "emps"

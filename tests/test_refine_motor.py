@@ -228,6 +228,7 @@ def test_a_declared_inertia_is_freed_by_name(rotary: Made, tmp_path: Path) -> No
 DRAG = 0.01  # Nm s2/rad2
 
 
+@pytest.mark.slow
 def test_an_effect_in_the_bundle_is_refined_beside_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
