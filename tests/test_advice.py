@@ -10,13 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datasets.generator.campaign import SMALL, make_campaign
+from datasets.generator.campaign import SMALL, GeneratedCampaign, make_campaign
 from datasets.generator.files import write_log
+from datasets.generator.one_chamber import scaled
 from datasets.generator.rigs import rig_toml
 from sysid.commands.app import main
 from sysid.errors import InputError, NotIdentifiedError
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import MOTION_KINDS, Campaign, read_campaign
+from sysid.io.rig import read_rig
 from sysid.parameters import Bundle, Parts, read_bundle, write_bundle
 from sysid.parameters.effects import entry_of
 from sysid.parameters.friction import Friction
@@ -42,7 +44,11 @@ def estimate(value: float) -> Estimate:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small campaign of motion logs, and a bundle of the true parameters, known to 3 %."""
     path = tmp_path_factory.mktemp("advice")
-    made = make_campaign(SEED, size=SMALL, kinds=MOTION_KINDS, stems=STEMS)
+    write(path, make_campaign(SEED, size=SMALL, kinds=MOTION_KINDS, stems=STEMS))
+    return path
+
+
+def write(path: Path, made: GeneratedCampaign) -> None:
     (path / "rig.toml").write_text(rig_toml(made.rig.content))
     lines = ['rig = "rig.toml"']
     for log in made.logs:
@@ -57,7 +63,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     parts = Parts(Friction.model_validate(friction), FittedValves.model_validate(valves))
     campaign = read_campaign(path / "campaign.toml")
     write_bundle(Bundle.new(campaign.rig, parts, []), path / "bundle.json")
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -196,6 +201,25 @@ def test_candidates_stay_off_the_stops_and_within_the_motor(
 
 
 # --- ties and sizes --------------------------------------------------------------------
+
+
+def test_candidates_of_a_slow_rig_take_as_many_times_longer(
+    motions: list[CandidateMotion], tmp_path: Path
+) -> None:
+    """Ten seconds of it would be a fraction of one swing."""
+    made = make_campaign(SEED, size=SMALL, kinds=MOTION_KINDS, stems=STEMS)
+    write(tmp_path, scaled(made, time=8.0))
+    rig, bundle = read_rig(tmp_path / "rig.toml"), read_bundle(tmp_path / "bundle.json")
+    slow = candidate_motions(rig, bundle.model(rig))
+    times = slow[0].duration / motions[0].duration
+
+    def swings(found: list[CandidateMotion], kind: str) -> float:
+        return max(float(np.ptp(m.channels[0])) for m in found if m.kind == kind)
+
+    assert {m.kind for m in slow} == {m.kind for m in motions} == set(MOTION_KINDS)
+    assert 4.0 < times < 16.0 and len({m.duration for m in slow}) == 1
+    for kind in MOTION_KINDS:
+        assert swings(slow, kind) > 0.7 * swings(motions, kind), kind
 
 
 @pytest.mark.usefixtures("few")

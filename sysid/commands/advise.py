@@ -44,7 +44,11 @@ _play_options = options(
         help="What the test is for: a parameter or an effect; may be repeated (default: all).",
     ),
     click.option(
-        "--duration", "duration_s", type=_POSITIVE, metavar="S", help="Of the test (default: 10)."
+        "--duration",
+        "duration_s",
+        type=_POSITIVE,
+        metavar="S",
+        help="Of the test (default: 10; on a slow rig as many times longer).",
     ),
     click.option(
         "--max-speed",

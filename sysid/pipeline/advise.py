@@ -71,13 +71,14 @@ def _threshold(catalogue: Catalogue | None) -> float:
 class PlayOptions(AdviseOptions):
     """What a test to play is for, how long it takes, what it may not exceed.
 
-    `asked`: parameters or effects by name (none: all parameters); `duration_s` of all its parts;
+    `asked`: parameters or effects by name (none: all parameters); `duration_s` of all its parts
+    (None: 10 s, on a rig slower than the reference rig as many times longer);
     `max_speed` rad/s or m/s (None: the fastest motion of the training logs), `max_effort` Nm or N
     (None: 95 % of the rig file's).
     """
 
     asked: Sequence[str] = ()
-    duration_s: float = 10.0
+    duration_s: float | None = None
     max_speed: float | None = None
     max_effort: float | None = None
 

@@ -21,6 +21,8 @@ from sysid.io.logs import Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import rows_per_ripple
 from sysid.plant import valve_timing
+from sysid.plant.effects.rig_sizes import RigSizes
+from sysid.plant.ports import Model
 from sysid.recording.motion_checks import (
     MIN_ROWS,
     check_at_rest,
@@ -121,6 +123,17 @@ class MotionTest(Recording):
         """(3, rows): measured less simulated (3, n), of the segment's rows that count."""
         measured = self.measured_in(segment)
         return measured - run[:, : measured.shape[1]]
+
+
+def slowness_of(rig: Rig, model: Model) -> float:
+    """How many times as slow as the reference rig its chambers fill, 1 where they are no slower.
+
+    Within a segment flows must show: of a slow rig's pressures a second holds a fraction of the
+    time in which they change. A fast rig's start states need as many rows as any.
+    """
+    if rig.is_motor_alone:
+        return 1.0
+    return max(1.0, RigSizes.of(model.parameters).slowness)
 
 
 def prepare(
@@ -427,4 +440,4 @@ def _best_start(
     return int(rows[0]) if rows.size else None
 
 
-__all__ = ["MotionTest", "Segment", "channel_noise", "prepare"]
+__all__ = ["MotionTest", "Segment", "channel_noise", "prepare", "slowness_of"]

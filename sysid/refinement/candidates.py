@@ -19,8 +19,11 @@ from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs, ValveCommand
 from sysid.plant.sensors import measured_channels
 from sysid.plant.simulator import MAX_STEP
+from sysid.recording.motion_tests import slowness_of
 from sysid.types import BoolArray, FloatArray
 
+# Times and frequencies are those of the reference rig, in which its chambers fill and empty many
+# times: on a slower rig they are as many times longer.
 DURATION_S = 10.0
 TRAVEL_USED = 0.9
 """Share of half the travel that a proposed test never exceeds."""
@@ -109,12 +112,14 @@ def leaves_travel(position: FloatArray, limit: float, rest: float) -> BoolArray:
 
 @dataclass(frozen=True)
 class _Stage:
-    """Where commands are tried: the rig, its model, the rows of a test."""
+    """Where commands are tried: the rig, its model, the rows of a test; how many times as slow as
+    the reference rig it is."""
 
     rig: Rig
     model: Model
     time: FloatArray
     has_motor: bool
+    slowness: float
 
     @property
     def motors(self) -> tuple[bool, ...]:
@@ -198,7 +203,8 @@ def inputs_of_commands(
 
 
 def candidate_motions(rig: Rig, model: Model, has_motor: bool = True) -> list[CandidateMotion]:
-    """Motion tests of every kind that the rig can do, ten seconds each, from where it rests.
+    """Motion tests of every kind that the rig can do, ten seconds each, from where it rests; on a
+    rig slower than the reference rig as many times longer.
 
     Kinds that the model cannot do are skipped: a motor that it lacks or too weak, duties without a
     PWM period, an arm that falls. Raises InputError without `[cylinder]`, whose stroke limits the
@@ -206,12 +212,19 @@ def candidate_motions(rig: Rig, model: Model, has_motor: bool = True) -> list[Ca
     """
     rig.require("cylinder", "whose stroke limits a motion test")
     row = rig.sampling.period_s if rig.sampling is not None else MAX_STEP
-    time: FloatArray = np.asarray(np.arange(round(DURATION_S / row)) * row, dtype=float)
-    stage = _Stage(rig, model, time, has_motor)
+    slowness = slowness_of(rig, model)
+    rows = round(usual_duration(slowness) / row)
+    time: FloatArray = np.asarray(np.arange(rows) * row, dtype=float)
+    stage = _Stage(rig, model, time, has_motor, slowness)
     found = list(_motor_sweeps(stage)) if has_motor else []
     if rig.pwm is not None:
         found += _pwm_tests(stage)
     return [*found, *_on_off_tests(stage)]
+
+
+def usual_duration(slowness: float) -> float:
+    """Of a test on a rig so many times as slow as the reference rig, whole s."""
+    return float(round(DURATION_S * slowness))
 
 
 def _clipped_sine(time: FloatArray, hz: float, phase: float, clip: float) -> FloatArray:
@@ -225,20 +238,21 @@ def _motor_sweeps(stage: _Stage) -> Iterator[CandidateMotion]:
     if stage.most_effort <= 1.2 * static:
         return
     efforts = np.geomspace(1.2 * static, stage.most_effort, 10)
-    plan = [(f, e, p) for f in _MOTOR_HZ for e in efforts for p in _MOTOR_PHASES]
+    frequencies = [hz / stage.slowness for hz in _MOTOR_HZ]
+    plan = [(f, e, p) for f in frequencies for e in efforts for p in _MOTOR_PHASES]
     commands = [
         ("motion-motor", e * _clipped_sine(stage.time, f, p, 0.85), None) for f, e, p in plan
     ]
     shown = stage.shown(commands)
     swing = stage.swing(shown)
-    for hz in _MOTOR_HZ:
+    for hz in frequencies:
         own = [i for i, (f, _, _) in enumerate(plan) if f == hz and swing[i] > 0.02]
         if not own:
             continue
         best = max(own, key=lambda i: swing[i])
         middle = min(own, key=lambda i: abs(swing[i] - 0.4 * swing[best]))
         for i in dict.fromkeys((best, middle)):
-            text = f"sine {hz:g} Hz, {plan[i][1]:.3g} {stage.unit}"
+            text = f"sine {hz:.3g} Hz, {plan[i][1]:.3g} {stage.unit}"
             yield stage.made(text, commands[i], shown[i])
 
 
@@ -265,7 +279,7 @@ def _duties(
     period = stage.rig.require("pwm", "which holds the PWM period").period_s
     number = np.floor(stage.time / period + 1e-6).astype(int)
     at = period * np.arange(number[-1] + 1)
-    hz, phase = rng.uniform(0.25, 0.6), rng.uniform(0.0, 2.0 * np.pi)
+    hz, phase = rng.uniform(0.25, 0.6) / stage.slowness, rng.uniform(0.0, 2.0 * np.pi)
     waves = []
     for own_phase in (phase, phase + np.pi + rng.uniform(-0.5, 0.5))[: stage.valves]:
         middle = rng.uniform(*span)
@@ -288,7 +302,7 @@ def _motor_with_duties(
 def _on_off_tests(stage: _Stage) -> Iterator[CandidateMotion]:
     for with_motor in stage.motors:
         rng = np.random.default_rng((7, with_motor))
-        motor = _motor_with_duties(stage, rng.uniform(0.3, 0.8), with_motor, rng)
+        motor = _motor_with_duties(stage, rng.uniform(0.3, 0.8) / stage.slowness, with_motor, rng)
         found = _sequence(stage, motor, rng)
         if found is not None:
             valves, shown = found
@@ -317,7 +331,7 @@ def _sequence(
         near = stage.near_stop(shown)
         until = np.where(near.any(axis=1), near.argmax(axis=1), stage.rows)
         longest = int(np.argmax(until))
-        back = round(_REDRAW_S / (stage.time[1] - stage.time[0]))
+        back = round(_REDRAW_S * stage.slowness / (stage.time[1] - stage.time[0]))
         kept, rows = drawn[longest], max(int(until[longest]) - back, 0)
         if until[longest] == stage.rows:  # it hardly moves
             kept, rows = np.zeros((stage.valves, stage.rows)), 0
@@ -328,7 +342,7 @@ def _pulses(stage: _Stage, kept: FloatArray, rows: int, rng: np.random.Generator
     """The first rows of a sequence (valves, n), then pulses of one valve and the other in turn."""
     valves = np.array(kept)
     valves[:, rows:] = 0.0
-    row_s = float(stage.time[1] - stage.time[0])
+    row_s = float(stage.time[1] - stage.time[0]) / stage.slowness
     at, valve = rows + round(rng.uniform(*_PAUSE_S) / row_s), int(rng.integers(stage.valves))
     while at < stage.rows:
         length = max(round(float(np.exp(rng.uniform(*np.log(_PULSE_S)))) / row_s), 1)
@@ -349,4 +363,5 @@ __all__ = [
     "candidate_motions",
     "inputs_of_commands",
     "leaves_travel",
+    "usual_duration",
 ]

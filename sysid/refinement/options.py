@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,9 +14,9 @@ from sysid.errors import input_error
 from sysid.estimation.autoregression import Autoregression
 from sysid.io.rig import Rig
 from sysid.plant.ports import Model
-from sysid.recording.motion_tests import MotionTest, prepare
+from sysid.recording.motion_tests import MotionTest, prepare, slowness_of
 from sysid.refinement.bench_candidates import bench_candidates
-from sysid.refinement.candidates import DURATION_S, CandidateMotion
+from sysid.refinement.candidates import CandidateMotion
 from sysid.refinement.estimation import Estimated
 from sysid.refinement.information import ProbedProblem, information_of, prior_information
 from sysid.refinement.lengthening import joined_runs
@@ -48,6 +49,11 @@ class AdviceSetting:
         if self.refined is None:
             return tuple(Autoregression.white(float(n) ** 2) for n in run.noise)
         return self.refined.problem.whitening[0]
+
+    @cached_property
+    def slowness(self) -> float:
+        """As of `slowness_of`."""
+        return slowness_of(self.rig, self.model)
 
     @property
     def enlargement(self) -> tuple[float, ...]:
@@ -118,9 +124,10 @@ def runs_of_tests(
     rig, noise, found = setting.rig, setting.noise, setting.refined
     first = found.problem.tests if found is not None and count_logs else 0
     runs = list(found.problem.runs) if found is not None and first else []
-    every = [m.first(length) for m in motions for length in (0.5 * DURATION_S, DURATION_S)]
+    every = [m.first(share * m.duration) for m in motions for share in (0.5, 1.0)]
     made = [
-        prepare(m.trial(rig, noise, seed), m.kind, rig, SEGMENT_S) for seed, m in enumerate(every)
+        prepare(m.trial(rig, noise, seed), m.kind, rig, SEGMENT_S, slowness=setting.slowness)
+        for seed, m in enumerate(every)
     ]
     model, position = setting.model, rig.position_channel
     own = [r for i, test in enumerate(made) for r in runs_of(i, test, model, position)]

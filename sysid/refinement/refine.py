@@ -42,10 +42,9 @@ from sysid.parameters.declared import contradictions
 from sysid.parameters.fitted_logs import check_log
 from sysid.parameters.scatter import bench_scatter
 from sysid.plant.effects.entry import Catalogue
-from sysid.plant.effects.rig_sizes import RigSizes
 from sysid.plant.ports import Model, has_discrete_law
 from sysid.recording.even import recorded
-from sysid.recording.motion_tests import MotionTest, prepare_all
+from sysid.recording.motion_tests import MotionTest, prepare_all, slowness_of
 from sysid.recording.simulation import NOT_FINITE
 from sysid.refinement.estimation import (
     Estimated,
@@ -302,7 +301,7 @@ def motion_tests_of(
     """
     found: list[MotionTest] = []
     failed: list[Failure] = []
-    slowness = _slowness(campaign.rig, model)
+    slowness = slowness_of(campaign.rig, model)
     for entry in entries:
         log = campaign.read(entry)
         check_log(bundle, log, entry.kind, entry.use)
@@ -320,17 +319,6 @@ def motion_tests_of(
         raise error_of(failed, "; ".join(dict.fromkeys(why.reason for why in failed)))
     notices += [f"excluded: {why.reason}" for why in failed]
     return [t for t in found if t.counted(t.whole) >= LEAST_ROWS]
-
-
-def _slowness(rig: Rig, model: Model) -> float:
-    """How many times as slow as the reference rig its chambers fill, 1 where they are no slower.
-
-    Within a segment flows must show: of a slow rig's pressures a second holds a fraction of the
-    time in which they change. A fast rig's start states need as many rows as any.
-    """
-    if rig.is_motor_alone:
-        return 1.0
-    return max(1.0, RigSizes.of(model.parameters).slowness)
 
 
 def _parameters(found: Estimated) -> tuple[tuple[RefinedParameter, ...], FloatArray]:

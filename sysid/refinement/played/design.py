@@ -288,7 +288,8 @@ def _informed(stage: DesignStage, drives: Sequence[Drive]) -> list[_Designed]:
     rig, model = stage.setting.rig, stage.problem.model
     noise, position = stage.setting.noise, stage.setting.rig.position_channel
     tests = [
-        prepare(m.trial(rig, noise, seed), m.kind, rig, SEGMENT_S) for seed, m in enumerate(motions)
+        prepare(m.trial(rig, noise, seed), m.kind, rig, SEGMENT_S, slowness=stage.setting.slowness)
+        for seed, m in enumerate(motions)
     ]
     runs = [r for i, test in enumerate(tests) for r in runs_of(i, test, model, position)]
     refined = stage.setting.refined

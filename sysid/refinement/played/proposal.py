@@ -15,7 +15,7 @@ from sysid.plant.effects.linear import possible_on
 from sysid.plant.ports import Model
 from sysid.plant.simulator import MAX_STEP
 from sysid.refinement.advice import Beginning
-from sysid.refinement.candidates import DURATION_S, MOST_STATIC, TRAVEL_USED
+from sysid.refinement.candidates import MOST_STATIC, TRAVEL_USED, usual_duration
 from sysid.refinement.information import ProbedProblem
 from sysid.refinement.options import RunsOfTests, information, problem_of, runs_of_tests
 from sysid.refinement.played.design import Aim, DesignedSet, DesignStage, designed
@@ -40,14 +40,15 @@ _EFFORT_USED = 0.95
 
 @dataclass(frozen=True)
 class PlayRequest:
-    """`asked`: names of parameters or effects (none: all parameters); `duration` s of all tests.
+    """`asked`: names of parameters or effects (none: all parameters); `duration` s of all tests,
+    None: as long as a test usually takes on the rig.
 
     `speed` rad/s or m/s and `effort` Nm or N: what may not be exceeded; None: the fastest motion
     of the logs, the rig file's limit of the motor.
     """
 
     asked: tuple[str, ...] = ()
-    duration: float = DURATION_S
+    duration: float | None = None
     speed: float | None = None
     effort: float | None = None
 
@@ -65,10 +66,12 @@ def played_test(
     """
     setting, rig = began.setting, began.setting.rig
     rig.require("cylinder", "whose stroke limits a motion test")
-    pieces = int(request.duration / _PIECE_S + 1e-9)
+    piece_s = _PIECE_S * setting.slowness
+    duration = request.duration or usual_duration(setting.slowness)
+    pieces = int(duration / piece_s + 1e-9)
     if pieces < 1:
         raise input_error(
-            "--duration", f"{request.duration:g} s is too short", f"give at least {_PIECE_S:g} s"
+            "--duration", f"{duration:g} s is too short", f"give at least {piece_s:.3g} s"
         )
     probes, aim = aimed(began, request.asked, catalogue)
     problem, now = _known(began, probes)
@@ -81,7 +84,7 @@ def played_test(
     reach = held_reach(off, limits.scaled(MARGIN))
     stages = []
     for number in (pieces, _TIMES_AS_MANY * pieces):
-        actuators = Actuators.of(rig, row, request.duration / number, effort, reach)
+        actuators = Actuators.of(rig, row, duration / number, effort, reach)
         stages.append(DesignStage(setting, problem, actuators, number, limits, plants, fresh, last))
     found = designed(stages, aim, now, progress)
     expected = _expected(aim, problem, now, found)
@@ -166,4 +169,4 @@ def _reached(found: DesignedSet, plants: Sequence[Model]) -> Reached:
     return Reached(far, fast, max(float(np.abs(m.motor).max()) for m in found.motions))
 
 
-__all__ = ["DURATION_S", "PlayRequest", "aimed", "played_test"]
+__all__ = ["PlayRequest", "aimed", "played_test"]
