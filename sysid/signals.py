@@ -50,16 +50,19 @@ _JUMPS = 0.25
 _Mean = Callable[..., Any]
 
 
-def lowpass(values: FloatArray, period: float, cutoff_hz: float = DEFAULT_CUTOFF_HZ) -> FloatArray:
+def lowpass(values: FloatArray, period: float, cutoff_hz: float | None = None) -> FloatArray:
     """Zero-phase second-order Butterworth low-pass, run forwards and backwards.
 
     `values` (n,) or (n, m), filtered along the first axis; `period` s; `cutoff_hz` is the
-    cut-off of one pass, so that the two passes together halve the amplitude there.
+    cut-off of one pass, so that the two passes together halve the amplitude there; None: the usual
+    one, 50 Hz, or as much lower as it takes to stay clear of the Nyquist frequency.
     Raises InputError when the cut-off does not lie below the Nyquist frequency.
     """
     from scipy import signal
 
     nyquist = 0.5 / period
+    if cutoff_hz is None:
+        cutoff_hz = min(DEFAULT_CUTOFF_HZ, highest_cutoff(period))
     if not 0.0 < cutoff_hz < nyquist:
         raise input_error(
             f"cut-off {cutoff_hz:g} Hz",
@@ -84,6 +87,11 @@ def lowpass(values: FloatArray, period: float, cutoff_hz: float = DEFAULT_CUTOFF
         filtered, _ = signal.sosfilt(sections, filtered, axis=0, zi=start * filtered[0])
         filtered = filtered[::-1]
     return np.array(filtered[pad : pad + len(x)], dtype=float)
+
+
+def highest_cutoff(period: float) -> float:
+    """The highest cut-off, Hz, that stays clear of the Nyquist frequency of samples every s."""
+    return 0.2 / period
 
 
 @lru_cache(maxsize=64)

@@ -28,6 +28,14 @@ def test_lowpass_has_no_phase_and_halves_at_the_cutoff() -> None:
         assert quadrature == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.parametrize(("period", "usual_hz"), [(1e-3, 50.0), (4e-3, 50.0), (0.01, 20.0)])
+def test_the_usual_cutoff_stays_clear_of_the_nyquist_frequency(
+    period: float, usual_hz: float
+) -> None:
+    x = np.random.default_rng(2).normal(size=200)
+    np.testing.assert_array_equal(signals.lowpass(x, period), signals.lowpass(x, period, usual_hz))
+
+
 def test_lowpass_keeps_a_line_up_to_its_ends() -> None:
     t = np.arange(500) * PERIOD
     assert signals.lowpass(3.0 * t + 1.0, PERIOD) == pytest.approx(3.0 * t + 1.0, abs=1e-7)

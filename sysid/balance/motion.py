@@ -156,7 +156,7 @@ class FilteredMotion:
 
 def fastest_cutoff(recording: Recording) -> float:
     """The highest cut-off, Hz, that stays clear of the Nyquist frequency of the readings."""
-    return 0.2 / (recording.stride * recording.period)
+    return signals.highest_cutoff(recording.stride * recording.period)
 
 
 def default_cutoff(recording: Recording, highest_hz: float) -> float:

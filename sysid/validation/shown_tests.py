@@ -136,6 +136,5 @@ def speed(result: TestResult, position: str) -> FloatArray:
     from sysid import signals
 
     period = float(np.median(np.diff(result.time)))
-    cutoff = min(signals.DEFAULT_CUTOFF_HZ, 0.2 / period)
-    smooth = signals.lowpass(result.measured[position], period, cutoff)
+    smooth = signals.lowpass(result.measured[position], period)
     return signals.first_derivative(smooth, period)

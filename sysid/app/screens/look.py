@@ -193,7 +193,7 @@ class LookScreen(Screen):
         if self.filtered and not is_step and len(values) > 30:
             raw = _raw_role(role)
             yield Curve(time, values, "raw" if not label else "", raw, width=1.0)
-            smooth = signals.lowpass(values, trial.period, signals.DEFAULT_CUTOFF_HZ)
+            smooth = signals.lowpass(values, trial.period)
             yield Curve(time, smooth, label or "filtered", role)
             return
         yield Curve(time, values, label, role, is_step=is_step)
@@ -202,8 +202,7 @@ class LookScreen(Screen):
         curves = []
         for number, trial in enumerate(trials):
             if name in trial and len(trial) > 30:
-                cutoff = min(signals.DEFAULT_CUTOFF_HZ, 0.2 / trial.period)
-                smooth = signals.lowpass(trial[name] * scale, trial.period, cutoff)
+                smooth = signals.lowpass(trial[name] * scale, trial.period)
                 speed = signals.first_derivative(smooth, trial.period)
                 curves.append(Curve(trial.since_start, speed, "", trial_role(number)))
         return TracePanel(Scale("Velocity, filtered", f"{unit}/s"), tuple(curves))
