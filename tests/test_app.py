@@ -1151,11 +1151,15 @@ def test_a_cancelled_job_leaves_nothing(tmp_path: Path) -> None:
     assert left == []
 
 
-def test_a_killed_server_loses_nothing_and_leaves_nothing(tmp_path: Path, browser: Any) -> None:
+def test_a_killed_server_loses_nothing_and_leaves_nothing(
+    tmp_path: Path, browser: Any, request: pytest.FixtureRequest
+) -> None:
     """One of its own: others may still be asked of the module's."""
     from sysid.app.journal import JOURNAL_FILE
 
     server, folder = started(tmp_path), tmp_path
+    # Left running by a test that fails, it would make the next one fail, too.
+    request.addfinalizer(server.kill)
     page = Page(server, browser.new_page()).open()
     page.show("1")
     field = page.page.locator("input[data-do='rig:cylinder:pitch_radius_m']")
@@ -1167,6 +1171,7 @@ def test_a_killed_server_loses_nothing_and_leaves_nothing(tmp_path: Path, browse
     journal = Journal.read(folder)
     assert server.kill() == -signal.SIGKILL
     again = Server(folder).start()
+    request.addfinalizer(again.kill)
     assert again.ask(f"/?token={again.token}").status == 200
     assert again.ask(f"/?token={server.token}").status == 403
     assert (folder / "campaign.toml").read_bytes() == kept
