@@ -62,7 +62,7 @@ def lowpass(values: FloatArray, period: float, cutoff_hz: float | None = None) -
 
     nyquist = 0.5 / period
     if cutoff_hz is None:
-        cutoff_hz = min(DEFAULT_CUTOFF_HZ, highest_cutoff(period))
+        cutoff_hz = usual_cutoff(period)
     if not 0.0 < cutoff_hz < nyquist:
         raise input_error(
             f"cut-off {cutoff_hz:g} Hz",
@@ -94,6 +94,11 @@ def highest_cutoff(period: float) -> float:
     return 0.2 / period
 
 
+def usual_cutoff(period: float) -> float:
+    """The cut-off, Hz, for samples every s where nothing asks for another."""
+    return min(DEFAULT_CUTOFF_HZ, highest_cutoff(period))
+
+
 @lru_cache(maxsize=64)
 def _butterworth(share: float) -> tuple[FloatArray, FloatArray]:
     """Sections of the filter with a cut-off of this share of the Nyquist frequency, and their
@@ -111,6 +116,11 @@ def filter_length(period: float, cutoff_hz: float) -> int:
     The impulse response of the two passes has fallen below 1 % of its peak there.
     """
     return max(1, math.ceil(1.0 / (cutoff_hz * period)))
+
+
+def filtered_speed(position: FloatArray, period: float) -> FloatArray:
+    """Speed (n,), per second, of a position (n,) after `lowpass` with its usual cut-off."""
+    return first_derivative(lowpass(position, period), period)
 
 
 def first_derivative(values: FloatArray, period: float) -> FloatArray:

@@ -128,8 +128,7 @@ class Recording:
     @property
     def highest_speed(self) -> float:
         """The highest speed, of the filtered position, rad/s or m/s."""
-        smooth = signals.lowpass(self.position, self.period)
-        return float(np.abs(signals.first_derivative(smooth, self.period)).max())
+        return float(np.abs(signals.filtered_speed(self.position, self.period)).max())
 
     # --- efforts (thesis 3.3.7) -----------------------------------------------------------
 

@@ -136,5 +136,4 @@ def speed(result: TestResult, position: str) -> FloatArray:
     from sysid import signals
 
     period = float(np.median(np.diff(result.time)))
-    smooth = signals.lowpass(result.measured[position], period)
-    return signals.first_derivative(smooth, period)
+    return signals.filtered_speed(result.measured[position], period)

@@ -202,8 +202,7 @@ class LookScreen(Screen):
         curves = []
         for number, trial in enumerate(trials):
             if name in trial and len(trial) > 30:
-                smooth = signals.lowpass(trial[name] * scale, trial.period)
-                speed = signals.first_derivative(smooth, trial.period)
+                speed = signals.filtered_speed(trial[name] * scale, trial.period)
                 curves.append(Curve(trial.since_start, speed, "", trial_role(number)))
         return TracePanel(Scale("Velocity, filtered", f"{unit}/s"), tuple(curves))
 

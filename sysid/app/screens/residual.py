@@ -258,8 +258,7 @@ def _values(test: ExploredTest, regressor: str) -> FloatArray | None:
         name = next((n for n in VELOCITY_CHANNELS if n in trial), None)
         if name is None:
             return None
-        smooth = signals.lowpass(trial[name] * channel_of(name).scale, trial.period)
-        return signals.first_derivative(smooth, trial.period)
+        return signals.filtered_speed(trial[name] * channel_of(name).scale, trial.period)
     scale = 1.0 if regressor in VALVE_COMMANDS else channel_of(regressor).scale
     return trial[regressor] * scale if regressor in trial else None
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sysid import signals
-from sysid.balance.motion import FilteredMotion, default_cutoff, fastest_cutoff
+from sysid.balance.motion import FilteredMotion, default_cutoff
 from sysid.estimation.jackknife import jackknife
 from sysid.estimation.linear import t_quantile
 from sysid.recording.recording import Recording
@@ -90,7 +90,7 @@ def takes_energy_out(trials: Sequence[Recording]) -> bool:
     power, size = 0.0, 0.0
     for trial in trials:
         if len(trial) >= MIN_SAMPLES:
-            cutoff = min(signals.DEFAULT_CUTOFF_HZ, fastest_cutoff(trial))
+            cutoff = signals.usual_cutoff(trial.stride * trial.period)
             products = trial.applied * FilteredMotion(trial, cutoff).speed
             power, size = power + float(products.sum()), size + float(np.abs(products).sum())
     return power < _TAKEN_OUT * size
