@@ -49,6 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def write(path: Path, made: GeneratedCampaign) -> None:
+    """Its logs, and the bundle."""
     (path / "rig.toml").write_text(rig_toml(made.rig.content))
     lines = ['rig = "rig.toml"']
     for log in made.logs:
@@ -200,9 +201,6 @@ def test_candidates_stay_off_the_stops_and_within_the_motor(
     assert [m.text for m in again] == [m.text for m in found]
 
 
-# --- ties and sizes --------------------------------------------------------------------
-
-
 def test_candidates_of_a_slow_rig_take_as_many_times_longer(
     motions: list[CandidateMotion], tmp_path: Path
 ) -> None:
@@ -220,6 +218,9 @@ def test_candidates_of_a_slow_rig_take_as_many_times_longer(
     assert 4.0 < times < 16.0 and len({m.duration for m in slow}) == 1
     for kind in MOTION_KINDS:
         assert swings(slow, kind) > 0.7 * swings(motions, kind), kind
+
+
+# --- ties and sizes --------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("few")

@@ -12,7 +12,7 @@ from sysid.estimation.autoregression import Autoregression
 from sysid.io.rig import Rig
 from sysid.plant.ports import Model
 from sysid.plant.preparation import Inputs, ValveCommand
-from sysid.plant.simulator import MAX_STEP
+from sysid.refinement.candidates import row_period
 from sysid.refinement.information import ProbedProblem, information_of
 from sysid.refinement.problem import SLIDING
 from sysid.refinement.runs import LEAST_START_STD, Run
@@ -117,7 +117,7 @@ def _filling(rig: Rig, model: Model, side: str) -> Inputs:
     """
     from sysid.plant.simulator import simulate
 
-    row = rig.sampling.period_s if rig.sampling is not None else MAX_STEP
+    row = row_period(rig)
     time: FloatArray = np.asarray(np.arange(round(_FILLING_S / row)) * row, dtype=float)
     p = model.parameters
     atmosphere, supply = float(p.atmosphere), float(p.supply)

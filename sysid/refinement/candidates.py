@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -112,14 +113,27 @@ def leaves_travel(position: FloatArray, limit: float, rest: float) -> BoolArray:
 
 @dataclass(frozen=True)
 class _Stage:
-    """Where commands are tried: the rig, its model, the rows of a test; how many times as slow as
-    the reference rig it is."""
+    """Where commands are tried: the rig, its model, whether a motor may be driven."""
 
     rig: Rig
     model: Model
-    time: FloatArray
     has_motor: bool
-    slowness: float
+
+    @cached_property
+    def slowness(self) -> float:
+        """As of `slowness_of`."""
+        return slowness_of(self.rig, self.model)
+
+    @cached_property
+    def row_s(self) -> float:
+        """From a test's row to the next, s."""
+        return row_period(self.rig)
+
+    @cached_property
+    def time(self) -> FloatArray:
+        """Of a test's rows, (n,) s."""
+        rows = round(usual_duration(self.slowness) / self.row_s)
+        return np.asarray(np.arange(rows) * self.row_s, dtype=float)
 
     @property
     def motors(self) -> tuple[bool, ...]:
@@ -211,15 +225,16 @@ def candidate_motions(rig: Rig, model: Model, has_motor: bool = True) -> list[Ca
     motion.
     """
     rig.require("cylinder", "whose stroke limits a motion test")
-    row = rig.sampling.period_s if rig.sampling is not None else MAX_STEP
-    slowness = slowness_of(rig, model)
-    rows = round(usual_duration(slowness) / row)
-    time: FloatArray = np.asarray(np.arange(rows) * row, dtype=float)
-    stage = _Stage(rig, model, time, has_motor, slowness)
+    stage = _Stage(rig, model, has_motor)
     found = list(_motor_sweeps(stage)) if has_motor else []
     if rig.pwm is not None:
         found += _pwm_tests(stage)
     return [*found, *_on_off_tests(stage)]
+
+
+def row_period(rig: Rig) -> float:
+    """From a proposed test's row to the next, s: the sampling period, else the simulator's step."""
+    return rig.sampling.period_s if rig.sampling is not None else MAX_STEP
 
 
 def usual_duration(slowness: float) -> float:
@@ -331,7 +346,7 @@ def _sequence(
         near = stage.near_stop(shown)
         until = np.where(near.any(axis=1), near.argmax(axis=1), stage.rows)
         longest = int(np.argmax(until))
-        back = round(_REDRAW_S * stage.slowness / (stage.time[1] - stage.time[0]))
+        back = round(_REDRAW_S * stage.slowness / stage.row_s)
         kept, rows = drawn[longest], max(int(until[longest]) - back, 0)
         if until[longest] == stage.rows:  # it hardly moves
             kept, rows = np.zeros((stage.valves, stage.rows)), 0
@@ -342,7 +357,8 @@ def _pulses(stage: _Stage, kept: FloatArray, rows: int, rng: np.random.Generator
     """The first rows of a sequence (valves, n), then pulses of one valve and the other in turn."""
     valves = np.array(kept)
     valves[:, rows:] = 0.0
-    row_s = float(stage.time[1] - stage.time[0]) / stage.slowness
+    # As long as a row is for a reference rig, of which the pauses and pulses are.
+    row_s = stage.row_s / stage.slowness
     at, valve = rows + round(rng.uniform(*_PAUSE_S) / row_s), int(rng.integers(stage.valves))
     while at < stage.rows:
         length = max(round(float(np.exp(rng.uniform(*np.log(_PULSE_S)))) / row_s), 1)
@@ -357,11 +373,11 @@ def _pulses(stage: _Stage, kept: FloatArray, rows: int, rng: np.random.Generator
 
 
 __all__ = [
-    "DURATION_S",
     "TRAVEL_USED",
     "CandidateMotion",
     "candidate_motions",
     "inputs_of_commands",
     "leaves_travel",
+    "row_period",
     "usual_duration",
 ]

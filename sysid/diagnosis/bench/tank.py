@@ -70,9 +70,9 @@ _ISOTHERMAL = 1e-3
 # Steps of the simulation, in bins of a hundredth of the tank's own time, are short while the gas
 # cools and is warmed again, and longer later; gas as warm as its wall allows the longest. By ISO
 # 6358 it arrives at the atmosphere all at once. Of a discharge from 6 bar the thesis' flow is
-# simulated to 0.04 Pa, with gas that has a temperature to 0.02 Pa.
-_ISOTHERMAL_STEP_BINS = 12.0
-_LONGEST_STEP_BINS = {THESIS: 6.0, ISO6358: 3.0}
+# simulated to 0.04 Pa, with gas that has a temperature to 0.02 Pa. By the law, and whether the gas
+# has a temperature.
+_LONGEST_STEP_BINS = {(THESIS, False): 12.0, (THESIS, True): 6.0, (ISO6358, True): 3.0}
 _GROWTH = 1.12
 # Share of the largest fall that an effect must change at its probing size to count as acting.
 _ACTS = 1e-7
@@ -389,7 +389,7 @@ class TankComponent(Component):
         end, first = max(d.time[-1] for d in chosen), min(d.bin_s for d in chosen)
         warm = self._adiabatic(laws, len(shown))
         cools = self.law == ISO6358 or warm is not None
-        longest = first * (_LONGEST_STEP_BINS[self.law] if cools else _ISOTHERMAL_STEP_BINS)
+        longest = _LONGEST_STEP_BINS[self.law, cools] * first
         times = tank_gas.grid(float(end), first, longest, _GROWTH)
         found = tank_gas.simulated(starts, times, together, iso, warm)
         runs = np.split(np.arange(len(lanes)), len(models))

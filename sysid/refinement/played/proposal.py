@@ -13,9 +13,8 @@ from sysid.plant.effects.catalogue import catalogue as own_catalogue
 from sysid.plant.effects.entry import Catalogue
 from sysid.plant.effects.linear import possible_on
 from sysid.plant.ports import Model
-from sysid.plant.simulator import MAX_STEP
 from sysid.refinement.advice import Beginning
-from sysid.refinement.candidates import MOST_STATIC, TRAVEL_USED, usual_duration
+from sysid.refinement.candidates import MOST_STATIC, TRAVEL_USED, row_period, usual_duration
 from sysid.refinement.information import ProbedProblem
 from sysid.refinement.options import RunsOfTests, information, problem_of, runs_of_tests
 from sysid.refinement.played.design import Aim, DesignedSet, DesignStage, designed
@@ -75,7 +74,7 @@ def played_test(
         )
     probes, aim = aimed(began, request.asked, catalogue)
     problem, now = _known(began, probes)
-    row = rig.sampling.period_s if rig.sampling is not None else MAX_STEP
+    row = row_period(rig)
     limits = _limits(began, request)
     effort = _largest_effort(began, limits)
     off = off_plants(began.bundle, rig, setting.model, _TRIED + _FRESH + _LAST, _SEED)
