@@ -212,8 +212,9 @@ def test_a_refinement_that_would_miss_what_the_balances_found_is_not_taken(
 
 
 def _simulated(found: Diagnosis, *after: float) -> Diagnosis:
-    """As if a refinement had seen these errors of the tests to fit on; without any, none."""
-    return replace(found, simulated=np.array(after) if after else None)
+    """As if whole tests to fit on were simulated with these errors, by numbers that no refinement
+    gave; without any, as if they were not."""
+    return replace(found, refinement=None, simulated=np.array(after) if after else None)
 
 
 @pytest.mark.parametrize(
@@ -221,7 +222,6 @@ def _simulated(found: Diagnosis, *after: float) -> Diagnosis:
     [
         ((0.02, 300.0, 300.0), (0.01, 300.0, 310.0), True),
         ((0.01, 300.0, 310.0), (0.02, 300.0, 300.0), False),
-        ((), (0.02, 300.0, 300.0), True),
         ((0.02, 300.0, 300.0), (), False),
         ((), (), False),
     ],
@@ -231,6 +231,48 @@ def test_of_what_the_balances_do_not_tell_apart_the_better_simulating_is_taken(
 ) -> None:
     found, other = (_simulated(ran.diagnosed.found.detail, *one) for one in (own, rival))
     assert (simulating_best(found, other) is other) is is_rival
+
+
+def test_a_refined_rival_is_taken_where_the_first_was_not_simulated(ran: Ran) -> None:
+    rival = ran.diagnosed.found.detail
+    assert simulating_best(_simulated(rival), rival) is rival
+
+
+def _judged(found: Diagnosis, id: str, ratio: float, behind: float = 0.0) -> Diagnosis:
+    """As if this effect had been found, and every segment were off by so many times the noise."""
+    effects = (replace(found.effects[0], effect=catalogue()[id].neutral(), ambiguous_with=()),)
+    assert found.refinement is not None
+    misfits = np.full((12, 3), ratio)
+    evidence: Any = found.evidence
+    loop = evidence.loop
+    loop = replace(loop, search=replace(loop.search, behind=behind))
+    refinement = replace(found.refinement, misfits=misfits)
+    evidence = replace(evidence, loop=loop)
+    return replace(found, effects=effects, refinement=refinement, evidence=evidence)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "rival_ratio", "behind", "named", "doubtful"),
+    [
+        (1.1, 1.1, 2.0, "presliding", True),  # nothing decides
+        (1.1, 1.1, 15.0, "presliding", False),  # the balances do
+        (1.1, 3.0, 2.0, "presliding", False),
+        (3.0, 1.1, 15.0, "stribeck-friction", False),  # motion does
+        (0.9, 0.2, 2.0, "presliding", True),  # below the noise nothing is shown
+        (1.2, 1.1, 2.0, "stribeck-friction", True),
+    ],
+)
+def test_balances_and_segments_of_motion_decide_between_rivals(
+    ran: Ran, ratio: float, rival_ratio: float, behind: float, named: str, doubtful: bool
+) -> None:
+    given = ran.diagnosed.found.detail
+    found = _judged(given, "presliding", ratio)
+    rival = _judged(given, "stribeck-friction", rival_ratio, behind)
+    (effect,) = simulating_best(found, rival).effects
+    other = {"presliding": "stribeck-friction", "stribeck-friction": "presliding"}[named]
+    assert effect.id == named
+    assert effect.ambiguous_with == ((other,) if doubtful else ())
+    assert bool(effect.advice) >= doubtful
 
 
 def test_a_rival_whose_refinement_was_refused_takes_no_place_untested(ran: Ran) -> None:

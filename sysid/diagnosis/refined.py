@@ -20,6 +20,7 @@ from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
 from sysid.diagnosis.search_record import Recorder, SearchStage
 from sysid.errors import Failure, InputError, NotIdentifiedError
+from sysid.estimation.law_evidence import ODDS
 from sysid.estimation.linear import LEVEL, Estimate, chi_squared_quantile
 from sysid.estimation.nonlinear import AT_BOUND
 from sysid.io.campaign import Campaign
@@ -276,20 +277,60 @@ def _errors_after(
 def simulating_best(
     found: Diagnosis, rival: Diagnosis, progress: Progress = no_progress
 ) -> Diagnosis:
-    """Of two diagnoses that the balances do not distinguish, the one that simulates the training
-    tests better; where that is unknown for the first, the other if its refinement holds.
+    """Of two diagnoses that the balances hardly distinguish, the one that they and the segments
+    of the training tests, simulated with refined numbers, speak for.
+
+    Where that leaves doubt, the other's effect may be there in the place of its own. Where a
+    refinement does not hold, the one that simulates whole tests better; where that is unknown for
+    the first, the other if its refinement holds.
     """
     from sysid.refinement.whole_tests import times  # loads jax
 
     own, other = found.simulated, rival.simulated
     if other is None:
         return found
-    is_better = rival.refinement is not None if own is None else times(own, other) < 1.0
-    if not is_better:
-        return found
-    names = " and ".join(one.id for one in rival.effects)
-    progress(f"{names}: the same in the balances, and motion is simulated better")
-    return rival
+    evidence = _evidence_over(found, rival)
+    if evidence is not None:
+        is_better = evidence < 0.0
+    else:
+        is_better = rival.refinement is not None if own is None else times(own, other) < 1.0
+    best, worse = (rival, found) if is_better else (found, rival)
+    if is_better:
+        names = " and ".join(one.id for one in rival.effects)
+        progress(f"{names}: near as likely by the balances, and motion is simulated better")
+    return best if evidence is None or abs(evidence) >= ODDS else _in_doubt(best, worse)
+
+
+def _evidence_over(found: Diagnosis, rival: Diagnosis) -> float | None:
+    """Twice the log evidence of a diagnosis over its rival: of the balances, and of the segments of
+    motion with refined numbers. None where one was not refined.
+
+    What a segment is off by is one draw in each channel, of an unknown size: its rows err together.
+    """
+    own, other = found.refinement, rival.refinement
+    if own is None or other is None or own.misfits.shape != other.misfits.shape:
+        return None
+    evidence = rival.evidence
+    behind = evidence.loop.search.behind if isinstance(evidence, TwinEvidence) else 0.0
+    ratios = np.maximum(other.misfits, 1.0) / np.maximum(own.misfits, 1.0)
+    return behind + 2.0 * float(np.nansum(np.log(ratios)))
+
+
+def _in_doubt(best: Diagnosis, worse: Diagnosis) -> Diagnosis:
+    """A diagnosis whose effect may be that of another one, which differs by that alone."""
+    mine, others = ({one.id for one in d.effects} for d in (best, worse))
+    if not len(mine - others) == len(others - mine) == 1:
+        return best
+    (name,) = others - mine
+    effects = (e if e.id in others else _or_else(e, name) for e in best.effects)
+    return dataclasses.replace(best, effects=tuple(effects))
+
+
+def _or_else(effect: FoundEffect, name: str) -> FoundEffect:
+    """An effect in whose place another one may be there."""
+    names = tuple(sorted({*effect.ambiguous_with, name}))
+    advice = type(effect.effect).tie_breaker
+    return dataclasses.replace(effect, ambiguous_with=names, advice=advice)
 
 
 def _numbers(

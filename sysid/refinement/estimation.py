@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -56,7 +56,8 @@ class Estimated:
     """The last problem and its solution, the runs that the model does not follow, the scatter.
 
     `shorter`: the first estimate that converged before the runs were joined, `joined` how many
-    as one (0: all of a test). `cut_short`: the budget ended before the estimation did.
+    as one (0: all of a test). `cut_short`: the budget ended before the estimation did. `misfits`
+    (runs, 3): of each run before any was left out or joined, its RMSE over the noise by channel.
     """
 
     problem: Problem
@@ -67,6 +68,7 @@ class Estimated:
     shorter: Estimated | None = None
     joined: int = 1
     cut_short: bool = False
+    misfits: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def error_covariance(self) -> FloatArray:
         """Covariance of the errors of the reduced unknowns (m, m), at least the accuracy
@@ -160,13 +162,23 @@ def estimate(
         seen = static
         if not (open_tests & ~done).any():
             break
+    pairs = zip(problem.runs, solution.at.residuals, strict=True)
+    misfits = np.array([_error_ratios(run, residual) for run, residual in pairs])
     final, start, left_out, scatter = _final(problem, solution, follows, scatter, robust)
     progress("the errors as they are")
     solution = solve(
         final, start, _FINAL_EVALUATIONS, CLOSELY, first_step=UNDAMPED, chords=True, partly=True
     )
     evaluations += solution.evaluations
-    return Estimated(final, solution, left_out, scatter, evaluations, cut_short=solution.cut_short)
+    return Estimated(
+        final,
+        solution,
+        left_out,
+        scatter,
+        evaluations,
+        cut_short=solution.cut_short,
+        misfits=misfits,
+    )
 
 
 def with_slopes(found: Estimated, by_differences: bool) -> Estimated:
@@ -201,7 +213,12 @@ def _ratios(problem: Problem, residuals: Sequence[FloatArray]) -> FloatArray:
 
 def error_ratio(run: Run, residual: FloatArray) -> float:
     """A run's largest RMSE over the noise among its channels; `residual` (3, n)."""
-    return float(np.nanmax(np.sqrt(np.mean(residual**2, axis=1)) / run.noise))
+    return float(np.nanmax(_error_ratios(run, residual)))
+
+
+def _error_ratios(run: Run, residual: FloatArray) -> FloatArray:
+    """A run's RMSE over the noise by channel, (3,)."""
+    return np.asarray(np.sqrt(np.mean(residual**2, axis=1)) / run.noise)
 
 
 def _final(

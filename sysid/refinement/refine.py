@@ -202,6 +202,7 @@ def _result(
         longest=max(float(np.ptp(run.inputs.time)) for run in found.problem.runs),
         profiles=_profiles(found, profile, progress),
         cut_short=found.cut_short,
+        misfits=found.misfits,
         bundle=bundle,
         effort={
             use: _effort(some, model, after, campaign.rig, notices)

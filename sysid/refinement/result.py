@@ -90,7 +90,8 @@ class RefineResult(Shown):
     `cut_short`: the budget in force ended before the estimation did. `with_own_friction`: where an
     error of the training tests rises, RMSE (3,) of these, each with the friction of its own;
     `unexplained`: where they are simulated much worse, how much of it is beyond noise, over that
-    after.
+    after. `misfits` (segments, 3): RMSE over the noise by channel, of every segment on its own,
+    those that were left out as well.
     """
 
     parameters: tuple[RefinedParameter, ...]
@@ -110,6 +111,7 @@ class RefineResult(Shown):
     effort: Mapping[str, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
     with_own_friction: FloatArray | None = None
     unexplained: FloatArray | None = None
+    misfits: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     @property
     def rises(self) -> bool:

@@ -75,7 +75,8 @@ class Search:
     `joint` holds all effects fitted together, None where there are none; `weights` (channels,) how
     much a square of each balance counted for; `base_std` the standard errors of the base parameters
     with them, in the parameters' units; `rounds` what each round tried; `null` what is expected of
-    the last residual. `rivals`: the same with other sets that the balances do not tell from it.
+    the last residual. `rivals`: the same with other sets that the balances hardly tell from it,
+    each `behind` it by so much of twice the log evidence.
     """
 
     steps: tuple[RefittedStep, ...]
@@ -88,6 +89,7 @@ class Search:
     rounds: tuple[Round, ...]
     null: Null
     rivals: tuple[Search, ...] = ()
+    behind: float = 0.0
 
     @property
     def base_dof(self) -> int:
@@ -159,7 +161,12 @@ def search(finder: Finder, simulated: Simulated) -> Search:
         found = _result(finder, names)
     if recorder.quick:
         return found
-    rivals = attempt(lambda: tuple(_result(finder, other) for other in doubtful))
+    best = finder.evidence(names)
+
+    def behind(other: frozenset[str]) -> Search:
+        return replace(_result(finder, other), behind=best - finder.evidence(other))
+
+    rivals = attempt(lambda: tuple(map(behind, doubtful)))
     if isinstance(rivals, Failure):
         recorder.miss(rivals, decides=False)
         return found
@@ -192,8 +199,7 @@ def _judged(
     if winner != best:
         better, worse = (" and ".join(sorted(n)) or "no effect" for n in (winner, best))
         finder.progress(f"{better} rather than {worse}: motion is simulated better")
-    doubtful = [n for n in near if n not in (winner, none)]
-    doubtful = [n for n in doubtful if evidence[winner] - evidence[n] < ODDS]
+    doubtful = sorted(set(near) - {winner, none}, key=lambda names: -evidence[names])
     return winner, doubtful[:_MOST_RIVALS]
 
 
