@@ -181,6 +181,34 @@ def test_what_is_owed_to_few_tests_a_further_effect_pays_with_what_it_gains(
     assert finder.evidence(both) == pytest.approx(evidence)
 
 
+@pytest.mark.parametrize(("draws", "whole"), [(1e12, 300.0), (10.0, None)], ids=["noise", "misfit"])
+def test_directions_owe_no_more_to_few_tests_than_they_gain_together(
+    draws: float, whole: float | None
+) -> None:
+    """Where a misfit counts by its logarithm, each of two gains next to the other nearly as much as
+    both do."""
+    rows = 1000
+    channel = ResidualChannel(rows, draws, 1.0, rows + 300.0)
+    none, left = np.array([rows + 300.0]), np.array([float(rows)])
+    parts = np.add(left, [[200.0], [100.0]])
+    alone = [float(cost([channel], part) - cost([channel], left)) for part in parts]
+    together = float(cost([channel], none) - cost([channel], left))
+    assert together == pytest.approx(sum(alone)) if whole else together < 0.7 * sum(alone)
+
+    def owed(*most: float) -> float:
+        limits = zip(parts, most, strict=True)
+        refit = cast(Refit, SimpleNamespace(effects=()))
+        found = FittedSet(refit, left, 0.0, tuple(Support(*pair) for pair in limits))
+        return found.of_few_tests([channel])
+
+    assert owed(*alone) == 0.0
+    assert owed(0.0, 0.0) == pytest.approx(together)
+    one = owed(0.0, alone[1])
+    assert one == pytest.approx(together * alone[0] / sum(alone))
+    assert one < alone[0] if whole is None else one == pytest.approx(alone[0])
+    assert FittedSet(cast(Refit, None), left, 0.0, ()).of_few_tests([channel]) == 0.0
+
+
 def test_a_shape_that_gains_on_twins_once_it_is_fitted_is_no_evidence(
     rig: tuple[Traces, Model, Rig], null: Null, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -67,11 +67,21 @@ class FittedSet:
         return float(cost(channels, none) - cost(channels, self.squares)) - self.complexity
 
     def of_few_tests(self, channels: Sequence[ResidualChannel]) -> float:
-        """What of it is beyond what their strengths' scatter between tests allows."""
-        left = cost(channels, self.squares)
-        return sum(
-            max(float(cost(channels, s.squares) - left) - s.most, 0.0) for s in self.supports
+        """What of it is beyond what their strengths' scatter between tests allows.
+
+        Each direction counts by its share of what all gain together. The cost rises less and less
+        with the squares: what one direction gains next to the others adds up to more.
+        """
+        if not self.supports:
+            return 0.0
+        parts = np.array([s.squares for s in self.supports]) - self.squares
+        alone, together = (
+            cost(channels, self.squares + some) - cost(channels, self.squares)
+            for some in (parts, np.sum(parts, axis=0))
         )
+        beyond = np.maximum(alone - [s.most for s in self.supports], 0.0)
+        share = float(np.sum(beyond)) / max(float(np.sum(alone)), np.finfo(float).tiny)
+        return share * max(float(together), 0.0)
 
 
 def fit_set(
