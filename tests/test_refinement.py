@@ -25,7 +25,7 @@ from sysid.plant.ports import Model
 from sysid.plant.simulator import simulate
 from sysid.recording.motion_tests import Segment
 from sysid.recording.start_states import InitialState
-from sysid.refinement import lengthening
+from sysid.refinement import lengthening, scan
 from sysid.refinement.estimation import Estimated, FrictionScatter, estimate
 from sysid.refinement.lengthening import _neighbours, _Piece
 from sysid.refinement.problem import Iterate, Problem, RunErrors, _sensor_moved
@@ -250,6 +250,41 @@ def test_a_scan_finds_static_friction_that_has_no_slope() -> None:
     assert problem.linearised(here)[0].cost > 5.0 * problem.linearised(there)[0].cost
     share = np.exp(there.friction[0, 1] * SCATTER.static) * 0.9
     assert abs(share - 1.0) < 1.3 / 26.0
+
+
+def test_friction_that_a_scan_takes_out_of_its_scatter_is_scanned_in_pairs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A shaft that sticks and slips: less static friction makes up for more that slides."""
+    runs, model = rig_runs(12, 1, 2.5)
+    effort = float(model.parameters.static_effort)
+    (first, *_) = runs
+    n = len(first.inputs.time)
+    time = np.arange(n) / n
+    saw = 1.25 * effort * (7.0 * time % 1.0) * np.sign(np.sin(3.0 * np.pi * time))
+    atmosphere = float(model.parameters.atmosphere)
+    still = dataclasses.replace(
+        first.inputs, valve_a=None, valve_b=None, motor=saw, position=0.0, velocity=0.0,
+        pressure_a=atmosphere, pressure_b=atmosphere,
+    )  # fmt: skip
+    base, own = model.parameters, np.exp(np.array([-1.3, 0.8]) * SCATTER.pair)
+    sliding = {name: getattr(base, name) * own[0] for name in ("coulomb_effort", "viscous")}
+    true = Model(base.replace(**sliding, static_effort=effort * own[1]))
+    (one,) = simulate([still], [true])
+    measured = np.array([one.position, one.pressure_a, one.pressure_b])
+    assert np.sum(np.diff(np.flatnonzero(one.velocity)) > 1) >= 5  # it sticks and slips
+    run = Run(0, "saw", still, measured, np.array([1e-5, 1e-9, 1.0, 1.0]), first.noise)
+    white = (tuple(Autoregression.white(float(x) ** 2) for x in run.noise),)
+    problem = Problem(
+        (run,), (unknown(model, "choked_fill_a", 0.0),), model, "theta_rad", white, SCATTER.pair, 1
+    )
+    none = problem.first_point()
+    lost = dataclasses.replace(none, friction=np.array([[1.0, -7.0]]))
+    found = scanned(problem, lost, np.array([True]), far=False)
+    assert found.friction[0] == pytest.approx([-1.3, 0.8], abs=0.1)
+    monkeypatch.setattr(scan, "_in_pairs", lambda problem, point, tests: point)
+    alone = scanned(problem, lost, np.array([True]), far=False)
+    assert alone.friction[0] != pytest.approx([-1.3, 0.8], abs=1.0)
 
 
 def test_a_profile_of_a_linear_parameter_is_its_standard_error(found: Estimated) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from sysid.parallel import spend
 from sysid.plant.differences import simulate_differences
 from sysid.plant.ports import Model
+from sysid.plant.preparation import Inputs
 from sysid.plant.simulator import Trajectory, simulate
 from sysid.plant.tangents import Direction, Tangents
 from sysid.refinement.factors import triangular
@@ -28,25 +29,21 @@ _DIRECTIONS: tuple[Direction, ...] = tuple((0, n) for n in SLIDING)
 def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, list[Iterate]]:
     """Costs (points, tests), with starts and sliding friction at their best, and these points.
 
-    The points differ in static friction alone. Only the best points of each test before this
+    The points differ in friction alone. Only the best points of each test before this
     adjustment, and the first point, are adjusted; the others cost infinitely much. Runs that are
     the same for several points are linearised once. Raises OutOfBudgetError.
     """
     spend(len(points))
-    runs = len(problem.runs)
-    inputs = [i for point in points for i in problem.inputs(point)]
-    models = [own for point in points for own in problem.models(point)]
-    simulated = simulate(inputs, models, nan_if_endless=True)
-    first = _first_alike(simulated, runs)
-    as_they_are = {k: _cost(problem, k % runs, simulated[k], models[k]) for k in set(first)}
-    kept = _kept(problem, points, [as_they_are[k] for k in first])
+    simulated = _simulated(problem, points)
+    kept = _kept(problem, points, simulated.costs)
+    first, runs = simulated.first, len(problem.runs)
     own = sorted({first[j * runs + i] for j, test in kept for i in problem.members(test)})
     sizes = problem.sizes(points[0], _DIRECTIONS)
     slopes = simulate_differences(
-        [inputs[k] for k in own], [models[k] for k in own], _DIRECTIONS, sizes
+        [simulated.inputs[k] for k in own], [simulated.models[k] for k in own], _DIRECTIONS, sizes
     )
     parts = {
-        k: _part(problem, k % runs, points[k // runs], found, models[k])
+        k: _part(problem, k % runs, points[k // runs], found, simulated.models[k])
         for k, found in zip(own, slopes, strict=True)
     }
     costs = np.full((len(points), problem.tests), math.inf)
@@ -63,6 +60,42 @@ def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, li
     return costs, moved
 
 
+def costs_of(problem: Problem, points: Sequence[Iterate]) -> FloatArray:
+    """Costs (points, tests) as the points are."""
+    return _of_tests(problem, points, _simulated(problem, points).costs)
+
+
+@dataclass(frozen=True)
+class _Simulated:
+    """Points' runs, point after point: `first` of each run that is the same, and `costs` (points,
+    runs) of the runs' errors."""
+
+    inputs: list[Inputs]
+    models: list[Model]
+    first: list[int]
+    costs: FloatArray
+
+
+def _simulated(problem: Problem, points: Sequence[Iterate]) -> _Simulated:
+    runs = len(problem.runs)
+    inputs = [i for point in points for i in problem.inputs(point)]
+    models = [own for point in points for own in problem.models(point)]
+    found = simulate(inputs, models, nan_if_endless=True)
+    first = _first_alike(found, runs)
+    known = {k: _cost(problem, k % runs, found[k], models[k]) for k in set(first)}
+    costs = np.reshape([known[k] for k in first], (len(points), runs))
+    return _Simulated(inputs, models, first, costs)
+
+
+def _of_tests(problem: Problem, points: Sequence[Iterate], costs: FloatArray) -> FloatArray:
+    """Costs (points, tests) of each test's runs, by those of runs (points, runs), with the prior
+    of its friction."""
+    deviation = np.array([problem.friction_residual(point) for point in points])
+    members = [problem.members(test) for test in range(problem.tests)]
+    own = np.stack([costs[:, some].sum(axis=1) for some in members], axis=1)
+    return np.asarray(np.sum(np.square(deviation), axis=2) + own)
+
+
 def _first_alike(found: Sequence[Trajectory], runs: int) -> list[int]:
     """For each simulation, point after point, the first of its run that is the same."""
     seen: dict[tuple[int, bytes], int] = {}
@@ -76,19 +109,13 @@ def _cost(problem: Problem, number: int, found: Trajectory, model: Model) -> flo
     return sum(len(c) * math.log1p(float(np.mean(c[:, -1] ** 2))) for c in channels)
 
 
-def _kept(
-    problem: Problem, points: Sequence[Iterate], as_they_are: Sequence[float]
-) -> list[tuple[int, int]]:
-    """Points, by number, and tests: each test's best as they are, and the first point."""
-    runs = len(problem.runs)
-    by_run = np.reshape(as_they_are, (len(points), runs))
-    deviation = np.array([problem.friction_residual(point) for point in points])
+def _kept(problem: Problem, points: Sequence[Iterate], costs: FloatArray) -> list[tuple[int, int]]:
+    """Points, by number, and tests: each test's best as they are, and the first point; by the costs
+    of runs (points, runs)."""
     kept = []
-    for test in range(problem.tests):
-        own = np.sum(np.square(deviation[:, test]), axis=1)
-        costs = own + by_run[:, problem.members(test)].sum(axis=1)
+    for test, own in enumerate(_of_tests(problem, points, costs).T):
         # Points of a test whose starts and sliding friction are moved.
-        best = np.argsort(costs, kind="stable")[:8]
+        best = np.argsort(own, kind="stable")[:8]
         kept += [(int(j), test) for j in sorted({0, *best})]
     return kept
 
@@ -142,4 +169,4 @@ def _best_sliding(here: float, parts: Sequence[_LocalEquations]) -> float:
     return -float(slope @ residual / (slope @ slope))
 
 
-__all__ = ["settled"]
+__all__ = ["costs_of", "settled"]

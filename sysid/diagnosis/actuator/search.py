@@ -199,7 +199,9 @@ def _judged(
     if winner != best:
         better, worse = (" and ".join(sorted(n)) or "no effect" for n in (winner, best))
         finder.progress(f"{better} rather than {worse}: motion is simulated better")
-    doubtful = sorted(set(near) - {winner, none}, key=lambda names: -evidence[names])
+    doubtful = [n for n in near if n not in (winner, none)]
+    doubtful = [n for n in doubtful if evidence[winner] - evidence[n] < _DECIDED]
+    doubtful.sort(key=lambda names: -evidence[names])
     return winner, doubtful[:_MOST_RIVALS]
 
 
