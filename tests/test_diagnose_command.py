@@ -29,6 +29,7 @@ from sysid.diagnosis.actuator.diagnose import rivals_of
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.signatures import base_parameters
 from sysid.diagnosis.refined import (
+    may_be_better,
     simulating_best,
     with_refined_numbers,
     without_contradicted,
@@ -162,7 +163,8 @@ def _overflows(*_: Any, **__: Any) -> Any:
 
 def _is_worse(*_: Any, **__: Any) -> Any:
     fit = SimpleNamespace(before=np.array([0.02, 300.0, 300.0]))
-    return SimpleNamespace(worse="2 times worse", fits={"fit": fit})
+    misfits = np.full((12, 3), 1.5)
+    return SimpleNamespace(worse="2 times worse", fits={"fit": fit}, misfits=misfits)
 
 
 @pytest.mark.parametrize(
@@ -214,7 +216,8 @@ def test_a_refinement_that_would_miss_what_the_balances_found_is_not_taken(
 def _simulated(found: Diagnosis, *after: float) -> Diagnosis:
     """As if whole tests to fit on were simulated with these errors, by numbers that no refinement
     gave; without any, as if they were not."""
-    return replace(found, refinement=None, simulated=np.array(after) if after else None)
+    errors = np.array(after) if after else None
+    return replace(found, refinement=None, misfits=None, simulated=errors)
 
 
 @pytest.mark.parametrize(
@@ -241,14 +244,12 @@ def test_a_refined_rival_is_taken_where_the_first_was_not_simulated(ran: Ran) ->
 def _judged(found: Diagnosis, id: str, ratio: float, behind: float = 0.0) -> Diagnosis:
     """As if this effect had been found, and every segment were off by so many times the noise."""
     effects = (replace(found.effects[0], effect=catalogue()[id].neutral(), ambiguous_with=()),)
-    assert found.refinement is not None
     misfits = np.full((12, 3), ratio)
     evidence: Any = found.evidence
     loop = evidence.loop
     loop = replace(loop, search=replace(loop.search, behind=behind))
-    refinement = replace(found.refinement, misfits=misfits)
     evidence = replace(evidence, loop=loop)
-    return replace(found, effects=effects, refinement=refinement, evidence=evidence)
+    return replace(found, effects=effects, misfits=misfits, evidence=evidence)
 
 
 @pytest.mark.parametrize(
@@ -273,6 +274,45 @@ def test_balances_and_segments_of_motion_decide_between_rivals(
     assert effect.id == named
     assert effect.ambiguous_with == ((other,) if doubtful else ())
     assert bool(effect.advice) >= doubtful
+
+
+@pytest.mark.parametrize(
+    ("ratio", "rival_ratio", "is_tried", "is_taken"),
+    [
+        (3.0, 1.1, True, True),  # motion pays for it
+        (1.3, 1.1, True, False),  # it would, were more left to explain
+        (1.2, 0.1, False, False),  # too little is left that could pay
+        (1.0, 1.0, False, False),
+    ],
+)
+def test_one_more_effect_is_taken_beyond_doubt_only(
+    ran: Ran, ratio: float, rival_ratio: float, is_tried: bool, is_taken: bool
+) -> None:
+    given = ran.diagnosed.found.detail
+    found = _judged(given, "stribeck-friction", ratio)
+    longer = _judged(given, "stribeck-friction", rival_ratio, behind=10.0)
+    further = replace(_judged(given, "backlash", 1.0).effects[0], p_value=1.0)
+    longer = replace(longer, effects=(*longer.effects, further))
+    assert may_be_better(found, longer) is is_tried
+    best = simulating_best(found, longer)
+    assert (len(best.effects) == 2) is is_taken
+    assert best.effects[0] == found.effects[0]
+    # Motion shows the further one, whatever the balances say of it.
+    assert all(e.p_value < 1e-6 for e in best.effects[1:])
+    assert simulating_best(found, replace(longer, refinement=None)) is found
+    assert simulating_best(replace(found, misfits=None), longer).effects == found.effects
+    # The segments are followed as well with numbers that were refused.
+    best = simulating_best(replace(found, refinement=None), longer)
+    assert (len(best.effects) == 2) is is_taken
+
+
+def test_what_was_not_refined_is_compared_with_its_rivals(ran: Ran) -> None:
+    given = ran.diagnosed.found.detail
+    rival = _judged(given, "presliding", 1.0, behind=18.0)
+    followed = _judged(given, "stribeck-friction", 1.0)
+    assert may_be_better(replace(followed, misfits=None), rival)
+    assert not may_be_better(followed, rival)
+    assert may_be_better(_judged(given, "stribeck-friction", 2.0), rival)
 
 
 def test_a_rival_whose_refinement_was_refused_takes_no_place_untested(ran: Ran) -> None:

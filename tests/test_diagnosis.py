@@ -839,7 +839,10 @@ def test_of_rivals_the_one_that_simulates_better_is_named(
     assert evidence[0] == pytest.approx(evidence[1], abs=4.0) and min(evidence) > 20.0
     assert [step.id for step in found.steps] == [better]
     assert set(names[:2]) - {better} <= set(found.steps[0].ambiguous)
-    assert found.rivals == ()  # motion has decided
+    rival = found.rivals[0]  # for which motion with refined numbers may speak all the same
+    assert {step.id for step in rival.steps} == set(names[:2]) - {better}
+    own = [finder.evidence(frozenset({one.steps[0].id})) for one in (found, rival)]
+    assert rival.behind == pytest.approx(own[0] - own[1])
     weak = search(finder, lambda trial: -1e6 * ([e.id for e in trial.effects] == names[2:]))
     assert weak.steps[0].id in names[:2]
 

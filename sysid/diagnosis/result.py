@@ -41,10 +41,12 @@ class Diagnosis:
     `refinement`: of the numbers by simulation error, where they are from it; the errors after each
     effect are those before it. `not_refined`: why its numbers were not taken, empty where they were
     or none was requested. `simulated`: errors (3,) of the training tests with these numbers, where
-    a refinement computed them. `missed`: what was not done after the search. `contradicted`: ids of
-    effects that an earlier search found but that have no strength in motion, and were barred from
-    this search. `evaluations`: how many were made (`sysid.parallel.spend`). `trace`: a held-out
-    test as it is drawn (`sysid.diagnosis.actuator.holdout.trace`), None without one.
+    a refinement computed them. `misfits`: of each of their segments by channel the RMSE over the
+    noise as a refinement left it, whether its numbers were taken or not. `missed`: what was not
+    done after the search. `contradicted`: ids of effects that an earlier search found but that have
+    no strength in motion, and were barred from this search. `evaluations`: how many were made
+    (`sysid.parallel.spend`). `trace`: a held-out test as it is drawn
+    (`sysid.diagnosis.actuator.holdout.trace`), None without one.
     """
 
     effects: tuple[FoundEffect, ...]
@@ -57,6 +59,7 @@ class Diagnosis:
     refinement: RefineResult | None = None
     not_refined: str = ""
     simulated: FloatArray | None = None
+    misfits: FloatArray | None = None
     notices: tuple[str, ...] = ()
     missed: tuple[Missed, ...] = ()
     contradicted: tuple[str, ...] = ()

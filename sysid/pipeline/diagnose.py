@@ -27,6 +27,7 @@ from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.figures import steps_panel
 from sysid.diagnosis.refined import (
     Look,
+    may_be_better,
     simulating_best,
     with_refined_numbers,
     without_contradicted,
@@ -372,7 +373,8 @@ def _look_at_actuator(
             rivals = rivals_of(found, logs, campaign.rig, model)
             found = refined(found)
             for rival in rivals:
-                found = simulating_best(found, refined(rival), options.tell)
+                if may_be_better(found, rival):
+                    found = simulating_best(found, refined(rival), options.tell)
         return with_errors_after_judged(found)
 
     def refined(found: Diagnosis) -> Diagnosis:

@@ -75,8 +75,8 @@ class Search:
     `joint` holds all effects fitted together, None where there are none; `weights` (channels,) how
     much a square of each balance counted for; `base_std` the standard errors of the base parameters
     with them, in the parameters' units; `rounds` what each round tried; `null` what is expected of
-    the last residual. `rivals`: the same with other sets that the balances hardly tell from it,
-    each `behind` it by so much of twice the log evidence.
+    the last residual. `rivals`: the same with other sets for which motion may speak, each `behind`
+    it by so much of twice the log evidence of the balances.
     """
 
     steps: tuple[RefittedStep, ...]
@@ -164,7 +164,9 @@ def search(finder: Finder, simulated: Simulated) -> Search:
     best = finder.evidence(names)
 
     def behind(other: frozenset[str]) -> Search:
-        return replace(_result(finder, other), behind=best - finder.evidence(other))
+        # Of two laws in one place the balances, whose own bias either may explain, say no more.
+        gap = min(best - finder.evidence(other), _DECIDED)
+        return replace(_result(finder, other), behind=gap)
 
     rivals = attempt(lambda: tuple(map(behind, doubtful)))
     if isinstance(rivals, Failure):
@@ -176,10 +178,11 @@ def search(finder: Finder, simulated: Simulated) -> Search:
 def _judged(
     finder: Finder, best: frozenset[str], simulated: Simulated
 ) -> tuple[frozenset[str], list[frozenset[str]]]:
-    """The set with most evidence of balances and motion together, and those that are in doubt.
+    """The set with most evidence of balances and motion together, and those that motion with
+    refined numbers is to judge.
 
-    Motion decides between sets for which there is evidence; it adds no effect, as numbers that are
-    a little off move it more than most effects do.
+    Motion decides between sets for which there is evidence; until its numbers are refined it adds
+    no effect, as numbers that are a little off move it more than most effects do.
     """
     none: frozenset[str] = frozenset()
     for_it = [n for n in finder.sets if finder.evidence(n) > 0.0 and len(n) <= len(best)]
@@ -187,7 +190,7 @@ def _judged(
     near = [n for n in ranked if finder.evidence(best) - finder.evidence(n) < _DECIDED]
     near = near[:_MOST_JUDGED]
     if len(near) < 2:
-        return best, []
+        return best, _with_another(finder, best)
     evidence = {names: finder.evidence(names) for names in near}
     for names in near:
         own = attempt(lambda: _simulated(finder, names, simulated))  # noqa: B023
@@ -202,7 +205,26 @@ def _judged(
     doubtful = [n for n in near if n not in (winner, none)]
     doubtful = [n for n in doubtful if evidence[winner] - evidence[n] < _DECIDED]
     doubtful.sort(key=lambda names: -evidence[names])
-    return winner, doubtful[:_MOST_RIVALS]
+    doubtful = doubtful[:_MOST_RIVALS]
+    return winner, [*doubtful, *(n for n in _with_another(finder, winner) if n not in doubtful)]
+
+
+def _with_another(finder: Finder, names: frozenset[str]) -> list[frozenset[str]]:
+    """The likeliest set with a rival in the place of one of some effects, and with one more effect
+    that the balances do not rule out."""
+    if not names:
+        return []
+    rivals = {effect.id: type(effect).rivals for effect in finder.sets[names].effects}
+    swapped, longer = list[frozenset[str]](), list[frozenset[str]]()
+    for some in finder.sets:
+        gone, new = names - some, some - names
+        if len(new) != 1 or finder.evidence(some) <= 0.0:
+            continue
+        if len(gone) == 1 and next(iter(new)) in rivals[next(iter(gone))]:
+            swapped.append(some)
+        if not gone and finder.evidence(names) - finder.evidence(some) < _DECIDED:
+            longer.append(some)
+    return [max(own, key=finder.evidence) for own in (swapped, longer) if own]
 
 
 def _simulated(finder: Finder, names: frozenset[str], simulated: Simulated) -> float:
