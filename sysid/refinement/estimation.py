@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -65,10 +65,10 @@ class Estimated:
     left_out: tuple[Run, ...]
     scatter: FrictionScatter
     evaluations: int
+    misfits: FloatArray
     shorter: Estimated | None = None
     joined: int = 1
     cut_short: bool = False
-    misfits: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def error_covariance(self) -> FloatArray:
         """Covariance of the errors of the reduced unknowns (m, m), at least the accuracy
@@ -162,23 +162,15 @@ def estimate(
         seen = static
         if not (open_tests & ~done).any():
             break
-    pairs = zip(problem.runs, solution.at.residuals, strict=True)
-    misfits = np.array([_error_ratios(run, residual) for run, residual in pairs])
+    misfits = _error_ratios(problem, solution.at.residuals)
     final, start, left_out, scatter = _final(problem, solution, follows, scatter, robust)
     progress("the errors as they are")
     solution = solve(
         final, start, _FINAL_EVALUATIONS, CLOSELY, first_step=UNDAMPED, chords=True, partly=True
     )
     evaluations += solution.evaluations
-    return Estimated(
-        final,
-        solution,
-        left_out,
-        scatter,
-        evaluations,
-        cut_short=solution.cut_short,
-        misfits=misfits,
-    )
+    cut_short = solution.cut_short
+    return Estimated(final, solution, left_out, scatter, evaluations, misfits, cut_short=cut_short)
 
 
 def with_slopes(found: Estimated, by_differences: bool) -> Estimated:
@@ -198,27 +190,19 @@ def followed(problem: Problem, residuals: Sequence[FloatArray], counted: BoolArr
 
     `residuals` (3, n) each.
     """
-    ratio = _ratios(problem, residuals)
+    ratio = np.nanmax(_error_ratios(problem, residuals), axis=1)
     return np.asarray(ratio <= NOT_FOLLOWED * max(float(np.median(ratio[counted])), 1.0))
 
 
 def _as_noise(problem: Problem, residuals: Sequence[FloatArray]) -> BoolArray:
     """Whether each run's errors (runs,) are like the sensors'."""
-    return np.asarray(_ratios(problem, residuals) <= NOT_FOLLOWED)
+    return np.asarray(np.nanmax(_error_ratios(problem, residuals), axis=1) <= NOT_FOLLOWED)
 
 
-def _ratios(problem: Problem, residuals: Sequence[FloatArray]) -> FloatArray:
-    return np.array([error_ratio(*pair) for pair in zip(problem.runs, residuals, strict=True)])
-
-
-def error_ratio(run: Run, residual: FloatArray) -> float:
-    """A run's largest RMSE over the noise among its channels; `residual` (3, n)."""
-    return float(np.nanmax(_error_ratios(run, residual)))
-
-
-def _error_ratios(run: Run, residual: FloatArray) -> FloatArray:
-    """A run's RMSE over the noise by channel, (3,)."""
-    return np.asarray(np.sqrt(np.mean(residual**2, axis=1)) / run.noise)
+def _error_ratios(problem: Problem, residuals: Sequence[FloatArray]) -> FloatArray:
+    """Each run's RMSE over the noise by channel (runs, 3); `residuals` (3, n) each."""
+    pairs = zip(problem.runs, residuals, strict=True)
+    return np.array([np.sqrt(np.mean(left**2, axis=1)) / run.noise for run, left in pairs])
 
 
 def _final(
@@ -287,7 +271,6 @@ __all__ = [
     "NOT_FOLLOWED",
     "Estimated",
     "FrictionScatter",
-    "error_ratio",
     "estimate",
     "followed",
     "whitening_of",

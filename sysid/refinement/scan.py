@@ -17,18 +17,16 @@ from sysid.refinement.problem import Iterate, Problem
 from sysid.refinement.settling import costs_of, settled
 from sysid.types import BoolArray, FloatArray, IntArray
 
-# Static friction of nearly all tests lies within so many units of its scatter.
-_WIDTH = 3.0
-_COARSE, _FINE = np.linspace(-_WIDTH, _WIDTH, 25), np.linspace(-0.3, 0.3, 31)
+_COARSE, _FINE = np.linspace(-3.0, 3.0, 25), np.linspace(-0.3, 0.3, 31)
 # Static friction that the bench tests did not give may be this far off, as a logarithm: by half.
 _FAR = np.linspace(-0.8, 0.8, 33)
-# Half widths and counts of steps of static friction about none, the last about the best, and for
-# each of these of sliding friction, in units of the scatter: narrower and narrower.
+# Static friction, the steps of sliding friction that are tried with each, both in units of the
+# scatter, and whether it is about the best so far: narrower and narrower.
 _PAIRS = (
-    ((2.0, 5), (2.0, 17)),
-    ((_WIDTH, 13), (0.3, 9)),
-    ((_WIDTH, 13), (0.06, 7)),
-    ((0.4, 9), (0.03, 7)),
+    (_COARSE[4:-4:4], np.linspace(-2.0, 2.0, 17), False),
+    (_COARSE[::2], np.linspace(-0.3, 0.3, 9), False),
+    (_COARSE[::2], np.linspace(-0.06, 0.06, 7), False),
+    (np.linspace(-0.4, 0.4, 9), np.linspace(-0.03, 0.03, 7), True),
 )
 
 
@@ -47,7 +45,7 @@ def scanned(problem: Problem, point: Iterate, tests: BoolArray, *, far: bool) ->
     point = _with_tests(point, tests, here, numbers)
     if far:
         return point
-    outside = tests & (np.abs(problem.friction_residual(point)[:, 1]) > _WIDTH)
+    outside = tests & (np.abs(problem.friction_residual(point)[:, 1]) > _COARSE[-1])
     return _in_pairs(problem, point, outside)
 
 
@@ -78,18 +76,14 @@ def _valley(problem: Problem, part: Problem, here: Iterate) -> FloatArray:
     """Friction (k, 2) of the one test of `part`, of a problem's: to each static friction about the
     best the sliding friction that costs least with it."""
     static, sliding, best = np.zeros(1), np.zeros(1), 0.0
-    for level in _PAIRS:
-        (width, count), (own_width, own_count) = level
-        about = best if level is _PAIRS[-1] else 0.0
-        statics = about + np.linspace(-width, width, count)
-        middle = np.interp(statics, static, sliding)
-        tried = middle + np.linspace(-own_width, own_width, own_count)[:, None]
+    for grid, steps, is_about_best in _PAIRS:
+        statics = grid + best if is_about_best else grid
+        tried = np.interp(statics, static, sliding) + steps[:, None]
         pairs = np.stack([tried, np.broadcast_to(statics, tried.shape)], axis=-1)
         points = [dataclasses.replace(here, friction=pair[None]) for pair in pairs.reshape(-1, 2)]
         spend(math.ceil(len(points) * len(part.runs) / len(problem.runs)))
         costs = costs_of(part, points).reshape(tried.shape)
-        least = costs.argmin(axis=0)
-        static, sliding = statics, tried[least, np.arange(count)]
+        static, sliding = statics, tried[costs.argmin(axis=0), np.arange(len(statics))]
         best = float(static[costs.min(axis=0).argmin()])
     return np.stack([sliding, static], axis=-1)
 

@@ -29,9 +29,9 @@ _DIRECTIONS: tuple[Direction, ...] = tuple((0, n) for n in SLIDING)
 def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, list[Iterate]]:
     """Costs (points, tests), with starts and sliding friction at their best, and these points.
 
-    The points differ in friction alone. Only the best points of each test before this
-    adjustment, and the first point, are adjusted; the others cost infinitely much. Runs that are
-    the same for several points are linearised once. Raises OutOfBudgetError.
+    The points differ in friction alone. Only the best points of each test before this adjustment,
+    and the first point, are adjusted; the others cost infinitely much. Runs that are the same for
+    several points are linearised once. Raises OutOfBudgetError.
     """
     spend(len(points))
     simulated = _simulated(problem, points)
@@ -61,7 +61,7 @@ def settled(problem: Problem, points: Sequence[Iterate]) -> tuple[FloatArray, li
 
 
 def costs_of(problem: Problem, points: Sequence[Iterate]) -> FloatArray:
-    """Costs (points, tests) as the points are."""
+    """Costs (points, tests) as the points are; whoever calls it counts them (`spend`)."""
     return _of_tests(problem, points, _simulated(problem, points).costs)
 
 
@@ -77,6 +77,7 @@ class _Simulated:
 
 
 def _simulated(problem: Problem, points: Sequence[Iterate]) -> _Simulated:
+    """All runs of all points, in one batch."""
     runs = len(problem.runs)
     inputs = [i for point in points for i in problem.inputs(point)]
     models = [own for point in points for own in problem.models(point)]
