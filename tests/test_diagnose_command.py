@@ -25,16 +25,13 @@ from sysid.blocks.standing import drawn
 from sysid.commands.app import main
 from sysid.commands.diagnose import Diagnosed
 from sysid.diagnosis import content as findings
-from sysid.diagnosis.actuator.diagnose import rivals_of
+from sysid.diagnosis.actuator.diagnose import rivals_of, with_rival
 from sysid.diagnosis.actuator.evidence import TwinEvidence
+from sysid.diagnosis.actuator.search import Search
 from sysid.diagnosis.actuator.signatures import base_parameters
-from sysid.diagnosis.refined import (
-    may_be_better,
-    simulating_best,
-    with_refined_numbers,
-    without_contradicted,
-)
+from sysid.diagnosis.refined import with_refined_numbers, without_contradicted
 from sysid.diagnosis.result import Diagnosis
+from sysid.diagnosis.rivals import may_be_better, simulating_best
 from sysid.diagnosis.shown import diagnosis_section
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
@@ -252,6 +249,13 @@ def _judged(found: Diagnosis, id: str, ratio: float, behind: float = 0.0) -> Dia
     return replace(found, effects=effects, misfits=misfits, evidence=evidence)
 
 
+def _searched(found: Diagnosis) -> Search:
+    """The search behind a diagnosis that was made by hand, with as many steps as effects."""
+    evidence: Any = found.evidence
+    search: Search = evidence.loop.search
+    return replace(search, steps=search.steps * len(found.effects))
+
+
 @pytest.mark.parametrize(
     ("ratio", "rival_ratio", "behind", "named", "doubtful"),
     [
@@ -293,7 +297,7 @@ def test_one_more_effect_is_taken_beyond_doubt_only(
     longer = _judged(given, "stribeck-friction", rival_ratio, behind=10.0)
     further = replace(_judged(given, "backlash", 1.0).effects[0], p_value=1.0)
     longer = replace(longer, effects=(*longer.effects, further))
-    assert may_be_better(found, longer) is is_tried
+    assert may_be_better(found, _searched(longer)) is is_tried
     best = simulating_best(found, longer)
     assert (len(best.effects) == 2) is is_taken
     assert best.effects[0] == found.effects[0]
@@ -310,9 +314,9 @@ def test_what_was_not_refined_is_compared_with_its_rivals(ran: Ran) -> None:
     given = ran.diagnosed.found.detail
     rival = _judged(given, "presliding", 1.0, behind=18.0)
     followed = _judged(given, "stribeck-friction", 1.0)
-    assert may_be_better(replace(followed, misfits=None), rival)
-    assert not may_be_better(followed, rival)
-    assert may_be_better(_judged(given, "stribeck-friction", 2.0), rival)
+    assert may_be_better(replace(followed, misfits=None), _searched(rival))
+    assert not may_be_better(followed, _searched(rival))
+    assert may_be_better(_judged(given, "stribeck-friction", 2.0), _searched(rival))
 
 
 def test_a_rival_whose_refinement_was_refused_takes_no_place_untested(ran: Ran) -> None:
@@ -334,7 +338,8 @@ def test_a_rival_diagnosis_has_its_own_effects_and_errors(ran: Ran) -> None:
     logs = [(entry.use, entry.kind, campaign.read(entry)) for entry in campaign.logs]
     model = bundle.model(campaign.rig)
     given = replace(given, evidence=replace(evidence, loop=loop))
-    (rival,) = rivals_of(given, logs, campaign.rig, model)
+    (other,) = rivals_of(given)
+    rival = with_rival(given, other, logs, campaign.rig, model)
     assert [e.id for e in rival.effects] == [e.id for e in given.effects]
     assert rival.effects[0].ambiguous_with == ("presliding",)
     assert set(rival.residual) == set(given.residual)
@@ -344,7 +349,7 @@ def test_a_rival_diagnosis_has_its_own_effects_and_errors(ran: Ran) -> None:
         assert error.after == pytest.approx(rival.effects[0].holdout[name].after)
     # Without a log held out no error is known, before nor after.
     fitted = [log for log in logs if log[0] == "fit"]
-    (rival,) = rivals_of(replace(given, residual={}), fitted, campaign.rig, model)
+    rival = with_rival(replace(given, residual={}), other, fitted, campaign.rig, model)
     assert rival.residual == {} and rival.effects[0].holdout == {}
 
 

@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import chdtrc
 
 from sysid.blocks.numbers import number
 from sysid.diagnosis.actuator.evidence import TwinEvidence
@@ -21,9 +20,7 @@ from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
 from sysid.diagnosis.search_record import Recorder, SearchStage
 from sysid.errors import Failure, InputError, NotIdentifiedError
-from sysid.estimation.law_evidence import ODDS
 from sysid.estimation.linear import LEVEL, Estimate, chi_squared_quantile
-from sysid.estimation.multiple_tests import LEAST_P
 from sysid.estimation.nonlinear import AT_BOUND
 from sysid.io.campaign import Campaign
 from sysid.parallel import LATE, attempt, limited
@@ -278,99 +275,6 @@ def _errors_after(
     return known, []
 
 
-def simulating_best(
-    found: Diagnosis, rival: Diagnosis, progress: Progress = no_progress
-) -> Diagnosis:
-    """Of two diagnoses that the balances hardly distinguish, the one that they and the segments
-    of the training tests, simulated with refined numbers, speak for.
-
-    Where that leaves doubt, the other's effect may be there in the place of its own; one with more
-    effects is taken beyond doubt only. Where a refinement does not hold, of as many effects those
-    that simulate whole tests better; where that is unknown for the first, the other if its
-    refinement holds.
-    """
-    from sysid.refinement.whole_tests import times  # loads jax
-
-    own, other = found.simulated, rival.simulated
-    if other is None:
-        return found
-    evidence, is_longer = _evidence_over(found, rival), len(rival.effects) > len(found.effects)
-    if evidence is not None:
-        is_better = evidence < (-ODDS if is_longer else 0.0)
-    elif own is None or is_longer:
-        is_better = rival.refinement is not None and not is_longer
-    else:
-        is_better = times(own, other) < 1.0
-    best, worse = (rival, found) if is_better else (found, rival)
-    if is_better:
-        names = " and ".join(one.id for one in rival.effects)
-        progress(f"{names}: motion with refined numbers is simulated better")
-        if is_longer and evidence is not None:
-            best = _shown_by_motion(rival, found, _behind(rival) - _behind(found) - evidence)
-    return best if evidence is None or abs(evidence) >= ODDS else _in_doubt(best, worse)
-
-
-def _shown_by_motion(longer: Diagnosis, found: Diagnosis, fall: float) -> Diagnosis:
-    """A diagnosis whose further effects lower minus twice the log likelihood of motion by `fall`:
-    their probability without them is that of as much by chance, if that of the balances is more."""
-    known = {one.id for one in found.effects}
-    further = [e for e in longer.effects if e.id not in known]
-    count = sum(len(type(e.effect).strengths()) for e in further)
-    chance = max(float(chdtrc(count, fall)), LEAST_P)
-    effects = tuple(
-        dataclasses.replace(e, p_value=min(e.p_value, chance)) if e in further else e
-        for e in longer.effects
-    )
-    return dataclasses.replace(longer, effects=effects)
-
-
-def may_be_better(found: Diagnosis, rival: Diagnosis) -> bool:
-    """Whether a refinement of a rival may show it to be likelier, or leave doubt: not where motion
-    is followed so well with the first that nothing is left which could pay for it."""
-    if found.misfits is None:
-        return True
-    left = 2.0 * float(np.nansum(np.log(np.maximum(found.misfits, 1.0))))
-    is_longer = len(rival.effects) > len(found.effects)
-    return _behind(rival) - _behind(found) - left < (-ODDS if is_longer else ODDS)
-
-
-def _behind(one: Diagnosis) -> float:
-    """By how much of twice the log evidence of the balances it is behind the set found first."""
-    evidence = one.evidence
-    return evidence.loop.search.behind if isinstance(evidence, TwinEvidence) else 0.0
-
-
-def _evidence_over(found: Diagnosis, rival: Diagnosis) -> float | None:
-    """Twice the log evidence of a diagnosis over its rival: of the balances, and of the segments of
-    motion with refined numbers. None where the rival's were not taken, or there are none.
-
-    What a segment is off by is one draw in each channel, of an unknown size: its rows err together.
-    """
-    own, other = found.misfits, rival.misfits
-    if own is None or other is None or rival.refinement is None or own.shape != other.shape:
-        return None
-    ratios = np.maximum(other, 1.0) / np.maximum(own, 1.0)
-    behind = _behind(rival) - _behind(found)
-    return behind + 2.0 * float(np.nansum(np.log(ratios)))
-
-
-def _in_doubt(best: Diagnosis, worse: Diagnosis) -> Diagnosis:
-    """A diagnosis whose effect may be that of another one, which differs by that alone."""
-    mine, others = ({one.id for one in d.effects} for d in (best, worse))
-    if not len(mine - others) == len(others - mine) == 1:
-        return best
-    (name,) = others - mine
-    effects = (e if e.id in others else _or_else(e, name) for e in best.effects)
-    return dataclasses.replace(best, effects=tuple(effects))
-
-
-def _or_else(effect: FoundEffect, name: str) -> FoundEffect:
-    """An effect in whose place another one may be there."""
-    names = tuple(sorted({*effect.ambiguous_with, name}))
-    advice = type(effect.effect).tie_breaker
-    return dataclasses.replace(effect, ambiguous_with=names, advice=advice)
-
-
 def _numbers(
     campaign: Campaign,
     extended: Bundle,
@@ -421,10 +325,4 @@ def _refined(found: FoundEffect, entry: EffectEntry, effect: CatalogueEffect) ->
     return dataclasses.replace(found, effect=effect, estimates={**found.estimates, **estimates})
 
 
-__all__ = [
-    "Look",
-    "may_be_better",
-    "simulating_best",
-    "with_refined_numbers",
-    "without_contradicted",
-]
+__all__ = ["Look", "with_refined_numbers", "without_contradicted"]

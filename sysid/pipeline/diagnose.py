@@ -19,6 +19,7 @@ from sysid.diagnosis.actuator.diagnose import (
     open_loop_trace,
     rivals_of,
     with_errors_after_judged,
+    with_rival,
 )
 from sysid.diagnosis.actuator.loop import Memory
 from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
@@ -27,12 +28,11 @@ from sysid.diagnosis.bench.registry import AXIS, part_tested
 from sysid.diagnosis.figures import steps_panel
 from sysid.diagnosis.refined import (
     Look,
-    may_be_better,
-    simulating_best,
     with_refined_numbers,
     without_contradicted,
 )
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
+from sysid.diagnosis.rivals import may_be_better, simulating_best
 from sysid.diagnosis.search_record import Recorder, SearchRecord, SearchStage, bounded
 from sysid.diagnosis.tables import summary
 from sysid.errors import Failure, NotIdentifiedError, input_error, on_its_own
@@ -368,12 +368,12 @@ def _look_at_actuator(
         return open_loop_errors(logs, campaign.rig, other.model(campaign.rig, catalogue))
 
     def look(effects: Catalogue) -> Diagnosis:
-        found = search(effects)
+        first = found = search(effects)
         if options.simulates:
-            rivals = rivals_of(found, logs, campaign.rig, model)
-            found = refined(found)
-            for rival in rivals:
-                if may_be_better(found, rival):
+            found = refined(first)
+            for other in rivals_of(first):
+                if may_be_better(found, other):
+                    rival = with_rival(first, other, logs, campaign.rig, model)
                     found = simulating_best(found, refined(rival), options.tell)
         return with_errors_after_judged(found)
 

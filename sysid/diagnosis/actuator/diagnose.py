@@ -15,6 +15,7 @@ from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.holdout import HeldOut, motion_tests, trace
 from sysid.diagnosis.actuator.loop import Loop, Memory, close_loop
+from sysid.diagnosis.actuator.search import Search
 from sysid.diagnosis.actuator.unexplained import (
     faintest,
     imitated,
@@ -182,19 +183,26 @@ def _diagnosed(
     )
 
 
-def rivals_of(
-    found: Diagnosis, logs: Sequence[tuple[str, str, Log]], rig: Rig, model: Model
-) -> Iterator[Diagnosis]:
-    """The same diagnosis with each rival that the balances cannot distinguish substituted for the
-    effect that was chosen."""
+def rivals_of(found: Diagnosis) -> tuple[Search, ...]:
+    """What motion may speak for in the place of what was found."""
+    return cast(TwinEvidence, found.evidence).loop.search.rivals
+
+
+def with_rival(
+    found: Diagnosis,
+    rival: Search,
+    logs: Sequence[tuple[str, str, Log]],
+    rig: Rig,
+    model: Model,
+) -> Diagnosis:
+    """The same diagnosis with a rival's effects in the place of those that were found."""
     evidence = cast(TwinEvidence, found.evidence)
-    for search in evidence.loop.search.rivals:
-        outside = _simulable(_held_out(logs, rig), [model, *(s.model for s in search.steps)])
-        other = replace(evidence, loop=replace(evidence.loop, search=search))
-        with limited():
-            errors = _by_channel(_errors(outside, model, other.loop), rig)
-        after = {name: replace(one, after=errors[-1][name]) for name, one in found.residual.items()}
-        yield replace(found, effects=other.found(errors), residual=after, evidence=other)
+    outside = _simulable(_held_out(logs, rig), [model, *(s.model for s in rival.steps)])
+    other = replace(evidence, loop=replace(evidence.loop, search=rival))
+    with limited():
+        errors = _by_channel(_errors(outside, model, other.loop), rig)
+    after = {name: replace(one, after=errors[-1][name]) for name, one in found.residual.items()}
+    return replace(found, effects=other.found(errors), residual=after, evidence=other)
 
 
 def _held_out(logs: Sequence[tuple[str, str, Log]], rig: Rig) -> HeldOut:
@@ -412,4 +420,5 @@ __all__ = [
     "open_loop_trace",
     "rivals_of",
     "with_errors_after_judged",
+    "with_rival",
 ]

@@ -2,6 +2,8 @@
 
 Balances propose (`finder`): which sets of effects there is evidence for. Where that does not decide
 between a set and another, motion does: how well the fitted motion tests are simulated with it.
+Those for which motion may speak once its numbers are refined are `rivals`
+(`sysid.diagnosis.rivals`).
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ from sysid.types import FloatArray
 # Where the balances' odds are less than this, twice their log, motion decides as well.
 _DECIDED = 2.0 * math.log(1e4)
 _MOST_JUDGED = 4
-# Rivals that are refined: a refinement takes as long as half a search.
+# Of those that are near: a refinement takes as long as half a search.
 _MOST_RIVALS = 1
 
 Simulated = Callable[[Model], float]
@@ -161,14 +163,13 @@ def search(finder: Finder, simulated: Simulated) -> Search:
         found = _result(finder, names)
     if recorder.quick:
         return found
-    best = finder.evidence(names)
 
-    def behind(other: frozenset[str]) -> Search:
+    def rival(other: frozenset[str]) -> Search:
         # Of two laws in one place the balances, whose own bias either may explain, say no more.
-        gap = min(best - finder.evidence(other), _DECIDED)
-        return replace(_result(finder, other), behind=gap)
+        behind = min(finder.evidence(names) - finder.evidence(other), _DECIDED)
+        return replace(_result(finder, other), behind=behind)
 
-    rivals = attempt(lambda: tuple(map(behind, doubtful)))
+    rivals = attempt(lambda: tuple(map(rival, doubtful)))
     if isinstance(rivals, Failure):
         recorder.miss(rivals, decides=False)
         return found
@@ -217,10 +218,10 @@ def _with_another(finder: Finder, names: frozenset[str]) -> list[frozenset[str]]
     rivals = {effect.id: type(effect).rivals for effect in finder.sets[names].effects}
     swapped, longer = list[frozenset[str]](), list[frozenset[str]]()
     for some in finder.sets:
-        gone, new = names - some, some - names
+        gone, new = sorted(names - some), sorted(some - names)
         if len(new) != 1 or finder.evidence(some) <= 0.0:
             continue
-        if len(gone) == 1 and next(iter(new)) in rivals[next(iter(gone))]:
+        if len(gone) == 1 and new[0] in rivals[gone[0]]:
             swapped.append(some)
         if not gone and finder.evidence(names) - finder.evidence(some) < _DECIDED:
             longer.append(some)
