@@ -25,16 +25,19 @@ from sysid.blocks.standing import drawn
 from sysid.commands.app import main
 from sysid.commands.diagnose import Diagnosed
 from sysid.diagnosis import content as findings
-from sysid.diagnosis.actuator.diagnose import rivals_of, with_rival
+from sysid.diagnosis.actuator.diagnose import diagnose, rivals_of, with_rival
 from sysid.diagnosis.actuator.evidence import TwinEvidence
-from sysid.diagnosis.actuator.search import Search
+from sysid.diagnosis.actuator.loop import Memory
+from sysid.diagnosis.actuator.search import Rival
 from sysid.diagnosis.actuator.signatures import base_parameters
 from sysid.diagnosis.refined import with_refined_numbers, without_contradicted
 from sysid.diagnosis.result import Diagnosis
 from sysid.diagnosis.rivals import may_be_better, simulating_best
+from sysid.diagnosis.search_record import SearchStage
 from sysid.diagnosis.shown import diagnosis_section
 from sysid.estimation.linear import Estimate
 from sysid.io.campaign import read_campaign
+from sysid.parallel import LATE
 from sysid.parameters import read_bundle
 from sysid.pipeline.diagnose import extended_bundle
 from sysid.plant.effects.catalogue import catalogue
@@ -249,11 +252,10 @@ def _judged(found: Diagnosis, id: str, ratio: float, behind: float = 0.0) -> Dia
     return replace(found, effects=effects, misfits=misfits, evidence=evidence)
 
 
-def _searched(found: Diagnosis) -> Search:
-    """The search behind a diagnosis that was made by hand, with as many steps as effects."""
+def _proposed(found: Diagnosis) -> Rival:
+    """A diagnosis that was made by hand as the search proposes it."""
     evidence: Any = found.evidence
-    search: Search = evidence.loop.search
-    return replace(search, steps=search.steps * len(found.effects))
+    return Rival(frozenset(e.id for e in found.effects), evidence.loop.search.behind)
 
 
 @pytest.mark.parametrize(
@@ -297,7 +299,7 @@ def test_one_more_effect_is_taken_beyond_doubt_only(
     longer = _judged(given, "stribeck-friction", rival_ratio, behind=10.0)
     further = replace(_judged(given, "backlash", 1.0).effects[0], p_value=1.0)
     longer = replace(longer, effects=(*longer.effects, further))
-    assert may_be_better(found, _searched(longer)) is is_tried
+    assert may_be_better(found, _proposed(longer)) is is_tried
     best = simulating_best(found, longer)
     assert (len(best.effects) == 2) is is_taken
     assert best.effects[0] == found.effects[0]
@@ -314,9 +316,9 @@ def test_what_was_not_refined_is_compared_with_its_rivals(ran: Ran) -> None:
     given = ran.diagnosed.found.detail
     rival = _judged(given, "presliding", 1.0, behind=18.0)
     followed = _judged(given, "stribeck-friction", 1.0)
-    assert may_be_better(replace(followed, misfits=None), _searched(rival))
-    assert not may_be_better(followed, _searched(rival))
-    assert may_be_better(_judged(given, "stribeck-friction", 2.0), _searched(rival))
+    assert may_be_better(replace(followed, misfits=None), _proposed(rival))
+    assert not may_be_better(followed, _proposed(rival))
+    assert may_be_better(_judged(given, "stribeck-friction", 2.0), _proposed(rival))
 
 
 def test_a_rival_whose_refinement_was_refused_takes_no_place_untested(ran: Ran) -> None:
@@ -328,29 +330,45 @@ def test_a_rival_whose_refinement_was_refused_takes_no_place_untested(ran: Ran) 
     assert simulating_best(_simulated(found, 0.03, 300.0, 300.0), refused) is refused
 
 
-def test_a_rival_diagnosis_has_its_own_effects_and_errors(ran: Ran) -> None:
-    given = ran.diagnosed.found.detail
-    evidence: Any = given.evidence
-    search = evidence.loop.search
-    named = replace(search.steps[0], ambiguous=("presliding",))
-    loop = replace(evidence.loop, search=replace(search, rivals=(replace(search, steps=(named,)),)))
+def test_a_rival_that_the_budget_left_untested_makes_the_diagnosis_incomplete(ran: Ran) -> None:
+    found = ran.diagnosed.found.detail
+    unjudged = _simulated(found).with_missed(SearchStage.REFINEMENT, LATE)
+    best = simulating_best(found, unjudged)
+    assert best.effects == found.effects and best.refinement is found.refinement
+    assert best.verdict == "incomplete" and best.missed[-1].stage is SearchStage.RIVALS
+    assert "fit of rivals" in best.notices[-1] and "--budget" in best.notices[-1]
+
+
+def test_a_rival_is_diagnosed_as_if_it_had_been_found_first(ran: Ran) -> None:
+    """Its effects, errors and remainder are its own."""
     campaign, bundle = read_campaign(ran.campaign), read_bundle(ran.bundle)
     logs = [(entry.use, entry.kind, campaign.read(entry)) for entry in campaign.logs]
-    model = bundle.model(campaign.rig)
-    given = replace(given, evidence=replace(evidence, loop=loop))
-    (other,) = rivals_of(given)
-    rival = with_rival(given, other, logs, campaign.rig, model)
-    assert [e.id for e in rival.effects] == [e.id for e in given.effects]
-    assert rival.effects[0].ambiguous_with == ("presliding",)
-    assert set(rival.residual) == set(given.residual)
+    rig, model = campaign.rig, bundle.model(campaign.rig)
+    tried = {name: catalogue()[name] for name in ("stribeck-friction", "presliding")}
+    memory = Memory()
+    found = diagnose(logs, rig, model, tried, memory=memory)
+    assert [e.id for e in found.effects] == ["stribeck-friction"]
+    other, _ = rivals_of(found)
+    rival = with_rival(found, other, memory, logs, rig, model)
+    assert [e.id for e in rival.effects] == ["presliding"]
+    assert rival.effects[0].ambiguous_with == ("stribeck-friction",)
+    assert set(rival.residual) == set(found.residual)
     for name, error in rival.residual.items():
-        assert error.before == pytest.approx(given.residual[name].before)
-        assert error.noise_floor == given.residual[name].noise_floor
+        assert error.before == pytest.approx(found.residual[name].before)
         assert error.after == pytest.approx(rival.effects[0].holdout[name].after)
-    # Without a log held out no error is known, before nor after.
+    # What is left is what that leaves: without any effect Stribeck's friction.
+    none = with_rival(found, Rival(frozenset(), 0.0), memory, logs, rig, model)
+    left, known = (
+        next(rest.rmse for rest in one.remainder if rest.channel == rig.position_channel)
+        for one in (none, found)
+    )
+    assert left > 1.3 * known
+    assert none.verdict == "unexplained" and none.unexplained and not found.unexplained
+    # Without a log held out no error is known.
     fitted = [log for log in logs if log[0] == "fit"]
-    rival = with_rival(replace(given, residual={}), other, fitted, campaign.rig, model)
-    assert rival.residual == {} and rival.effects[0].holdout == {}
+    rival = with_rival(found, other, memory, fitted, rig, model)
+    assert not any(np.isfinite(error.after) for error in rival.residual.values())
+    assert any("no held-out motion log" in notice for notice in rival.notices)
 
 
 class _Looks:

@@ -45,7 +45,7 @@ from sysid.diagnosis.actuator.fitted_set import (
 )
 from sysid.diagnosis.actuator.holdout import HeldOut
 from sysid.diagnosis.actuator.logged_supply import logged_supply
-from sysid.diagnosis.actuator.loop import Loop, close_loop
+from sysid.diagnosis.actuator.loop import Loop, Memory, close_loop, loop_of
 from sysid.diagnosis.actuator.misfit import ResidualChannel
 from sysid.diagnosis.actuator.moving_boundaries import moving_boundaries
 from sysid.diagnosis.actuator.null_distribution import Null
@@ -53,7 +53,7 @@ from sysid.diagnosis.actuator.projection import Projected, channel_squares, proj
 from sysid.diagnosis.actuator.refit import Refit, own_columns, refit, with_base_refitted
 from sysid.diagnosis.actuator.samples import Rows, Traces, prepare, window_width, windows
 from sysid.diagnosis.actuator.screened import Screening, screened
-from sysid.diagnosis.actuator.search import search
+from sysid.diagnosis.actuator.search import search, search_of
 from sysid.diagnosis.actuator.signatures import Candidate, Signatures, candidates
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
 from sysid.diagnosis.actuator.states import point_of
@@ -839,8 +839,9 @@ def test_of_rivals_the_one_that_simulates_better_is_named(
     assert evidence[0] == pytest.approx(evidence[1], abs=4.0) and min(evidence) > 20.0
     assert [step.id for step in found.steps] == [better]
     assert set(names[:2]) - {better} <= set(found.steps[0].ambiguous)
-    rival = found.rivals[0]  # for which motion with refined numbers may speak all the same
-    assert {step.id for step in rival.steps} == set(names[:2]) - {better}
+    # For which motion with refined numbers may speak all the same.
+    rival = search_of(finder, found.rivals[0])
+    assert {step.id for step in rival.steps} == found.rivals[0].names == set(names[:2]) - {better}
     own = [finder.evidence(frozenset({one.steps[0].id})) for one in (found, rival)]
     assert rival.behind == pytest.approx(own[0] - own[1])
     weak = search(finder, lambda trial: -1e6 * ([e.id for e in trial.effects] == names[2:]))
@@ -1249,8 +1250,12 @@ def test_a_rival_that_the_balances_do_not_tell_apart_is_found_too() -> None:
     campaign = made(*offsets, size=TWO_EACH)
     names = ["torque-offset", "asymmetric-coulomb-friction", "pressure-offset"]
     effects = [catalogue()[name] for name in names]
-    found = close_loop(*campaign, effects, simulated=lambda trial: 0.0)
-    (rival,) = found.search.rivals
+    memory = Memory()
+    found = close_loop(*campaign, effects, simulated=lambda trial: 0.0, memory=memory)
+    (other,) = found.search.rivals
+    rival_loop = loop_of(other, found, memory)
+    assert rival_loop.scatter == found.scatter and rival_loop.record == found.record
+    rival = rival_loop.search
     pairs = list(zip(found.search.steps, rival.steps, strict=True))
     (named,) = [pair for pair in pairs if pair[0].id != pair[1].id]
     assert {step.id for step in named} == set(names[:2])

@@ -18,7 +18,7 @@ from sysid.blocks.numbers import number
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect
-from sysid.diagnosis.search_record import Recorder, SearchStage
+from sysid.diagnosis.search_record import SearchStage
 from sysid.errors import Failure, InputError, NotIdentifiedError
 from sysid.estimation.linear import LEVEL, Estimate, chi_squared_quantile
 from sysid.estimation.nonlinear import AT_BOUND
@@ -225,7 +225,7 @@ def with_refined_numbers(
     result = attempt(lambda: _numbers(campaign, extended, catalogue, evidence, progress))
     if isinstance(result, Failure):
         if result.out_of_budget:
-            return _cut_short(diagnosis)
+            return diagnosis.with_missed(SearchStage.REFINEMENT, LATE)
         return _as_it_was(diagnosis, result.reason)
     errors = result.fits["fit"]
     if result.worse:
@@ -240,7 +240,7 @@ def with_refined_numbers(
         return dataclasses.replace(_as_it_was(diagnosis, silent), misfits=result.misfits)
     residual, notices = _errors_after(diagnosis, result.bundle, held_out_errors)
     if result.cut_short:
-        diagnosis = _cut_short(diagnosis)
+        diagnosis = diagnosis.with_missed(SearchStage.REFINEMENT, LATE)
     return dataclasses.replace(
         diagnosis,
         effects=effects,
@@ -306,14 +306,6 @@ def _as_it_was(diagnosis: Diagnosis, why: str) -> Diagnosis:
     notice = f"the numbers are those of the balances, not refined by simulation: {why}"
     notices = (*diagnosis.notices, notice)
     return dataclasses.replace(diagnosis, not_refined=why, notices=notices)
-
-
-def _cut_short(diagnosis: Diagnosis) -> Diagnosis:
-    recorder = Recorder(SearchStage.REFINEMENT)
-    recorder.miss(LATE, decides=False)
-    missed = recorder.closed()
-    notices = (*diagnosis.notices, *missed.sentences())
-    return dataclasses.replace(diagnosis, missed=missed.missed, notices=notices)
 
 
 def _refined(found: FoundEffect, entry: EffectEntry, effect: CatalogueEffect) -> FoundEffect:

@@ -10,7 +10,14 @@ from sysid.diagnosis.evidence import ComponentEvidence
 from sysid.diagnosis.found import BeforeAfter, FoundEffect, Verdict
 from sysid.diagnosis.lack_of_fit import Remainder
 from sysid.diagnosis.search import Tried
-from sysid.diagnosis.search_record import Missed, SearchRecord, UnexplainedReason
+from sysid.diagnosis.search_record import (
+    Missed,
+    Recorder,
+    SearchRecord,
+    SearchStage,
+    UnexplainedReason,
+)
+from sysid.errors import Failure
 from sysid.refinement.result import RefineResult
 from sysid.types import FloatArray
 
@@ -91,6 +98,14 @@ class Diagnosis:
     def rejected(self) -> tuple[Tried, ...]:
         """What the last round tried, none of which was added."""
         return self.evidence.rejected
+
+    def with_missed(self, stage: SearchStage, why: Failure) -> Diagnosis:
+        """The same, which says that a stage after the search was not done, and why."""
+        recorder = Recorder(stage)
+        recorder.miss(why, decides=False)
+        more = recorder.closed()
+        notices = (*self.notices, *more.sentences())
+        return replace(self, missed=(*self.missed, *more.missed), notices=notices)
 
     def to_json(self) -> dict[str, Any]:
         """What `sysid diagnose --json` prints (`docs/reference/command-line.md`)."""

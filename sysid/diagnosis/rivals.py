@@ -8,7 +8,7 @@ draw in each channel, of an unknown size, as its rows err together.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,21 +16,23 @@ from scipy.special import chdtrc
 
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.result import Diagnosis, FoundEffect
+from sysid.diagnosis.search_record import SearchStage
 from sysid.estimation.law_evidence import ODDS
 from sysid.estimation.multiple_tests import LEAST_P
+from sysid.parallel import LATE
 from sysid.types import FloatArray, Progress, no_progress
 
 if TYPE_CHECKING:
-    from sysid.diagnosis.actuator.search import Search
+    from sysid.diagnosis.actuator.search import Rival
 
 
-def may_be_better(found: Diagnosis, rival: Search) -> bool:
+def may_be_better(found: Diagnosis, rival: Rival) -> bool:
     """Whether a refinement of a rival may show it to be likelier, or leave doubt: not where motion
     is followed so well with the first that nothing is left which could pay for it."""
     if found.misfits is None:
         return True
     least = rival.behind - _behind(found) - _cost(found.misfits)
-    return least < (-ODDS if _is_longer(rival.steps, found) else ODDS)
+    return least < (-ODDS if _is_longer(rival.names, found) else ODDS)
 
 
 def simulating_best(
@@ -50,6 +52,8 @@ def simulating_best(
         names = " and ".join(one.id for one in rival.effects)
         progress(f"{names}: motion with refined numbers is simulated better")
         best = _shown_by_motion(rival, found)
+    elif rival.missed:  # the budget ended before it could be judged
+        best = found.with_missed(SearchStage.RIVALS, LATE)
     return best if evidence is None or abs(evidence) >= ODDS else _in_doubt(best, worse)
 
 
@@ -90,7 +94,7 @@ def _behind(one: Diagnosis) -> float:
     return evidence.loop.search.behind if isinstance(evidence, TwinEvidence) else 0.0
 
 
-def _is_longer(effects: Sequence[object], found: Diagnosis) -> bool:
+def _is_longer(effects: Collection[object], found: Diagnosis) -> bool:
     return len(effects) > len(found.effects)
 
 

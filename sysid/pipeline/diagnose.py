@@ -22,6 +22,7 @@ from sysid.diagnosis.actuator.diagnose import (
     with_rival,
 )
 from sysid.diagnosis.actuator.loop import Memory
+from sysid.diagnosis.actuator.search import Rival
 from sysid.diagnosis.bench.diagnose import diagnose_component, held_out_errors
 from sysid.diagnosis.bench.evidence import HeldOutEvidence
 from sysid.diagnosis.bench.registry import AXIS, part_tested
@@ -33,13 +34,14 @@ from sysid.diagnosis.refined import (
 )
 from sysid.diagnosis.result import BeforeAfter, Diagnosis, FoundEffect, Verdict
 from sysid.diagnosis.rivals import may_be_better, simulating_best
-from sysid.diagnosis.search_record import Recorder, SearchRecord, SearchStage, bounded
+from sysid.diagnosis.search_record import QUICK, SearchRecord, SearchStage, bounded
 from sysid.diagnosis.tables import summary
 from sysid.errors import Failure, NotIdentifiedError, input_error, on_its_own
 from sysid.io.campaign import VALVE_KINDS, Campaign, CampaignLog
 from sysid.io.logs import Log, Trial
 from sysid.io.rig import Rig
 from sysid.io.trial_kind import is_active, is_held
+from sysid.parallel import attempt
 from sysid.parameters import Bundle, EffectEntry, HeldOutError
 from sysid.parameters.assembled_model import assumed_parameters
 from sysid.parameters.effects import entry_of
@@ -220,7 +222,9 @@ def _of_rig(
     with bounded(options.budget) as limit:
         found, notices = _searched(campaign, bundle, options)
     found = replace(found, evaluations=limit.made)
-    return (_unrefined(found) if options.quick and options.refine else found), notices
+    if options.quick and options.refine and found.effects:
+        found = found.with_missed(SearchStage.REFINEMENT, QUICK)
+    return found, notices
 
 
 def _searched(
@@ -254,7 +258,7 @@ def _searched(
         if held:
             notices.append(_HELD)
             model = _held_model(campaign, bundle, logs, catalogue)
-            look = _search_of(logs, campaign.rig, model, options)
+            look = _search_of(logs, campaign.rig, model, options, Memory())
         else:
             look = _look_at_actuator(campaign, bundle, logs, catalogue, options)
     found = without_contradicted(look, open_ones, options.tell)
@@ -339,10 +343,10 @@ def _search_of(
     rig: Rig,
     model: Model,
     options: DiagnoseOptions,
+    memory: Memory,
     drawn: Sequence[Model] = (),
 ) -> Look:
     """The search of an actuator's tests, whose looks share what they have computed."""
-    memory = Memory()
 
     def look(effects: Catalogue) -> Diagnosis:
         return diagnose_actuator(
@@ -362,7 +366,8 @@ def _look_at_actuator(
 ) -> Look:
     model = bundle.model(campaign.rig, catalogue)
     drawn = drawn_models(bundle, campaign.rig, model, _DRAWN, options.seed)
-    search = _search_of(logs, campaign.rig, model, options, drawn)
+    memory = Memory()
+    search = _search_of(logs, campaign.rig, model, options, memory, drawn)
 
     def errors_of(other: Bundle) -> dict[str, float]:
         return open_loop_errors(logs, campaign.rig, other.model(campaign.rig, catalogue))
@@ -371,28 +376,23 @@ def _look_at_actuator(
         first = found = search(effects)
         if options.simulates:
             found = refined(first)
-            for other in rivals_of(first):
-                if may_be_better(found, other):
-                    rival = with_rival(first, other, logs, campaign.rig, model)
-                    found = simulating_best(found, refined(rival), options.tell)
+            for rival in rivals_of(first):
+                if may_be_better(found, rival):
+                    found = judged(found, first, rival)
         return with_errors_after_judged(found)
+
+    def judged(found: Diagnosis, first: Diagnosis, rival: Rival) -> Diagnosis:
+        rig = campaign.rig
+        other = attempt(lambda: with_rival(first, rival, memory, logs, rig, model, drawn=drawn))
+        if isinstance(other, Failure):
+            return found.with_missed(SearchStage.RIVALS, other)
+        return simulating_best(found, refined(other), options.tell)
 
     def refined(found: Diagnosis) -> Diagnosis:
         extended = extended_bundle(bundle, found, campaign)
         return with_refined_numbers(found, campaign, extended, catalogue, errors_of, options.tell)
 
     return look
-
-
-def _unrefined(found: Diagnosis) -> Diagnosis:
-    """A quick diagnosis, which says that its numbers were not refined."""
-    if not found.effects:
-        return found
-    recorder = Recorder(SearchStage.REFINEMENT)
-    recorder.left_out(SearchStage.REFINEMENT)
-    missed = recorder.closed()
-    notices = (*found.notices, *missed.sentences())
-    return replace(found, missed=missed.missed, notices=notices)
 
 
 def _read(campaign: Campaign, entry: CampaignLog, bundle: Bundle) -> Log:

@@ -14,8 +14,8 @@ from sysid.blocks.numbers import number
 from sysid.diagnosis.actuator.equation_error import forget
 from sysid.diagnosis.actuator.evidence import TwinEvidence
 from sysid.diagnosis.actuator.holdout import HeldOut, motion_tests, trace
-from sysid.diagnosis.actuator.loop import Loop, Memory, close_loop
-from sysid.diagnosis.actuator.search import Search
+from sysid.diagnosis.actuator.loop import Loop, Memory, close_loop, loop_of
+from sysid.diagnosis.actuator.search import Rival
 from sysid.diagnosis.actuator.unexplained import (
     faintest,
     imitated,
@@ -100,10 +100,7 @@ def diagnose(
     if not tests:
         raise NotIdentifiedError('diagnosis: no log has use = "fit"; give it some')
     try:
-        inside = motion_tests(rig, [(kind, log) for use, kind, log in logs if use == "fit"])
-        outside = _held_out(logs, rig)
-        # A training test that the given model does not simulate would refuse every effect.
-        inside = _simulable(inside, [model])
+        inside, outside = _inside(logs, rig, model), _held_out(logs, rig)
         found = close_loop(
             tests,
             rig,
@@ -183,26 +180,40 @@ def _diagnosed(
     )
 
 
-def rivals_of(found: Diagnosis) -> tuple[Search, ...]:
+def rivals_of(found: Diagnosis) -> tuple[Rival, ...]:
     """What motion may speak for in the place of what was found."""
     return cast(TwinEvidence, found.evidence).loop.search.rivals
 
 
 def with_rival(
     found: Diagnosis,
-    rival: Search,
+    rival: Rival,
+    memory: Memory,
     logs: Sequence[tuple[str, str, Log]],
     rig: Rig,
     model: Model,
+    *,
+    drawn: Sequence[Model] = (),
 ) -> Diagnosis:
-    """The same diagnosis with a rival's effects in the place of those that were found."""
-    evidence = cast(TwinEvidence, found.evidence)
-    outside = _simulable(_held_out(logs, rig), [model, *(s.model for s in rival.steps)])
-    other = replace(evidence, loop=replace(evidence.loop, search=rival))
-    with limited():
-        errors = _by_channel(_errors(outside, model, other.loop), rig)
-    after = {name: replace(one, after=errors[-1][name]) for name, one in found.residual.items()}
-    return replace(found, effects=other.found(errors), residual=after, evidence=other)
+    """The diagnosis with a rival's effects in the place of those that were found.
+
+    `memory`: of the search that found them; the rest as for `diagnose`. Raises OutOfBudgetError.
+    """
+    before = cast(TwinEvidence, found.evidence).loop
+    try:
+        other = loop_of(rival, before, memory)
+        inside, outside = _inside(logs, rig, model), _held_out(logs, rig)
+        with limited():
+            return _diagnosed(other, inside, outside, rig, model, drawn, found.seed)
+    finally:
+        forget()
+
+
+def _inside(logs: Sequence[tuple[str, str, Log]], rig: Rig, model: Model) -> HeldOut:
+    """The motion tests to fit on, less those that the given model does not simulate: they would
+    refuse every effect."""
+    tests = motion_tests(rig, [(kind, log) for use, kind, log in logs if use == "fit"])
+    return _simulable(tests, [model])
 
 
 def _held_out(logs: Sequence[tuple[str, str, Log]], rig: Rig) -> HeldOut:

@@ -17,7 +17,7 @@ from sysid.diagnosis.actuator.null_distribution import Null
 from sysid.diagnosis.actuator.projection import Projected, friction_scatter_of, projected
 from sysid.diagnosis.actuator.refit import own_columns, with_base_refitted
 from sysid.diagnosis.actuator.samples import Traces, commanded_lengths, prepare
-from sysid.diagnosis.actuator.search import Search, Simulated, search
+from sysid.diagnosis.actuator.search import Rival, Search, Simulated, search, search_of
 from sysid.diagnosis.actuator.signatures import Candidate, candidates, one_form_each
 from sysid.diagnosis.actuator.starting_friction import with_sliding_friction
 from sysid.diagnosis.actuator.twins import (
@@ -235,7 +235,6 @@ def close_loop(
     else:
         start, finder = memory.start, memory.finder
         finder.bar({form.id for form in start.forms} - {e.id for e in catalogue}, recorder)
-    traces = start.traces
     found = search(finder, simulated)
     forget()
     if found.steps and quick:
@@ -249,18 +248,33 @@ def close_loop(
             recorder.miss(better, decides=False)
         else:
             found = better
-    with limited():
-        after = build_frame(traces, found.model, start.colour, 0.0, start.moving)
-        left = min(friction_scatter_of(after, found.model), start.scatter.sliding)
     return Loop(
-        traces,
+        start.traces,
         start.noise,
         start.scatter,
-        Scatter(left, left),
+        _scatter_after(start, found.model),
         found,
         start.colour,
         recorder.closed(),
     )
+
+
+def loop_of(rival: Rival, found: Loop, memory: Memory) -> Loop:
+    """The same loop with a rival's effects in the place of those that were found first.
+
+    `memory`: of that search. Raises OutOfBudgetError.
+    """
+    assert memory.start is not None and memory.finder is not None
+    other = search_of(memory.finder, rival)
+    return replace(found, search=other, scatter_after=_scatter_after(memory.start, other.model))
+
+
+def _scatter_after(start: Start, model: Model) -> Scatter:
+    """Friction's scatter from test to test as an extended model leaves it."""
+    with limited():
+        after = build_frame(start.traces, model, start.colour, 0.0, start.moving)
+        left = min(friction_scatter_of(after, model), start.scatter.sliding)
+    return Scatter(left, left)
 
 
 def _sensor_squares(frame: Frame) -> dict[str, float]:
@@ -311,4 +325,4 @@ def _corrected(
         return found
 
 
-__all__ = ["Loop", "Memory", "Start", "begin", "close_loop"]
+__all__ = ["Loop", "Memory", "Start", "begin", "close_loop", "loop_of"]

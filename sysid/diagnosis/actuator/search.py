@@ -71,14 +71,23 @@ class RefittedStep(Step):
 
 
 @dataclass(frozen=True)
+class Rival:
+    """A set of effects by name for which motion may speak, `behind` the one found by so much of
+    twice the log evidence of the balances."""
+
+    names: frozenset[str]
+    behind: float
+
+
+@dataclass(frozen=True)
 class Search:
     """The steps, the resulting model, and its residual next to the base model's.
 
     `joint` holds all effects fitted together, None where there are none; `weights` (channels,) how
     much a square of each balance counted for; `base_std` the standard errors of the base parameters
     with them, in the parameters' units; `rounds` what each round tried; `null` what is expected of
-    the last residual. `rivals`: the same with other sets for which motion may speak, each `behind`
-    it by so much of twice the log evidence of the balances.
+    the last residual. `rivals`: other sets that may be there instead; `behind`: of one of them, as
+    its `Rival` has it.
     """
 
     steps: tuple[RefittedStep, ...]
@@ -90,7 +99,7 @@ class Search:
     base_std: Mapping[str, float]
     rounds: tuple[Round, ...]
     null: Null
-    rivals: tuple[Search, ...] = ()
+    rivals: tuple[Rival, ...] = ()
     behind: float = 0.0
 
     @property
@@ -163,17 +172,14 @@ def search(finder: Finder, simulated: Simulated) -> Search:
         found = _result(finder, names)
     if recorder.quick:
         return found
+    # Of two laws in one place the balances, whose own bias either may explain, say no more.
+    behind = [min(finder.evidence(names) - finder.evidence(n), _DECIDED) for n in doubtful]
+    return replace(found, rivals=tuple(map(Rival, doubtful, behind)))
 
-    def rival(other: frozenset[str]) -> Search:
-        # Of two laws in one place the balances, whose own bias either may explain, say no more.
-        behind = min(finder.evidence(names) - finder.evidence(other), _DECIDED)
-        return replace(_result(finder, other), behind=behind)
 
-    rivals = attempt(lambda: tuple(map(rival, doubtful)))
-    if isinstance(rivals, Failure):
-        recorder.miss(rivals, decides=False)
-        return found
-    return replace(found, rivals=rivals)
+def search_of(finder: Finder, rival: Rival) -> Search:
+    """The search that ends with a rival's effects. Raises OutOfBudgetError."""
+    return replace(_result(finder, rival.names), behind=rival.behind)
 
 
 def _judged(
@@ -356,4 +362,13 @@ def _tried(finder: Finder, place: int) -> tuple[Suspect, ...]:
     )
 
 
-__all__ = ["Contender", "RefittedStep", "Search", "Simulated", "Suspect", "search"]
+__all__ = [
+    "Contender",
+    "RefittedStep",
+    "Rival",
+    "Search",
+    "Simulated",
+    "Suspect",
+    "search",
+    "search_of",
+]
