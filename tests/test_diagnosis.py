@@ -804,6 +804,28 @@ def test_a_search_without_an_effect_does_not_work_out_what_is_known(
     assert again.steps[0].id == before.steps[0].id
 
 
+def test_what_motion_spoke_for_next_to_a_barred_effect_stays_a_rival(
+    moving: Traces, healthy: tuple[Tests, Rig, Model]
+) -> None:
+    """Though the balances prefer another set by far, or had never fitted it alone."""
+    _, rig, model = healthy
+    true = model + SealFriction(1e-7) + StribeckFriction(0.12, 0.06, 1.0)
+    first, null = seen_in(moving, true, model, rig), null_of(moving, model, rig)
+    finder = finder_of(first, null, [SealFriction, StribeckFriction])
+    both = frozenset({"seal-friction", "stribeck-friction"})
+    found = search(finder, lambda trial: 0.0)
+    assert {step.id for step in found.steps} == both
+    assert all(both < rival.names for rival in found.rivals)
+    fewer = frozenset({"stribeck-friction"})
+    rival, *_ = search(finder, lambda trial: 0.0, fewer).rivals
+    assert rival.names == fewer and rival.behind > 10.0  # not one that is near
+    del finder.sets[fewer]
+    finder.bar({"seal-friction"}, Recorder(), both)
+    assert fewer in finder.sets and not any("seal-friction" in own for own in finder.sets)
+    (step,) = search_of(finder, rival).steps
+    assert step.id == "stribeck-friction"
+
+
 def test_an_effect_that_a_later_one_makes_superfluous_is_removed(
     traces: Traces, healthy: tuple[Tests, Rig, Model]
 ) -> None:

@@ -379,6 +379,7 @@ def _look_at_actuator(
             for rival in rivals_of(first):
                 if may_be_better(found, rival):
                     found = judged(found, first, rival)
+            memory.shown = frozenset(e.id for e in found.effects)
         return with_errors_after_judged(found)
 
     def judged(found: Diagnosis, first: Diagnosis, rival: Rival) -> Diagnosis:

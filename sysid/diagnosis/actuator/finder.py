@@ -121,9 +121,13 @@ class Finder:
         self._directions = np.full(len(CHANNELS), math.inf)
         self._take(self.first)
 
-    def bar(self, names: Collection[str], recorder: Recorder) -> None:
-        """Go on without these effects, with what is known of the others."""
+    def bar(
+        self, names: Collection[str], recorder: Recorder, found: frozenset[str] = frozenset()
+    ) -> None:
+        """Go on without these effects, with what is known of the others: those `found` next to
+        them are fitted."""
         self.barred |= frozenset(names)
+        self._fit_without(found, found - self.barred)
         self.sets = {own: s for own, s in self.sets.items() if not own & self.barred}
         self._screened = {own: s for own, s in self._screened.items() if not own & self.barred}
         recorder.screened += [name for name in self.recorder.screened if name not in self.barred]
@@ -509,16 +513,22 @@ class Finder:
         """
         if len(names) < 2:
             return
-        found = self.sets[names]
-        for effect in found.effects:
-            fewer = names - {effect.id}
-            others = [e for e in found.effects if e is not effect]
-            known = self.sets.get(fewer)
-            if known is not None and self._cost_of(others) >= cost(self.channels, known.squares):
-                continue
-            own = attempt(lambda: fit_set(self.first, self.channels, others, found.squares))  # noqa: B023
-            if not isinstance(own, Failure):
-                self.sets[fewer] = own
+        for effect in self.sets[names].effects:
+            self._fit_without(names, names - {effect.id})
+
+    def _fit_without(self, names: frozenset[str], fewer: frozenset[str]) -> None:
+        """Fit fewer effects of a fitted set, from the numbers that they have in it, if those are
+        better than what is known of them."""
+        found = self.sets.get(names)
+        if found is None or not frozenset() < fewer < names:
+            return
+        others = [e for e in found.effects if e.id in fewer]
+        known = self.sets.get(fewer)
+        if known is not None and self._cost_of(others) >= cost(self.channels, known.squares):
+            return
+        own = attempt(lambda: fit_set(self.first, self.channels, others, found.squares))
+        if not isinstance(own, Failure):
+            self.sets[fewer] = own
 
     def _cost_of(self, effects: Sequence[CatalogueEffect]) -> float:
         """Minus twice the log likelihood that effects leave with the numbers that they have."""

@@ -113,10 +113,14 @@ class Start:
 
 @dataclass
 class Memory:
-    """What a search of some tests worked out, for the next one without some of its effects."""
+    """What a search of some tests worked out, for the next one without some of its effects.
+
+    `shown`: the effects that motion spoke for.
+    """
 
     start: Start | None = None
     finder: Finder | None = None
+    shown: frozenset[str] = frozenset()
 
 
 def begin(
@@ -234,8 +238,9 @@ def close_loop(
         memory.start, memory.finder = start, finder
     else:
         start, finder = memory.start, memory.finder
-        finder.bar({form.id for form in start.forms} - {e.id for e in catalogue}, recorder)
-    found = search(finder, simulated)
+        gone = {form.id for form in start.forms} - {e.id for e in catalogue}
+        finder.bar(gone, recorder, memory.shown)
+    found = search(finder, simulated, memory.shown - finder.barred)
     forget()
     if found.steps and quick:
         recorder.left_out(SearchStage.CORRECTION)

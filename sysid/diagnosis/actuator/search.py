@@ -40,8 +40,8 @@ from sysid.types import FloatArray
 # Where the balances' odds are less than this, twice their log, motion decides as well.
 _DECIDED = 2.0 * math.log(1e4)
 _MOST_JUDGED = 4
-# Of those that are near: a refinement takes as long as half a search.
-_MOST_RIVALS = 1
+# Each takes as long to refine as half a search.
+_MOST_RIVALS = 4
 
 Simulated = Callable[[Model], float]
 """Minus twice the log likelihood of the fitted motion tests, simulated with a model."""
@@ -159,15 +159,16 @@ class Search:
         return np.array([left(some) - whole for some in others])
 
 
-def search(finder: Finder, simulated: Simulated) -> Search:
+def search(finder: Finder, simulated: Simulated, shown: frozenset[str] = frozenset()) -> Search:
     """The set of effects with most evidence, of balances and of motion where they do not decide.
 
+    `shown`: effects that motion spoke for before, next to others: they are a rival.
     What fails, or what the budget ends before, the finder's recorder notes; the result is then the
     best so far.
     """
     names, recorder = finder.run(), finder.recorder
     recorder.enter(SearchStage.RIVALS)
-    names, doubtful = _judged(finder, names, simulated)
+    names, doubtful = _judged(finder, names, simulated, shown)
     with limited():
         found = _result(finder, names)
     if recorder.quick:
@@ -183,7 +184,7 @@ def search_of(finder: Finder, rival: Rival) -> Search:
 
 
 def _judged(
-    finder: Finder, best: frozenset[str], simulated: Simulated
+    finder: Finder, best: frozenset[str], simulated: Simulated, shown: frozenset[str]
 ) -> tuple[frozenset[str], list[frozenset[str]]]:
     """The set with most evidence of balances and motion together, and those that motion with
     refined numbers is to judge.
@@ -197,7 +198,7 @@ def _judged(
     near = [n for n in ranked if finder.evidence(best) - finder.evidence(n) < _DECIDED]
     near = near[:_MOST_JUDGED]
     if len(near) < 2:
-        return best, _with_another(finder, best)
+        return best, _rivals(finder, best, [], shown)
     evidence = {names: finder.evidence(names) for names in near}
     for names in near:
         own = attempt(lambda: _simulated(finder, names, simulated))  # noqa: B023
@@ -212,13 +213,17 @@ def _judged(
     doubtful = [n for n in near if n not in (winner, none)]
     doubtful = [n for n in doubtful if evidence[winner] - evidence[n] < _DECIDED]
     doubtful.sort(key=lambda names: -evidence[names])
-    doubtful = doubtful[:_MOST_RIVALS]
-    return winner, [*doubtful, *(n for n in _with_another(finder, winner) if n not in doubtful)]
+    return winner, _rivals(finder, winner, doubtful, shown)
 
 
-def _with_another(finder: Finder, names: frozenset[str]) -> list[frozenset[str]]:
-    """The likeliest set with a rival in the place of one of some effects, and with one more effect
-    that the balances do not rule out."""
+def _rivals(
+    finder: Finder, names: frozenset[str], doubtful: Sequence[frozenset[str]], shown: frozenset[str]
+) -> list[frozenset[str]]:
+    """The sets that motion with refined numbers is to judge against some effects, in turn.
+
+    What motion spoke for before; the likeliest of the `doubtful` ones; that with a rival in the
+    place of one effect; and those with one more that the balances do not rule out.
+    """
     if not names:
         return []
     rivals = {effect.id: type(effect).rivals for effect in finder.sets[names].effects}
@@ -231,7 +236,11 @@ def _with_another(finder: Finder, names: frozenset[str]) -> list[frozenset[str]]
             swapped.append(some)
         if not gone and finder.evidence(names) - finder.evidence(some) < _DECIDED:
             longer.append(some)
-    return [max(own, key=finder.evidence) for own in (swapped, longer) if own]
+    swapped.sort(key=finder.evidence, reverse=True)
+    longer.sort(key=finder.evidence, reverse=True)
+    known = [shown] if shown in finder.sets else []
+    found = dict.fromkeys([*known, *doubtful[:1], *swapped[:1], *longer])
+    return [one for one in found if one != names][:_MOST_RIVALS]
 
 
 def _simulated(finder: Finder, names: frozenset[str], simulated: Simulated) -> float:
